@@ -1,0 +1,31 @@
+# `make paper` regenerates the study, `make test` runs the tests; both set up their own environment in .venv.
+PYTHON ?= python3
+VENV ?= .venv
+CONSTRAINTS ?= constraints.txt
+
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
+
+.PHONY: paper test check readme clean
+
+paper: $(INSTALLED)
+	$(BIN)/python -m experiments
+
+test: $(INSTALLED)
+	$(BIN)/python -m pytest
+
+check: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+readme: $(INSTALLED)
+	$(BIN)/python -m experiments.readme
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info results
+
+$(INSTALLED): pyproject.toml $(CONSTRAINTS)
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,dev]"
+	touch $@
