@@ -1,0 +1,123 @@
+"""Rigid motions as 4×4 matrices, twists and wrenches as 6-vectors (Section III.B).
+
+Every function takes any number of leading dimensions. Twists are `[v; ω]`, wrenches `[F; τ]`.
+"""
+
+import numpy as np
+
+
+def hat(x: np.ndarray) -> np.ndarray:
+    """Matrix form of a vector or a twist (Section III.B.1).
+
+    For a 3-vector, `hat(x) @ y == cross(x, y)`. For a twist, `hat(x)` is the velocity matrix `Ṫ T⁻¹` of the spatial
+    twist x, and `T⁻¹ Ṫ` of the body twist x.
+
+    Args:
+        x: Vectors (…, 3) or twists (…, 6).
+
+    Returns:
+        Matrices (…, 3, 3) or (…, 4, 4).
+    """
+    x = np.asarray(x)
+    if x.shape[-1] == 6:
+        out = np.zeros((*x.shape[:-1], 4, 4), x.dtype)
+        out[..., :3, :3] = hat(x[..., 3:])
+        out[..., :3, 3] = x[..., :3]
+        return out
+    out = np.zeros((*x.shape[:-1], 3, 3), x.dtype)
+    out[..., 2, 1], out[..., 1, 2] = x[..., 0], -x[..., 0]
+    out[..., 0, 2], out[..., 2, 0] = x[..., 1], -x[..., 1]
+    out[..., 1, 0], out[..., 0, 1] = x[..., 2], -x[..., 2]
+    return out
+
+
+def exp(xi: np.ndarray, theta: np.ndarray | float = 1.0) -> np.ndarray:
+    """Pose reached by moving along a joint twist: `expm(hat(xi) * theta)`.
+
+    Rodrigues' formula for a twist whose ω is of unit length (a screw) or zero (a translation). With the angle kept
+    apart no small-angle branch is needed.
+
+    Args:
+        xi: Twist `[v; ω]`, |ω| = 1 or ω = 0 (…, 6).
+        theta: Joint coordinate in rad, or m for a translation, broadcast against the twist (…).
+
+    Returns:
+        Poses (…, 4, 4).
+    """
+    xi, theta = np.asarray(xi), np.asarray(theta)[..., None, None]
+    w = hat(xi[..., 3:])
+    ww = w @ w
+    one = np.eye(3, dtype=int)
+    sin, versine = np.sin(theta), 1 - np.cos(theta)
+    rotation = one + sin * w + versine * ww
+    translation = (one * theta + versine * w + (theta - sin) * ww) @ xi[..., :3, None]
+    return _pose(rotation, translation[..., 0])
+
+
+def inverse(T: np.ndarray) -> np.ndarray:
+    """Inverse pose: `inverse(T) @ T == 1`, without solving.
+
+    Args:
+        T: Poses (…, 4, 4).
+
+    Returns:
+        Poses (…, 4, 4).
+    """
+    transposed = np.swapaxes(T[..., :3, :3], -1, -2)
+    return _pose(transposed, -(transposed @ T[..., :3, 3:])[..., 0])
+
+
+def Ad(T: np.ndarray) -> np.ndarray:
+    """Adjoint of a pose: `hat(Ad(T) @ V) == T @ hat(V) @ inverse(T)`.
+
+    `Ad(T_ab)` takes a twist written in frame b to frame a.
+
+    Args:
+        T: Poses (…, 4, 4).
+
+    Returns:
+        Matrices `[[R, p̂R], [0, R]]` (…, 6, 6).
+    """
+    R = T[..., :3, :3]
+    out = np.zeros((*T.shape[:-2], 6, 6), T.dtype)
+    out[..., :3, :3] = out[..., 3:, 3:] = R
+    out[..., :3, 3:] = hat(T[..., :3, 3]) @ R
+    return out
+
+
+def ad(V: np.ndarray) -> np.ndarray:
+    """Lie bracket with a twist: `hat(ad(V) @ W) == hat(V) @ hat(W) - hat(W) @ hat(V)`.
+
+    Args:
+        V: Twists (…, 6).
+
+    Returns:
+        Matrices `[[ω̂, v̂], [0, ω̂]]` (…, 6, 6).
+    """
+    V = np.asarray(V)
+    out = np.zeros((*V.shape[:-1], 6, 6), V.dtype)
+    out[..., :3, :3] = out[..., 3:, 3:] = hat(V[..., 3:])
+    out[..., :3, 3:] = hat(V[..., :3])
+    return out
+
+
+def coAd(T: np.ndarray) -> np.ndarray:
+    """Coadjoint of a pose: `(coAd(T) @ F) · (Ad(T) @ V) == F · V`, power is the same in both frames.
+
+    `coAd(T_ab) = Ad(T_ab⁻¹)ᵀ` takes a wrench written in frame b to frame a, the transport of Eqs. 15-18.
+
+    Args:
+        T: Poses (…, 4, 4).
+
+    Returns:
+        Matrices `[[R, 0], [p̂R, R]]` (…, 6, 6).
+    """
+    return np.swapaxes(Ad(inverse(T)), -1, -2)
+
+
+def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    out = np.zeros((*rotation.shape[:-2], 4, 4), rotation.dtype)
+    out[..., :3, :3] = rotation
+    out[..., :3, 3] = translation
+    out[..., 3, 3] = 1
+    return out

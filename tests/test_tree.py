@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+from mechanisms import double_pendulum, random_pose, random_states, random_tree, random_twist
+
+from ident import se3
+from ident.tree import BASE, Body, Tree
+
+
+def test_table_2_is_a_double_pendulum():
+    tree = double_pendulum(base=(0.1, 0.2, 0.3))
+    q1, q2 = 0.4, -1.1
+    poses = tree.poses(np.array([q1, q2]))
+    end = poses[2] @ [0, 0, 1, 1]
+    elbow = np.array([0.1, 0.2 - 0.425 * np.sin(q1), 0.3 + 0.425 * np.cos(q1)])
+    np.testing.assert_allclose(poses[2][:3, 3], elbow, atol=1e-15)
+    np.testing.assert_allclose(end[:3] - elbow, [0, -np.sin(q1 + q2), np.cos(q1 + q2)], atol=1e-15)
+    assert tree.joints == ("link1", "link2")
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_home_poses_come_back_at_zero(seed):
+    rng = np.random.default_rng(seed)
+    T_0i = np.stack([random_pose(rng) for _ in range(4)])
+    xi = np.stack([random_twist(rng, k) for k in ("welded", "revolute", "prismatic", "helical")])
+    tree = Tree.from_home_poses("abcd", T_0i, xi, parents=[BASE, 0, 1, 0])
+    np.testing.assert_allclose(tree.poses(np.zeros(3)), T_0i, atol=1e-13)
+
+
+def test_poses_take_batches():
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, 6)
+    q = random_states(rng, tree, 5)[0]
+    np.testing.assert_allclose(tree.poses(q)[3], tree.poses(q[3]), atol=1e-14)
+
+
+def test_with_twists_replaces_the_joints_only():
+    tree = double_pendulum()
+    twists = np.stack([random_twist(np.random.default_rng(k), "revolute") for k in range(2)])
+    other = tree.with_twists(twists)
+    np.testing.assert_array_equal([other.bodies[i].twist for i in other.moving], twists)
+    np.testing.assert_array_equal(other.bodies[2].home, tree.bodies[2].home)
+    assert not tree.bodies[1].twist[:3].any()
+
+
+def test_the_mechanism_cannot_be_changed_by_accident():
+    with pytest.raises(ValueError, match="read-only"):
+        double_pendulum().bodies[1].twist[0] = 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"home": np.diag([2.0, 1, 1, 1])}, "rigid home pose"),
+        ({"home": np.eye(3)}, "4×4"),
+        ({"twist": np.array([0, 0, 0, 0, 0, 2.0])}, "joint twist"),
+        ({"twist": np.zeros(5)}, "joint twist"),
+    ],
+)
+def test_bad_bodies_are_refused(change, message):
+    good = {"name": "arm", "parent": BASE, "home": np.eye(4), "twist": np.zeros(6)}
+    with pytest.raises(ValueError, match=f"'arm'.*{message}"):
+        Body(**(good | change))
+
+
+def test_parents_come_first():
+    with pytest.raises(ValueError, match=r"'b'.*parent index from -1 to 0, got 1"):
+        Tree((Body("a", BASE, np.eye(4), np.zeros(6)), Body("b", 1, np.eye(4), np.zeros(6))))
+
+
+def test_joint_values_need_a_column_for_each_joint():
+    with pytest.raises(ValueError, match=r"2 columns \(link1, link2\), got shape \(3,\)"):
+        double_pendulum().poses(np.zeros(3))
+
+
+def test_mirrored_frames_are_refused():
+    with pytest.raises(ValueError, match="rigid home pose"):
+        Body("arm", BASE, np.diag([1.0, 1, -1, 1]), np.zeros(6))
+
+
+def test_poses_are_rigid():
+    rng = np.random.default_rng(3)
+    tree = random_tree(rng, 5)
+    for T in tree.poses(random_states(rng, tree, 1)[0, 0]):
+        np.testing.assert_allclose(se3.inverse(T) @ T, np.eye(4), atol=1e-13)
