@@ -1,0 +1,1 @@
+"""The bridge to MuJoCo: mechanisms read from models, excitation, simulation, and recordings."""
