@@ -1,0 +1,1 @@
+"""The studies a user runs: `python -m experiments.NAME`."""

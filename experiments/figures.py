@@ -1,0 +1,83 @@
+"""The paper's figures. Functions return a matplotlib Figure and touch no files; `save` writes one."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+FORMATS = ("pdf", "png", "svg")
+"""File formats that `save` writes the same way every time."""
+
+COMPONENTS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
+"""Symbol and unit of the components of a wrench."""
+
+_STABLE_METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
+
+
+@contextmanager
+def paper_style() -> Iterator[None]:
+    """The look of the paper's figures, for the duration of a block."""
+    with as_file(files("experiments") / "paper.mplstyle") as path, mpl.rc_context(fname=path):
+        yield
+
+
+@dataclass(frozen=True)
+class Line:
+    """How one wrench is drawn."""
+
+    color: str
+    width: float = 0.8
+    style: str = "-"
+
+
+def wrench_panels(
+    x: np.ndarray, wrenches: Mapping[str, tuple[np.ndarray, Line]], xlabel: str, *, symbol: str = "{}"
+) -> Figure:
+    r"""Six panels, forces on the left and torques on the right, one curve in each for every wrench.
+
+    Args:
+        x: Abscissa (N,).
+        wrenches: For each legend entry a wrench `[F; τ]` (N, 6) and its line; later ones lie on top.
+        xlabel: Label of the abscissa.
+        symbol: Pattern of the ordinates' symbols in TeX, `|\Delta {}|` for errors.
+
+    Returns:
+        The figure, one IEEE column wide.
+    """
+    with paper_style():
+        figure = Figure()
+        axes = figure.subplots(3, 2, sharex=True)
+        for component, ax in enumerate(axes.T.flat):
+            for label, (wrench, line) in wrenches.items():
+                ax.plot(x, wrench[:, component], line.style, color=line.color, lw=line.width, label=label)
+            variable, unit = COMPONENTS[component]
+            ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
+            ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+            ax.set_xlim(x[0], x[-1])
+            _widen_flat(ax)
+        for ax in axes[-1]:
+            ax.set_xlabel(xlabel, labelpad=2)
+        figure.align_ylabels(axes)
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(wrenches))
+    return figure
+
+
+def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
+    """Writes `folder/name.FORMAT` for every format, byte-identical for identical figures."""
+    with paper_style():
+        for extension in formats:
+            figure.savefig(folder / f"{name}.{extension}", metadata=_STABLE_METADATA[extension])
+
+
+def _widen_flat(ax: Axes) -> None:
+    """Keeps rounding noise in a vanishing component from filling its panel."""
+    low, high = ax.get_ylim()
+    if high - low < 1e-6:
+        ax.set_ylim((low + high) / 2 - 1, (low + high) / 2 + 1)

@@ -1,0 +1,79 @@
+"""One model identified from one recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.base_parameters import BaseParameters, find_base_parameters
+from ident.estimate import Estimate, check_excitation, identify
+from ident.inertia import parameter_names
+from ident.regressor import base_wrench_regressor
+from ident.tree import Tree
+from sim.recording import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model's base parameters: regrouping, estimate, and what the true φ gives by that regrouping."""
+
+    base: BaseParameters
+    estimate: Estimate
+    psi_true: np.ndarray
+
+    @property
+    def error(self) -> np.ndarray:
+        """Estimated minus true base parameters."""
+        return self.estimate.psi - self.psi_true
+
+
+def fit(
+    tree: Tree,
+    recording: Recording,
+    phi_true: np.ndarray,
+    gravity: np.ndarray,
+    *,
+    kept: Sequence[str] | None = None,
+) -> Fit:
+    """Base parameters of one model from measured joint states and the ground wrench.
+
+    Args:
+        tree: The model's mechanism of b bodies.
+        recording: Measured joint states and ground wrench.
+        phi_true: True stacked φ, for the true base parameters (10 b,).
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        kept: Names of the base parameters; by default the first independent columns.
+
+    Raises:
+        ExcitationError: The motion does not separate the base parameters.
+        ValueError: `kept` is not a basis.
+    """
+    states = recording.joint_states(tree.joints)
+    Y = base_wrench_regressor(tree, *states, gravity=gravity)
+    base = structural_base_parameters(tree, gravity, kept=kept)
+    rng = np.random.default_rng(0)
+    noise = recording.joint_noise(tree.joints)
+    q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(states, noise, strict=True))
+    check_excitation(Y, base, base_wrench_regressor(tree, q, dq, ddq, gravity=gravity) - Y)
+    return Fit(base, identify(Y, recording.wrench("ground"), base), base.regroup(phi_true))
+
+
+def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:
+    """Measured pose of every body in the base frame (N, b, 4, 4); bodies welded to it stay at home."""
+    poses = tree.poses(np.zeros((len(recording.time), len(tree.moving))))
+    for i in tree.moving:
+        poses[:, i] = recording.poses(tree.bodies[i].name)
+    return poses
+
+
+def structural_base_parameters(tree: Tree, gravity: np.ndarray, *, kept: Sequence[str] | None = None) -> BaseParameters:
+    """Base parameters of a mechanism whatever was recorded, from a regressor at random states.
+
+    Args:
+        tree: The mechanism.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        kept: Names of the base parameters; by default the first independent columns.
+    """
+    states = np.random.default_rng(0).normal(size=(3, 20 * len(tree.bodies), len(tree.moving)))
+    Y = base_wrench_regressor(tree, *states, gravity=gravity)
+    return find_base_parameters(Y, parameter_names(len(tree.bodies)), kept=kept)

@@ -1,0 +1,47 @@
+"""Numbers printed in the paper, and nothing else."""
+
+TITLE = "A Geometric Approach for Deriving Multicontact Dynamic Identification Models"
+AUTHORS = "R. P. Matthew, G. Venture and R. Bajcsy"
+
+TABLE_3 = {
+    "m1": (0.00, 0.00),
+    "m1rx1": (0.32, -0.11),
+    "m1ry1": (-0.03, 0.00),
+    "m2ry2": (-0.06, 0.14),
+    "m2rz2": (0.06, 0.02),
+    "Ixx2": (0.04, 0.02),
+    "Ixy2": (-1.17, 0.13),
+    "Ixz2": (-2.15, 0.15),
+    "m3ry3": (-0.09, 0.02),
+    "m3rz3": (-0.10, 0.00),
+    "Ixx3": (0.04, 0.03),
+    "Ixy3": (-0.42, -0.10),
+    "Ixz3": (-0.55, 0.16),
+}
+"""Table III: errors of the simplified and of the full model. They are absolute, in kg, kg m and kg m²."""
+
+TABLE_4 = {
+    "m1": (20.99, 0.00),
+    "m1rx1": (1.33, 0.00),
+    "m1ry1": (0.00, -0.01),
+    "m2ry2": (0.00, 0.00),
+    "m2rz2": (6.39, 0.01),
+    "Ixx2": (2.41, 0.08),
+    "Ixy2": (0.00, -0.03),
+    "Ixz2": (-0.56, 0.01),
+    "m3ry3": (0.00, 0.00),
+    "m3rz3": (2.66, 0.00),
+    "Ixx3": (0.41, -0.01),
+    "Ixy3": (0.00, 0.00),
+    "Ixz3": (0.00, 0.00),
+}
+"""Table IV: true values and errors with several contacts."""
+
+CONDITION_NUMBER_SIMPLIFIED = 38.1
+SHAPE_SIMPLIFIED = (4715, 13)
+CONDITION_NUMBER_FULL = 334.2
+SHAPE_FULL = (5658, 13)
+"""Section VI: condition numbers and shapes of the two base regressors."""
+
+TILT_DEG = 5.0
+"""Section VI: angle between the true joint axes and X."""

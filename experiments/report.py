@@ -1,0 +1,144 @@
+"""Tables in four formats, result folders that are never half-written, and where results come from."""
+
+import csv
+import importlib.metadata
+import io
+import json
+import platform
+import subprocess
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+Cell = str | float | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of results.
+
+    Attributes:
+        title: Caption.
+        columns: Column names, as in the CSV file.
+        rows: Cells: texts, numbers, or None for an empty one.
+        decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    decimals: int = 3
+
+    def csv(self) -> str:
+        """Comma-separated values with full precision."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows([["" if cell is None else cell for cell in row] for row in self.rows])
+        return out.getvalue()
+
+    def markdown(self) -> str:
+        """A Markdown table, numbers right-aligned."""
+        rule = ["---:" if numeric else "---" for numeric in self._numeric()]
+        return "".join(f"| {' | '.join(row)} |\n" for row in [self.columns, rule, *self._texts()])
+
+    def tex(self) -> str:
+        """A LaTeX table that needs no packages."""
+        align = "".join("r" if numeric else "l" for numeric in self._numeric())
+        escaped = [[cell.replace("_", r"\_") for cell in row] for row in [self.columns, *self._texts()]]
+        head, *body = [f"{' & '.join(row)} \\\\\n" for row in escaped]
+        return (
+            f"\\begin{{table}}\n\\caption{{{self.title}}}\n\\centering\n\\begin{{tabular}}{{{align}}}\n\\hline\n"
+            f"{head}\\hline\n{''.join(body)}\\hline\n\\end{{tabular}}\n\\end{{table}}\n"
+        )
+
+    def text(self) -> str:
+        """Aligned columns for the terminal."""
+        lines = [self.columns, *self._texts()]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        numeric = self._numeric()
+        rows = (
+            "  ".join(c.rjust(w) if n else c.ljust(w) for c, w, n in zip(row, widths, numeric, strict=True))
+            for row in lines
+        )
+        return "\n".join([self.title, *(row.rstrip() for row in rows), ""])
+
+    def write(self, folder: Path, name: str) -> None:
+        """Writes `name.csv`, `name.md` and `name.tex` into a folder."""
+        for suffix, content in (("csv", self.csv()), ("md", self.markdown()), ("tex", self.tex())):
+            (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
+
+    def _texts(self) -> list[list[str]]:
+        return [["" if c is None else c if isinstance(c, str) else self._number(c) for c in row] for row in self.rows]
+
+    def _number(self, value: float) -> str:
+        # Adding zero turns a rounded -0.0 into 0.0.
+        return f"{round(value, self.decimals) + 0.0:.{self.decimals}f}"
+
+    def _numeric(self) -> list[bool]:
+        return [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Writes indented JSON."""
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def results_folder(out: Path) -> Iterator[Path]:
+    """A temporary folder whose files move to `out`, each whole, when the block ends well; else `out` stays as it was.
+
+    Args:
+        out: Folder for the results, made if missing; other files in it are left alone.
+
+    Raises:
+        ValueError: `out` is a file, or cannot be made.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        scratch = tempfile.TemporaryDirectory(prefix=".partial-", dir=out)
+    except OSError as error:
+        raise ValueError(f"The output path needs to be a writable folder, got '{out}' ({error.strerror}).") from error
+    with scratch as name:
+        yield Path(name)
+        for file in sorted(Path(name).iterdir()):
+            file.replace(out / file.name)
+
+
+def provenance(options: dict[str, Any], recording: dict[str, Any]) -> dict[str, Any]:
+    """Everything needed to run a study again: options, scene, versions and commit."""
+    packages = ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")
+    return {
+        "options": options,
+        "recording": recording,
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in packages},
+        "git_commit": _git_commit(),
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _git_commit() -> str | None:
+    """Commit of the checkout that this code runs from, `-dirty` if files differ; None for an installed copy."""
+    root = Path(__file__).resolve().parents[1]
+    if not (root / ".git").exists():
+        return None
+    try:
+        described = ["git", "-C", str(root), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
+        return subprocess.run(described, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], tuple[tuple[Cell, ...], ...]]:
+    """Column names and rows of a `Table` from its columns."""
+    rows = tuple(tuple(c if isinstance(c, str) else float(c) for c in row) for row in zip(*named.values(), strict=True))
+    return tuple(named), rows

@@ -1,0 +1,40 @@
+"""Imports point one way: experiments -> sim -> scenes, experiments and sim -> ident."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import ident
+
+ROOT = Path(ident.__file__).parents[1]
+ALLOWED = {
+    "ident": {"numpy", "scipy", "ident"},
+    "scenes": {"numpy", "mujoco"},
+    "sim": {"numpy", "scipy", "mujoco", "sim", "scenes"},
+    "experiments": {"numpy", "matplotlib", "experiments", "sim", "scenes", "ident"},
+}
+SIM_WITH_A_TREE = {"mujoco_model.py"}
+STANDARD = __import__("sys").stdlib_module_names
+MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]
+
+
+def imported(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively"
+            yield node.module.partition(".")[0]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_point_one_way(path):
+    package = path.relative_to(ROOT).parts[0]
+    allowed = ALLOWED[package] | ({"ident"} if path.name in SIM_WITH_A_TREE else set())
+    assert set(imported(path)) - STANDARD <= allowed
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_can_be_read_in_one_sitting(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 260

@@ -1,0 +1,189 @@
+"""The command line of the study: what it writes, that it repeats itself, and how it ends."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from experiments import __main__, figures, misaligned, paper
+
+TABLES = [f"{name}.{suffix}" for name in ("table_3", "table_3_full") for suffix in ("csv", "md", "tex")]
+COLUMNS = [
+    "parameter",
+    "true_simplified",
+    "error_simplified",
+    "paper_error_simplified",
+    "true_full",
+    "error_full",
+    "paper_error_full",
+]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    out = tmp_path_factory.mktemp("results") / "new" / "folder"
+    assert misaligned.main(["--out", str(out), "--formats", *figures.FORMATS, "--seed", "3"]) == 0
+    return out
+
+
+def test_everything_is_written(results):
+    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in figures.FORMATS]
+    expected = {*TABLES, *drawings, "summary.json", "provenance.json"}
+    assert {file.name for file in results.iterdir()} == expected
+    assert all(file.stat().st_size > 100 for file in results.iterdir())
+
+
+def test_table_3_holds_both_models_beside_the_paper(results):
+    rows = list(csv.DictReader((results / "table_3.csv").read_text().splitlines()))
+    assert list(rows[0]) == COLUMNS
+    assert [row["parameter"] for row in rows] == list(paper.TABLE_3)
+    for row in rows:
+        published = tuple(float(row[f"paper_error_{model}"]) for model in ("simplified", "full"))
+        assert published == paper.TABLE_3[row["parameter"]]
+        assert float(row["true_simplified"]) == pytest.approx(float(row["true_full"]), abs=0.2)
+
+
+def test_summary_is_for_scripts(results):
+    summary = json.loads((results / "summary.json").read_text())
+    study = misaligned.study(seed=3)
+    assert summary["condition_number_simplified"] == study.simplified.estimate.condition_number
+    assert summary["condition_number_full"] == study.full.estimate.condition_number
+    assert (summary["rank_simplified"], summary["rank_full"]) == (13, 13)
+    assert (summary["rows_simplified"], summary["rows_full"]) == (4715, 5658)
+    assert summary["axis_error_deg"] == np.degrees(study.axis_error.max())
+    assert summary["noise"]["ground_force"] == 0.5
+
+
+def test_provenance_says_how_to_run_it_again(results):
+    origin = json.loads((results / "provenance.json").read_text())
+    assert origin["options"] == {
+        "seed": 3,
+        "samples": 943,
+        "tilt_deg": 5.0,
+        "azimuth_deg": 120.0,
+        "noise_scale": 1.0,
+        "formats": list(figures.FORMATS),
+    }
+    assert len(origin["recording"]["scene_sha256"]) == 64
+    assert set(origin["versions"]) >= {"python", "mujoco", "numpy", "scipy", "matplotlib"}
+
+
+def test_the_same_seed_gives_the_same_bytes(results, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
+    assert misaligned.main(["--out", str(tmp_path), "--formats", *figures.FORMATS, "--seed", "3"]) == 0
+    for file in results.iterdir():
+        assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
+
+
+def test_another_seed_or_tilt_gives_other_tables(results, tmp_path):
+    for options in (["--seed", "4"], ["--seed", "3", "--tilt-deg", "4"], ["--seed", "3", "--azimuth-deg", "100"]):
+        assert misaligned.main(["--out", str(tmp_path), "--formats", "png", *options]) == 0
+        assert (tmp_path / "table_3.csv").read_bytes() != (results / "table_3.csv").read_bytes()
+
+
+def test_figures_show_what_their_captions_say():
+    study = misaligned.study(seed=3)
+    figure = misaligned.figure_2(study)
+    assert figure.get_figwidth() == 3.5
+    assert len(figure.axes) == 6
+    for component, ax in enumerate(figure.axes):
+        lines = {line.get_label(): line for line in ax.get_lines()}
+        # Panels run row by row, components column by column.
+        k = component // 2 + 3 * (component % 2)
+        truth = study.recording.noise_free.wrench("ground")[:, k]
+        np.testing.assert_array_equal(lines["True"].get_ydata(), truth)
+        np.testing.assert_array_equal(lines["Full"].get_ydata(), study.full.estimate.predicted[:, k])
+        np.testing.assert_array_equal(lines["Simplified"].get_ydata(), study.simplified.estimate.predicted[:, k])
+        colors = {name: line.get_color() for name, line in lines.items()}
+        assert colors == {"True": "black", "Simplified": "tab:red", "Full": "tab:blue"}
+        np.testing.assert_array_equal(lines["True"].get_xdata(), study.recording.time)
+        errors = {line.get_label(): line for line in misaligned.figure_3(study).axes[component].get_lines()}
+        expected = abs(study.simplified.estimate.predicted[:, k] - truth)
+        np.testing.assert_array_equal(errors["Simplified"].get_ydata(), expected)
+        np.testing.assert_array_equal(errors["Full"].get_xdata(), np.arange(1, 944))
+
+
+@pytest.mark.parametrize("seed", ["0", "1", "2"])
+def test_a_tilt_of_zero_runs_with_noise(tmp_path, seed):
+    assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png", "--seed", seed]) == 0
+
+
+def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
+    assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--noise-scale", "0", "--formats", "png"]) == 0
+    rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
+    assert max(abs(float(row["error_simplified"])) for row in rows) < 1e-9
+    assert json.loads((tmp_path / "summary.json").read_text())["rows_full"] == 4715
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--tilt-deg", "-5"], "from 0° to below 90°"),
+        (["--tilt-deg", "nan"], "from 0° to below 90°"),
+        (["--noise-scale", "-1"], "noise scale must be zero or more, got -1.0"),
+        (["--samples", "0"], "at least 1, got '0'"),
+        (["--samples", "ten"], "whole number of at least 1, got 'ten'"),
+        (["--seed", "-1"], "at least 0, got '-1'"),
+        (["--formats", "bmp"], "invalid choice: 'bmp'"),
+        (["--samples", "3"], "3 samples does not separate the base parameters"),
+        (["--out", "{file}"], "needs to be a writable folder, got"),
+        (["--out", "{file}/below"], "needs to be a writable folder, got"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, message):
+    (tmp_path / "file").write_text("in the way")
+    arguments = [argument.format(file=tmp_path / "file") for argument in arguments]
+    if "--out" not in arguments:
+        arguments += ["--out", str(tmp_path / "out")]
+    try:
+        code = misaligned.main(arguments)
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+    assert not list(tmp_path.glob("out/*"))
+
+
+def test_a_scene_without_a_needed_sensor_is_refused(tmp_path, capsys, monkeypatch):
+    load = misaligned.scenes.load
+
+    def crippled(name, **options):
+        spec = load(name, **options)
+        spec.delete(spec.sensor("joint2_acceleration"))
+        return spec
+
+    monkeypatch.setattr(misaligned.scenes, "load", crippled)
+    assert misaligned.main(["--out", str(tmp_path)]) == 2
+    assert "no channel 'joint2_acceleration'; it has ground_force" in capsys.readouterr().err
+
+
+def test_an_interrupted_run_leaves_earlier_results_whole(tmp_path, capsys, monkeypatch):
+    (tmp_path / "table_3.csv").write_text("earlier")
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(misaligned, "figure_3", interrupt)
+    assert misaligned.main(["--out", str(tmp_path)]) == 130
+    assert [file.name for file in tmp_path.iterdir()] == ["table_3.csv"]
+    assert (tmp_path / "table_3.csv").read_text() == "earlier"
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_help_explains_every_option(capsys):
+    with pytest.raises(SystemExit) as stop:
+        misaligned.main(["--help"])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    for option in ("seed", "samples", "tilt-deg", "azimuth-deg", "noise-scale", "out", "formats"):
+        assert f"--{option}" in text
+
+
+def test_everything_runs_with_one_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert __main__.main() == 0
+    assert (tmp_path / "results" / "misaligned" / "table_3.csv").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]

@@ -1,0 +1,67 @@
+import json
+
+import pytest
+
+from experiments import report
+
+TABLE = report.Table(
+    "Errors, kg",
+    *report.columns(parameter=["m_1", "Ixx2"], error=[-1e-9, 1 / 3], paper=[0.5, -2]),
+)
+
+
+def test_csv_keeps_all_digits():
+    assert TABLE.csv() == "parameter,error,paper\nm_1,-1e-09,0.5\nIxx2,0.3333333333333333,-2.0\n"
+
+
+def test_markdown():
+    assert TABLE.markdown() == (
+        "| parameter | error | paper |\n| --- | ---: | ---: |\n| m_1 | 0.000 | 0.500 |\n| Ixx2 | 0.333 | -2.000 |\n"
+    )
+
+
+def test_tex_is_escaped_and_complete():
+    tex = TABLE.tex()
+    assert r"m\_1 & 0.000 & 0.500 \\" in tex
+    assert r"\caption{Errors, kg}" in tex
+    assert r"\begin{tabular}{lrr}" in tex
+    assert tex.count(r"\begin") == tex.count(r"\end") == 2
+
+
+def test_text_is_aligned():
+    assert TABLE.text() == (
+        "Errors, kg\nparameter  error   paper\nm_1        0.000   0.500\nIxx2       0.333  -2.000\n"
+    )
+
+
+def test_empty_cells_stay_empty():
+    table = report.Table("t", ("a", "b"), (("x", None), ("y", 2.0)))
+    assert table.csv() == "a,b\nx,\ny,2.0\n"
+    assert "| x |  |" in table.markdown()
+
+
+def test_a_failing_block_changes_nothing(tmp_path):
+    out = tmp_path / "out"
+    with report.results_folder(out) as folder:
+        (folder / "a").write_text("first")
+
+    def fail():
+        with report.results_folder(out) as folder:
+            (folder / "a").write_text("second")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert [(file.name, file.read_text()) for file in out.iterdir()] == [("a", "first")]
+
+
+def test_other_files_in_the_folder_are_left_alone(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with report.results_folder(tmp_path) as folder:
+        (folder / "a").write_text("new")
+    assert {file.name for file in tmp_path.iterdir()} == {"notes.txt", "a"}
+
+
+def test_provenance_is_json(tmp_path):
+    report.write_json(tmp_path / "p.json", report.provenance({"seed": 1}, {"scene": "s"}))
+    assert json.loads((tmp_path / "p.json").read_text())["options"] == {"seed": 1}
