@@ -36,7 +36,7 @@ def test_ordinary_least_squares_is_numpys(case):
     wrench = Y @ phi + STD * rng.normal(size=(200, 6))
     estimate = identify(Y, wrench, base)
     rows = base.reduce(Y).reshape(-1, 13)
-    psi, squares, _, s = np.linalg.lstsq(rows, wrench.ravel())
+    psi, squares, _, s = np.linalg.lstsq(rows, wrench.ravel(), rcond=None)
     np.testing.assert_allclose(estimate.psi, psi, atol=1e-10)
     assert np.isclose(estimate.epsilon**2, squares[0])
     assert np.isclose(estimate.condition_number, s[0] / s[-1])
@@ -48,7 +48,7 @@ def test_weighted_least_squares_is_ordinary_on_whitened_rows(case):
     wrench = Y @ phi + STD * rng.normal(size=(200, 6))
     rows = (base.reduce(Y) / STD[:, None]).reshape(-1, 13)
     estimate = identify(Y, wrench, base, wrench_std=STD)
-    np.testing.assert_allclose(estimate.psi, np.linalg.lstsq(rows, (wrench / STD).ravel())[0], atol=1e-10)
+    np.testing.assert_allclose(estimate.psi, np.linalg.lstsq(rows, (wrench / STD).ravel(), rcond=None)[0], atol=1e-10)
     np.testing.assert_allclose(estimate.covariance, np.linalg.inv(rows.T @ rows), rtol=1e-9, atol=1e-18)
 
 

@@ -152,7 +152,7 @@ def test_a_scene_without_a_needed_sensor_is_refused(tmp_path, capsys, monkeypatc
 
     def crippled(name, **options):
         spec = load(name, **options)
-        spec.delete(spec.sensor("joint2_acceleration"))
+        spec.sensor("joint2_acceleration").name = "other"
         return spec
 
     monkeypatch.setattr(misaligned.scenes, "load", crippled)
