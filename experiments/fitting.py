@@ -33,15 +33,17 @@ def fit(
     phi_true: np.ndarray,
     gravity: np.ndarray,
     *,
+    wrench: np.ndarray | None = None,
     kept: Sequence[str] | None = None,
 ) -> Fit:
-    """Base parameters of one model from measured joint states and the ground wrench.
+    """Base parameters of one model from measured joint states and wrenches.
 
     Args:
         tree: The model's mechanism of b bodies.
         recording: Measured joint states and ground wrench.
         phi_true: True stacked φ, for the true base parameters (10 b,).
         gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        wrench: Total wrench `[F; τ]`, N and N m (N, 6); by default the recording's ground wrench alone.
         kept: Names of the base parameters; by default the first independent columns.
 
     Raises:
@@ -55,7 +57,8 @@ def fit(
     noise = recording.joint_noise(tree.joints)
     q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(states, noise, strict=True))
     check_excitation(Y, base, base_wrench_regressor(tree, q, dq, ddq, gravity=gravity) - Y)
-    return Fit(base, identify(Y, recording.wrench("ground"), base), base.regroup(phi_true))
+    measured = recording.wrench("ground") if wrench is None else wrench
+    return Fit(base, identify(Y, measured, base), base.regroup(phi_true))
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

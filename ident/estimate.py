@@ -27,8 +27,8 @@ class Estimate:
         psi: Their estimates ψ, SI units (r,).
         std: Standard deviation of each estimate due to noise on the wrench (r,).
         covariance: Covariance behind `std` (r, r).
-        condition_number: Condition number of the base regressor as used, unscaled (Section III.A).
-        rows: Rows of the base regressor as used; wrench components that no parameter can produce are left out.
+        condition_number: Condition number of the base regressor, neither scaled nor weighted (Section III.A).
+        rows: Rows of the base regressor; wrench components that no parameter can produce are left out.
         predicted: Wrench that ψ predicts, `Y_b ψ` (N, 6).
         residual: Measured minus predicted wrench (N, 6).
         epsilon: `‖Γ - Y_b ψ‖₂` over all components (Eq. 5).
@@ -46,25 +46,26 @@ class Estimate:
 
 
 def identify(
-    Y: np.ndarray, wrench: np.ndarray, base: BaseParameters, *, wrench_std: np.ndarray | None = None
+    Y: np.ndarray, wrench: np.ndarray, base: BaseParameters, *, covariance: np.ndarray | None = None
 ) -> Estimate:
     """Least-squares solution of `Y_b ψ = Γ` (Eq. 4).
 
-    Without `wrench_std` this is the ordinary least squares of the paper, and the noise of each wrench component is
-    estimated from its residuals. With it, every row is divided by its component's standard deviation, and those
-    values are taken as known. Noise on the joint states (errors in variables) is in neither: it biases ψ.
+    Without `covariance` this is the ordinary least squares of the paper. Its standard deviations come from the
+    residuals of each sample, whatever the noise of the components and the correlation between them (Huber and White's
+    sandwich). With `covariance` the rows are whitened, which weights them, and the noise is taken as known. Noise on
+    the joint states (errors in variables) is in neither: it biases ψ.
 
     Args:
         Y: Regressor (N, 6, P).
         wrench: Total measured wrench Γ `[F; τ]`, N and N m (N, 6).
         base: Regrouping that fits Y.
-        wrench_std: Standard deviations of the wrench components, N and N m (6,).
+        covariance: Covariance of the wrench, one for all samples (6, 6) or one for each (N, 6, 6).
 
     Returns:
         The estimate.
 
     Raises:
-        ValueError: Shapes that do not match, or values that are not finite.
+        ValueError: Shapes that do not match, values that are not finite, or a covariance that is not positive definite.
         ExcitationError: The base regressor is rank-deficient.
     """
     wrench = np.asarray(wrench, float)
@@ -78,34 +79,40 @@ def identify(
 
     Y_b = base.reduce(Y)
     alive = np.abs(Y_b).max(axis=(0, 2)) > ZERO_COLUMN * np.abs(Y_b).max()
-    weights = np.ones(6) if wrench_std is None else 1 / np.asarray(wrench_std, float)
-    rows = (Y_b * weights[:, None])[:, alive].reshape(-1, base.rank)
-    Q, R = linalg.qr(rows, mode="economic")
-    psi = linalg.solve_triangular(R, Q.T @ (wrench * weights)[:, alive].ravel())
-
-    predicted = Y_b @ psi
-    residual = wrench - predicted
-    if wrench_std is None:
-        # The fit takes degrees of freedom from each component by the leverage of its rows.
-        freedom = len(Y) - np.sum(Q**2, axis=1).reshape(len(Y), -1).sum(axis=0)
-        variance = np.sum(residual[:, alive] ** 2, axis=0) / np.maximum(freedom, 1e-9)
+    rows, target = Y_b[:, alive], wrench[:, alive, None]
+    if covariance is not None:
+        whiten = _inverse_root(covariance, alive)
+        rows, target = whiten @ rows, whiten @ target
+    count = rows.shape[0] * rows.shape[1]
+    Q, R = linalg.qr(rows.reshape(count, base.rank), mode="economic")
+    psi = linalg.solve_triangular(R, Q.T @ target.ravel())
+    if covariance is None:
+        # Each sample moves ψ by R⁻¹ Qᵀ times its noise; the fit has used up some of the residual.
+        noise = (target[..., 0] - rows @ psi) * np.sqrt(count / max(count - base.rank, 1))
+        root = linalg.solve_triangular(R, np.einsum("nir,ni->rn", Q.reshape(rows.shape), noise))
     else:
-        variance = np.ones(alive.sum())
-    # Each row of Q carries the noise of its own component into ψ.
-    noise = Q * np.sqrt(np.tile(variance, len(Y)))[:, None]
-    half = linalg.solve_triangular(R, noise.T)
-    covariance = half @ half.T
+        root = linalg.solve_triangular(R, np.eye(base.rank))
+    predicted = Y_b @ psi
     return Estimate(
         names=base.names,
         psi=psi,
-        std=np.sqrt(np.diag(covariance)),
-        covariance=covariance,
-        condition_number=float(np.linalg.cond(R)),
-        rows=rows.shape[0],
+        std=np.linalg.norm(root, axis=1),
+        covariance=root @ root.T,
+        condition_number=float(np.linalg.cond(Y_b[:, alive].reshape(count, base.rank))),
+        rows=count,
         predicted=predicted,
-        residual=residual,
-        epsilon=float(np.linalg.norm(residual)),
+        residual=wrench - predicted,
+        epsilon=float(np.linalg.norm(wrench - predicted)),
     )
+
+
+def _inverse_root(covariance: np.ndarray, alive: np.ndarray) -> np.ndarray:
+    """Matrices W with `W C Wᵀ = 1` for the living components' covariance C (…, k, k)."""
+    C = np.asarray(covariance, float)[..., alive, :][..., alive]
+    try:
+        return np.linalg.inv(np.linalg.cholesky(C))
+    except np.linalg.LinAlgError:
+        raise ValueError("The wrench's covariance needs to be positive definite.") from None
 
 
 def check_excitation(Y: np.ndarray, base: BaseParameters, Y_noise: np.ndarray | None = None) -> None:

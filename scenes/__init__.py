@@ -1,41 +1,69 @@
 """The MJCF scenes. Bodies, joint limits, servos, sensors and their noise levels are declared there and nowhere else."""
 
+import xml.etree.ElementTree as ET
 from importlib.resources import files
 
 import mujoco
 import numpy as np
 
 NAMES = ("double_pendulum",)
-"""Names that `load` knows, one for each MJCF file in this package."""
+"""Names that `load` knows, one for each mechanism's MJCF file in this package."""
+
+CONTACTS = ("pad", "handle")
+"""Surroundings that touch the load cell at the end of the last link, one MJCF file each."""
 
 
-def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0) -> mujoco.MjSpec:
+def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact: str | None = None) -> mujoco.MjSpec:
     """A scene as an editable specification.
 
     Args:
         name: One of `NAMES`.
-        tilt_deg: Angle by which every hinge axis is turned away from its design, from X for the double pendulum.
+        tilt_deg: Angle by which every hinge axis of the mechanism is turned away from its design, from X for the
+            double pendulum.
         azimuth_deg: Direction towards which X turns, measured from +Y to +Z.
+        contact: One of `CONTACTS`, to put a load cell at the site `end` and something to touch beside it.
 
     Returns:
-        The specification; `.compile()` makes the model, `.to_xml()` the MJCF text.
+        The specification; `.compile()` makes the model, after that `.to_xml()` the MJCF text.
 
     Raises:
-        ValueError: The scene does not exist, or the angles make no sense.
+        ValueError: The scene or the contact does not exist, or the angles make no sense.
     """
     if name not in NAMES:
         raise ValueError(f"No scene is named '{name}'; the scenes are {', '.join(NAMES)}.")
+    if contact is not None and contact not in CONTACTS:
+        raise ValueError(f"No contact is named '{contact}'; the contacts are {', '.join(CONTACTS)}.")
     if not (np.isfinite(azimuth_deg) and 0 <= tilt_deg < 90):
         raise ValueError(
             f"A tilt needs an angle from 0° to below 90° and a finite azimuth, got {tilt_deg}° towards {azimuth_deg}°."
         )
-    spec = mujoco.MjSpec.from_string(files(__name__).joinpath(f"{name}.xml").read_text(encoding="utf-8"))
+    root = _mjcf(name)
+    hinges = [joint.get("name") for joint in root.iter("joint") if joint.get("name")]
+    if contact is not None:
+        link, end = next((body, site) for body in root.iter("body") for site in body.findall("site[@name='end']"))
+        cell = _mjcf("load_cell")
+        next(cell.iter("body")).set("pos", end.attrib["pos"])
+        _merge(root, cell, link)
+        _merge(root, _mjcf(contact), next(root.iter("worldbody")))
+    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     if tilt_deg:
         turn = _tilt(np.radians(tilt_deg), np.radians(azimuth_deg))
-        for joint in spec.joints:
-            if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
-                joint.axis = turn @ joint.axis
+        for hinge in hinges:
+            spec.joint(hinge).axis = turn @ spec.joint(hinge).axis
     return spec
+
+
+def _mjcf(name: str) -> ET.Element:
+    return ET.fromstring(files(__name__).joinpath(f"{name}.xml").read_text(encoding="utf-8"))
+
+
+def _merge(root: ET.Element, addition: ET.Element, parent: ET.Element) -> None:
+    """Adds another file's bodies to a body of this one, and its other sections to the end, as MJCF's include does."""
+    for section in addition:
+        if section.tag == "worldbody":
+            parent.extend(section)
+        else:
+            root.append(section)
 
 
 def _tilt(angle: float, azimuth: float) -> np.ndarray:

@@ -49,7 +49,7 @@ class Excitation:
         """Positions, velocities and accelerations.
 
         Args:
-            time: Times from zero on, s (N,).
+            time: Increasing times, s (N,). The noise sets in at zero.
             rng: Source of the acceleration noise; without it there is none.
 
         Returns:
@@ -67,13 +67,14 @@ class Excitation:
 
     def _integrated_noise(self, time: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
         h = NOISE_INTERVAL
-        interval = np.floor(np.asarray(time) / h + 1e-6).astype(int)
+        time = np.asarray(time)
+        interval = np.floor(np.maximum(time, 0) / h + 1e-6).astype(int)
         a = self.noise * rng.normal(size=(interval[-1] + 1, len(self.offset)))
         start = np.zeros_like(a[:1])
         v = np.concatenate([start, np.cumsum(a * h, axis=0)])[:-1]
         x = np.concatenate([start, np.cumsum(v * h + a * h**2 / 2, axis=0)])[:-1]
         s = (time - interval * h)[:, None]
-        a, v, x = a[interval], v[interval], x[interval]
+        a, v, x = (np.where(time[:, None] < 0, 0, y[interval]) for y in (a, v, x))
         return x + v * s + a * s**2 / 2, v + a * s, a
 
 

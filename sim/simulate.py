@@ -1,5 +1,6 @@
 """From a scene and an excitation to a recording, in MuJoCo's forward dynamics."""
 
+import copy
 import hashlib
 from dataclasses import dataclass, replace
 
@@ -8,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.excitation import Excitation
+from sim.hand import Hand
 from sim.recording import Recording
 
 RATE = 100.0
@@ -16,7 +18,11 @@ RATE = 100.0
 SAMPLES = 943
 """Samples of the paper's recordings: 4715 / 5 and 5658 / 6 rows."""
 
+LEAD_IN = 1.0
+"""Seconds of motion before the recording starts, for servos and contacts to settle."""
+
 _SENSOR_UNITS = {
+    mujoco.mjtSensor.mjSENS_TOUCH: "N",
     mujoco.mjtSensor.mjSENS_FORCE: "N",
     mujoco.mjtSensor.mjSENS_TORQUE: "N m",
     mujoco.mjtSensor.mjSENS_JOINTPOS: "rad",
@@ -149,29 +155,32 @@ def _run(
     model: mujoco.MjModel, excitation: Excitation, samples: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, float]:
     """Sensor readings (N, nsensordata) and the largest tracking error in rad."""
-    steps = round(1 / (RATE * model.opt.timestep))
-    if steps < 1 or abs(steps * RATE * model.opt.timestep - 1) > 1e-9:
-        raise ValueError(f"The scene's timestep of {model.opt.timestep} s must divide {1 / RATE} s.")
+    h = model.opt.timestep
+    steps = round(1 / (RATE * h))
+    if steps < 1 or abs(steps * RATE * h - 1) > 1e-9:
+        raise ValueError(f"The scene's timestep of {h} s must divide {1 / RATE} s.")
     qpos, dof = _driven(model, len(excitation.offset))
-    desired = excitation.trajectory(np.arange(samples * steps) * model.opt.timestep, rng)
-    control = _servo_control(model, desired)
+    lead = round(LEAD_IN / h)
+    time = np.arange(-lead, samples * steps) * h
+    desired = excitation.trajectory(time, rng)
+    plan = _plan(model, time, desired)
     filled = [(s.part, s.dof) for s in sensors(model) if s.dof is not None]
 
     data = mujoco.MjData(model)
     data.qpos[qpos], data.qvel[dof] = desired[0][0], desired[1][0]
     readings = np.empty((samples, model.nsensordata))
     error = 0.0
-    for k in range(samples):
-        # A step leaves sensors and qacc at the state before it; a forward call puts everything at this instant.
-        data.ctrl[:] = control[k * steps]
-        mujoco.mj_forward(model, data)
-        readings[k] = data.sensordata
-        for part, joint_dof in filled:
-            readings[k, part] = data.qacc[joint_dof]
-        error = max(error, float(np.abs(data.qpos[qpos] - desired[0][k * steps]).max()))
-        for step in range(k * steps, (k + 1) * steps):
-            data.ctrl[:] = control[step]
-            mujoco.mj_step(model, data)
+    for step in range(len(time)):
+        data.ctrl[:], data.mocap_pos[:], data.mocap_quat[:] = (x[step] for x in plan)
+        if step >= lead and (step - lead) % steps == 0:
+            # A step leaves sensors and qacc at the state before it; a forward call puts everything at this instant.
+            mujoco.mj_forward(model, data)
+            k = (step - lead) // steps
+            readings[k] = data.sensordata
+            for part, joint_dof in filled:
+                readings[k, part] = data.qacc[joint_dof]
+            error = max(error, float(np.abs(data.qpos[qpos] - desired[0][step]).max()))
+        mujoco.mj_step(model, data)
     return readings, error
 
 
@@ -189,18 +198,41 @@ def _driven(model: mujoco.MjModel, joints: int) -> tuple[np.ndarray, np.ndarray]
     return model.jnt_qposadr[ids], model.jnt_dofadr[ids]
 
 
-def _servo_control(model: mujoco.MjModel, desired: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
-    """Position commands that make a servo's force `kp (u - q) - kv q̇` equal to a computed torque plus feedback.
+def _plan(
+    model: mujoco.MjModel, time: np.ndarray, desired: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Servo commands (T, nu), and positions (T, nmocap, 3) and quaternions (T, nmocap, 4) of hands.
 
-    With `u = q_d + (kv q̇_d + τ) / kp` the force is `τ + kp (q_d - q) + kv (q̇_d - q̇)`, where τ is the torque that the
-    desired motion needs.
+    A position servo's force `kp (u - q) - kv q̇` becomes a computed torque τ plus feedback,
+    `τ + kp (q_d - q) + kv (q̇_d - q̇)`, by the command `u = q_d + (kv q̇_d + τ) / kp`; τ is what the desired motion of the
+    free mechanism needs. A hand is a mocap body; it follows the desired pose of the body that it is tied to.
     """
     qpos, dof = _driven(model, desired[0].shape[1])
     kp, kv = model.actuator_gainprm[:, 0], -model.actuator_biasprm[:, 2]
-    data = mujoco.MjData(model)
+    held = _held_bodies(model)
+    hand = Hand()
+    free = copy.copy(model)
+    free.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data = mujoco.MjData(free)
     torque = np.empty_like(desired[0])
-    for k, (q, dq, ddq) in enumerate(zip(*desired, strict=True)):
+    position, quaternion = np.empty((len(time), len(held), 3)), np.empty((len(time), len(held), 4))
+    for k, (t, q, dq, ddq) in enumerate(zip(time, *desired, strict=True)):
         data.qpos[qpos], data.qvel[dof], data.qacc[dof] = q, dq, ddq
-        mujoco.mj_inverse(model, data)
+        mujoco.mj_inverse(free, data)
         torque[k] = data.qfrc_inverse[dof]
-    return desired[0] + (kv * desired[1] + torque) / kp
+        for i, body in enumerate(held):
+            position[k, i], quaternion[k, i] = hand.pose(t, data.xpos[body], data.xquat[body])
+    return desired[0] + (kv * desired[1] + torque) / kp, position, quaternion
+
+
+def _held_bodies(model: mujoco.MjModel) -> list[int]:
+    """For each mocap body, in MuJoCo's order, the body that a weld ties to it."""
+    welds = model.eq_type == mujoco.mjtEq.mjEQ_WELD
+    ties = dict(zip(model.eq_obj2id[welds].tolist(), model.eq_obj1id[welds].tolist(), strict=True))
+    held = []
+    for mocap in range(model.nmocap):
+        body = int(np.flatnonzero(model.body_mocapid == mocap)[0])
+        if body not in ties:
+            raise ValueError(f"Mocap body '{model.body(body).name}' needs a weld whose body1 is what it holds.")
+        held.append(ties[body])
+    return held

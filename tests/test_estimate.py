@@ -8,6 +8,9 @@ from ident.inertia import parameter_names
 from ident.regressor import base_wrench_regressor
 
 STD = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
+CONSTANT = np.diag(STD**2)
+LEVER = np.random.default_rng(5).normal(size=(200, 6, 6)) * 0.3
+MOVING = CONSTANT + LEVER @ CONSTANT @ LEVER.transpose(0, 2, 1)
 TREE = double_pendulum()
 
 
@@ -22,10 +25,10 @@ def case():
     return rng, Y, find_base_parameters(Y, parameter_names(3)), random_phi(rng, 3)
 
 
-@pytest.mark.parametrize("wrench_std", [None, STD])
-def test_without_noise_the_truth_comes_back(case, wrench_std):
+@pytest.mark.parametrize("covariance", [None, CONSTANT, MOVING])
+def test_without_noise_the_truth_comes_back(case, covariance):
     _, Y, base, phi = case
-    estimate = identify(Y, Y @ phi, base, wrench_std=wrench_std)
+    estimate = identify(Y, Y @ phi, base, covariance=covariance)
     np.testing.assert_allclose(estimate.psi, base.regroup(phi), atol=1e-11)
     assert estimate.rows == 5 * 200
     assert estimate.epsilon < 1e-9
@@ -47,15 +50,20 @@ def test_weighted_least_squares_is_ordinary_on_whitened_rows(case):
     rng, Y, base, phi = case
     wrench = Y @ phi + STD * rng.normal(size=(200, 6))
     rows = (base.reduce(Y) / STD[:, None]).reshape(-1, 13)
-    estimate = identify(Y, wrench, base, wrench_std=STD)
+    estimate = identify(Y, wrench, base, covariance=CONSTANT)
     np.testing.assert_allclose(estimate.psi, np.linalg.lstsq(rows, (wrench / STD).ravel(), rcond=None)[0], atol=1e-10)
     np.testing.assert_allclose(estimate.covariance, np.linalg.inv(rows.T @ rows), rtol=1e-9, atol=1e-18)
 
 
-@pytest.mark.parametrize("wrench_std", [None, STD])
-def test_standard_deviations_are_the_spread_of_the_estimates(case, wrench_std):
+@pytest.mark.parametrize("noise", [np.tile(CONSTANT, (200, 1, 1)), MOVING], ids=["constant", "moving"])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_standard_deviations_are_the_spread_of_the_estimates(case, noise, weighted):
     rng, Y, base, phi = case
-    trials = [identify(Y, Y @ phi + STD * rng.normal(size=(200, 6)), base, wrench_std=wrench_std) for _ in range(600)]
+    root = np.linalg.cholesky(noise)
+    trials = []
+    for _ in range(600):
+        wrench = Y @ phi + (root @ rng.normal(size=(200, 6, 1)))[..., 0]
+        trials.append(identify(Y, wrench, base, covariance=noise if weighted else None))
     spread = np.std([trial.psi for trial in trials], axis=0)
     # 600 trials know a standard deviation to 3 %; 13 of them stay within 4 standard errors.
     np.testing.assert_allclose(np.mean([trial.std for trial in trials], axis=0), spread, rtol=0.12)
@@ -63,10 +71,16 @@ def test_standard_deviations_are_the_spread_of_the_estimates(case, wrench_std):
     assert (abs(bias) < 4.5 * spread / np.sqrt(600)).all()
 
 
+def test_a_covariance_must_be_one(case):
+    _, Y, base, phi = case
+    with pytest.raises(ValueError, match="positive definite"):
+        identify(Y, Y @ phi, base, covariance=np.zeros((6, 6)))
+
+
 def test_weights_reduce_the_uncertainty(case):
     rng, Y, base, phi = case
     wrench = Y @ phi + STD * rng.normal(size=(200, 6))
-    assert (identify(Y, wrench, base, wrench_std=STD).std < 1.15 * identify(Y, wrench, base).std).all()
+    assert (identify(Y, wrench, base, covariance=CONSTANT).std < 1.2 * identify(Y, wrench, base).std).all()
 
 
 def test_bad_numbers_are_refused(case):

@@ -1,0 +1,144 @@
+"""Wrenches moved between frames, and the total wrench of a mechanism with several contacts (Eq. 15-18)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.se3 import coAd
+from ident.tree import Tree
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """What a sensor measures between a link and its surroundings.
+
+    Attributes:
+        body: Name of the link.
+        exerted_by_link: Wrench `[F; τ]` that the link exerts *on its surroundings*, Γ_E of Eq. 15, in the sensor's
+            frame, N and N m (N, 6). `Contact.applied_to_link` takes the opposite one.
+        pose: Pose T_iE of the sensor's frame in the link's (4, 4), or one for each sample (N, 4, 4).
+        covariance: Covariance of the measured wrench in the sensor's frame (6, 6); None if unknown.
+        time: Sample times, s (N,), to be checked against the other measurements' if both are given.
+    """
+
+    body: str
+    exerted_by_link: np.ndarray
+    pose: np.ndarray
+    covariance: np.ndarray | None = None
+    time: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        wrench, pose = np.asarray(self.exerted_by_link, float), np.asarray(self.pose, float)
+        if wrench.ndim != 2 or wrench.shape[1] != 6 or not np.isfinite(wrench).all():
+            raise ValueError(f"The contact on '{self.body}' needs finite wrenches (N, 6), got shape {wrench.shape}.")
+        if pose.shape not in ((4, 4), (len(wrench), 4, 4)):
+            raise ValueError(
+                f"The contact on '{self.body}' needs the pose of its sensor's frame, (4, 4) or ({len(wrench)}, 4, 4), "
+                f"got {'none' if self.pose is None else pose.shape}."
+            )
+        if self.covariance is not None and np.shape(self.covariance) != (6, 6):
+            raise ValueError(
+                f"The contact on '{self.body}' needs a covariance (6, 6), got shape {np.shape(self.covariance)}."
+            )
+
+    @classmethod
+    def applied_to_link(
+        cls,
+        body: str,
+        wrench: np.ndarray,
+        pose: np.ndarray,
+        covariance: np.ndarray | None = None,
+        time: np.ndarray | None = None,
+    ) -> "Contact":
+        """A contact from the wrench that the surroundings apply *to the link*, the other way round than Γ_E."""
+        return cls(body, -np.asarray(wrench, float), pose, covariance, time)
+
+
+@dataclass(frozen=True, eq=False)
+class TotalWrench:
+    """The right-hand side of `Y φ = Γ` with all contacts.
+
+    Attributes:
+        wrench: Γ `[F; τ]` in the base frame, N and N m (N, 6).
+        covariance: Its covariance, one for each sample because contacts move (N, 6, 6); None if any part is unknown.
+    """
+
+    wrench: np.ndarray
+    covariance: np.ndarray | None
+
+
+def transform_wrench(T_ab: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+    """A wrench written in frame b, written in frame a: `coAd(T_ab) @ wrench` (Eq. 16).
+
+    Args:
+        T_ab: Poses of frame b in frame a (…, 4, 4).
+        wrench: Wrenches `[F; τ]` in frame b (…, 6).
+
+    Returns:
+        Wrenches in frame a (…, 6).
+    """
+    return (coAd(T_ab) @ np.asarray(wrench, float)[..., None])[..., 0]
+
+
+def transform_covariance(T_ab: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Covariance of a wrench after `transform_wrench`: `coAd(T_ab) C coAd(T_ab)ᵀ` (…, 6, 6)."""
+    A = coAd(T_ab)
+    return A @ covariance @ np.swapaxes(A, -1, -2)
+
+
+def total_wrench(
+    tree: Tree,
+    q: np.ndarray,
+    ground: np.ndarray,
+    contacts: Sequence[Contact],
+    *,
+    ground_covariance: np.ndarray | None = None,
+    time: np.ndarray | None = None,
+) -> TotalWrench:
+    """Eq. 17: `Γ = Γ_0 - Σ coAd(T_0E) Γ_E`, the wrench that the mechanism's own motion and weight need.
+
+    Args:
+        tree: The mechanism.
+        q: Joint coordinates in rad or m (N, n).
+        ground: Γ_0, the wrench that the ground exerts on the base, in the base frame, N and N m (N, 6).
+        contacts: Any number of contacts on any bodies.
+        ground_covariance: Covariance of the measured Γ_0 (6, 6).
+        time: Sample times, s (N,).
+
+    Returns:
+        The total wrench, with the sensors' covariances carried through the transport where all are known.
+
+    Raises:
+        ValueError: A contact is on a body that does not exist, or its samples do not match in number or time.
+    """
+    poses = tree.poses(q)
+    wrench = np.array(ground, float)
+    if wrench.shape != (len(poses), 6):
+        raise ValueError(f"{len(poses)} joint states need ground wrenches ({len(poses)}, 6), got {wrench.shape}.")
+    known = ground_covariance is not None and all(contact.covariance is not None for contact in contacts)
+    covariance = np.tile(np.asarray(ground_covariance, float), (len(poses), 1, 1)) if known else None
+    for contact in contacts:
+        _check(contact, tree, len(poses), time)
+        T_0E = poses[:, tree.names.index(contact.body)] @ contact.pose
+        wrench -= transform_wrench(T_0E, contact.exerted_by_link)
+        if covariance is not None and contact.covariance is not None:
+            covariance += transform_covariance(T_0E, contact.covariance)
+    return TotalWrench(wrench, covariance)
+
+
+def _check(contact: Contact, tree: Tree, samples: int, time: np.ndarray | None) -> None:
+    if contact.body not in tree.names:
+        raise ValueError(f"A contact is on '{contact.body}', but the mechanism's bodies are {', '.join(tree.names)}.")
+    if len(contact.exerted_by_link) != samples:
+        raise ValueError(
+            f"The contact on '{contact.body}' needs {samples} samples like the joint states, "
+            f"got {len(contact.exerted_by_link)}."
+        )
+    if time is not None and contact.time is not None:
+        shift = np.abs(np.asarray(contact.time) - time) if len(contact.time) == samples else np.array([np.inf])
+        if shift.max() > 1e-9:
+            raise ValueError(
+                f"The contact on '{contact.body}' needs the joint states' sample times; they differ by up to "
+                f"{shift.max():.3g} s, most at sample {int(shift.argmax())}."
+            )
