@@ -1,13 +1,39 @@
-"""Runs every study with its defaults: `python -m experiments`."""
+"""Runs everything: the mechanism, both studies, and a page that shows them all."""
 
+import argparse
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 
-from experiments import misaligned
+from experiments import mechanism, misaligned, multicontact, options
+from experiments.figures import FORMATS
+from experiments.index import write_index
 
 
-def main() -> int:
-    """Entry point; returns the exit code of the first study that fails, else 0."""
-    return misaligned.main([])
+def run(args: argparse.Namespace) -> None:
+    """Runs every study with its defaults, into folders of their own."""
+    # The page embeds the figures as PNG.
+    formats = ["--formats", *dict.fromkeys(["png", *args.formats])]
+    trials = ["--trials", str(args.trials), "--workers", str(args.workers)]
+    for study, more in ((mechanism, []), (misaligned, trials), (multicontact, trials)):
+        name = study.__name__.rpartition(".")[2]
+        study.run(study.parser().parse_args(["--out", str(args.out / name), *formats, *more]))
+        print()
+    write_index(args.out)
+    print(f"Everything on one page: {args.out / 'index.html'}")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.output_parser("", __doc__)
+    options.add_trials(out)
+    out.set_defaults(out=Path("results"), formats=list(FORMATS[:2]))
+    return out
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return options.run(run, parser(), argv)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The paper's figures. Functions return a matplotlib Figure and touch no files; `save` writes one."""
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -67,6 +68,17 @@ def wrench_panels(
         figure.align_ylabels(axes)
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(wrenches))
     return figure
+
+
+def parameter_symbol(name: str) -> str:
+    """A parameter's name as the paper sets it, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
+    match = re.fullmatch(r"(m|I)([xyz]{2})?(\d+)(?:r([xyz])\d+)?", name)
+    if match is None:
+        return name
+    _, axes, body, moment = match.groups()
+    if axes:
+        return f"$I_{{{axes},{body}}}$"
+    return f"$m_{{{body}}}$" if moment is None else f"$m_{{{body}}}r_{{{moment},{body}}}$"
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:

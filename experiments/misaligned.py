@@ -3,110 +3,26 @@
 import argparse
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-import scenes
-from experiments import figures, options, paper, report
-from experiments.fitting import Fit, fit, measured_poses, structural_base_parameters
-from ident.screw import RecoveredAxes, recover_axes
-from ident.tree import Tree
-from sim.excitation import DOUBLE_PENDULUM
-from sim.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
-from sim.recording import Recording
-from sim.simulate import simulate
+from experiments import figures, monte_carlo, options, paper, report
+from experiments.misaligned_study import AZIMUTH_DEG, SCENE, Study, problem, study, trial
+from ident.screw import angle
 
-AZIMUTH_DEG = 120.0
-"""Direction of the tilt, which the paper does not print: the one that fits its Table III."""
-
-SCENE = "double_pendulum"
 TRUE_LINE = figures.Line("black", width=1.6)
 SIMPLIFIED_LINE = figures.Line("tab:red")
 FULL_LINE = figures.Line("tab:blue", style="--")
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
-    """What the study found.
-
-    Attributes:
-        recording: Simulated recording of the tilted scene.
-        simplified: Model with its axes along X.
-        full: Model with the recovered axes, on its own first independent columns.
-        full_on_table: The same model on the simplified model's parameters, those of Table III.
-        recovered: The recovered axes.
-        axis_error: Angle between each recovered and true axis, rad (n,).
-        rank_apart: Rank of the model whose axes were recovered joint by joint.
-    """
-
-    recording: Recording
-    simplified: Fit
-    full: Fit
-    full_on_table: Fit
-    recovered: RecoveredAxes
-    axis_error: np.ndarray
-    rank_apart: int
-
-
-def study(
-    *,
-    seed: int = 0,
-    samples: int = 943,
-    tilt_deg: float = paper.TILT_DEG,
-    azimuth_deg: float = AZIMUTH_DEG,
-    noise_scale: float = 1.0,
-) -> Study:
-    """Simulates the tilted double pendulum and identifies it with the simplified and the full model.
-
-    Args:
-        seed: Seed of all noise.
-        samples: Samples recorded at 100 Hz.
-        tilt_deg: Angle of both joint axes from X.
-        azimuth_deg: Direction of the tilt from +Y to +Z.
-        noise_scale: Factor on all noise.
-
-    Raises:
-        ValueError: An argument makes no sense, or the motion does not separate the base parameters.
-    """
-    spec = scenes.load(SCENE, tilt_deg=tilt_deg, azimuth_deg=azimuth_deg)
-    recording = simulate(spec, DOUBLE_PENDULUM, samples=samples, seed=seed, noise_scale=noise_scale)
-    model = spec.compile()
-    phi_true, gravity = parameters_from_model(model), gravity_in_base(model)
-
-    design = tree_from_model(scenes.load(SCENE).compile())
-    poses = measured_poses(design, recording)
-    recovered = recover_axes(design, poses)
-    apart = recover_axes(design, poses, significance=1).tree
-    if len(recovered.groups) > 1:
-        raise ValueError(
-            f"The recovered axes are not parallel (p = {recovered.p_values[1]:.1e}), but Table III's names need rank "
-            "13, which only parallel axes have; try another seed or less noise."
-        )
-    simplified = fit(design, recording, phi_true, gravity)
-    full = fit(recovered.tree, recording, phi_true, gravity)
-    full_on_table = fit(recovered.tree, recording, phi_true, gravity, kept=simplified.base.names)
-    axis_error = _axis_error(recovered.tree, tree_from_model(model))
-    rank_apart = structural_base_parameters(apart, gravity).rank
-    return Study(recording, simplified, full, full_on_table, recovered, axis_error, rank_apart)
-
-
-def _axis_error(recovered: Tree, truth: Tree) -> np.ndarray:
-    return np.array([_angle(recovered.bodies[i].twist[3:], truth.bodies[i].twist[3:]) for i in truth.moving])
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle between two directions, accurate also for small ones."""
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-
-
 def table_3(result: Study) -> report.Table:
     """Both models on the table's 13 names, beside the paper's errors."""
     simplified, full = result.simplified, result.full_on_table
-    published = [paper.TABLE_3.get(name, (np.nan, np.nan)) for name in simplified.base.names]
+    published = [paper.TABLE_3[name] for name in simplified.base.names]
     return report.Table(
         "Table III: errors of the base parameters, kg, kg m and kg m^2",
         *report.columns(
@@ -181,7 +97,7 @@ def summary(result: Study) -> dict[str, Any]:
         "paper_condition_number_full": paper.CONDITION_NUMBER_FULL,
         "axis_error_deg": float(np.degrees(result.axis_error.max())),
         "axis_std_deg": float(np.degrees(max(axis.std for axis in recovered.axes))),
-        "axis_difference_alone_deg": float(np.degrees(_angle(*(axis.vector for axis in recovered.separate)))),
+        "axis_difference_alone_deg": float(np.degrees(angle(*(axis.vector for axis in recovered.separate)))),
         "rank_axes_apart": result.rank_apart,
         "axes_parallel_p_value": float(recovered.p_values[1]),
         "tracking_error_rad": recording.provenance["tracking_error_rad"],
@@ -230,12 +146,21 @@ def write(result: Study, folder: Path, formats: Iterable[str]) -> None:
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
     choices = {key: getattr(args, key) for key in ("seed", "samples", "tilt_deg", "azimuth_deg", "noise_scale")}
+    result = study(**choices)
+    origin = report.provenance(choices | {"formats": args.formats}, dict(result.recording.provenance))
     with report.results_folder(args.out) as folder:
-        result = study(**choices)
         write(result, folder, args.formats)
-        origin = report.provenance(choices | {"formats": args.formats}, dict(result.recording.provenance))
         report.write_json(folder / "provenance.json", origin)
     print(report_text(result))
+    if args.trials:
+        scene = {"name": SCENE, "tilt_deg": args.tilt_deg, "azimuth_deg": args.azimuth_deg}
+        draw = monte_carlo.Draw.of(args, scene, result.recording)
+        analyse = partial(trial, problem(args.tilt_deg, args.azimuth_deg))
+        names = result.simplified.base.names
+        published = {
+            model: [paper.TABLE_3[name][k] for name in names] for k, model in enumerate(("simplified", "full"))
+        }
+        monte_carlo.study(draw, analyse, names, published, args)
     print(f"Tables, figures, summary and provenance are in {args.out}.")
 
 

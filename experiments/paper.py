@@ -3,6 +3,20 @@
 TITLE = "A Geometric Approach for Deriving Multicontact Dynamic Identification Models"
 AUTHORS = "R. P. Matthew, G. Venture and R. Bajcsy"
 
+TABLE_1 = (
+    ("1", "-", "-π/2", "T_x", "0", "T_y"),
+    ("2", "Base", "π/2", "0", "0", "T_z"),
+    ("3", "-", "0", "0", "-π/2", "0"),
+    ("4", "-", "-π/2", "0", "θ_1", "0"),
+    ("5", "-", "π/2", "0", "0", "0"),
+    ("6", "Link 1", "0", "0", "π/2", "0"),
+    ("7", "-", "0", "0", "-π/2", "l_1"),
+    ("8", "-", "-π/2", "0", "θ_2", "0"),
+    ("9", "-", "π/2", "0", "0", "0"),
+    ("10", "Link 2", "0", "0", "π/2", "0"),
+)
+"""Table I: modified DH frames of the double pendulum, as frame, inertia, α, d, θ, r."""
+
 TABLE_3 = {
     "m1": (0.00, 0.00),
     "m1rx1": (0.32, -0.11),
@@ -42,6 +56,10 @@ SHAPE_SIMPLIFIED = (4715, 13)
 CONDITION_NUMBER_FULL = 334.2
 SHAPE_FULL = (5658, 13)
 """Section VI: condition numbers and shapes of the two base regressors."""
+
+CONDITION_NUMBER_MULTICONTACT = 36.5
+SHAPE_MULTICONTACT = (4715, 13)
+"""Section VII: condition number and shape of the base regressor with several contacts."""
 
 TILT_DEG = 5.0
 """Section VI: angle between the true joint axes and X."""

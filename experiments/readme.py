@@ -5,12 +5,13 @@ import sys
 from pathlib import Path
 
 from experiments import figures, misaligned, report
+from experiments.misaligned_study import Study, study
 from sim.atomic import replacing
 
 
-def table_3(study: misaligned.Study) -> str:
+def table_3(result: Study) -> str:
     """Table III with our errors beside the paper's, in Markdown."""
-    rows = misaligned.table_3(study).rows
+    rows = misaligned.table_3(result).rows
     name, _, simplified, paper_simplified, _, full, paper_full = zip(*rows, strict=True)
     columns = {
         "parameter": name,
@@ -33,9 +34,9 @@ def with_block(text: str, name: str, content: str) -> str:
 def main() -> int:
     """Entry point; returns the exit code."""
     readme = Path("README.md")
-    study = misaligned.study()
-    text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(study))
-    figures.save(misaligned.figure_2(study), Path("docs"), "figure_2", ["png"])
+    result = study()
+    text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(result))
+    figures.save(misaligned.figure_2(result), Path("docs"), "figure_2", ["png"])
     with replacing(readme) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return 0

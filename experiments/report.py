@@ -25,12 +25,16 @@ class Table:
         columns: Column names, as in the CSV file.
         rows: Cells: texts, numbers, or None for an empty one.
         decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits.
+        marked: First cells of the rows that get an asterisk, everywhere but in the CSV file.
+        footnote: What the asterisk means.
     """
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     decimals: int = 3
+    marked: frozenset[str] = frozenset()
+    footnote: str = ""
 
     def csv(self) -> str:
         """Comma-separated values with full precision."""
@@ -43,16 +47,18 @@ class Table:
     def markdown(self) -> str:
         """A Markdown table, numbers right-aligned."""
         rule = ["---:" if numeric else "---" for numeric in self._numeric()]
-        return "".join(f"| {' | '.join(row)} |\n" for row in [self.columns, rule, *self._texts()])
+        table = "".join(f"| {' | '.join(row)} |\n" for row in [self.columns, rule, *self._texts()])
+        return table + (f"\n\\* {self.footnote}\n" if self.footnote else "")
 
     def tex(self) -> str:
         """A LaTeX table that needs no packages."""
         align = "".join("r" if numeric else "l" for numeric in self._numeric())
         escaped = [[cell.replace("_", r"\_") for cell in row] for row in [self.columns, *self._texts()]]
         head, *body = [f"{' & '.join(row)} \\\\\n" for row in escaped]
+        note = f"\\par\\smallskip * {self.footnote}\n" if self.footnote else ""
         return (
             f"\\begin{{table}}\n\\caption{{{self.title}}}\n\\centering\n\\begin{{tabular}}{{{align}}}\n\\hline\n"
-            f"{head}\\hline\n{''.join(body)}\\hline\n\\end{{tabular}}\n\\end{{table}}\n"
+            f"{head}\\hline\n{''.join(body)}\\hline\n\\end{{tabular}}\n{note}\\end{{table}}\n"
         )
 
     def text(self) -> str:
@@ -64,7 +70,8 @@ class Table:
             "  ".join(c.rjust(w) if n else c.ljust(w) for c, w, n in zip(row, widths, numeric, strict=True))
             for row in lines
         )
-        return "\n".join([self.title, *(row.rstrip() for row in rows), ""])
+        note = [f"* {self.footnote}"] if self.footnote else []
+        return "\n".join([self.title, *(row.rstrip() for row in rows), *note, ""])
 
     def write(self, folder: Path, name: str) -> None:
         """Writes `name.csv`, `name.md` and `name.tex` into a folder."""
@@ -72,7 +79,14 @@ class Table:
             (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
 
     def _texts(self) -> list[list[str]]:
-        return [["" if c is None else c if isinstance(c, str) else self._number(c) for c in row] for row in self.rows]
+        return [[self._text(cell) for cell in row] for row in self.rows]
+
+    def _text(self, cell: Cell) -> str:
+        if cell is None:
+            return ""
+        if isinstance(cell, str):
+            return f"{cell}*" if cell in self.marked else cell
+        return self._number(cell)
 
     def _number(self, value: float) -> str:
         # Adding zero turns a rounded -0.0 into 0.0.

@@ -131,6 +131,11 @@ def parallel_p_value(a: Direction, b: Direction) -> float:
     return float(stats.chi2.sf(difference @ np.linalg.solve(covariance, difference), df=2))
 
 
+def angle(a: np.ndarray, b: np.ndarray) -> float:
+    """Angle between two vectors (3,) in rad, accurate also for small ones."""
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
 def common_direction(directions: Sequence[Direction]) -> Direction:
     """One direction for several parallel axes: their mean, weighted by inverse variance, with the first one's sign."""
     aligned = [d.along(directions[0]) for d in directions]

@@ -85,6 +85,11 @@ class Recording:
         """The wrench `[F; τ]` of a force and a torque channel, N and N m (N, 6)."""
         return np.hstack([self[f"{name}_force"], self[f"{name}_torque"]])
 
+    def wrench_covariance(self, name: str) -> np.ndarray:
+        """Covariance of the noise on `wrench`, from the declared levels, N² and (N m)² (6, 6)."""
+        force, torque = (self.noise.get(f"{name}_{kind}", 0.0) for kind in ("force", "torque"))
+        return np.diag(np.repeat([force, torque], 3) ** 2)
+
     def poses(self, body: str) -> np.ndarray:
         """Pose of a body in the base frame (N, 4, 4)."""
         T = np.tile(np.eye(4), (len(self.time), 1, 1))

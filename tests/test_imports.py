@@ -12,7 +12,7 @@ ALLOWED = {
     "ident": {"numpy", "scipy", "ident"},
     "scenes": {"numpy", "mujoco"},
     "sim": {"numpy", "scipy", "mujoco", "sim", "scenes"},
-    "experiments": {"numpy", "matplotlib", "experiments", "sim", "scenes", "ident"},
+    "experiments": {"numpy", "matplotlib", "tqdm", "experiments", "sim", "scenes", "ident"},
 }
 SIM_WITH_A_TREE = {"mujoco_model.py"}
 STANDARD = __import__("sys").stdlib_module_names
