@@ -39,7 +39,12 @@ class Line:
 
 
 def wrench_panels(
-    x: np.ndarray, wrenches: Mapping[str, tuple[np.ndarray, Line]], xlabel: str, *, symbol: str = "{}"
+    x: np.ndarray,
+    wrenches: Mapping[str, tuple[np.ndarray, Line]],
+    xlabel: str,
+    *,
+    symbol: str = "{}",
+    bottom: float | None = None,
 ) -> Figure:
     r"""Six panels, forces on the left and torques on the right, one curve in each for every wrench.
 
@@ -48,6 +53,7 @@ def wrench_panels(
         wrenches: For each legend entry a wrench `[F; τ]` (N, 6) and its line; later ones lie on top.
         xlabel: Label of the abscissa.
         symbol: Pattern of the ordinates' symbols in TeX, `|\Delta {}|` for errors.
+        bottom: Lower limit of the ordinates; by default the data's.
 
     Returns:
         The figure, one IEEE column wide.
@@ -61,12 +67,16 @@ def wrench_panels(
             variable, unit = COMPONENTS[component]
             ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
             ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+            ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
             ax.set_xlim(x[0], x[-1])
             _widen_flat(ax)
+            ax.set_ylim(bottom=bottom)
         for ax in axes[-1]:
             ax.set_xlabel(xlabel, labelpad=2)
         figure.align_ylabels(axes)
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(wrenches))
+        legend = figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(wrenches))
+        for handle in legend.get_lines():
+            handle.set_linewidth(max(handle.get_linewidth(), 0.8))
     return figure
 
 
@@ -84,6 +94,9 @@ def parameter_symbol(name: str) -> str:
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
     """Writes `folder/name.FORMAT` for every format, byte-identical for identical figures."""
     with paper_style():
+        # The layout is solved once; solved again for every file it would depend on the files before.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
         for extension in formats:
             figure.savefig(folder / f"{name}.{extension}", metadata=_STABLE_METADATA[extension])
 

@@ -18,7 +18,8 @@ figcaption, .note { font-size: .9rem; color: #555; text-align: left; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; font: .85rem/1.4 ui-monospace, monospace; }
 caption { text-align: left; font: italic .95rem Georgia, serif; padding: .6rem 0 .2rem; }
 th, td { padding: .15rem .6rem; text-align: right; white-space: nowrap; border-bottom: 1px solid #eee; }
-th { border-bottom: 1px solid #888; } th:first-child, td.text { text-align: left; }
+th { border-bottom: 1px solid #888; } th.text, td.text { text-align: left; }
+th:first-child, td:first-child { position: sticky; left: 0; background: #fff; }
 pre { font-size: .75rem; white-space: pre-wrap; overflow-wrap: anywhere; background: #f6f6f6; padding: .6rem; }
 @media print { body { max-width: none; font-size: 10pt; } h2 { break-after: avoid; }
   figure, table { break-inside: avoid; }
@@ -117,8 +118,8 @@ def _headline(misaligned: dict[str, Any], multicontact: dict[str, Any]) -> str:
         return f"{found[f'rows{suffix}']} × {found[f'rank{suffix}']}"
 
     return (
-        '<div class="scroll"><table><thead><tr><th>condition number</th><th>paper</th><th>ours</th><th>deviation</th>'
-        "<th>shape</th></tr></thead><tbody>"
+        '<div class="scroll"><table><thead><tr><th class="text">condition number</th><th>paper</th><th>ours</th>'
+        "<th>deviation</th><th>shape</th></tr></thead><tbody>"
         + row(
             "simplified model",
             misaligned["condition_number_simplified"],
@@ -146,20 +147,32 @@ def _table(path: Path, caption: str, differences: dict[str, tuple[str, str]] | N
         rows = list(csv.DictReader(lines))
     for row in rows:
         row |= {name: str(float(row[a]) - float(row[b])) for name, (a, b) in (differences or {}).items()}
-    head = "".join(f"<th>{html.escape(name.replace('_', ' '))}</th>" for name in rows[0])
-    body = "".join("<tr>" + "".join(map(_cell, row.values())) + "</tr>" for row in rows)
+    numeric = {name: all(_is_number(row[name]) for row in rows) for name in rows[0]}
+    head = "".join(f"<th{_css(numeric[name])}>{html.escape(name.replace('_', ' '))}</th>" for name in rows[0])
+    cells = (
+        "".join(f"<td{_css(numeric[name])}>{_cell(x, numeric[name])}</td>" for name, x in row.items()) for row in rows
+    )
+    body = "".join(f"<tr>{row}</tr>" for row in cells)
     return (
         f'<div class="scroll"><table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
 
 
-def _cell(text: str) -> str:
+def _is_number(text: str) -> bool:
     try:
-        number = float(text)
+        float(text)
     except ValueError:
-        return f'<td class="text">{html.escape(text)}</td>'
-    return f"<td>{text if number.is_integer() and '.' not in text else f'{round(number, 3) + 0.0:.3f}'}</td>"
+        return False
+    return True
+
+
+def _css(numeric: bool) -> str:
+    return "" if numeric else ' class="text"'
+
+
+def _cell(text: str, numeric: bool) -> str:
+    return f"{round(float(text), 3) + 0.0:.3f}" if numeric and "." in text else html.escape(text)
 
 
 def _figure(path: Path, caption: str) -> str:

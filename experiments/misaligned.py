@@ -24,7 +24,7 @@ def table_3(result: Study) -> report.Table:
     simplified, full = result.simplified, result.full_on_table
     published = [paper.TABLE_3[name] for name in simplified.base.names]
     return report.Table(
-        "Table III: errors of the base parameters, kg, kg m and kg m^2",
+        "Errors of the base parameters (Table III), kg, kg m and kg m²",
         *report.columns(
             parameter=simplified.base.names,
             true_simplified=simplified.psi_true,
@@ -41,14 +41,14 @@ def table_3_full(result: Study) -> report.Table:
     """The full model on its own first independent columns."""
     full = result.full
     return report.Table(
-        "The full model on its own base parameters, kg, kg m and kg m^2",
+        "The full model on its own base parameters, kg, kg m and kg m²",
         *report.columns(
             parameter=full.base.names,
             true=full.psi_true,
             estimated=full.estimate.psi,
             error=full.error,
             std=full.estimate.std,
-            regrouping=full.base.expressions(),
+            regrouping=full.base.expressions(digits=4),
         ),
     )
 
@@ -73,10 +73,11 @@ def figure_3(result: Study) -> Figure:
         np.arange(1, len(true) + 1),
         {
             "Simplified": (np.abs(result.simplified.estimate.predicted - true), figures.Line("tab:red", width=0.5)),
-            "Full": (np.abs(result.full.estimate.predicted - true), figures.Line("tab:blue", width=0.3)),
+            "Full": (np.abs(result.full.estimate.predicted - true), figures.Line("tab:blue", width=0.4)),
         },
         "Sample",
         symbol=r"|\Delta {}|",
+        bottom=0,
     )
 
 

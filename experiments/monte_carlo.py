@@ -214,7 +214,7 @@ def table(model: str, found: Distribution) -> report.Table:
     """Mean, spread and interval of the errors beside the prediction and the paper's single run."""
     low, high = found.interval
     return report.Table(
-        f"Errors of the {model} model over {len(found.errors)} trials, kg, kg m and kg m^2",
+        f"Errors of the {model} model over {len(found.errors)} trials, kg, kg m and kg m²",
         *report.columns(
             parameter=found.names,
             mean_error=found.mean,

@@ -26,7 +26,7 @@ FOOTNOTE = (
 def table_4(result: Study) -> report.Table:
     """Errors with the contact's wrench, beside the paper's."""
     return report.Table(
-        "Table IV: base parameters with several contacts, kg, kg m and kg m^2",
+        "Base parameters with several contacts (Table IV), kg, kg m and kg m²",
         *report.columns(
             parameter=result.fit.base.names,
             true_paper=[paper.TABLE_4[name][0] for name in result.fit.base.names],
@@ -42,7 +42,7 @@ def table_4(result: Study) -> report.Table:
 def table_4_ignoring(result: Study) -> report.Table:
     """What the ground wrench alone gives, beside the estimate from both wrenches."""
     return report.Table(
-        "The same recording with the contact taken into account and ignored, kg, kg m and kg m^2",
+        "The same recording with the contact taken into account and ignored, kg, kg m and kg m²",
         *report.columns(
             parameter=result.fit.base.names,
             true=result.fit.psi_true,

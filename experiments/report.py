@@ -5,6 +5,7 @@ import importlib.metadata
 import io
 import json
 import platform
+import re
 import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -12,6 +13,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from experiments.figures import parameter_symbol
 
 Cell = str | float | None
 
@@ -45,20 +48,21 @@ class Table:
         return out.getvalue()
 
     def markdown(self) -> str:
-        """A Markdown table, numbers right-aligned."""
+        """A Markdown table under its title, numbers right-aligned."""
         rule = ["---:" if numeric else "---" for numeric in self._numeric()]
         table = "".join(f"| {' | '.join(row)} |\n" for row in [self.columns, rule, *self._texts()])
-        return table + (f"\n\\* {self.footnote}\n" if self.footnote else "")
+        title = f"**{self.title}**\n\n" if self.title else ""
+        return title + table + (f"\n\\* {self.footnote}\n" if self.footnote else "")
 
     def tex(self) -> str:
-        """A LaTeX table that needs no packages."""
+        """A LaTeX table over both columns of a page; it needs no packages."""
         align = "".join("r" if numeric else "l" for numeric in self._numeric())
-        escaped = [[cell.replace("_", r"\_") for cell in row] for row in [self.columns, *self._texts()]]
-        head, *body = [f"{' & '.join(row)} \\\\\n" for row in escaped]
-        note = f"\\par\\smallskip * {self.footnote}\n" if self.footnote else ""
+        head, *body = [f"{' & '.join(map(_tex, row))} \\\\\n" for row in [self.columns, *self._texts()]]
+        note = f"\\par\\smallskip * {_tex(self.footnote)}\n" if self.footnote else ""
         return (
-            f"\\begin{{table}}\n\\caption{{{self.title}}}\n\\centering\n\\begin{{tabular}}{{{align}}}\n\\hline\n"
-            f"{head}\\hline\n{''.join(body)}\\hline\n\\end{{tabular}}\n{note}\\end{{table}}\n"
+            f"\\begin{{table*}}\n\\caption{{{_tex(self.title)}}}\n\\centering\\footnotesize\n"
+            f"\\begin{{tabular}}{{{align}}}\n\\hline\n{head}\\hline\n{''.join(body)}\\hline\n\\end{{tabular}}\n"
+            f"{note}\\end{{table*}}\n"
         )
 
     def text(self) -> str:
@@ -94,6 +98,18 @@ class Table:
 
     def _numeric(self) -> list[bool]:
         return [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
+
+
+_TEX = {"²": "$^2$", "π": r"$\pi$", "θ": r"$\theta$", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#"}
+
+
+def _tex(text: str) -> str:
+    """Plain text as LaTeX, with parameters as symbols and minus signs as such."""
+    words = re.sub(r"\b(?:m\d+(?:r[xyz]\d+)?|I[xyz]{2}\d+)\b", lambda match: parameter_symbol(match[0]), text)
+    outside = [
+        part if k % 2 else "".join(_TEX.get(c, c) for c in part) for k, part in enumerate(re.split(r"(\$.*?\$)", words))
+    ]
+    return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", "".join(outside))
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

@@ -98,12 +98,17 @@ def identify(
         psi=psi,
         std=np.linalg.norm(root, axis=1),
         covariance=root @ root.T,
-        condition_number=float(np.linalg.cond(Y_b[:, alive].reshape(count, base.rank))),
+        condition_number=_condition_number(Y_b[:, alive].reshape(count, base.rank)),
         rows=count,
         predicted=predicted,
         residual=wrench - predicted,
         epsilon=float(np.linalg.norm(wrench - predicted)),
     )
+
+
+def _condition_number(tall: np.ndarray) -> float:
+    """Condition number of a tall matrix, by the singular values of its triangular factor."""
+    return float(np.linalg.cond(linalg.qr(tall, mode="r")[0][: tall.shape[1]]))
 
 
 def _inverse_root(covariance: np.ndarray, alive: np.ndarray) -> np.ndarray:

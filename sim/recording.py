@@ -30,7 +30,8 @@ class Recording:
         measured: Measured channels (N,) or (N, d).
         true: The same channels without noise, empty where nobody knows them.
         units: Unit of each channel.
-        noise: Standard deviation of each channel's noise in its unit, as far as known.
+        noise: Standard deviation of each channel's noise in its unit, as far as known; for an orientation, of each
+            component of a rotation vector in rad.
         provenance: Where the recording comes from, in JSON's types.
     """
 

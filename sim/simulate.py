@@ -21,13 +21,19 @@ SAMPLES = 943
 LEAD_IN = 1.0
 """Seconds of motion before the recording starts, for servos and contacts to settle."""
 
+LOST = 0.2
+"""Tracking error, in rad, from which the servos have lost the excitation: at a joint limit or out of torque."""
+
+_JOINT_UNITS = {
+    mujoco.mjtSensor.mjSENS_JOINTPOS: "",
+    mujoco.mjtSensor.mjSENS_JOINTVEL: "/s",
+    mujoco.mjtSensor.mjSENS_USER: "/s²",
+}
+
 _SENSOR_UNITS = {
     mujoco.mjtSensor.mjSENS_TOUCH: "N",
     mujoco.mjtSensor.mjSENS_FORCE: "N",
     mujoco.mjtSensor.mjSENS_TORQUE: "N m",
-    mujoco.mjtSensor.mjSENS_JOINTPOS: "rad",
-    mujoco.mjtSensor.mjSENS_JOINTVEL: "rad/s",
-    mujoco.mjtSensor.mjSENS_USER: "rad/s²",
     mujoco.mjtSensor.mjSENS_FRAMEPOS: "m",
     mujoco.mjtSensor.mjSENS_FRAMEQUAT: "1",
 }
@@ -39,22 +45,17 @@ class Sensor:
 
     Attributes:
         name: Its name, the channel's in a recording.
-        kind: MuJoCo's type.
+        unit: Unit of its readings, empty if unknown.
         part: Its place in `sensordata`.
         noise: Declared standard deviation; for an orientation, of each component of a rotation vector in rad.
         dof: Degree of freedom whose acceleration a user sensor reports, None for sensors that MuJoCo fills itself.
     """
 
     name: str
-    kind: mujoco.mjtSensor
+    unit: str
     part: slice
     noise: float
     dof: int | None
-
-    @property
-    def unit(self) -> str:
-        """Unit of the readings."""
-        return _SENSOR_UNITS.get(self.kind, "")
 
 
 def sensors(model: mujoco.MjModel) -> list[Sensor]:
@@ -75,7 +76,11 @@ def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
             raise ValueError(f"User sensor '{name}' must report one number of a joint (objtype='joint', dim='1').")
         dof = int(model.jnt_dofadr[model.sensor_objid[i]])
     start = model.sensor_adr[i]
-    return Sensor(name, kind, slice(start, start + model.sensor_dim[i]), float(model.sensor_noise[i]), dof)
+    unit = _SENSOR_UNITS.get(kind, "")
+    if kind in _JOINT_UNITS:
+        slide = model.jnt_type[model.sensor_objid[i]] == mujoco.mjtJoint.mjJNT_SLIDE
+        unit = ("m" if slide else "rad") + _JOINT_UNITS[kind]
+    return Sensor(name, unit, slice(start, start + model.sensor_dim[i]), float(model.sensor_noise[i]), dof)
 
 
 def simulate(
@@ -98,11 +103,11 @@ def simulate(
         noise_scale: Factor on both kinds of noise; zero records the truth.
 
     Returns:
-        The recording, true values included. Its provenance gives the scene's hash, all arguments and the largest
-        tracking error.
+        The recording, true values included. Its provenance gives the scene's hash, the excitation, all other arguments
+        and the largest tracking error.
 
     Raises:
-        ValueError: The scene or an argument does not fit.
+        ValueError: The scene or an argument does not fit, or the servos lose the excitation.
     """
     if samples < 1:
         raise ValueError(f"A recording needs at least one sample, got {samples}.")
@@ -123,6 +128,8 @@ def simulate(
         provenance={
             "scene": spec.modelname,
             "scene_sha256": hashlib.sha256(spec.to_xml().encode()).hexdigest(),
+            "excitation": {key: np.asarray(x).tolist() for key, x in vars(excitation).items()},
+            "rate_hz": RATE,
             "samples": samples,
             "seed": seed,
             "noise_scale": noise_scale,
@@ -135,15 +142,17 @@ def simulate(
 def with_noise(recording: Recording, rng: np.random.Generator) -> Recording:
     """The recording with its sensors' noise drawn anew around the true values.
 
-    Noise is Gaussian and white. An orientation is turned by a random rotation vector in its own axes.
+    Noise is Gaussian and white, and none where no level is known. An orientation is turned by a random rotation vector
+    in its own axes.
     """
     measured = {}
     for name, true in recording.true.items():
+        std = recording.noise.get(name, 0.0)
         if name.endswith("_orientation"):
-            turn = Rotation.from_rotvec(recording.noise[name] * rng.normal(size=(len(true), 3)))
+            turn = Rotation.from_rotvec(std * rng.normal(size=(len(true), 3)))
             measured[name] = (Rotation.from_quat(true, scalar_first=True) * turn).as_quat(scalar_first=True)
         else:
-            measured[name] = true + recording.noise[name] * rng.normal(size=true.shape)
+            measured[name] = true + std * rng.normal(size=true.shape)
     return replace(recording, measured=measured)
 
 
@@ -180,6 +189,11 @@ def _run(
             for part, joint_dof in filled:
                 readings[k, part] = data.qacc[joint_dof]
             error = max(error, float(np.abs(data.qpos[qpos] - desired[0][step]).max()))
+            if error > LOST:
+                raise ValueError(
+                    f"The servos lost the excitation after {time[step]:.2f} s by {error:.2f} rad: it must stay within "
+                    "the joint and torque limits; noise on its acceleration drifts off in long recordings."
+                )
         mujoco.mj_step(model, data)
     return readings, error
 

@@ -80,7 +80,10 @@ def test_a_covariance_must_be_one(case):
 def test_weights_reduce_the_uncertainty(case):
     rng, Y, base, phi = case
     wrench = Y @ phi + STD * rng.normal(size=(200, 6))
-    assert (identify(Y, wrench, base, covariance=CONSTANT).std < 1.2 * identify(Y, wrench, base).std).all()
+    ratio = identify(Y, wrench, base, covariance=CONSTANT).std / identify(Y, wrench, base).std
+    # Ten times less noise on the moments is worth most where they say most; residuals know a std to some 10 %.
+    assert ratio.max() < 1.4
+    assert ratio.min() < 0.5
 
 
 def test_bad_numbers_are_refused(case):

@@ -33,8 +33,3 @@ def test_imports_point_one_way(path):
     package = path.relative_to(ROOT).parts[0]
     allowed = ALLOWED[package] | ({"ident"} if path.name in SIM_WITH_A_TREE else set())
     assert set(imported(path)) - STANDARD <= allowed
-
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_files_can_be_read_in_one_sitting(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 260

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from experiments import __main__, figures, misaligned, paper
+from experiments import figures, misaligned, misaligned_study, paper
 
 TABLES = [f"{name}.{suffix}" for name in ("table_3", "table_3_full") for suffix in ("csv", "md", "tex")]
 COLUMNS = [
@@ -148,14 +148,14 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, 
 
 
 def test_a_scene_without_a_needed_sensor_is_refused(tmp_path, capsys, monkeypatch):
-    load = misaligned.scenes.load
+    load = misaligned_study.scenes.load
 
     def crippled(name, **options):
         spec = load(name, **options)
         spec.sensor("joint2_acceleration").name = "other"
         return spec
 
-    monkeypatch.setattr(misaligned.scenes, "load", crippled)
+    monkeypatch.setattr(misaligned_study.scenes, "load", crippled)
     assert misaligned.main(["--out", str(tmp_path)]) == 2
     assert "no channel 'joint2_acceleration'; it has ground_force" in capsys.readouterr().err
 
@@ -180,10 +180,3 @@ def test_help_explains_every_option(capsys):
     text = capsys.readouterr().out
     for option in ("seed", "samples", "tilt-deg", "azimuth-deg", "noise-scale", "out", "formats"):
         assert f"--{option}" in text
-
-
-def test_everything_runs_with_one_command(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert __main__.main() == 0
-    assert (tmp_path / "results" / "misaligned" / "table_3.csv").exists()
-    assert [path.name for path in tmp_path.iterdir()] == ["results"]

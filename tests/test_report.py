@@ -16,6 +16,7 @@ def test_csv_keeps_all_digits():
 
 def test_markdown():
     assert TABLE.markdown() == (
+        "**Errors, kg**\n\n"
         "| parameter | error | paper |\n| --- | ---: | ---: |\n| m_1 | 0.000 | 0.500 |\n| Ixx2 | 0.333 | -2.000 |\n"
     )
 

@@ -1,0 +1,159 @@
+"""The contact scenes, with MuJoCo's own contact forces as the oracle of the load cell."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import scenes
+from experiments.multicontact_study import problem, total
+from ident.regressor import base_wrench_regressor
+from ident.wrench import transform_wrench
+from sim.excitation import DOUBLE_PENDULUM
+from sim.mujoco_model import gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
+from sim.simulate import simulate
+
+FREE = scenes.load("double_pendulum").compile()
+
+
+@pytest.fixture(scope="module", params=scenes.CONTACTS)
+def contact(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def recording(contact):
+    return simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+
+
+def test_the_mechanism_ends_at_the_load_cell(contact):
+    model = scenes.load("double_pendulum", contact=contact).compile()
+    assert tree_from_model(model).names == ("base", "link1", "link2")
+    np.testing.assert_array_equal(parameters_from_model(model), parameters_from_model(FREE))
+    body, pose = site_on_tree(model, "contact")
+    assert body == "link2"
+    np.testing.assert_allclose(pose[:3, 3], [0, 0, 0.4])
+
+
+def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact, recording):
+    known = problem(contact)
+    states = recording.joint_states(known.tree.joints)
+    data = mujoco.MjData(FREE)
+    expected = np.empty((len(recording.time), 6))
+    for k, (q, dq, ddq) in enumerate(zip(*states, strict=True)):
+        data.qpos, data.qvel, data.qacc = q, dq, ddq
+        mujoco.mj_inverse(FREE, data)
+        expected[k] = data.sensordata[:6]
+    found = total(known, recording).wrench
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * abs(expected).max())
+    assert abs(recording.wrench("ground") - expected).max() > 30
+
+
+def test_servos_still_track(recording):
+    assert recording.provenance["tracking_error_rad"] < 0.15
+
+
+def test_the_pad_is_touched_several_times():
+    recording = simulate(scenes.load("double_pendulum", contact="pad"), DOUBLE_PENDULUM, noise_scale=0)
+    touching = recording["pad_normal_force"] > 0
+    assert 0.25 < touching.mean() < 0.8
+    assert np.sum(~touching[:-1] & touching[1:]) >= 4
+    assert 40 < np.linalg.norm(recording["contact_force"], axis=1).max() < 400
+
+
+def test_the_pad_is_a_spring_with_friction():
+    model = scenes.load("double_pendulum", contact="pad").compile()
+    assert model.jnt_stiffness[model.joint("pad").id] == 400
+    assert model.geom_condim[model.geom("pad").id] == model.geom_condim[model.geom("tip").id] == 6
+    assert model.geom_friction[model.geom("pad").id][0] == 0.5
+
+
+def test_the_handle_keeps_all_six_components_alive():
+    recording = simulate(scenes.load("double_pendulum", contact="handle"), DOUBLE_PENDULUM, noise_scale=0)
+    assert (recording["contact_force"].std(axis=0) > 10).all()
+    assert (recording["contact_torque"].std(axis=0) > 1).all()
+    # A free moment: no single force on any line gives this wrench, because the moment is not normal to the force.
+    force, torque = recording["contact_force"], recording["contact_torque"]
+    pitch = np.abs(np.sum(force * torque, axis=1)) / np.linalg.norm(force, axis=1)
+    assert np.median(pitch) > 0.5
+
+
+def cell_state(contact):
+    """A state in contact, reached by simulating, with the model and the data."""
+    model = scenes.load("double_pendulum", contact=contact).compile()
+    recording = simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, samples=1, noise_scale=0)
+    data = mujoco.MjData(model)
+    data.qpos[:2], data.qvel[:2] = (x[0] for x in recording.joint_states(["joint1", "joint2"])[:2])
+    return model, data
+
+
+def test_load_cell_agrees_with_mujocos_contacts():
+    # The cell reads what link 2 exerts on cell and tip: their motion and weight less the contact force on them.
+    model, data = cell_state("pad")
+    data.qvel[:] = 0.3, -0.2, 0.1
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 1
+    frame, force = data.contact[0].frame.reshape(3, 3), np.zeros(6)
+    mujoco.mj_contactForce(model, data, 0, force)
+    # MuJoCo gives the force of the first geom on the second one, in the contact frame.
+    on_second = np.concatenate([frame.T @ force[:3], frame.T @ force[3:]])
+    tip_is_second = data.contact[0].geom2 == model.geom("tip").id
+    T_contact = np.eye(4)
+    T_contact[:3, 3] = data.contact[0].pos
+    on_tip = transform_wrench(T_contact, on_second if tip_is_second else -on_second)
+
+    tree = tree_from_model(model, beyond=())
+    phi = parameters_from_model(model, beyond=())
+    phi[:30] = 0
+    joints = [model.joint(name) for name in tree.joints]
+    state = [np.array([[x[j.qposadr[0] if k == 0 else j.dofadr[0]] for j in joints]])
+             for k, x in enumerate((data.qpos, data.qvel, data.qacc))]  # fmt: skip
+    gravity = gravity_in_base(model)
+    inertial = (base_wrench_regressor(tree, *state, gravity=gravity) @ phi)[0]
+    cell = tree.poses(state[0])[0, tree.names.index("load_cell")]
+    measured = np.concatenate([data.sensor("contact_force").data, data.sensor("contact_torque").data])
+    T_base = np.eye(4)
+    T_base[:3, 3] = -model.body("base").pos
+    expected = inertial - transform_wrench(T_base, on_tip)
+    np.testing.assert_allclose(transform_wrench(cell, measured), expected, atol=1e-9 * abs(measured).max())
+    assert abs(on_tip[:3]).max() > 5
+
+
+@pytest.mark.skipif(not hasattr(mujoco.mjtSensor, "mjSENS_CONTACT"), reason="this MuJoCo has no contact sensor")
+def test_mujocos_contact_and_touch_sensors_agree():
+    spec = scenes.load("double_pendulum", contact="pad")
+    spec.compile()
+    xml = spec.to_xml().replace(
+        "</sensor>", '<contact name="own" geom1="pad" geom2="tip" data="force" reduce="netforce"/></sensor>'
+    )
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    data.qpos[:2] = DOUBLE_PENDULUM.trajectory(np.zeros(1))[0][0]
+    mujoco.mj_forward(model, data)
+    force = np.zeros(6)
+    mujoco.mj_contactForce(model, data, 0, force)
+    assert force[0] > 5
+    assert np.isclose(data.sensor("pad_normal_force").data[0], force[0], rtol=1e-12)
+    assert np.isclose(np.linalg.norm(data.sensor("own").data), np.linalg.norm(force[:3]), rtol=1e-12)
+
+
+def test_a_hand_needs_something_to_hold():
+    spec = scenes.load("double_pendulum", contact="handle")
+    spec.compile()
+    xml = spec.to_xml()
+    start, end = xml.index("<equality>"), xml.index("</equality>")
+    loose = mujoco.MjSpec.from_string(xml[:start] + xml[end + len("</equality>") :])
+    with pytest.raises(ValueError, match="Mocap body 'handle' needs a weld whose body1 is what it holds"):
+        simulate(loose, DOUBLE_PENDULUM, samples=1)
+
+
+def test_unknown_contact_lists_the_known_ones():
+    with pytest.raises(ValueError, match="'wall'; the contacts are pad, handle"):
+        scenes.load("double_pendulum", contact="wall")
+
+
+def test_a_site_beyond_a_joint_is_not_on_the_mechanism():
+    model = scenes.load("double_pendulum", contact="pad").compile()
+    with pytest.raises(ValueError, match="'pad' is not fixed to a body of the mechanism"):
+        site_on_tree(model, "pad")
+    with pytest.raises(ValueError, match="no site named 'palm'; its sites are ground, link1"):
+        site_on_tree(model, "palm")

@@ -1,0 +1,46 @@
+import csv
+
+import numpy as np
+
+from experiments import mechanism, paper
+from experiments.__main__ import main as everything
+from ident.se3 import exp
+
+
+def test_figure_1_is_drawn_from_the_scene():
+    _, drawing = mechanism.mechanism()
+    q1, q2 = mechanism.DRAWN_AT
+    elbow = np.array([0, -0.425 * np.sin(q1), 1 + 0.425 * np.cos(q1)])
+    np.testing.assert_allclose(drawing.poses[2][:3, 3], elbow, atol=1e-12)
+    end = elbow + 0.4 * np.array([0, -np.sin(q1 + q2), np.cos(q1 + q2)])
+    np.testing.assert_allclose(drawing.end, end, atol=1e-12)
+    arm = exp([0, 0, 0, 1, 0, 0], q1 + q2)[:3, :3] @ [0.1, 0, 0.2]
+    np.testing.assert_allclose(drawing.masses[2], elbow + arm, atol=1e-12)
+    figure = mechanism.figure_1(drawing)
+    texts = {text.get_text() for text in figure.axes[0].texts}
+    assert {"$m_1$", "$m_2$", "$m_3$", "$l_1$", r"$\theta_1$", r"$\theta_2$"} <= texts
+    assert {"$g_1$, base", "$g_2$, link 1", "$g_3$, link 2"} <= {text.get_text() for text in figure.axes[1].texts}
+
+
+def test_table_2_is_that_of_the_paper():
+    tree, drawing = mechanism.mechanism()
+    rows = mechanism.table_2(tree, drawing.base).rows
+    assert [row[0] for row in rows] == ["base, i = 1", "link1, i = 2", "link2, i = 3"]
+    assert [row[2] for row in rows] == ["(0, 0, 1)", "(0, 0, 1)", "(0, 0, 1.425)"]
+    assert [row[3:] for row in rows] == [("(0, 0, 0)", "(0, 0, 0)"), *[("(0, 0, 0)", "(1, 0, 0)")] * 2]
+
+
+def test_everything_on_one_page(tmp_path):
+    out = tmp_path / "results"
+    assert everything(["--out", str(out), "--formats", "svg", "--trials", "4"]) == 0
+    assert {path.name for path in out.iterdir()} == {"mechanism", "misaligned", "multicontact", "index.html"}
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 7
+    assert "http" not in page.replace("https-free", "")
+    for number in ("Figure 1", "Figure 2", "Figure 3", "Figure 4", "Figure 5", "Table I,", "Table II,", "Table III"):
+        assert number in page
+    for row in csv.DictReader((out / "multicontact" / "table_4.csv").read_text().splitlines()):
+        assert f"{float(row['true_scene']):.3f}" in page
+    assert f"{paper.CONDITION_NUMBER_MULTICONTACT:g}" in page
+    assert "scene_sha256" in page
+    assert 'name="viewport"' in page and "@media print" in page

@@ -1,0 +1,109 @@
+"""Section VII: what the study must show, and its command line."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import scenes
+from experiments import multicontact, paper
+from experiments.multicontact_study import study
+
+
+@pytest.fixture(scope="module", params=scenes.CONTACTS)
+def contact(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def result(contact):
+    return study(contact=contact)
+
+
+def test_condition_number_and_shape(result):
+    assert result.fit.estimate.condition_number == pytest.approx(36.5, rel=0.1)
+    assert (result.fit.estimate.rows, result.fit.base.rank) == paper.SHAPE_MULTICONTACT
+    assert result.fit.base.names == tuple(paper.TABLE_4)
+
+
+def test_errors_at_default_noise(result):
+    error = dict(zip(result.fit.base.names, np.abs(result.fit.error), strict=True))
+    assert max(error.values()) <= 0.10
+    assert error["m1"] <= 0.02
+    assert all(e <= 0.05 for name, e in error.items() if "r" in name)
+
+
+def test_ignoring_the_contact_is_ten_times_worse(result):
+    assert np.max(np.abs(result.ignoring.error) / np.abs(result.fit.error)) > 10
+    assert np.abs(result.ignoring.error).max() > 10 * np.abs(result.fit.error).max()
+
+
+def test_without_noise_the_estimate_is_exact(contact):
+    assert np.abs(study(contact=contact, noise_scale=0).fit.error).max() < 1e-6
+
+
+def test_true_total_wrench_is_what_the_parameters_give(result):
+    noise_free = study(contact="pad", noise_scale=0)
+    np.testing.assert_allclose(noise_free.measured.wrench, noise_free.true.wrench, atol=1e-9)
+    assert result.measured.covariance.shape == (943, 6, 6)
+
+
+def test_the_scene_differs_from_the_paper_in_the_marked_entries_only(result):
+    for name, true in zip(result.fit.base.names, result.fit.psi_true, strict=True):
+        assert (abs(true - paper.TABLE_4[name][0]) > 0.006) == (name in multicontact.DIFFERS)
+
+
+def test_command_line_writes_everything(tmp_path, contact, result):
+    assert multicontact.main(["--out", str(tmp_path), "--contact", contact, "--formats", "png"]) == 0
+    tables = [f"{n}.{s}" for n in ("table_4", "table_4_ignoring") for s in ("csv", "md", "tex")]
+    expected = {*tables, "figure_4.png", "figure_5.png", "summary.json", "provenance.json"}
+    assert {file.name for file in tmp_path.iterdir()} == expected
+    rows = list(csv.DictReader((tmp_path / "table_4.csv").read_text().splitlines()))
+    assert list(rows[0]) == ["parameter", "true_paper", "true_scene", "error", "paper_error"]
+    np.testing.assert_array_equal([float(row["error"]) for row in rows], result.fit.error)
+    assert "Ixx3*" in (tmp_path / "table_4.md").read_text()
+    assert "parallel-axis terms" in (tmp_path / "table_4.md").read_text()
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["rank"], summary["rows"]) == (13, 4715)
+    assert summary["condition_number"] == result.fit.estimate.condition_number
+    assert json.loads((tmp_path / "provenance.json").read_text())["options"]["contact"] == contact
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path):
+    for run in "ab":
+        assert multicontact.main(["--out", str(tmp_path / run), "--seed", "5"]) == 0
+    for file in (tmp_path / "a").iterdir():
+        assert (tmp_path / "b" / file.name).read_bytes() == file.read_bytes(), file.name
+
+
+def test_figures_show_what_their_captions_say(result):
+    for component, ax in enumerate(multicontact.figure_4(result).axes):
+        k = component // 2 + 3 * (component % 2)
+        lines = {line.get_color(): line.get_ydata() for line in ax.get_lines()}
+        np.testing.assert_array_equal(lines["tab:red"], result.recording.wrench("ground")[:, k])
+        np.testing.assert_array_equal(lines["tab:blue"], result.true.wrench[:, k])
+        np.testing.assert_array_equal(lines["black"], result.fit.estimate.predicted[:, k])
+        error = multicontact.figure_5(result).axes[component].get_lines()[0].get_ydata()
+        np.testing.assert_array_equal(error, (result.measured.wrench - result.fit.estimate.predicted)[:, k])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--contact", "wall"], "invalid choice: 'wall'"),
+        (["--noise-scale", "nan"], "zero or more, got nan"),
+        (["--trials", "-1"], "at least 0, got '-1'"),
+        (["--workers", "0"], "at least 1, got '0'"),
+        (["--trials", "2", "--resume"], "--resume needs the trials of an earlier run"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, message):
+    try:
+        code = multicontact.main([*arguments, "--out", str(tmp_path)])
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
