@@ -59,7 +59,7 @@ def test_the_full_model_is_right(study):
 
 
 def test_the_axes_are_recovered_and_not_given(study):
-    assert 0 < study.axis_error.max() < np.radians(0.1)
+    assert 0 < study.axis_error.max() < np.radians(0.05)
     assert study.axis_error.max() < 4.5 * study.recovered.axes[0].std
     assert study.rank_apart == 15
 
@@ -93,7 +93,10 @@ def test_regrouping_the_papers_robot_gives_all_true_values_of_table_4():
 
 
 def test_the_papers_robot_is_no_rigid_body(noise_free):
-    assert np.linalg.eigvalsh(pseudo_inertia(VERBATIM[2])).min() < 0
+    # With any other inertias: a body whose mass lies at height z turns about x with at least m z².
+    for phi in VERBATIM[1:]:
+        assert phi[4] < phi[3] ** 2 / phi[0]
+        assert np.linalg.eigvalsh(pseudo_inertia(phi)).min() < 0
     # The physical scene differs from Table IV by parallel-axis terms only.
     differs = {
         name: true - paper.TABLE_4[name][0]

@@ -29,7 +29,7 @@ def test_recording_is_the_papers_in_length_and_rate(recording):
 
 
 def test_servos_track_the_excitation(recording):
-    assert recording.provenance["tracking_error_rad"] < 0.02
+    assert recording.provenance["tracking_error_rad"] < 0.0003
     excitation_rng, _ = np.random.default_rng(1).spawn(2)
     q, _, _ = DOUBLE_PENDULUM.trajectory(recording.time, excitation_rng)
     measured = recording.noise_free.joint_states(["joint1", "joint2"])[0]
