@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.se3 import hat
+from ident.se3 import Ad, hat
 from ident.tree import BASE, Body, Tree
 
 
@@ -63,6 +63,34 @@ def base_wrench_regressor(
         q_part, dq_part, ddq_part = (x[part].T for x in states)
         _fill(tree, q_part, dq_part, ddq_part, minus_g, out[:, :, part])
     return out.transpose(2, 1, 0)
+
+
+def joint_torque_regressor(
+    tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, *, gravity: np.ndarray
+) -> np.ndarray:
+    """Regressor of the joint torques, `τ_J = Y φ`: Eq. 11's projection `τ_Ji = ξ_iᵀ Γ_i` of the wrench on a link.
+
+    Args:
+        tree: The mechanism of b bodies and n joints.
+        q: Joint coordinates in rad or m (N, n); `dq`, `ddq` their first and second time derivatives (N, n).
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+
+    Returns:
+        Y (N, n, 10 b), rows in N m, or N for a prismatic joint.
+
+    Raises:
+        ValueError: The joint arrays do not have the shape (N, n).
+    """
+    Y = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity)
+    poses = tree.poses(np.asarray(q, float))
+    out = np.zeros((len(Y), len(tree.moving), Y.shape[2]))
+    for j, i in enumerate(tree.moving):
+        # The body's wrench about the base, times the joint's twist in the base frame: power is the same in any frame.
+        screw = (Ad(poses[:, i]) @ tree.bodies[i].twist)[:, None]
+        for k in tree.carried(i):
+            columns = slice(10 * k, 10 * k + 10)
+            out[:, j, columns] = (screw @ Y[:, :, columns])[:, 0]
+    return out
 
 
 def _fill(tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, minus_g: np.ndarray, out: np.ndarray) -> None:

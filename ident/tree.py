@@ -108,6 +108,14 @@ class Tree:
         """Names of the n joints, in the order of q."""
         return tuple(self.bodies[i].joint for i in self.moving)
 
+    def carried(self, i: int) -> tuple[int, ...]:
+        """Indices of body i and of all bodies on it."""
+        members = {i}
+        for k in range(i + 1, len(self.bodies)):
+            if self.bodies[k].parent in members:
+                members.add(k)
+        return tuple(sorted(members))
+
     def with_twists(self, twists: np.ndarray) -> "Tree":
         """The same tree with other joint twists, in the bodies' own frames (n, 6)."""
         bodies = list(self.bodies)

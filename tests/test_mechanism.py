@@ -1,6 +1,7 @@
 import csv
 
 import numpy as np
+from mechanisms import double_pendulum
 
 from experiments import mechanism, paper
 from experiments.__main__ import main as everything
@@ -28,6 +29,21 @@ def test_table_2_is_that_of_the_paper():
     assert [row[0] for row in rows] == ["base, i = 1", "link1, i = 2", "link2, i = 3"]
     assert [row[2] for row in rows] == ["(0, 0, 1)", "(0, 0, 1)", "(0, 0, 1.425)"]
     assert [row[3:] for row in rows] == [("(0, 0, 0)", "(0, 0, 0)"), *[("(0, 0, 0)", "(1, 0, 0)")] * 2]
+
+
+def test_table_1_as_printed_is_the_double_pendulum():
+    tree, drawing = mechanism.mechanism()
+    found = mechanism.tree_of_table_1(drawing.base, 0.425)
+    expected = double_pendulum(base=drawing.base)
+    assert found.names == ("2", "6", "10")
+    assert found.joints == ("4", "8")
+    assert mechanism.difference(found, expected) < 1e-14
+    assert mechanism.difference(mechanism.tree_of_table_1(np.zeros(3), 0.4), tree) > 0.01
+
+
+def test_the_command_prints_the_check(tmp_path, capsys):
+    assert mechanism.main(["--out", str(tmp_path), "--formats", "png"]) == 0
+    assert "Tables I and II are the same mechanism" in capsys.readouterr().out
 
 
 def test_everything_on_one_page(tmp_path):

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from mechanisms import double_pendulum, random_states, random_tree
+from mechanisms import double_pendulum, random_phi, random_states, random_tree
 
 from ident import dim, regressor
 
@@ -17,6 +17,16 @@ def test_closed_form_equals_the_papers_recursion(seed):
     tree = random_tree(rng)
     batched, single = both(tree, random_states(rng, tree, 5), rng.normal(size=3))
     np.testing.assert_allclose(batched, single, rtol=0, atol=1e-12 * abs(single).max())
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_joint_torques_are_those_of_the_recursion(seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng)
+    phi, states, gravity = random_phi(rng, len(tree.bodies)), random_states(rng, tree, 5), rng.normal(size=3)
+    found = regressor.joint_torque_regressor(tree, *states, gravity=gravity) @ phi
+    each = [dim.inverse_dynamics(tree, phi, *x, gravity=gravity)[1] for x in zip(*states, strict=True)]
+    np.testing.assert_allclose(found, each, rtol=0, atol=1e-12 * max(1, np.max(np.abs(each), initial=0)))
 
 
 def test_chunks_join_without_a_seam():
