@@ -7,7 +7,6 @@ import numpy as np
 
 from ident.base_parameters import BaseParameters, find_base_parameters
 from ident.estimate import Estimate, check_excitation, identify
-from ident.inertia import parameter_names
 from ident.regressor import base_wrench_regressor
 from ident.tree import Tree
 from sim.recording import Recording
@@ -52,7 +51,7 @@ def fit(
     """
     states = recording.joint_states(tree.joints)
     Y = base_wrench_regressor(tree, *states, gravity=gravity)
-    base = structural_base_parameters(tree, gravity, kept=kept)
+    base = find_base_parameters(tree, gravity=gravity, kept=kept)
     rng = np.random.default_rng(0)
     noise = recording.joint_noise(tree.joints)
     q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(states, noise, strict=True))
@@ -67,16 +66,3 @@ def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:
     for i in tree.moving:
         poses[:, i] = recording.poses(tree.bodies[i].name)
     return poses
-
-
-def structural_base_parameters(tree: Tree, gravity: np.ndarray, *, kept: Sequence[str] | None = None) -> BaseParameters:
-    """Base parameters of a mechanism whatever was recorded, from a regressor at random states.
-
-    Args:
-        tree: The mechanism.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
-        kept: Names of the base parameters; by default the first independent columns.
-    """
-    states = np.random.default_rng(0).normal(size=(3, 20 * len(tree.bodies), len(tree.moving)))
-    Y = base_wrench_regressor(tree, *states, gravity=gravity)
-    return find_base_parameters(Y, parameter_names(len(tree.bodies)), kept=kept)

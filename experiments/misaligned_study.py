@@ -6,7 +6,8 @@ import numpy as np
 
 import scenes
 from experiments import monte_carlo, paper
-from experiments.fitting import Fit, fit, measured_poses, structural_base_parameters
+from experiments.fitting import Fit, fit, measured_poses
+from ident.base_parameters import find_base_parameters
 from ident.screw import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
 from ident.tree import Tree
 from sim.excitation import DOUBLE_PENDULUM
@@ -86,7 +87,7 @@ def study(
     recovered, simplified, full_on_table = _both_models(known, recording, PARALLEL_SIGNIFICANCE)
     full = fit(recovered.tree, recording, known.phi_true, known.gravity)
     apart = recover_axes(known.design, measured_poses(known.design, recording), significance=1).tree
-    rank_apart = structural_base_parameters(apart, known.gravity).rank
+    rank_apart = find_base_parameters(apart, gravity=known.gravity).rank
     pairs = zip(recovered.tree.bodies, known.truth.bodies, strict=True)
     axis_error = np.array([angle(found.twist[3:], true.twist[3:]) for found, true in pairs if true.moves])
     return Study(recording, simplified, full, full_on_table, recovered, axis_error, rank_apart)

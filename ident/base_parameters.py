@@ -6,13 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
+from ident.inertia import parameter_names
+from ident.structure import Sensors, structure_matrix
+from ident.tree import Tree
+
+STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
+"""Acceleration of gravity along -Z of the base frame, m/s²."""
+
 ZERO_COLUMN = 1e-11
 """A column below this fraction of the largest column's norm is zero but for rounding."""
 
-SINGULAR = 1e-10
+SINGULAR = 1e-9
 """Singular values of the unit-norm columns below this fraction of the largest are zero but for rounding."""
 
-THRESHOLDS = 10.0 ** -np.arange(3, 11)
+THRESHOLDS = 10.0 ** -np.arange(4, 11)
 """Fractions of a column that must stick out of the span of the kept ones, tried in turn until those span all columns.
 Starting high keeps the choice well-conditioned where columns are nearly dependent."""
 
@@ -26,12 +33,14 @@ class BaseParameters:
         kept: Indices of the r columns kept.
         dependent: Indices of the other P - r columns.
         beta: How each dependent column is made of the kept ones, `Y[:, dependent] = Y[:, kept] beta` (r, P - r).
+        gap: Smallest singular value of the unit-norm columns that counted, and the largest taken for zero.
     """
 
     parameters: tuple[str, ...]
     kept: tuple[int, ...]
     dependent: tuple[int, ...]
     beta: np.ndarray
+    gap: tuple[float, float]
 
     @property
     def rank(self) -> int:
@@ -75,55 +84,59 @@ class BaseParameters:
 
 
 def find_base_parameters(
-    Y: np.ndarray, parameters: Sequence[str], *, kept: Sequence[str] | None = None
+    source: Tree | np.ndarray,
+    parameters: Sequence[str] | None = None,
+    *,
+    kept: Sequence[str] | None = None,
+    gravity: np.ndarray = STANDARD_GRAVITY,
+    sensors: Sensors | None = None,
 ) -> BaseParameters:
-    """Rank and regrouping of a regressor.
+    """Rank and regrouping of a mechanism, from its structure, or of a regressor, from its numbers.
 
     The rank is that of the unit-norm columns, by singular values. Columns are then taken from left to right and kept
     while they are independent of those kept before, the rule behind the names in the paper's tables.
 
     Args:
-        Y: Regressor at well-spread states (…, P), at least as many rows as its rank.
-        parameters: Names of the P columns.
+        source: A tree, which needs no data and gives coefficients to rounding; or a regressor at well-spread states
+            (…, P), with at least as many rows as its rank.
+        parameters: Names of the P columns; by default `ident.inertia.parameter_names`.
         kept: Names to use as base parameters instead of the first independent ones, so that two models can be
             compared on the same set.
+        gravity: For a tree: acceleration of gravity in the base frame, m/s² (3,).
+        sensors: For a tree: what is measured, by default the base wrench of a resting base.
 
     Returns:
         The regrouping. Coefficients below 1e-9 are rounding and set to zero.
 
     Raises:
-        ValueError: A pinned name is unknown, or the pinned set is not a basis of the columns.
+        ValueError: Names do not fit the columns, or a pinned name is unknown or the pinned set no basis of them.
     """
-    parameters = tuple(parameters)
+    Y = structure_matrix(source, gravity=gravity, sensors=sensors) if isinstance(source, Tree) else source
     columns = Y.reshape(-1, Y.shape[-1])
-    if columns.shape[1] != len(parameters):
-        raise ValueError(f"A regressor of {columns.shape[1]} columns needs as many names, got {len(parameters)}.")
+    names = tuple(parameter_names(columns.shape[1] // 10) if parameters is None else parameters)
+    if columns.shape[1] != len(names):
+        raise ValueError(f"A regressor of {columns.shape[1]} columns needs as many names, got {len(names)}.")
     # Dependencies between columns survive the QR's rotation of the rows, which leaves at most P of them.
     triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
     norms = np.linalg.norm(triangle, axis=0)
     seen = norms > ZERO_COLUMN * norms.max(initial=0)
     unit = np.where(seen, triangle / np.where(seen, norms, 1), 0)
 
-    rank = _rank(unit)
+    s = np.linalg.svd(unit, compute_uv=False)
+    rank = _rank(s)
     first = _first_independent(unit, rank)
-    chosen = first if kept is None else _indices(kept, parameters)
-    others = [k for k in range(len(parameters)) if k not in chosen]
-    if not _rank(unit[:, chosen]) == len(chosen) == rank:
-        raise ValueError(
-            f"The pinned base parameters {', '.join(parameters[k] for k in chosen)} are no basis: {len(chosen)} names "
-            f"of rank {_rank(unit[:, chosen])}, where the regressor has rank {rank}; its first independent columns are "
-            f"{', '.join(parameters[k] for k in first)}."
-        )
-    scaled = linalg.lstsq(unit[:, chosen], unit[:, others])[0]
+    chosen = first if kept is None else _basis(kept, names, unit, first)
+    others = [k for k in range(len(names)) if k not in chosen]
+    scaled = np.linalg.lstsq(unit[:, chosen], unit[:, others], rcond=None)[0]
     beta = np.where(seen[others], scaled * norms[others] / norms[chosen][:, None], 0)
     beta[np.abs(beta) < 1e-9] = 0
-    return BaseParameters(parameters, tuple(chosen), tuple(others), beta)
+    gap = (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
+    return BaseParameters(names, tuple(chosen), tuple(others), beta, gap)
 
 
-def _rank(unit: np.ndarray) -> int:
-    """Rank of unit (or zero) columns."""
-    s = np.linalg.svd(unit, compute_uv=False)
-    return int(np.sum(s > SINGULAR * s.max(initial=0)))
+def _rank(singular_values: np.ndarray) -> int:
+    """Number of singular values that are more than rounding."""
+    return int(np.sum(singular_values > SINGULAR * singular_values.max(initial=0)))
 
 
 def _first_independent(unit: np.ndarray, rank: int) -> list[int]:
@@ -143,11 +156,20 @@ def _first_independent(unit: np.ndarray, rank: int) -> list[int]:
     return kept
 
 
-def _indices(names: Sequence[str], parameters: tuple[str, ...]) -> list[int]:
-    unknown = [name for name in names if name not in parameters]
+def _basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first: list[int]) -> list[int]:
+    """Indices of pinned names, which must be as good a basis as the first independent columns."""
+    unknown = [name for name in kept if name not in names]
     if unknown:
-        raise ValueError(f"No parameter is named {', '.join(unknown)}; the names are {', '.join(parameters)}.")
-    return [parameters.index(name) for name in names]
+        raise ValueError(f"No parameter is named {', '.join(unknown)}; the names are {', '.join(names)}.")
+    chosen = [names.index(name) for name in kept]
+    found = _rank(np.linalg.svd(unit[:, chosen], compute_uv=False))
+    if not found == len(chosen) == len(first):
+        raise ValueError(
+            f"The pinned base parameters {', '.join(kept)} are no basis: {len(chosen)} names of rank {found}, where "
+            f"the regressor has rank {len(first)}; its first independent columns are "
+            f"{', '.join(names[k] for k in first)}."
+        )
+    return chosen
 
 
 def _term(coefficient: float, name: str, digits: int) -> str:

@@ -89,3 +89,12 @@ def pseudo_inertia(phi: np.ndarray) -> np.ndarray:
     J[..., :3, 3] = J[..., 3, :3] = phi[..., 1:4]
     J[..., 3, 3] = phi[..., 0]
     return J
+
+
+def parameters_from_pseudo_inertia(J: np.ndarray) -> np.ndarray:
+    """φ of a pseudo-inertia: the inverse of `pseudo_inertia`, (…, 4, 4) -> (…, 10)."""
+    J = np.asarray(J, float)
+    second = J[..., :3, :3]
+    inertia = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second
+    entries = inertia[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return np.concatenate([J[..., 3:, 3], J[..., :3, 3], entries], axis=-1)

@@ -8,7 +8,8 @@ from mechanisms import GRAVITY, double_pendulum
 
 import scenes
 from experiments import misaligned, paper
-from experiments.fitting import fit, structural_base_parameters
+from experiments.fitting import fit
+from ident.base_parameters import find_base_parameters
 from ident.inertia import pseudo_inertia
 from sim.excitation import DOUBLE_PENDULUM
 from sim.mujoco_model import parameters_from_model, tree_from_model
@@ -87,7 +88,7 @@ VERBATIM[2, [0, 1, 3, 4]] = 13.2939, 13.2939 * 0.1, 13.2939 * 0.2, 0.41
 
 
 def test_regrouping_the_papers_robot_gives_all_true_values_of_table_4():
-    base = structural_base_parameters(double_pendulum(), GRAVITY)
+    base = find_base_parameters(double_pendulum())
     psi = dict(zip(base.names, base.regroup(VERBATIM.ravel()), strict=True))
     assert {name: round(value, 2) + 0.0 for name, value in psi.items()} == {k: v for k, (v, _) in paper.TABLE_4.items()}
 

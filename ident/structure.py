@@ -1,0 +1,165 @@
+"""What a mechanism's structure lets a sensor see, without any data: rows that span those of every possible regressor.
+
+Seen from joint j, all bodies beyond it are one composite body, whose φ in frame j is `φᶜ_j = φ_j + Σ_c X_c(θ_c) φᶜ_c`
+over the children c. Some φ has no effect on a sensor in any motion exactly when, at every joint and for every posture
+beyond it, certain rows vanish on φᶜ_j: those of the momentum regressor (Eq. 12) for the joint's twist, and for gravity.
+Each X_c is a sum of linearly independent functions of θ_c with constant matrices; what multiplies the constant function
+stays with the row, what multiplies any other function must vanish on its own and becomes a row on the child. Walking
+outward once collects them all. Wensing, Niemeyer and Slotine (Observability in Inertial Parameter Identification, 2017)
+have the same idea for joint torques.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.dim import momentum_regressor
+from ident.inertia import parameters_from_pseudo_inertia, pseudo_inertia
+from ident.se3 import Ad, exp, hat, inverse
+from ident.tree import BASE, Body, Tree
+
+ROUNDING = 1e-10
+"""Singular values below this fraction of the largest are rounding."""
+
+POSTURES = np.array([0.0, 0.5, -0.7, 1.1, -1.6, 2.3, -2.9])
+"""Joint coordinates whose adjoints span those of every coordinate."""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Which measurements are there.
+
+    Attributes:
+        base_wrench: The total wrench at the base.
+        joint_torques: The torques of all joints.
+        moving_base: Whether the base moves freely (and is tracked), instead of resting.
+    """
+
+    base_wrench: bool = True
+    joint_torques: bool = False
+    moving_base: bool = False
+
+
+def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None = None) -> np.ndarray:
+    """Rows that span the rows of the sensors' regressor over all states.
+
+    Args:
+        tree: The mechanism of b bodies.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        sensors: The measurements; by default the base wrench of a resting base.
+
+    Returns:
+        A matrix (rows, 10 b) with the dependencies between columns that the regressor has for general motions.
+    """
+    sensors = sensors or Sensors()
+    weight = np.concatenate([-np.asarray(gravity, float), np.zeros(3)])[None]
+    moving = np.eye(6) if sensors.moving_base else np.zeros((0, 6))
+    composite = _composites(tree)
+
+    # For {0} and every body: rows on its composite, and the twists and gravity's accelerations that it can have.
+    on_base = [momentum_regressor(V) for V in (*weight, *moving)] if sensors.base_wrench else []
+    rows, twists, weights = {BASE: _span(on_base, 10)}, {BASE: moving}, {BASE: weight}
+    constraints = [rows[BASE] @ composite[BASE]]
+    for i, body in enumerate(tree.bodies):
+        constant, varying = _transfer(body)
+        twists[i] = _span([_carried(twists[body.parent], body), body.twist[None]], 6)
+        weights[i] = _span([_carried(weights[body.parent], body)], 6)
+        fresh = [rows[body.parent] @ K for K in varying]
+        if body.moves:
+            fresh += _joint_rows(body.twist, twists[i], weights[i], sensors)
+        required = _span(fresh, 10)
+        constraints.append(required @ composite[i])
+        rows[i] = _span([required, rows[body.parent] @ constant], 10)
+    return np.vstack(constraints)
+
+
+def _joint_rows(twist: np.ndarray, twists: np.ndarray, weights: np.ndarray, sensors: Sensors) -> list[np.ndarray]:
+    """Rows on a joint's composite: what its motion does to the base, and what its torque feels."""
+    momentum = momentum_regressor(twist)
+    rows = [momentum] if sensors.base_wrench else []
+    if sensors.joint_torques:
+        rows.append(twists @ momentum)
+        rows += [twist[None] @ momentum_regressor(weight) for weight in weights]
+    return rows
+
+
+def _composites(tree: Tree) -> dict[int, np.ndarray]:
+    """For {0} and every body, the part of its composite's φ that no posture changes, from the stacked φ (10, 10 b)."""
+    b = len(tree.bodies)
+    composite = {i: np.eye(10 * b)[10 * i : 10 * i + 10] for i in range(b)} | {BASE: np.zeros((10, 10 * b))}
+    for i in reversed(range(b)):
+        composite[tree.bodies[i].parent] = (
+            composite[tree.bodies[i].parent] + _transfer(tree.bodies[i])[0] @ composite[i]
+        )
+    return composite
+
+
+def _transfer(body: Body) -> tuple[np.ndarray, list[np.ndarray]]:
+    """φ moved from a body's frame to its parent's: the constant part, and the parts that vary with θ (10, 10).
+
+    The pose is `T(θ) = T_1 + T_s sin θ + T_c cos θ + T_θ θ` and the pseudo-inertia moves as `T J Tᵀ`; of the products,
+    `sin²` is written as `1 - cos²`, the others are linearly independent.
+    """
+    v, w = body.twist[:3], hat(body.twist[3:])
+    ww = w @ w
+    parts = {
+        "1": _matrix(np.eye(3) + ww, w @ v, 1),
+        "s": _matrix(w, -ww @ v, 0),
+        "c": _matrix(-ww, -w @ v, 0),
+        "θ": _matrix(np.zeros((3, 3)), v + ww @ v, 0),
+    }
+    poses = {name: body.home @ part for name, part in parts.items() if part.any()}
+    moved: dict[str, np.ndarray] = {}
+    for a, A in poses.items():
+        for b, B in poses.items():
+            product = "".join(sorted(a + b)).replace("1", "") or "1"
+            moved[product] = moved.get(product, 0) + A @ pseudo_inertia(np.eye(10)) @ B.T
+    if "ss" in moved:
+        squared = moved.pop("ss")
+        moved["1"] = moved["1"] + squared
+        moved["cc"] = moved["cc"] - squared
+    matrices = {name: parameters_from_pseudo_inertia(J).T for name, J in moved.items()}
+    return matrices.pop("1"), list(matrices.values())
+
+
+def _matrix(rotation: np.ndarray, translation: np.ndarray, corner: float) -> np.ndarray:
+    return np.block([[rotation, translation[:, None]], [np.zeros((1, 3)), np.array([[corner]])]])
+
+
+def _carried(vectors: np.ndarray, body: Body) -> np.ndarray:
+    """Twists of a parent's frame, written in a body's frame at every posture of the joint between them (k, 6)."""
+    to_body = Ad(inverse(body.home @ exp(body.twist, POSTURES)))
+    return (to_body @ vectors.T).swapaxes(1, 2).reshape(-1, 6)
+
+
+def _span(parts: list[np.ndarray], width: int) -> np.ndarray:
+    """Orthonormal rows that span the rows of some matrices."""
+    rows = np.vstack([np.zeros((0, width)), *parts])
+    _, s, vt = np.linalg.svd(rows, full_matrices=False)
+    return vt[s > ROUNDING * s.max(initial=0)]
+
+
+def separating_sensors(tree: Tree, *, gravity: np.ndarray) -> dict[str, int]:
+    """How many more combinations of φ further measurements would show than the base wrench of a resting base.
+
+    Args:
+        tree: The mechanism.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+
+    Returns:
+        Gain in rank for `joint torques`, for a `moving base`, and for axes that are `not parallel` to one another.
+    """
+
+    def rank(mechanism: Tree, sensors: Sensors) -> int:
+        return len(_span([structure_matrix(mechanism, gravity=gravity, sensors=sensors)], 10 * len(tree.bodies)))
+
+    skewed = []
+    for k, i in enumerate(tree.moving):
+        turn = exp(np.array([0.0, 0, 0, *np.roll([0.6, 0.64, 0.48], k)]), 0.3 + 0.1 * k)
+        skewed.append(Ad(turn) @ tree.bodies[i].twist)
+    now = rank(tree, Sensors())
+    return {
+        "joint torques": rank(tree, Sensors(joint_torques=True)) - now,
+        "moving base": rank(tree, Sensors(moving_base=True)) - now,
+        "not parallel": rank(tree.with_twists(np.array(skewed).reshape(-1, 6)), Sensors()) - now,
+    }

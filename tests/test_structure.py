@@ -1,0 +1,97 @@
+"""The structural rank and regrouping against the numeric ones, OpenSYMORO's, and known formulas."""
+
+import json
+
+import numpy as np
+import pytest
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree, tilted_axis
+from test_against_opensymoro import DATA, tree_of
+
+from ident.base_parameters import find_base_parameters
+from ident.inertia import parameter_names, parameters_from_pseudo_inertia, pseudo_inertia
+from ident.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.structure import Sensors, separating_sensors, structure_matrix
+
+BASE_WRENCH, TORQUES, BOTH = Sensors(), Sensors(False, True), Sensors(True, True)
+
+
+def test_coefficients_are_exact():
+    base = find_base_parameters(double_pendulum())
+    coefficients = {round(abs(c), 9): abs(c) for c in base.beta[base.beta != 0]}
+    for exact in (0.425, 0.425**2, 1.0):
+        assert abs(coefficients[round(exact, 9)] - exact) < 1e-15
+
+
+@pytest.mark.parametrize("sensors", [BASE_WRENCH, TORQUES, BOTH], ids=["wrench", "torques", "both"])
+@pytest.mark.parametrize("seed", range(100))
+def test_structure_equals_the_regressor_at_random_states(seed, sensors):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, int(rng.integers(2, 9)), kinds=("revolute", "prismatic", "welded"))
+    gravity = 5 * rng.normal(size=3)
+    states = random_states(rng, tree, 20 * len(tree.bodies))
+    parts = []
+    if sensors.base_wrench:
+        parts.append(base_wrench_regressor(tree, *states, gravity=gravity))
+    if sensors.joint_torques:
+        parts.append(joint_torque_regressor(tree, *states, gravity=gravity))
+    Y = np.concatenate(parts, axis=1)
+    if not Y.size:
+        pytest.skip("nothing moves")
+    numeric = find_base_parameters(Y, parameter_names(len(tree.bodies)))
+    exact = find_base_parameters(tree, gravity=gravity, sensors=sensors)
+    assert exact.names == numeric.names
+    np.testing.assert_allclose(exact.beta, numeric.beta, rtol=0, atol=1e-9 * max(1, abs(exact.beta).max()))
+    assert exact.gap[0] > 1e-6 > 1e-12 > exact.gap[1]
+
+
+@pytest.mark.parametrize("path", DATA, ids=lambda path: path.stem)
+@pytest.mark.parametrize(("key", "sensors"), [("base_wrench", BASE_WRENCH), ("joint_torque", TORQUES)])
+def test_structure_equals_opensymoros_regrouping(path, key, sensors):
+    golden = json.loads(path.read_text(encoding="utf-8"))
+    expected = golden[f"grouping_{key}"]
+    tree = tree_of(golden)
+    base = find_base_parameters(tree, golden["parameters"], gravity=np.array(golden["gravity"]), sensors=sensors)
+    assert base.rank == expected["rank"]
+    assert list(base.names) == expected["kept"]
+
+
+def test_ranks_of_axes_that_are_not_parallel():
+    tree = double_pendulum(tilted_axis(5, 0), tilted_axis(5, 90))
+    assert find_base_parameters(tree).rank == 15
+    assert find_base_parameters(tree, sensors=TORQUES).rank == 10
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 12])
+def test_rank_of_a_floating_chain_of_revolute_joints(n):
+    rng = np.random.default_rng(n)
+    tree = random_tree(rng, n, kinds=("revolute",))
+    assert find_base_parameters(tree, sensors=Sensors(moving_base=True)).rank == 10 + 7 * (n - 1)
+
+
+def test_regrouping_keeps_the_wrench():
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, 8)
+    base, phi = find_base_parameters(tree, gravity=GRAVITY), random_phi(rng, 8)
+    Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=GRAVITY)
+    expected = Y @ phi
+    np.testing.assert_allclose(base.reduce(Y) @ base.regroup(phi), expected, atol=1e-11 * abs(expected).max())
+
+
+def test_without_gravity_less_is_seen():
+    assert find_base_parameters(double_pendulum(), gravity=np.zeros(3)).rank < 13
+
+
+def test_which_sensor_would_separate_more():
+    gains = separating_sensors(double_pendulum(), gravity=GRAVITY)
+    assert gains == {"joint torques": 0, "moving base": 24 - 13, "not parallel": 2}
+
+
+def test_structure_of_a_welded_tree_is_its_weight():
+    tree = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
+    assert structure_matrix(tree, gravity=GRAVITY).shape[1] == 30
+    assert find_base_parameters(tree).names == ("m1", "m1rx1", "m1ry1")
+
+
+def test_pseudo_inertia_and_back():
+    phi = random_phi(np.random.default_rng(0), 4).reshape(4, 10)
+    np.testing.assert_allclose(parameters_from_pseudo_inertia(pseudo_inertia(phi)), phi, atol=1e-14)
