@@ -182,7 +182,7 @@ def run(args: argparse.Namespace) -> None:
     """Writes and prints the mechanism."""
     tree, drawing = mechanism()
     tables = {"table_1": table_1(), "table_2": table_2(tree, drawing.base)}
-    with report.results_folder(args.out) as folder:
+    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
         figures.save(figure_1(drawing), folder, "figure_1", args.formats)
         for name, table in tables.items():
             table.write(folder, name)

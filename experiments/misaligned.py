@@ -148,21 +148,15 @@ def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
     choices = {key: getattr(args, key) for key in ("seed", "samples", "tilt_deg", "azimuth_deg", "noise_scale")}
     result = study(**choices)
-    origin = report.provenance(choices | {"formats": args.formats}, dict(result.recording.provenance))
-    with report.results_folder(args.out) as folder:
-        write(result, folder, args.formats)
-        report.write_json(folder / "provenance.json", origin)
-    print(report_text(result))
-    if args.trials:
-        scene = {"name": SCENE, "tilt_deg": args.tilt_deg, "azimuth_deg": args.azimuth_deg}
-        draw = monte_carlo.Draw.of(args, scene, result.recording)
-        analyse = partial(trial, problem(args.tilt_deg, args.azimuth_deg))
-        names = result.simplified.base.names
-        published = {
-            model: [paper.TABLE_3[name][k] for name in names] for k, model in enumerate(("simplified", "full"))
-        }
-        monte_carlo.study(draw, analyse, names, published, args)
-    print(f"Tables, figures, summary and provenance are in {args.out}.")
+    names = result.simplified.base.names
+    plan = monte_carlo.Plan(
+        scene={"name": SCENE, "tilt_deg": args.tilt_deg, "azimuth_deg": args.azimuth_deg},
+        analyse=partial(trial, problem(args.tilt_deg, args.azimuth_deg)),
+        names=names,
+        published={m: [paper.TABLE_3[n][k] for n in names] for k, m in enumerate(("simplified", "full"))},
+    )
+    writing = partial(write, result, formats=args.formats)
+    monte_carlo.conclude(args, choices, result.recording, plan, writing, report_text(result))
 
 
 def parser() -> argparse.ArgumentParser:

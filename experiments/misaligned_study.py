@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import scenes
-from experiments import monte_carlo, paper
+from experiments import paper, trials
 from experiments.fitting import Fit, fit, measured_poses
 from ident.base_parameters import find_base_parameters
 from ident.screw import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
@@ -100,20 +100,20 @@ def problem(tilt_deg: float, azimuth_deg: float) -> Problem:
     return Problem(design, tree_from_model(model), parameters_from_model(model), gravity_in_base(model))
 
 
-def trial(known: Problem, recording: Recording) -> monte_carlo.Outcome:
+def trial(known: Problem, recording: Recording) -> trials.Outcome:
     """Errors of both models from one recording, the axes always recovered as one direction."""
     _, simplified, full = _both_models(known, recording, significance=0)
-    return monte_carlo.outcome(simplified, full)
+    return trials.outcome(simplified, full)
 
 
 def _both_models(known: Problem, recording: Recording, significance: float) -> tuple[RecoveredAxes, Fit, Fit]:
     """Recovered axes, simplified model, and full model on the simplified one's parameters."""
+    simplified = fit(known.design, recording, known.phi_true, known.gravity)
     recovered = recover_axes(known.design, measured_poses(known.design, recording), significance=significance)
     if len(recovered.groups) > 1:
         raise ValueError(
             f"The recovered axes are not parallel (p = {recovered.p_values[1]:.1e}), but Table III's names need rank "
             "13, which only parallel axes have; try another seed or less noise."
         )
-    simplified = fit(known.design, recording, known.phi_true, known.gravity)
     names = simplified.base.names
     return recovered, simplified, fit(recovered.tree, recording, known.phi_true, known.gravity, kept=names)

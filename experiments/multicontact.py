@@ -135,18 +135,15 @@ def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
     choices = {key: getattr(args, key) for key in ("seed", "samples", "contact", "noise_scale")}
     result = study(**choices)
-    origin = report.provenance(choices | {"formats": args.formats}, dict(result.recording.provenance))
-    with report.results_folder(args.out) as folder:
-        write(result, folder, args.formats)
-        report.write_json(folder / "provenance.json", origin)
-    print(report_text(result))
-    if args.trials:
-        draw = monte_carlo.Draw.of(args, {"name": SCENE, "contact": args.contact}, result.recording)
-        analyse = partial(trial, problem(args.contact))
-        names = result.fit.base.names
-        published = {"multicontact": [paper.TABLE_4[name][1] for name in names]}
-        monte_carlo.study(draw, analyse, names, published, args)
-    print(f"Tables, figures, summary and provenance are in {args.out}.")
+    names = result.fit.base.names
+    plan = monte_carlo.Plan(
+        scene={"name": SCENE, "contact": args.contact},
+        analyse=partial(trial, problem(args.contact)),
+        names=names,
+        published={"multicontact": [paper.TABLE_4[name][1] for name in names]},
+    )
+    writing = partial(write, result, formats=args.formats)
+    monte_carlo.conclude(args, choices, result.recording, plan, writing, report_text(result))
 
 
 def parser() -> argparse.ArgumentParser:

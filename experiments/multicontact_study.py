@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import scenes
-from experiments import monte_carlo
+from experiments import trials
 from experiments.fitting import Fit, fit
 from ident.tree import Tree
 from ident.wrench import Contact, TotalWrench, total_wrench
@@ -108,7 +108,7 @@ def total(known: Problem, recording: Recording) -> TotalWrench:
     )
 
 
-def trial(known: Problem, recording: Recording) -> monte_carlo.Outcome:
+def trial(known: Problem, recording: Recording) -> trials.Outcome:
     """Errors from one recording, with the contact's wrench."""
     wrench = total(known, recording).wrench
-    return monte_carlo.outcome(fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench))
+    return trials.outcome(fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench))

@@ -1,12 +1,16 @@
 """Command-line options that the studies share, and how they end."""
 
 import argparse
+import io
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from experiments.figures import FORMATS
-from experiments.monte_carlo import REDRAWN
+from experiments.trials import REDRAWN
 from sim.simulate import SAMPLES
 
 
@@ -30,8 +34,10 @@ def output_parser(name: str, description: str | None) -> argparse.ArgumentParser
 def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser with the options of every simulated study; arguments as for `output_parser`."""
     parser = output_parser(name, description)
-    parser.add_argument("--seed", type=_at_least(0), default=0, help="seed of all noise")
-    parser.add_argument("--samples", type=_at_least(1), default=SAMPLES, help="samples recorded at 100 Hz")
+    parser.add_argument("--seed", type=_whole_number(0), default=0, help="seed of all noise")
+    parser.add_argument(
+        "--samples", type=_whole_number(1, 1_000_000), default=SAMPLES, help="samples recorded at 100 Hz"
+    )
     parser.add_argument(
         "--noise-scale", type=float, default=1.0, help="factor on the scene's and the excitation's noise"
     )
@@ -49,8 +55,8 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
 def add_trials(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Adds the options that every Monte Carlo run has, and returns their group."""
     several = parser.add_argument_group("Monte Carlo")
-    several.add_argument("--trials", type=_at_least(0), default=0, help="trials with noise drawn anew")
-    several.add_argument("--workers", type=_at_least(1), default=1, help="processes for the trials")
+    several.add_argument("--trials", type=_whole_number(2, also=0), default=0, help="trials with noise drawn anew")
+    several.add_argument("--workers", type=_whole_number(1, 1024), default=1, help="processes for the trials")
     return several
 
 
@@ -67,26 +73,47 @@ def run(
     Returns:
         Exit code: 0, 2 for bad input, or 130 when interrupted.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     options = parser.parse_args(argv)
     try:
-        study(options)
-    except (ValueError, OSError) as error:
+        with _terminating_as_interrupt():
+            study(options)
+    except (ValueError, OSError, MemoryError) as error:
         print(f"{parser.prog}: error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f"{parser.prog}: interrupted; earlier results are as they were.", file=sys.stderr)
+        print(f"{parser.prog}: interrupted; every file is whole.", file=sys.stderr)
         return 130
     return 0
 
 
-def _at_least(minimum: int) -> Callable[[str], int]:
+@contextmanager
+def _terminating_as_interrupt() -> Iterator[None]:
+    """Makes a request to terminate end a block as Ctrl-C does, so that it cleans up."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:
+    """Type of an option: a whole number in a range, or one value outside it."""
+    needed = f"at least {minimum}" if maximum is None else f"{minimum} to {maximum}"
+    needed = needed if also is None else f"{needed}, or {also}"
+
     def number(text: str) -> int:
         try:
             value = int(text)
         except ValueError:
-            value = minimum - 1
-        if value < minimum:
-            raise argparse.ArgumentTypeError(f"needs a whole number of at least {minimum}, got '{text}'")
+            raise argparse.ArgumentTypeError(f"needs a whole number of {needed}, got '{text}'") from None
+        if value != also and not minimum <= value <= (value if maximum is None else maximum):
+            raise argparse.ArgumentTypeError(f"needs a whole number of {needed}, got '{text}'")
         return value
 
     return number

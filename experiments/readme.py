@@ -1,10 +1,12 @@
 """Writes the generated parts of README.md: `python -m experiments.readme`, from the root of a checkout."""
 
+import argparse
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from experiments import figures, misaligned, misaligned_study, multicontact, multicontact_study, report
+from experiments import figures, misaligned, misaligned_study, multicontact, multicontact_study, options, report
 from sim.atomic import replacing
 
 
@@ -45,16 +47,25 @@ def with_block(text: str, name: str, content: str) -> str:
     return pattern.sub(lambda match: f"{match[1]}{content}{match[2]}", text)
 
 
-def main() -> int:
-    """Entry point; returns the exit code."""
-    readme = Path("README.md")
+def run(args: argparse.Namespace) -> None:
+    """Writes README.md and its figure anew."""
+    readme, figure = args.root / "README.md", args.root / "docs"
+    if not (readme.is_file() and figure.is_dir()):
+        raise ValueError(f"The root of a checkout has a README.md and a folder docs; '{args.root}' has not.")
     tilted, touching = misaligned_study.study(), multicontact_study.study()
     text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted))
     text = with_block(text, "table 4", table_4(touching))
-    figures.save(misaligned.figure_2(tilted), Path("docs"), "figure_2", ["png"])
+    with report.results_folder(figure) as folder:
+        figures.save(misaligned.figure_2(tilted), folder, "figure_2", ["png"])
     with replacing(readme) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.readme", description=__doc__)
+    parser.add_argument("--root", type=Path, default=Path(), help="root of the checkout")
+    return options.run(run, parser, argv)
 
 
 if __name__ == "__main__":

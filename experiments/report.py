@@ -4,11 +4,13 @@ import csv
 import importlib.metadata
 import io
 import json
+import os
 import platform
 import re
+import signal
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,20 +114,25 @@ def _tex(text: str) -> str:
     return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", "".join(outside))
 
 
+OUTPUTS = ("table_*", "figure_*", "monte_carlo*")
+"""Patterns of the files that a study writes, besides `summary.json` and `provenance.json`."""
+
+
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Writes indented JSON."""
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 @contextmanager
-def results_folder(out: Path) -> Iterator[Path]:
-    """A temporary folder whose files move to `out`, each whole, when the block ends well; else `out` stays as it was.
+def results_folder(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
+    """A temporary folder whose files move to `out` together when the block ends well; else `out` stays as it was.
 
     Args:
-        out: Folder for the results, made if missing; other files in it are left alone.
+        out: Folder for the results, made if missing; files of others in it are left alone.
+        stale: Patterns of files of an earlier run that go when they are not written anew.
 
     Raises:
-        ValueError: `out` is a file, or cannot be made.
+        ValueError: `out` is a file, cannot be written, or a folder stands where a file has to go.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -133,9 +140,48 @@ def results_folder(out: Path) -> Iterator[Path]:
     except OSError as error:
         raise ValueError(f"The output path needs to be a writable folder, got '{out}' ({error.strerror}).") from error
     with scratch as name:
-        yield Path(name)
-        for file in sorted(Path(name).iterdir()):
+        new, old = Path(name) / "new", Path(name) / "old"
+        new.mkdir()
+        old.mkdir()
+        yield new
+        with _undisturbed():
+            _exchange(new, old, out, stale)
+
+
+def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str]) -> None:
+    """Moves all files of `new` to `out`, and what they replace to `old`; all of them or none."""
+    names = {file.name for file in new.iterdir()}
+    gone = {file.name for pattern in stale for file in out.glob(pattern)} | {n for n in names if (out / n).exists()}
+    for name in gone:
+        if (out / name).is_dir():
+            raise ValueError(f"The output path needs room for a file '{name}', but '{out / name}' is a folder.")
+    try:
+        for name in gone:
+            (out / name).replace(old / name)
+        for name in names:
+            (new / name).replace(out / name)
+    except OSError as error:
+        for name in names:
+            if (out / name).exists() and not (new / name).exists():
+                (out / name).replace(new / name)
+        for file in old.iterdir():
             file.replace(out / file.name)
+        raise ValueError(
+            f"The results could not be moved to '{out}' ({error.strerror}: '{error.filename}')."
+        ) from error
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Holds back Ctrl-C and termination for the duration of a block, where the system can."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def provenance(options: dict[str, Any], recording: dict[str, Any]) -> dict[str, Any]:
@@ -158,12 +204,17 @@ def _version(package: str) -> str | None:
 
 def _git_commit() -> str | None:
     """Commit of the checkout that this code runs from, `-dirty` if files differ; None for an installed copy."""
-    root = Path(__file__).resolve().parents[1]
-    if not (root / ".git").exists():
-        return None
+    here = Path(__file__).resolve()
+    # A git hook's environment points to another repository.
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")}
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(here.parents[1]), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.strip()
+
     try:
-        described = ["git", "-C", str(root), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
-        return subprocess.run(described, capture_output=True, text=True, check=True).stdout.strip()
+        git("ls-files", "--error-unmatch", str(here))
+        return git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty")
     except (OSError, subprocess.CalledProcessError):
         return None
 

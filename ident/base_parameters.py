@@ -109,10 +109,13 @@ def find_base_parameters(
         The regrouping. Coefficients below 1e-9 are rounding and set to zero.
 
     Raises:
-        ValueError: Names do not fit the columns, or a pinned name is unknown or the pinned set no basis of them.
+        ValueError: The regressor is not finite or all zero, names do not fit its columns, or a pinned name is unknown
+            or the pinned set no basis of them.
     """
     Y = structure_matrix(source, gravity=gravity, sensors=sensors) if isinstance(source, Tree) else source
     columns = Y.reshape(-1, Y.shape[-1])
+    if not np.isfinite(columns).all() or not columns.any():
+        raise ValueError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
     names = tuple(parameter_names(columns.shape[1] // 10) if parameters is None else parameters)
     if columns.shape[1] != len(names):
         raise ValueError(f"A regressor of {columns.shape[1]} columns needs as many names, got {len(names)}.")

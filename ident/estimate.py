@@ -113,9 +113,11 @@ def _condition_number(tall: np.ndarray) -> float:
 
 def _inverse_root(covariance: np.ndarray, alive: np.ndarray) -> np.ndarray:
     """Matrices W with `W C Wᵀ = 1` for the living components' covariance C (…, k, k)."""
-    C = np.asarray(covariance, float)[..., alive, :][..., alive]
+    C = np.asarray(covariance, float)
+    if C.shape[-2:] != (6, 6) or not np.allclose(C, np.swapaxes(C, -1, -2)):
+        raise ValueError(f"The wrench's covariance needs to be symmetric, (6, 6) or (N, 6, 6), got shape {C.shape}.")
     try:
-        return np.linalg.inv(np.linalg.cholesky(C))
+        return np.linalg.inv(np.linalg.cholesky(C[..., alive, :][..., alive]))
     except np.linalg.LinAlgError:
         raise ValueError("The wrench's covariance needs to be positive definite.") from None
 

@@ -12,6 +12,9 @@ from ident.tree import BASE, Tree
 MINIMUM_TURN = 1e-3
 """Smallest root-mean-square rotation, in rad, from which an axis is recovered."""
 
+MINIMUM_SAMPLES = 10
+"""Fewest poses from which an axis and its uncertainty are recovered."""
+
 PARALLEL_SIGNIFICANCE = 1e-4
 """Chance of taking two parallel axes for different ones in `recover_axes`."""
 
@@ -97,8 +100,10 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
         The screw, in the moving frame.
 
     Raises:
-        ValueError: The frame hardly turns, so that no axis shows.
+        ValueError: There are too few poses, the frame hardly turns, or the sense of the axis does not show.
     """
+    if len(displacement) < MINIMUM_SAMPLES or not np.isfinite(displacement).all():
+        raise ValueError(f"An axis needs at least {MINIMUM_SAMPLES} finite poses, got {len(displacement)}.")
     turn = displacement[:, :3, :3] - np.eye(3)
     # ‖R - 1‖² = 4 (1 - cos θ) ≈ 2 θ² in the Frobenius norm.
     if np.mean(np.sum(turn**2, axis=(1, 2))) < 2 * MINIMUM_TURN**2:
@@ -112,8 +117,11 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
     normal = np.einsum("nij,nik->jk", slope, slope)
     gradient = np.einsum("nij,ni->nj", slope, turn @ axis)
     influence = -np.linalg.solve(normal, gradient.T).T @ plane.T
+    found = Direction(axis, influence)
+    if not axis @ positive > 5 * found.std * np.linalg.norm(positive):
+        raise ValueError("The axis is perpendicular to the one it should resemble, so that its sense cannot be told.")
     offset = np.linalg.solve(normal, np.einsum("nij,ni->j", slope, -displacement[:, :3, 3]))
-    return Screw(Direction(axis, influence), plane @ offset)
+    return Screw(found, plane @ offset)
 
 
 def parallel_p_value(a: Direction, b: Direction) -> float:

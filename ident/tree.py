@@ -35,7 +35,7 @@ class Body:
         if home.shape != (4, 4) or not _is_rigid(home):
             raise ValueError(f"Body '{self.name}' needs a 4×4 rigid home pose, got {self.home}.")
         unit = np.linalg.norm(twist[3:]) or np.linalg.norm(twist[:3])
-        if twist.shape != (6,) or (unit != 0 and abs(unit - 1) > 1e-9):
+        if twist.shape != (6,) or not np.isfinite(twist).all() or not (unit == 0 or abs(unit - 1) <= 1e-9):
             raise ValueError(
                 f"Body '{self.name}' needs a joint twist of 6 numbers with |ω| = 1, or ω = 0 and |v| = 1, "
                 f"or all zero; got {self.twist}."
@@ -120,6 +120,8 @@ class Tree:
         """The same tree with other joint twists, in the bodies' own frames (n, 6)."""
         bodies = list(self.bodies)
         for i, twist in zip(self.moving, twists, strict=True):
+            if not np.any(twist):
+                raise ValueError(f"Joint '{bodies[i].joint}' needs a twist that moves, got zeros.")
             bodies[i] = replace(bodies[i], twist=twist)
         return Tree(tuple(bodies))
 

@@ -32,15 +32,12 @@ class Contact:
         wrench, pose = np.asarray(self.exerted_by_link, float), np.asarray(self.pose, float)
         if wrench.ndim != 2 or wrench.shape[1] != 6 or not np.isfinite(wrench).all():
             raise ValueError(f"The contact on '{self.body}' needs finite wrenches (N, 6), got shape {wrench.shape}.")
-        if pose.shape not in ((4, 4), (len(wrench), 4, 4)):
+        if pose.shape not in ((4, 4), (len(wrench), 4, 4)) or not np.isfinite(pose).all():
             raise ValueError(
                 f"The contact on '{self.body}' needs the pose of its sensor's frame, (4, 4) or ({len(wrench)}, 4, 4), "
                 f"got {'none' if self.pose is None else pose.shape}."
             )
-        if self.covariance is not None and np.shape(self.covariance) != (6, 6):
-            raise ValueError(
-                f"The contact on '{self.body}' needs a covariance (6, 6), got shape {np.shape(self.covariance)}."
-            )
+        _check_covariance(f"The contact on '{self.body}'", self.covariance)
 
     @classmethod
     def applied_to_link(
@@ -114,8 +111,11 @@ def total_wrench(
     """
     poses = tree.poses(q)
     wrench = np.array(ground, float)
-    if wrench.shape != (len(poses), 6):
-        raise ValueError(f"{len(poses)} joint states need ground wrenches ({len(poses)}, 6), got {wrench.shape}.")
+    if wrench.shape != (len(poses), 6) or not (np.isfinite(wrench).all() and np.isfinite(poses).all()):
+        raise ValueError(
+            f"{len(poses)} finite joint states need finite ground wrenches ({len(poses)}, 6), got shape {wrench.shape}."
+        )
+    _check_covariance("The ground wrench", ground_covariance)
     known = ground_covariance is not None and all(contact.covariance is not None for contact in contacts)
     covariance = np.tile(np.asarray(ground_covariance, float), (len(poses), 1, 1)) if known else None
     for contact in contacts:
@@ -137,8 +137,16 @@ def _check(contact: Contact, tree: Tree, samples: int, time: np.ndarray | None) 
         )
     if time is not None and contact.time is not None:
         shift = np.abs(np.asarray(contact.time) - time) if len(contact.time) == samples else np.array([np.inf])
-        if shift.max() > 1e-9:
+        if not shift.max() <= 1e-9:
             raise ValueError(
                 f"The contact on '{contact.body}' needs the joint states' sample times; they differ by up to "
                 f"{shift.max():.3g} s, most at sample {int(shift.argmax())}."
             )
+
+
+def _check_covariance(whose: str, covariance: np.ndarray | None) -> None:
+    if covariance is None:
+        return
+    C = np.asarray(covariance, float)
+    if C.shape != (6, 6) or not np.allclose(C, C.T):
+        raise ValueError(f"{whose} needs a symmetric covariance (6, 6), got shape {C.shape}.")

@@ -33,9 +33,10 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
         raise ValueError(f"No scene is named '{name}'; the scenes are {', '.join(NAMES)}.")
     if contact is not None and contact not in CONTACTS:
         raise ValueError(f"No contact is named '{contact}'; the contacts are {', '.join(CONTACTS)}.")
-    if not (np.isfinite(azimuth_deg) and 0 <= tilt_deg < 90):
+    if not (-360 <= azimuth_deg <= 360 and 0 <= tilt_deg < 90):
         raise ValueError(
-            f"A tilt needs an angle from 0° to below 90° and a finite azimuth, got {tilt_deg}° towards {azimuth_deg}°."
+            f"A tilt needs an angle from 0° to below 90° and an azimuth of at most 360°, got {tilt_deg:.6g}° towards "
+            f"{azimuth_deg:.6g}°."
         )
     root = _mjcf(name)
     hinges = [joint.get("name") for joint in root.iter("joint") if joint.get("name")]

@@ -38,6 +38,8 @@ class Excitation:
                 "An excitation needs offset (n,) and amplitude, frequency and phase (n, k), got shapes "
                 f"{self.offset.shape}, {self.amplitude.shape}, {self.frequency.shape} and {self.phase.shape}."
             )
+        if not all(np.isfinite(x).all() for x in (self.offset, self.amplitude, self.frequency, self.phase)):
+            raise ValueError("An excitation needs finite numbers, got NaN or infinity.")
         if not (self.frequency > 0).all():
             raise ValueError(f"An excitation needs positive frequencies, got {self.frequency.tolist()} Hz.")
         if not (np.isfinite(self.noise) and self.noise >= 0):

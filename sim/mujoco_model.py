@@ -88,7 +88,7 @@ def site_on_tree(
 
 def _members(model: mujoco.MjModel, base: str, beyond: Sequence[str]) -> list[int]:
     """Ids of the base and of all bodies on it, up to where the mechanism ends."""
-    root = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, base)
+    root = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, str(base))
     if root <= 0:
         names = ", ".join(_body_name(model, b) for b in range(1, model.nbody))
         raise ValueError(f"The model has no body named '{base}'; its bodies are {names}.")

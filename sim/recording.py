@@ -1,10 +1,12 @@
 """What was measured: channels by name, with units, noise levels, true values where they are known, and provenance."""
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -46,10 +48,16 @@ class Recording:
         object.__setattr__(self, "time", _checked("time", self.time, None))
         steps = np.diff(self.time)
         if not (steps > 0).all():
-            raise ValueError(f"Recorded times must increase; row {int(np.argmin(steps > 0)) + 1} does not.")
+            raise ValueError(f"Recorded times must increase; sample {int(np.argmin(steps > 0)) + 1} does not.")
         for name in ("measured", "true"):
             channels = {key: _checked(key, x, len(self.time)) for key, x in getattr(self, name).items()}
             object.__setattr__(self, name, channels)
+        for name in self.measured:
+            if not re.fullmatch(r"(?!true:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
+                raise ValueError(f"A channel's name cannot be {name!r}: it is a word without commas and dots.")
+        for name, level in self.noise.items():
+            if isinstance(level, str) or not 0 <= level < np.inf:
+                raise ValueError(f"The noise of channel '{name}' needs a standard deviation, got {level!r}.")
         if self.true and {k: x.shape for k, x in self.true.items()} != {k: x.shape for k, x in self.measured.items()}:
             raise ValueError("True values need the same channels and shapes as the measured ones.")
 
@@ -120,7 +128,7 @@ class Recording:
             raise ValueError(f"A recording is a .npz or .csv file that exists, got '{path}'.")
         try:
             return readers[path.suffix](path)
-        except (ValueError, KeyError, OSError) as error:
+        except (ValueError, KeyError, OSError, EOFError, TypeError, NotImplementedError, BadZipFile) as error:
             raise ValueError(f"{path}: {error}") from error
 
     def _metadata(self) -> dict[str, Any]:
@@ -134,7 +142,7 @@ class Recording:
 
     @classmethod
     def _read_npz(cls, path: Path) -> "Recording":
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             measured, true = (
                 {key.removeprefix(kind): data[key] for key in data.files if key.startswith(kind)}
                 for kind in ("measured/", "true/")
@@ -154,7 +162,7 @@ class Recording:
     @classmethod
     def _read_csv(cls, path: Path) -> "Recording":
         metadata: dict[str, Any] = {}
-        lines = list(enumerate(path.read_text(encoding="utf-8").splitlines(), start=1))
+        lines = list(enumerate(path.read_text(encoding="utf-8-sig").rstrip("\n").split("\n"), start=1))
         while lines and lines[0][1].startswith("#"):
             number, line = lines.pop(0)
             key, _, value = line[1:].partition(":")
@@ -162,20 +170,38 @@ class Recording:
                 metadata[key.strip()] = json.loads(value)
             except json.JSONDecodeError as error:
                 raise ValueError(f"row {number} needs '# units', noise or provenance in JSON ({error}).") from None
-        if not lines:
+        if not lines or not lines[0][1].strip():
             raise ValueError("no header row.")
         header = [cell.strip() for cell in lines.pop(0)[1].split(",")]
-        table = np.array([_numbers(line, number, header) for number, line in lines])
-        columns: dict[str, list[np.ndarray]] = {}
-        for name, x in zip(header, table.reshape(-1, len(header)).T, strict=True):
-            columns.setdefault(name.partition(".")[0], []).append(x)
-        channels = {k: x[0] if k in header else np.stack(x, axis=1) for k, x in columns.items()}
+        _check_header(header)
+        table = np.array([_numbers(line, number, header) for number, line in lines]).reshape(-1, len(header))
+        columns = dict(zip(header, table.T, strict=True))
+        channels = {name: _channel(name, columns) for name in dict.fromkeys(h.partition(".")[0] for h in header)}
         return cls(
             time=channels.pop("time"),
             measured={k: x for k, x in channels.items() if not k.startswith(TRUE)},
             true={k.removeprefix(TRUE): x for k, x in channels.items() if k.startswith(TRUE)},
             **metadata,
         )
+
+
+def _check_header(header: Sequence[str]) -> None:
+    twice = sorted({name for name in header if header.count(name) > 1})
+    if twice:
+        raise ValueError(f"the header names {', '.join(twice)} more than once.")
+    if "time" not in header:
+        raise ValueError(f"a recording needs a column 'time'; it has {', '.join(header)}.")
+
+
+def _channel(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """A channel from its column, or from its columns `name.x`, `name.y`, … in whatever order they stand."""
+    suffixes = [column.partition(".")[2] for column in columns if column.partition(".")[0] == name]
+    if suffixes == [""]:
+        return columns[name]
+    expected = COMPONENTS.get(len(suffixes), [str(k) for k in range(len(suffixes))])
+    if sorted(suffixes) != sorted(expected):
+        raise ValueError(f"channel '{name}' needs the components {', '.join(expected)}, it has {', '.join(suffixes)}.")
+    return np.stack([columns[f"{name}.{suffix}"] for suffix in expected], axis=1)
 
 
 def _numbers(line: str, number: int, header: Sequence[str]) -> list[float]:
@@ -195,8 +221,10 @@ def _number(cell: str, row: int, column: str) -> float:
 def _checked(name: str, values: Iterable[float], samples: int | None) -> np.ndarray:
     x = np.array(values, float)
     dimensions = (1,) if samples is None else (1, 2)
-    if x.ndim not in dimensions or samples not in (None, len(x)):
-        raise ValueError(f"Channel '{name}' needs {samples or 'N'} samples along its first axis, got shape {x.shape}.")
+    if x.ndim not in dimensions or samples not in (None, len(x)) or x.size == 0:
+        raise ValueError(
+            f"Channel '{name}' needs {samples or 'N > 0'} samples along its first axis, got shape {x.shape}."
+        )
     bad = np.argwhere(~np.isfinite(x))
     if len(bad):
         raise ValueError(f"Channel '{name}' needs finite numbers; sample {bad[0, 0]} is {x[tuple(bad[0])]}.")

@@ -21,6 +21,9 @@ SAMPLES = 943
 LEAD_IN = 1.0
 """Seconds of motion before the recording starts, for servos and contacts to settle."""
 
+LOUDEST = 1000.0
+"""Largest factor on the noise."""
+
 LOST = 0.2
 """Tracking error, in rad, from which the servos have lost the excitation: at a joint limit or out of torque."""
 
@@ -111,8 +114,8 @@ def simulate(
     """
     if samples < 1:
         raise ValueError(f"A recording needs at least one sample, got {samples}.")
-    if not (np.isfinite(noise_scale) and noise_scale >= 0):
-        raise ValueError(f"The noise scale must be zero or more, got {noise_scale}.")
+    if not 0 <= noise_scale <= LOUDEST:
+        raise ValueError(f"The noise scale must be from 0 to {LOUDEST:g}, got {noise_scale:.6g}.")
     model = spec.compile()
     excitation_rng, sensor_rng = np.random.default_rng(seed).spawn(2)
     disturbed = replace(excitation, noise=noise_scale * excitation.noise)
@@ -131,7 +134,7 @@ def simulate(
             "excitation": {key: np.asarray(x).tolist() for key, x in vars(excitation).items()},
             "rate_hz": RATE,
             "samples": samples,
-            "seed": seed,
+            "seed": int(seed),
             "noise_scale": noise_scale,
             "tracking_error_rad": error,
         },
@@ -165,7 +168,7 @@ def _run(
 ) -> tuple[np.ndarray, float]:
     """Sensor readings (N, nsensordata) and the largest tracking error in rad."""
     h = model.opt.timestep
-    steps = round(1 / (RATE * h))
+    steps = round(1 / (RATE * h)) if h > 0 else 0
     if steps < 1 or abs(steps * RATE * h - 1) > 1e-9:
         raise ValueError(f"The scene's timestep of {h} s must divide {1 / RATE} s.")
     qpos, dof = _driven(model, len(excitation.offset))
@@ -189,7 +192,7 @@ def _run(
             for part, joint_dof in filled:
                 readings[k, part] = data.qacc[joint_dof]
             error = max(error, float(np.abs(data.qpos[qpos] - desired[0][step]).max()))
-            if error > LOST:
+            if not error <= LOST:
                 raise ValueError(
                     f"The servos lost the excitation after {time[step]:.2f} s by {error:.2f} rad: it must stay within "
                     "the joint and torque limits; noise on its acceleration drifts off in long recordings."

@@ -2,6 +2,9 @@
 
 import csv
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -121,9 +124,14 @@ def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
     [
         (["--tilt-deg", "-5"], "from 0° to below 90°"),
         (["--tilt-deg", "nan"], "from 0° to below 90°"),
-        (["--noise-scale", "-1"], "noise scale must be zero or more, got -1.0"),
-        (["--samples", "0"], "at least 1, got '0'"),
-        (["--samples", "ten"], "whole number of at least 1, got 'ten'"),
+        (["--noise-scale", "-1"], "noise scale must be from 0 to 1000, got -1"),
+        (["--samples", "0"], "whole number of 1 to 1000000, got '0'"),
+        (["--samples", "ten"], "whole number of 1 to 1000000, got 'ten'"),
+        (["--tilt-deg", "89.99999999"], "perpendicular to the one it should resemble"),
+        (["--azimuth-deg", "1e308"], "azimuth of at most 360°"),
+        (["--noise-scale", "1e30"], "from 0 to 1000, got 1e+30"),
+        (["--trials", "1"], "at least 2, or 0, got '1'"),
+        (["--resume"], "--resume needs --trials"),
         (["--seed", "-1"], "at least 0, got '-1'"),
         (["--formats", "bmp"], "invalid choice: 'bmp'"),
         (["--samples", "3"], "3 samples does not separate the base parameters"),
@@ -180,3 +188,25 @@ def test_help_explains_every_option(capsys):
     text = capsys.readouterr().out
     for option in ("seed", "samples", "tilt-deg", "azimuth-deg", "noise-scale", "out", "formats"):
         assert f"--{option}" in text
+
+
+def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "svg", "--trials", "2", "--redraw", "sensors"]) == 0
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "1"]) == 0
+    names = {file.name for file in tmp_path.iterdir()}
+    assert not {name for name in names if name.startswith("monte_carlo") or name.endswith(".svg")}
+    assert {"notes.txt", "figure_2.png", "table_3.csv"} <= names
+
+
+def test_figures_do_not_depend_on_the_formats_asked_for(results, tmp_path):
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "3"]) == 0
+    assert (tmp_path / "figure_2.png").read_bytes() == (results / "figure_2.png").read_bytes()
+
+
+def test_a_terminal_without_unicode_shows_what_it_can(tmp_path):
+    command = [sys.executable, "-m", "experiments.misaligned", "--out", str(tmp_path), "--formats", "png"]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert "kg m\\xb2" in done.stdout

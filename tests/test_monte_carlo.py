@@ -1,11 +1,12 @@
 import csv
 import json
+import os
 from functools import partial
 
 import numpy as np
 import pytest
 
-from experiments import misaligned, monte_carlo, multicontact, options
+from experiments import misaligned, monte_carlo, multicontact, options, trials
 from experiments.multicontact_study import SCENE, problem, study, trial
 from sim.recording import Recording
 
@@ -17,18 +18,23 @@ def arguments(tmp_path, *more):
 def draw(tmp_path, *more, samples="200"):
     args = arguments(tmp_path, "--samples", samples, *more)
     recording = study(samples=args.samples, seed=args.seed).recording
-    return monte_carlo.Draw.of(args, {"name": SCENE, "contact": "pad"}, recording)
+    return trials.Draw.of(args, {"name": SCENE, "contact": "pad"}, recording)
 
 
 ANALYSE = partial(trial, problem("pad"))
 
 
-def run(source, trials, tmp_path, **more):
-    settings = {"workers": 1, "file": tmp_path / "trials.npz", "resume": False}
-    return monte_carlo.run_trials(source, ANALYSE, trials, **(settings | more))
+def run(source, number, tmp_path, **more):
+    settings = {"workers": 1, "file": tmp_path / trials.FILE}
+    return trials.run_trials(source, ANALYSE, number, **(settings | more))
 
 
-@pytest.mark.parametrize("redrawn", monte_carlo.REDRAWN)
+def resumed(source, number, tmp_path, *more):
+    args = arguments(tmp_path, "--samples", "200", "--redraw", "sensors", "--resume", "--trials", str(number), *more)
+    return run(source, number, tmp_path, done=trials.trials_done(source, args))
+
+
+@pytest.mark.parametrize("redrawn", trials.REDRAWN)
 def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
     source = draw(tmp_path, "--redraw", redrawn)
     a, b, again = source(0), source(1), source(0)
@@ -61,7 +67,7 @@ class Interrupting:
 def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 9, tmp_path, file=tmp_path / "whole.npz")
-    pool = monte_carlo.ProcessPoolExecutor
+    pool = trials.ProcessPoolExecutor
     with monkeypatch.context() as patched:
         stopped = Interrupting(pool.map, after=5)
         patched.setattr(pool, "map", lambda self, *args, **kwargs: stopped(self, *args, **kwargs))
@@ -69,16 +75,39 @@ def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeyp
             run(source, 9, tmp_path)
     with np.load(tmp_path / "trials.npz") as kept:
         assert len(kept["outcomes"]) == 5
-    np.testing.assert_array_equal(run(source, 9, tmp_path, resume=True), whole)
+    np.testing.assert_array_equal(resumed(source, 9, tmp_path), whole)
 
 
 def test_trials_of_another_run_are_not_resumed(tmp_path):
     run(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
-    with pytest.raises(ValueError, match="belong to another run: seed differ"):
-        run(draw(tmp_path, "--redraw", "sensors", "--seed", "1"), 2, tmp_path, resume=True)
-    (tmp_path / "trials.npz").write_text("no trials")
-    with pytest.raises(ValueError, match="--resume needs the trials of an earlier run"):
-        run(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path, resume=True)
+    with pytest.raises(ValueError, match="of another run: seed differ"):
+        resumed(draw(tmp_path, "--redraw", "sensors", "--seed", "1"), 2, tmp_path)
+    for broken in (b"", b"no trials", (tmp_path / trials.FILE).read_bytes()[:200]):
+        (tmp_path / trials.FILE).write_bytes(broken)
+        with pytest.raises(ValueError, match="--resume needs the trials of an earlier run"):
+            resumed(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
+    with pytest.raises(ValueError, match="--resume needs --trials"):
+        resumed(draw(tmp_path, "--redraw", "sensors"), 0, tmp_path)
+
+
+def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
+    command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors"]
+    assert multicontact.main([*command, "--trials", "6"]) == 0
+    before = (tmp_path / trials.FILE).read_bytes()
+    assert multicontact.main([*command, "--trials", "2"]) == 0
+    assert (tmp_path / "trials_before.npz").read_bytes() == before
+
+
+class Dying:
+    """An analysis whose worker is killed, as the system does for want of memory."""
+
+    def __call__(self, recording):
+        os._exit(9)
+
+
+def test_a_dead_worker_is_one_sentence(tmp_path):
+    with pytest.raises(ValueError, match="A worker process died"):
+        trials.run_trials(draw(tmp_path), Dying(), 4, workers=2, file=tmp_path / trials.FILE)
 
 
 def distribution(outcomes):
@@ -175,4 +204,4 @@ def test_options_are_shared():
 
 def test_a_recording_without_noise_levels_cannot_be_redrawn_into_noise():
     recording = Recording([0.0, 1.0], {"a": [1.0, 2.0]}, {"a": [1.0, 2.0]})
-    np.testing.assert_array_equal(monte_carlo.with_noise(recording, np.random.default_rng(0))["a"], [1, 2])
+    np.testing.assert_array_equal(trials.with_noise(recording, np.random.default_rng(0))["a"], [1, 2])

@@ -92,9 +92,9 @@ def test_figures_show_what_their_captions_say(result):
     ("arguments", "message"),
     [
         (["--contact", "wall"], "invalid choice: 'wall'"),
-        (["--noise-scale", "nan"], "zero or more, got nan"),
-        (["--trials", "-1"], "at least 0, got '-1'"),
-        (["--workers", "0"], "at least 1, got '0'"),
+        (["--noise-scale", "nan"], "from 0 to 1000, got nan"),
+        (["--trials", "-1"], "at least 2, or 0, got '-1'"),
+        (["--workers", "0"], "1 to 1024, got '0'"),
         (["--trials", "2", "--resume"], "--resume needs the trials of an earlier run"),
     ],
 )

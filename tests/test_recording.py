@@ -72,9 +72,9 @@ def test_recordings_are_frozen():
 @pytest.mark.parametrize(
     ("time", "channels", "message"),
     [
-        ([0.0, 1, 1], {}, "must increase; row 2 does not"),
+        ([0.0, 1, 1], {}, "must increase; sample 2 does not"),
         ([0.0, np.nan], {}, "'time' needs finite numbers; sample 1 is nan"),
-        ([[0.0, 1]], {}, "'time' needs N samples"),
+        ([[0.0, 1]], {}, "'time' needs N > 0 samples"),
         ([0.0, 1], {"a": [1.0, 2, 3]}, r"'a' needs 2 samples along its first axis, got shape \(3,\)"),
         ([0.0, 1], {"a": [[1.0, 2], [3, np.inf]]}, "'a' needs finite numbers; sample 1 is inf"),
     ],
@@ -96,7 +96,12 @@ def test_truth_needs_the_same_channels():
         ("# units: {}\ntime,a\n0,1\n1\n", "row 4 has 1 cells where the header has 2"),
         ("time,a\n0,1\n1,nan\n", "'a' needs finite numbers; sample 1 is nan"),
         ("", "no header row"),
-        ("a,b\n1,2\n", "time"),
+        ("a,b\n1,2\n", "needs a column 'time'; it has a, b"),
+        ("time,a,a\n0,1,2\n", "names a more than once"),
+        ("time,a.x,a.z\n0,1,2\n", "channel 'a' needs the components 0, 1, it has x, z"),
+        ("time,a,a.x\n0,1,2\n", "channel 'a' needs the components"),
+        ("time,a\n", "'time' needs N > 0 samples"),
+        ("# foo: {}\ntime\n0\n", "foo"),
         ("# units: {oops\ntime\n0\n", "units"),
     ],
 )
@@ -123,3 +128,29 @@ def test_a_failed_save_leaves_the_old_file(tmp_path, monkeypatch):
         RECORDING.save(tmp_path / "r.npz")
     assert (tmp_path / "r.npz").read_bytes() == before
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_components_are_read_by_name(tmp_path):
+    (tmp_path / "r.csv").write_text("\ufefftime,q.x,q.y,q.z,q.w,f.z,f.y,f.x\n0,1,2,3,4,5,6,7\n", encoding="utf-8")
+    recording = Recording.load(tmp_path / "r.csv")
+    np.testing.assert_array_equal(recording["q"], [[4, 1, 2, 3]])
+    np.testing.assert_array_equal(recording["f"], [[7, 6, 5]])
+
+
+@pytest.mark.parametrize("name", ["time", "a,b", "a.b", "true:a", "#a", " a", "a\n", ""])
+def test_names_that_a_file_could_not_hold_are_refused(name):
+    with pytest.raises(ValueError, match="name cannot be"):
+        Recording([0.0], {name: [1.0]})
+
+
+@pytest.mark.parametrize("level", [-1.0, np.nan, np.inf, "loud"])
+def test_noise_levels_must_be_levels(level):
+    with pytest.raises(ValueError, match="noise of channel 'a' needs a standard deviation"):
+        Recording([0.0], {"a": [1.0]}, noise={"a": level})
+
+
+def test_a_truncated_file_is_one_sentence(tmp_path):
+    RECORDING.save(tmp_path / "r.npz")
+    (tmp_path / "r.npz").write_bytes((tmp_path / "r.npz").read_bytes()[:-200])
+    with pytest.raises(ValueError, match=r"r\.npz"):
+        Recording.load(tmp_path / "r.npz")

@@ -66,3 +66,51 @@ def test_other_files_in_the_folder_are_left_alone(tmp_path):
 def test_provenance_is_json(tmp_path):
     report.write_json(tmp_path / "p.json", report.provenance({"seed": 1}, {"scene": "s"}))
     assert json.loads((tmp_path / "p.json").read_text())["options"] == {"seed": 1}
+
+
+@pytest.mark.parametrize("obstacle", ["b", "summary"])
+def test_a_folder_in_the_way_changes_nothing(tmp_path, obstacle):
+    (tmp_path / obstacle).mkdir()
+    (tmp_path / "a").write_text("first")
+
+    def run():
+        with report.results_folder(tmp_path) as folder:
+            for name in ("a", obstacle):
+                (folder / name).write_text("second")
+
+    with pytest.raises(ValueError, match=f"room for a file '{obstacle}'"):
+        run()
+    assert (tmp_path / "a").read_text() == "first"
+    assert {path.name for path in tmp_path.iterdir()} == {"a", obstacle}
+
+
+def test_a_move_that_fails_midway_is_undone(tmp_path, monkeypatch):
+    for name in "abc":
+        (tmp_path / name).write_text("first")
+    replace = type(tmp_path).replace
+    calls = []
+
+    def failing(path, target):
+        calls.append(path)
+        if len(calls) == 5:
+            raise OSError(28, "No space left on device", str(target))
+        return replace(path, target)
+
+    def run():
+        with report.results_folder(tmp_path, stale=["c"]) as folder:
+            for name in "abd":
+                (folder / name).write_text("second")
+            monkeypatch.setattr(type(tmp_path), "replace", failing)
+
+    with pytest.raises(ValueError, match="could not be moved"):
+        run()
+    monkeypatch.undo()
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys("abc", "first")
+
+
+def test_provenance_is_of_this_repository_only(monkeypatch, tmp_path):
+    monkeypatch.setenv("GIT_DIR", str(tmp_path))
+    assert report.provenance({}, {})["git_commit"] != ""
+    monkeypatch.delenv("GIT_DIR")
+    monkeypatch.setattr(report, "__file__", str(tmp_path / "experiments" / "report.py"))
+    assert report.provenance({}, {})["git_commit"] is None

@@ -121,12 +121,12 @@ def test_axes_in_turned_frames_off_the_origin_and_on_branches():
 def test_a_prismatic_joint_is_refused():
     slide = Body("slide", BASE, np.eye(4), np.array([1.0, 0, 0, 0, 0, 0]), "rail")
     with pytest.raises(ValueError, match="'rail' is prismatic"):
-        recover_axes(Tree((slide,)), np.tile(np.eye(4), (5, 1, 1, 1)))
+        recover_axes(Tree((slide,)), np.tile(np.eye(4), (20, 1, 1, 1)))
 
 
 def test_a_joint_at_rest_is_named():
     with pytest.raises(ValueError, match="Joint 'link1'"):
-        recover_axes(DESIGN, DESIGN.poses(np.zeros((5, 2))))
+        recover_axes(DESIGN, DESIGN.poses(np.zeros((20, 2))))
 
 
 def test_opposite_axes_are_parallel():
@@ -144,3 +144,14 @@ def test_one_direction_is_more_certain_than_each():
     a, b = (estimate_screw(noisy(se3.exp(twist, ANGLES[:, k]), rng), twist[3:]).axis for k in (0, 1))
     assert parallel_p_value(a, b) == pytest.approx(parallel_p_value(b, a))
     assert common_direction([a, b]).std < min(a.std, b.std)
+
+
+def test_an_axis_perpendicular_to_its_design_is_refused():
+    poses = noisy(pendulum_poses((0, 1, 0), (0, 1, 0)), np.random.default_rng(0))
+    with pytest.raises(ValueError, match="'link1': The axis is perpendicular"):
+        recover_axes(DESIGN, poses)
+
+
+def test_a_few_poses_are_not_enough():
+    with pytest.raises(ValueError, match="at least 10 finite poses, got 3"):
+        estimate_screw(se3.exp(DESIGN.bodies[1].twist, np.array([0.1, 0.5, 1.0])), np.array([1.0, 0, 0]))

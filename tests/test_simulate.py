@@ -98,8 +98,8 @@ def test_noise_can_be_drawn_again_around_the_same_truth(recording):
     ("arguments", "message"),
     [
         ({"samples": 0}, "at least one sample, got 0"),
-        ({"noise_scale": -1}, "zero or more, got -1"),
-        ({"noise_scale": np.nan}, "zero or more, got nan"),
+        ({"noise_scale": -1}, "from 0 to 1000, got -1"),
+        ({"noise_scale": np.nan}, "from 0 to 1000, got nan"),
     ],
 )
 def test_senseless_arguments_are_refused(spec, arguments, message):

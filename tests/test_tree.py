@@ -54,6 +54,8 @@ def test_the_mechanism_cannot_be_changed_by_accident():
         ({"home": np.eye(3)}, "4×4"),
         ({"twist": np.array([0, 0, 0, 0, 0, 2.0])}, "joint twist"),
         ({"twist": np.zeros(5)}, "joint twist"),
+        ({"twist": np.full(6, np.nan)}, "joint twist"),
+        ({"home": np.full((4, 4), np.nan)}, "rigid home pose"),
     ],
 )
 def test_bad_bodies_are_refused(change, message):

@@ -117,5 +117,7 @@ def test_contacts_that_do_not_fit_are_refused(contact, message):
 
 
 def test_ground_wrench_needs_the_states_samples():
-    with pytest.raises(ValueError, match=r"4 joint states need ground wrenches \(4, 6\), got \(3, 6\)"):
+    with pytest.raises(
+        ValueError, match=r"4 finite joint states need finite ground wrenches \(4, 6\), got shape \(3, 6\)"
+    ):
         total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH[:3], [])
