@@ -8,7 +8,7 @@ import numpy as np
 from ident.base_parameters import BaseParameters, find_base_parameters
 from ident.estimate import Estimate, check_excitation, identify
 from ident.regressor import base_wrench_regressor
-from ident.tree import Tree
+from ident.tree import BASE, Tree
 from sim.recording import Recording
 
 
@@ -61,8 +61,9 @@ def fit(
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:
-    """Measured pose of every body in the base frame (N, b, 4, 4); bodies welded to it stay at home."""
-    poses = tree.poses(np.zeros((len(recording.time), len(tree.moving))))
-    for i in tree.moving:
-        poses[:, i] = recording.poses(tree.bodies[i].name)
-    return poses
+    """Measured pose of every body in the base frame (N, b, 4, 4); a welded body goes with its parent."""
+    poses: list[np.ndarray] = []
+    for body in tree.bodies:
+        parent = np.tile(np.eye(4), (len(recording.time), 1, 1)) if body.parent == BASE else poses[body.parent]
+        poses.append(recording.poses(body.name) if body.moves else parent @ body.home)
+    return np.stack(poses, axis=1)

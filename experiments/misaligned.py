@@ -47,7 +47,7 @@ def table_3_full(result: Study) -> report.Table:
             true=full.psi_true,
             estimated=full.estimate.psi,
             error=full.error,
-            std=full.estimate.std,
+            std_wrench_noise=full.estimate.std,
             regrouping=full.base.expressions(digits=4),
         ),
     )
@@ -128,8 +128,7 @@ def report_text(result: Study) -> str:
         f"  {found['axis_error_deg']:.3f} deg from the true ones, predicted standard deviation "
         f"{found['axis_std_deg']:.3f} deg;",
         f"  joint by joint {found['axis_difference_alone_deg']:.3f} deg apart (rank {result.rank_apart});",
-        "  a chi-squared test with 2 degrees of freedom cannot tell that from parallel "
-        f"(p = {found['axes_parallel_p_value']:.2f}),",
+        f"  a Wald test cannot tell that from parallel (p = {found['axes_parallel_p_value']:.2f}),",
         f"  so both joints were given one direction (rank {result.full.base.rank})",
     )
     return "\n".join(lines)

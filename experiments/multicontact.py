@@ -48,7 +48,7 @@ def table_4_ignoring(result: Study) -> report.Table:
             true=result.fit.psi_true,
             estimated=result.fit.estimate.psi,
             error=result.fit.error,
-            std=result.fit.estimate.std,
+            std_wrench_noise=result.fit.estimate.std,
             estimated_ignoring=result.ignoring.estimate.psi,
             error_ignoring=result.ignoring.error,
             regrouping=result.fit.base.expressions(),

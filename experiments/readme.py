@@ -10,8 +10,8 @@ from experiments import figures, misaligned, misaligned_study, multicontact, mul
 from sim.atomic import replacing
 
 
-def table_3(result: misaligned_study.Study) -> str:
-    """Table III with our errors beside the paper's, in Markdown."""
+def table_3(result: misaligned_study.Study) -> report.Table:
+    """Table III with our errors beside the paper's."""
     rows = misaligned.table_3(result).rows
     name, _, simplified, paper_simplified, _, full, paper_full = zip(*rows, strict=True)
     columns = {
@@ -21,11 +21,11 @@ def table_3(result: misaligned_study.Study) -> str:
         "full, paper": paper_full,
         "full, ours": full,
     }
-    return report.Table("", *report.columns(**columns), decimals=2).markdown()
+    return report.Table("", *report.columns(**columns), decimals=2)
 
 
-def table_4(result: multicontact_study.Study) -> str:
-    """Table IV with our errors beside the paper's, in Markdown."""
+def table_4(result: multicontact_study.Study) -> report.Table:
+    """Table IV with our errors beside the paper's."""
     name, true_paper, true_scene, error, paper_error = zip(*multicontact.table_4(result).rows, strict=True)
     columns = {
         "parameter": name,
@@ -36,7 +36,7 @@ def table_4(result: multicontact_study.Study) -> str:
     }
     footnote = multicontact.FOOTNOTE
     rows = report.columns(**columns)
-    return report.Table("", *rows, decimals=2, marked=multicontact.DIFFERS, footnote=footnote).markdown()
+    return report.Table("", *rows, decimals=2, marked=multicontact.DIFFERS, footnote=footnote)
 
 
 def with_block(text: str, name: str, content: str) -> str:
@@ -53,8 +53,8 @@ def run(args: argparse.Namespace) -> None:
     if not (readme.is_file() and figure.is_dir()):
         raise ValueError(f"The root of a checkout has a README.md and a folder docs; '{args.root}' has not.")
     tilted, touching = misaligned_study.study(), multicontact_study.study()
-    text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted))
-    text = with_block(text, "table 4", table_4(touching))
+    text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted).markdown())
+    text = with_block(text, "table 4", table_4(touching).markdown())
     with report.results_folder(figure) as folder:
         figures.save(misaligned.figure_2(tilted), folder, "figure_2", ["png"])
     with replacing(readme) as temporary:

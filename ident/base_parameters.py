@@ -16,6 +16,9 @@ STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 ZERO_COLUMN = 1e-11
 """A column below this fraction of the largest column's norm is zero but for rounding."""
 
+SMALL_COLUMN = 1e-5
+"""Columns below this fraction of the largest column's norm are not scaled up all the way to unit length."""
+
 SINGULAR = 1e-9
 """Singular values of the unit-norm columns below this fraction of the largest are zero but for rounding."""
 
@@ -94,7 +97,9 @@ def find_base_parameters(
     """Rank and regrouping of a mechanism, from its structure, or of a regressor, from its numbers.
 
     The rank is that of the unit-norm columns, by singular values. Columns are then taken from left to right and kept
-    while they are independent of those kept before, the rule behind the names in the paper's tables.
+    when more than a threshold of them sticks out of the span of those kept before, the rule behind the names in the
+    paper's tables. The threshold is the first of `THRESHOLDS` that finds as many columns as the rank, so of nearly
+    dependent columns a later, better one is preferred.
 
     Args:
         source: A tree, which needs no data and gives coefficients to rounding; or a regressor at well-spread states
@@ -122,8 +127,10 @@ def find_base_parameters(
     # Dependencies between columns survive the QR's rotation of the rows, which leaves at most P of them.
     triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
     norms = np.linalg.norm(triangle, axis=0)
-    seen = norms > ZERO_COLUMN * norms.max(initial=0)
-    unit = np.where(seen, triangle / np.where(seen, norms, 1), 0)
+    seen = norms > ZERO_COLUMN * norms.max()
+    # Small columns are left small: scaled to unit length their rounding would count as rank.
+    norms = np.maximum(norms, SMALL_COLUMN * norms.max())
+    unit = np.where(seen, triangle / norms, 0)
 
     s = np.linalg.svd(unit, compute_uv=False)
     rank = _rank(s)
@@ -149,7 +156,6 @@ def _first_independent(unit: np.ndarray, rank: int) -> list[int]:
         basis = np.zeros((len(unit), 0))
         for k, column in enumerate(unit.T):
             rest = column - basis @ (basis.T @ column)
-            rest = rest - basis @ (basis.T @ rest)
             size = np.linalg.norm(rest)
             if size > threshold and len(kept) < rank:
                 kept.append(k)

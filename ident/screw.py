@@ -125,8 +125,10 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
 
 
 def parallel_p_value(a: Direction, b: Direction) -> float:
-    """Wald test that two directions are parallel (or opposite): their squared difference over its covariance, errors
-    shared sample by sample included, is χ² with two degrees of freedom if they are.
+    """Wald test that two directions are parallel (or opposite).
+
+    Half their squared difference over its covariance, errors shared sample by sample included, is distributed as F
+    with 2 and N - 2 degrees of freedom if they are.
 
     Returns:
         Probability of a difference at least as large, were they parallel.
@@ -136,7 +138,8 @@ def parallel_p_value(a: Direction, b: Direction) -> float:
     difference = (a.vector - b.vector) @ plane
     influence = (a.influence - b.influence) @ plane
     covariance = influence.T @ influence + ROUNDING**2 * np.eye(2)
-    return float(stats.chi2.sf(difference @ np.linalg.solve(covariance, difference), df=2))
+    distance = difference @ np.linalg.solve(covariance, difference)
+    return float(stats.f.sf(distance / 2, 2, max(len(influence) - 2, 1)))
 
 
 def angle(a: np.ndarray, b: np.ndarray) -> float:
@@ -183,7 +186,7 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
         before = _joint_before(tree, i)
         if before is not None:
             p_values[j] = parallel_p_value(separate[before], separate[j])
-        if p_values[j] >= significance:
+        if significance < 1 and p_values[j] >= significance:
             next(group for group in groups if before in group).append(j)
         else:
             groups.append([j])
@@ -210,8 +213,8 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
 
 def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:
     body = tree.bodies[i]
-    if not body.twist[3:].any():
-        raise ValueError(f"Joint '{body.joint}' is prismatic; axes are recovered for revolute joints only.")
+    if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > ROUNDING:
+        raise ValueError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
     parent = np.eye(4) if body.parent == BASE else poses[:, body.parent]
     try:
         return estimate_screw(se3.inverse(body.home) @ se3.inverse(parent) @ poses[:, i], body.twist[3:])

@@ -52,6 +52,8 @@ class Recording:
         for name in ("measured", "true"):
             channels = {key: _checked(key, x, len(self.time)) for key, x in getattr(self, name).items()}
             object.__setattr__(self, name, channels)
+        for name in ("units", "noise", "provenance"):
+            object.__setattr__(self, name, dict(getattr(self, name)))
         for name in self.measured:
             if not re.fullmatch(r"(?!true:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
                 raise ValueError(f"A channel's name cannot be {name!r}: it is a word without commas and dots.")

@@ -27,18 +27,23 @@ LOUDEST = 1000.0
 LOST = 0.2
 """Tracking error, in rad, from which the servos have lost the excitation: at a joint limit or out of torque."""
 
+QUATERNION = "quaternion"
+"""Unit of a channel that is an orientation, w, x, y, z."""
+
 _JOINT_UNITS = {
     mujoco.mjtSensor.mjSENS_JOINTPOS: "",
     mujoco.mjtSensor.mjSENS_JOINTVEL: "/s",
     mujoco.mjtSensor.mjSENS_USER: "/s²",
 }
 
+_ONE_DOF = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
 _SENSOR_UNITS = {
     mujoco.mjtSensor.mjSENS_TOUCH: "N",
     mujoco.mjtSensor.mjSENS_FORCE: "N",
     mujoco.mjtSensor.mjSENS_TORQUE: "N m",
     mujoco.mjtSensor.mjSENS_FRAMEPOS: "m",
-    mujoco.mjtSensor.mjSENS_FRAMEQUAT: "1",
+    mujoco.mjtSensor.mjSENS_FRAMEQUAT: QUATERNION,
 }
 
 
@@ -75,8 +80,11 @@ def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
     kind = mujoco.mjtSensor(model.sensor_type[i])
     dof = None
     if kind == mujoco.mjtSensor.mjSENS_USER:
-        if model.sensor_objtype[i] != mujoco.mjtObj.mjOBJ_JOINT or model.sensor_dim[i] != 1:
-            raise ValueError(f"User sensor '{name}' must report one number of a joint (objtype='joint', dim='1').")
+        joint = model.sensor_objid[i] if model.sensor_objtype[i] == mujoco.mjtObj.mjOBJ_JOINT else -1
+        if joint < 0 or model.jnt_type[joint] not in _ONE_DOF or model.sensor_dim[i] != 1:
+            raise ValueError(
+                f"User sensor '{name}' must report one number of a hinge or slide joint (objtype='joint', dim='1')."
+            )
         dof = int(model.jnt_dofadr[model.sensor_objid[i]])
     start = model.sensor_adr[i]
     unit = _SENSOR_UNITS.get(kind, "")
@@ -151,7 +159,7 @@ def with_noise(recording: Recording, rng: np.random.Generator) -> Recording:
     measured = {}
     for name, true in recording.true.items():
         std = recording.noise.get(name, 0.0)
-        if name.endswith("_orientation"):
+        if recording.units.get(name) == QUATERNION:
             turn = Rotation.from_rotvec(std * rng.normal(size=(len(true), 3)))
             measured[name] = (Rotation.from_quat(true, scalar_first=True) * turn).as_quat(scalar_first=True)
         else:

@@ -32,6 +32,13 @@ def test_double_pendulum_has_the_papers_base_parameters():
     }
 
 
+@pytest.mark.parametrize("tilt_deg", [10.0**-k for k in range(-1, 13)])
+def test_parallel_axes_have_rank_13_however_little_they_tilt(tilt_deg):
+    axis = tilted_axis(tilt_deg, 120)
+    tree = double_pendulum(axis, axis)
+    assert base_of(tree).rank == find_base_parameters(tree).rank == 13
+
+
 def test_parallel_tilted_axes_have_rank_13_in_other_columns():
     axis = tilted_axis(5, 120)
     base = base_of(double_pendulum(axis, axis))
@@ -39,7 +46,7 @@ def test_parallel_tilted_axes_have_rank_13_in_other_columns():
     assert base.names == tuple(expected.split())
 
 
-@pytest.mark.parametrize("difference_deg", [0.01, 1, 90])
+@pytest.mark.parametrize("difference_deg", [1e-3, 0.01, 1, 90])
 def test_axes_that_are_not_parallel_have_rank_15(difference_deg):
     assert base_of(double_pendulum(tilted_axis(5, 120), tilted_axis(5 + difference_deg, 120))).rank == 15
 
@@ -87,6 +94,12 @@ def test_pinned_names_describe_the_same_wrench():
 def test_pinned_names_that_are_no_basis_are_refused(kept, message):
     with pytest.raises(ValueError, match=message):
         base_of(double_pendulum(), kept=kept)
+
+
+@pytest.mark.parametrize("Y", [np.zeros((5, 6, 30)), np.full((5, 6, 30), np.nan)])
+def test_regressors_without_numbers_are_refused(Y):
+    with pytest.raises(ValueError, match="finite numbers that are not all zero"):
+        find_base_parameters(Y)
 
 
 def test_names_must_match_the_columns():

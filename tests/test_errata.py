@@ -60,6 +60,17 @@ def test_equation_9_the_angle_and_not_its_rate_is_in_the_exponent():
     assert abs(body.home @ se3.exp(body.twist, DQ[0]) - TREE.poses(Q)[1]).max() > 0.1
 
 
+def test_equation_9_the_bracket_is_with_the_joint_twist_times_its_rate():
+    # Printed is ad(ξ†θ), with the angle; with it the twist rate is not the derivative of the twist.
+    _, V, dV = dim.forward_recursion(TREE, Q, DQ, DDQ, np.zeros(3))
+    body, carried = TREE.bodies[2], V[2] - TREE.bodies[2].twist * DQ[1]
+    printed = dV[2] + se3.ad(body.twist * DQ[1]) @ carried - se3.ad(body.twist * Q[1]) @ carried
+    h = 1e-6
+    later = dim.forward_recursion(TREE, Q + h * DQ, DQ + h * DDQ, DDQ, np.zeros(3))[1][2]
+    np.testing.assert_allclose((later - V[2]) / h, dV[2], atol=1e-4)
+    assert abs((later - V[2]) / h - printed).max() > 0.1
+
+
 def test_equation_10_phi_is_linear_only_about_the_frame_origin():
     mass, com, inertia = com_from_parameters(PHI[:10])
     M = dim.spatial_inertia(PHI[:10])

@@ -39,8 +39,18 @@ def test_tilt_turns_both_axes(tilt, azimuth):
 
 
 def test_every_sensor_declares_its_noise():
-    assert (MODEL.sensor_noise > 0).all()
-    assert np.isclose(np.degrees(MODEL.sensor("link1_orientation").noise[0]), 0.5, atol=1e-5)
+    levels = {
+        "ground_force": 0.5,
+        "ground_torque": 0.05,
+        **{f"joint{k}_{kind}": x for k in (1, 2) for kind, x in JOINT_NOISE.items()},
+        **{f"link{k}_{kind}": x for k in (1, 2) for kind, x in POSE_NOISE.items()},
+    }
+    found = {MODEL.sensor(i).name: float(MODEL.sensor_noise[i]) for i in range(MODEL.nsensor)}
+    assert found == pytest.approx(levels, rel=1e-5)
+
+
+JOINT_NOISE = {"position": 0.001, "velocity": 0.01, "acceleration": 0.05}
+POSE_NOISE = {"position": 0.001, "orientation": np.radians(0.5)}
 
 
 def test_joints_are_limited_and_driven():

@@ -82,6 +82,32 @@ def test_p_values_of_parallel_axes_are_uniform():
     assert abs(p - np.arange(0.5, 300) / 300).max() < 1.63 / np.sqrt(300)
 
 
+def test_p_values_are_uniform_for_opposite_axes_in_turned_frames():
+    rng = np.random.default_rng(0)
+    axis = unit_vector(rng)
+    homes = [random_pose(rng), random_pose(rng)]
+    bodies = [Body("base", BASE, np.eye(4), np.zeros(6))]
+    for i, sign in enumerate((1, -1)):
+        R = homes[0][:3, :3] if i == 0 else homes[0][:3, :3] @ homes[1][:3, :3]
+        bodies.append(Body(f"b{i}", i, homes[i], np.concatenate([np.zeros(3), sign * R.T @ axis]), f"j{i}"))
+    tree = Tree(tuple(bodies))
+    exact = tree.poses(ANGLES[:80])
+    found = [recover_axes(tree, noisy(exact, rng), significance=0) for _ in range(300)]
+    p = np.sort([r.p_values[1] for r in found])
+    assert abs(p - np.arange(0.5, 300) / 300).max() < 1.63 / np.sqrt(300)
+    errors = np.array([r.axes[0].vector - axis for r in found])
+    spread = np.sqrt(np.mean(np.sum(errors**2, axis=1)) / 2)
+    assert np.isclose(np.mean([r.axes[0].std for r in found]), spread, rtol=0.12)
+
+
+def test_few_samples_do_not_make_false_alarms():
+    rng = np.random.default_rng(0)
+    axis = tilted_axis(5, 120)
+    exact = pendulum_poses(axis, axis)[:: len(TIME) // 12]
+    p = [recover_axes(DESIGN, noisy(exact, rng)).p_values[1] for _ in range(500)]
+    assert np.mean(np.array(p) < 0.01) < 0.05
+
+
 def test_without_noise_axes_are_exact():
     axis = tilted_axis(5, 120)
     recovered = recover_axes(DESIGN, pendulum_poses(axis, axis))
@@ -120,7 +146,7 @@ def test_axes_in_turned_frames_off_the_origin_and_on_branches():
 
 def test_a_prismatic_joint_is_refused():
     slide = Body("slide", BASE, np.eye(4), np.array([1.0, 0, 0, 0, 0, 0]), "rail")
-    with pytest.raises(ValueError, match="'rail' is prismatic"):
+    with pytest.raises(ValueError, match="'rail' slides"):
         recover_axes(Tree((slide,)), np.tile(np.eye(4), (20, 1, 1, 1)))
 
 
@@ -136,6 +162,16 @@ def test_opposite_axes_are_parallel():
     recovered = recover_axes(design, noisy(exact, np.random.default_rng(0)))
     assert recovered.groups == ((0, 1),)
     np.testing.assert_array_equal(recovered.tree.bodies[1].twist, -recovered.tree.bodies[2].twist)
+
+
+def test_one_direction_weighs_by_certainty():
+    rng = np.random.default_rng(0)
+    twist = random_twist(rng, "revolute")
+    loud = estimate_screw(noisy(se3.exp(twist, ANGLES[:, 0]), rng, angle=20 * NOISE), twist[3:]).axis
+    quiet = estimate_screw(noisy(se3.exp(twist, ANGLES[:, 1]), rng), twist[3:]).axis
+    common = common_direction([loud, quiet])
+    assert common.std < quiet.std < loud.std / 5
+    assert np.linalg.norm(common.vector - quiet.vector) < 0.05 * np.linalg.norm(loud.vector - quiet.vector)
 
 
 def test_one_direction_is_more_certain_than_each():

@@ -124,5 +124,5 @@ def test_a_user_sensor_must_belong_to_a_joint():
     spec = scenes.load("double_pendulum")
     sensor = spec.sensor("joint1_acceleration")
     sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_BODY, "link1"
-    with pytest.raises(ValueError, match="'joint1_acceleration' must report one number of a joint"):
+    with pytest.raises(ValueError, match="'joint1_acceleration' must report one number of a hinge"):
         simulate(spec, DOUBLE_PENDULUM, samples=1)
