@@ -8,16 +8,19 @@ from pathlib import Path
 from experiments import mechanism, misaligned, multicontact, options
 from experiments.figures import FORMATS
 from experiments.index import write_index
+from experiments.trials import FILE
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs every study with its defaults, into folders of their own."""
     # The page embeds the figures as PNG.
     formats = ["--formats", *dict.fromkeys(["png", *args.formats])]
-    trials = ["--trials", str(args.trials), "--workers", str(args.workers)]
+    trials = ["--trials", str(args.trials), "--workers", str(args.workers), "--redraw", args.redraw]
     for study, more in ((mechanism, []), (misaligned, trials), (multicontact, trials)):
-        name = study.__name__.rpartition(".")[2]
-        study.run(study.parser().parse_args(["--out", str(args.out / name), *formats, *more]))
+        out = args.out / study.__name__.rpartition(".")[2]
+        # A study that the interrupted run had not reached starts from the beginning.
+        resume = ["--resume"] if more and args.resume and (out / FILE).exists() else []
+        study.run(study.parser().parse_args(["--out", str(out), *formats, *more, *resume]))
         print()
     write_index(args.out)
     print(f"Everything on one page: {args.out / 'index.html'}")

@@ -33,6 +33,7 @@ def fit(
     gravity: np.ndarray,
     *,
     wrench: np.ndarray | None = None,
+    covariance: np.ndarray | None = None,
     kept: Sequence[str] | None = None,
 ) -> Fit:
     """Base parameters of one model from measured joint states and wrenches.
@@ -43,6 +44,7 @@ def fit(
         phi_true: True stacked φ, for the true base parameters (10 b,).
         gravity: Acceleration of gravity in the base frame, m/s² (3,).
         wrench: Total wrench `[F; τ]`, N and N m (N, 6); by default the recording's ground wrench alone.
+        covariance: Its covariance (N, 6, 6), to weight by; by default ordinary least squares.
         kept: Names of the base parameters; by default the first independent columns.
 
     Raises:
@@ -57,7 +59,7 @@ def fit(
     q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(states, noise, strict=True))
     check_excitation(Y, base, base_wrench_regressor(tree, q, dq, ddq, gravity=gravity) - Y)
     measured = recording.wrench("ground") if wrench is None else wrench
-    return Fit(base, identify(Y, measured, base), base.regroup(phi_true))
+    return Fit(base, identify(Y, measured, base, covariance=covariance), base.regroup(phi_true))
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

@@ -4,10 +4,13 @@ import base64
 import csv
 import html
 import json
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
 from experiments import paper
+from experiments.multicontact import DIFFERS
+from experiments.trials import REDRAWN
 from sim.atomic import replacing
 
 STYLE = """
@@ -84,9 +87,10 @@ def write_index(results: Path) -> None:
         "<h2>Multiple contacts (Section VII)</h2>",
         _table(
             multicontact / "table_4.csv",
-            "Table IV. True base parameters and errors, kg, kg m and kg m². Ixx2, Ixx3 "
-            "and Ixz3 differ from the paper's by the parallel-axis terms",
+            "Table IV. True base parameters and errors, kg, kg m and kg m². the entries with an asterisk "
+            "differ from the paper's by the parallel-axis terms",
             {"deviation": ("error", "paper_error")},
+            marked=DIFFERS,
         ),
         _table(multicontact / "table_4_ignoring.csv", "The contact taken into account, and ignored"),
         _figure(
@@ -141,12 +145,16 @@ def _headline(misaligned: dict[str, Any], multicontact: dict[str, Any]) -> str:
     )
 
 
-def _table(path: Path, caption: str, differences: dict[str, tuple[str, str]] | None = None) -> str:
+def _table(
+    path: Path, caption: str, differences: dict[str, tuple[str, str]] | None = None, marked: Container[str] = ()
+) -> str:
     """A CSV file as an HTML table, with columns of differences added."""
     with path.open(encoding="utf-8", newline="") as lines:
         rows = list(csv.DictReader(lines))
     for row in rows:
         row |= {name: str(float(row[a]) - float(row[b])) for name, (a, b) in (differences or {}).items()}
+    for row in rows:
+        row |= {name: f"{text}*" for name, text in row.items() if text in marked}
     numeric = {name: all(_is_number(row[name]) for row in rows) for name in rows[0]}
     head = "".join(f"<th{_css(numeric[name])}>{html.escape(name.replace('_', ' '))}</th>" for name in rows[0])
     cells = (
@@ -190,7 +198,11 @@ def _monte_carlo(folder: Path) -> list[str]:
         _table(path, f"Errors of the {path.stem.removeprefix('monte_carlo_')} model over {found['trials']} trials")
         for path in sorted(folder.glob("monte_carlo_*.csv"))
     ]
-    caption = f"Errors over {found['trials']} trials beside the predicted interval and the paper's single run."
+    redrawn = REDRAWN[found["provenance"]["options"]["redrawn"]]
+    caption = (
+        f"Errors over {found['trials']} trials beside the predicted interval and the paper's single run. Drawn anew: "
+        f"{redrawn}."
+    )
     return [*parts, _figure(folder / "figure_monte_carlo.png", caption)]
 
 

@@ -1,4 +1,4 @@
-"""The double pendulum itself: Figure 1, and Tables I and II, from the scene's own geometry."""
+"""The double pendulum itself: Figure 1 and Table II from the scene's own geometry, and Table I as printed."""
 
 import argparse
 import sys
@@ -143,6 +143,8 @@ def _draw_links(ax: Axes, drawing: Drawing) -> None:
     ax.plot(*_flat(foot + np.array([[0, -0.25, 0], [0, 0.25, 0]])).T, color="0.3", lw=1)
     for joint in (shoulder, elbow):
         ax.plot(*_flat(joint), "o", color="white", mec="black", ms=5, mew=0.8)
+    for T, mass in zip(drawing.poses, drawing.masses, strict=True):
+        ax.plot(*_flat(np.array([T[:3, 3], mass])).T, color="0.3", lw=0.6)
     ax.plot(*_flat(drawing.masses).T, "o", color="tab:orange", ms=4, mec="black", mew=0.4)
 
 
@@ -186,6 +188,7 @@ def run(args: argparse.Namespace) -> None:
         figures.save(figure_1(drawing), folder, "figure_1", args.formats)
         for name, table in tables.items():
             table.write(folder, name)
+        report.write_json(folder / "provenance.json", report.provenance({"formats": args.formats}, {"scene": SCENE}))
     for table in tables.values():
         print(table.text())
     length = tree.bodies[2].home[2, 3]

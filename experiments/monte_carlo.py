@@ -58,8 +58,9 @@ class Distribution:
 
     @property
     def percentile(self) -> np.ndarray:
-        """Percentile of the paper's errors among the trials."""
-        return 100 * np.mean(self.errors < self.published, axis=0)
+        """Percentiles of the paper's errors among the trials, over the half digit that print has rounded (2, p)."""
+        low, high = self.published - 0.005, self.published + 0.005
+        return 100 * np.array([np.mean(self.errors < limit, axis=0) for limit in (low, high)])
 
 
 def table(model: str, found: Distribution) -> report.Table:
@@ -76,8 +77,9 @@ def table(model: str, found: Distribution) -> report.Table:
             predicted_std=found.predicted_std,
             coverage_95=found.coverage,
             paper_error=found.published,
-            paper_percentile=found.percentile,
+            paper_percentile=[f"{a:.0f} to {b:.0f}" for a, b in found.percentile.T],
         ),
+        decimals=4,
     )
 
 
@@ -95,6 +97,13 @@ def chart(found: Mapping[str, Distribution]) -> Figure:
             ax.plot(d.mean, rows, "o", color="tab:blue", ms=2.5, label="mean")
             ax.plot(d.published, rows, "x", color="tab:red", ms=4, mew=0.9, label="paper")
             ax.set_title(model)
+            # Linear within ±0.01, logarithmic beyond, so that parameters known to grams stand beside wrong ones.
+            ax.set_xscale("symlog", linthresh=0.01, linscale=1.0)
+            ticks = [-1, -0.1, -0.01, 0, 0.01, 0.1, 1]
+            ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks], rotation=60)
+            ax.set_xlim(
+                -3 if min(d.interval.min(), d.published.min()) < -0.5 else -0.3, 1 if d.mean.max() > 0.2 else 0.3
+            )
             ax.set_xlabel("Error (kg, kg m, kg m²)")
             ax.set_yticks(rows, [figures.parameter_symbol(name) for name in d.names])
         panels[0].invert_yaxis()
@@ -167,7 +176,8 @@ def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespa
     with report.results_folder(args.out) as folder:
         for model, d in found.items():
             table(model, d).write(folder, f"monte_carlo_{model}")
-        report.write_json(folder / "monte_carlo.json", _numbers(found) | {"run": draw.identity})
+        origin = report.provenance(draw.identity, {})
+        report.write_json(folder / "monte_carlo.json", _numbers(found) | {"provenance": origin})
         figures.save(chart(found), folder, "figure_monte_carlo", args.formats)
     for model, d in found.items():
         print(table(model, d).text())

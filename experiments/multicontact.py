@@ -42,13 +42,15 @@ def table_4(result: Study) -> report.Table:
 def table_4_ignoring(result: Study) -> report.Table:
     """What the ground wrench alone gives, beside the estimate from both wrenches."""
     return report.Table(
-        "The same recording with the contact taken into account and ignored, kg, kg m and kg m²",
+        "Ordinary and weighted least squares, and the contact ignored, kg, kg m and kg m²",
         *report.columns(
             parameter=result.fit.base.names,
             true=result.fit.psi_true,
             estimated=result.fit.estimate.psi,
             error=result.fit.error,
             std_wrench_noise=result.fit.estimate.std,
+            error_weighted=result.weighted.error,
+            std_weighted=result.weighted.estimate.std,
             estimated_ignoring=result.ignoring.estimate.psi,
             error_ignoring=result.ignoring.error,
             regrouping=result.fit.base.expressions(),

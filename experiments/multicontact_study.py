@@ -43,19 +43,19 @@ class Study:
     """What the study found.
 
     Attributes:
-        problem: What was known, and the truth.
         recording: Simulated recording.
         measured: Total wrench from the measured ground and contact wrenches.
         true: The same from true values.
-        fit: Base parameters from the total wrench.
+        fit: Base parameters from the total wrench, by ordinary least squares as in the paper.
+        weighted: The same, weighted by the sensors' covariance.
         ignoring: Base parameters from the ground wrench alone, as if there were no contact.
     """
 
-    problem: Problem
     recording: Recording
     measured: TotalWrench
     true: TotalWrench
     fit: Fit
+    weighted: Fit
     ignoring: Fit
 
 
@@ -75,12 +75,16 @@ def study(*, seed: int = 0, samples: int = SAMPLES, contact: str = "pad", noise_
     recording = simulate(spec, DOUBLE_PENDULUM, samples=samples, seed=seed, noise_scale=noise_scale)
     known = problem(contact)
     measured = total(known, recording)
+
+    def with_contact(covariance: np.ndarray | None) -> Fit:
+        return fit(known.tree, recording, known.phi_true, known.gravity, wrench=measured.wrench, covariance=covariance)
+
     return Study(
-        problem=known,
         recording=recording,
         measured=measured,
         true=total(known, recording.noise_free),
-        fit=fit(known.tree, recording, known.phi_true, known.gravity, wrench=measured.wrench),
+        fit=with_contact(None),
+        weighted=with_contact(measured.covariance if noise_scale else None),
         ignoring=fit(known.tree, recording, known.phi_true, known.gravity),
     )
 

@@ -41,7 +41,15 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     parser.add_argument(
         "--noise-scale", type=float, default=1.0, help="factor on the scene's and the excitation's noise"
     )
-    several = add_trials(parser)
+    add_trials(parser)
+    return parser
+
+
+def add_trials(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of Monte Carlo runs."""
+    several = parser.add_argument_group("Monte Carlo")
+    several.add_argument("--trials", type=_whole_number(2, also=0), default=0, help="trials with noise drawn anew")
+    several.add_argument("--workers", type=_whole_number(1, 1024), default=1, help="processes for the trials")
     several.add_argument(
         "--redraw",
         choices=REDRAWN,
@@ -49,15 +57,6 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
         help="noise to draw anew: " + "; ".join(f"{key}, {what}" for key, what in REDRAWN.items()),
     )
     several.add_argument("--resume", action="store_true", help="go on from the trials of an interrupted run")
-    return parser
-
-
-def add_trials(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Adds the options that every Monte Carlo run has, and returns their group."""
-    several = parser.add_argument_group("Monte Carlo")
-    several.add_argument("--trials", type=_whole_number(2, also=0), default=0, help="trials with noise drawn anew")
-    several.add_argument("--workers", type=_whole_number(1, 1024), default=1, help="processes for the trials")
-    return several
 
 
 def run(

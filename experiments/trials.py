@@ -88,6 +88,7 @@ class Draw:
         return {
             "scene": dict(self.scene),
             "scene_sha256": self.recording.provenance["scene_sha256"],
+            "excitation": self.recording.provenance["excitation"],
             **{key: getattr(self, key) for key in ("samples", "noise_scale", "redrawn", "seed")},
         }
 
@@ -219,7 +220,7 @@ def trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             kept, outcomes = json.loads(str(data["identity"])), list(data["outcomes"])
         different = [key for key in draw.identity if kept.get(key) != json.loads(json.dumps(draw.identity[key]))]
-    except (OSError, ValueError, KeyError, EOFError, AttributeError, BadZipFile) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, AttributeError, BadZipFile) as error:
         raise ValueError(f"--resume needs the trials of an earlier run in {file} ({error}).") from None
     if different:
         raise ValueError(f"The trials in {file} are of another run: {', '.join(different)} differ; leave out --resume.")

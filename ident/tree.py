@@ -32,7 +32,7 @@ class Body:
 
     def __post_init__(self) -> None:
         home, twist = np.array(self.home, float), np.array(self.twist, float)
-        if home.shape != (4, 4) or not _is_rigid(home):
+        if home.shape != (4, 4) or not is_rigid(home):
             raise ValueError(f"Body '{self.name}' needs a 4×4 rigid home pose, got {self.home}.")
         unit = np.linalg.norm(twist[3:]) or np.linalg.norm(twist[:3])
         if twist.shape != (6,) or not np.isfinite(twist).all() or not (unit == 0 or abs(unit - 1) <= 1e-9):
@@ -153,6 +153,10 @@ class Tree:
         return np.stack(poses, -3)
 
 
-def _is_rigid(T: np.ndarray) -> bool:
-    """Whether a 4×4 matrix is a pose, to rounding."""
-    return bool(np.allclose(se3.inverse(T) @ T, np.eye(4), atol=1e-9) and np.linalg.det(T[:3, :3]) > 0)
+def is_rigid(T: np.ndarray) -> bool:
+    """Whether 4×4 matrices (…, 4, 4) are poses, to rounding."""
+    if not np.isfinite(T).all():
+        return False
+    upright = np.array_equal(np.broadcast_to([0, 0, 0, 1], T[..., 3, :].shape), T[..., 3, :])
+    turned = np.allclose(T[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2), np.eye(3), atol=1e-9)
+    return bool(upright and turned and (np.linalg.det(T[..., :3, :3]) > 0).all())

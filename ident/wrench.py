@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.se3 import coAd
-from ident.tree import Tree
+from ident.tree import Tree, is_rigid
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +32,16 @@ class Contact:
         wrench, pose = np.asarray(self.exerted_by_link, float), np.asarray(self.pose, float)
         if wrench.ndim != 2 or wrench.shape[1] != 6 or not np.isfinite(wrench).all():
             raise ValueError(f"The contact on '{self.body}' needs finite wrenches (N, 6), got shape {wrench.shape}.")
-        if pose.shape not in ((4, 4), (len(wrench), 4, 4)) or not np.isfinite(pose).all():
+        if pose.shape not in ((4, 4), (len(wrench), 4, 4)) or not is_rigid(pose):
             raise ValueError(
                 f"The contact on '{self.body}' needs the pose of its sensor's frame, (4, 4) or ({len(wrench)}, 4, 4), "
                 f"got {'none' if self.pose is None else pose.shape}."
             )
         _check_covariance(f"The contact on '{self.body}'", self.covariance)
+        if self.time is not None and np.shape(self.time) != (len(wrench),):
+            raise ValueError(
+                f"The contact on '{self.body}' needs {len(wrench)} sample times, got shape {np.shape(self.time)}."
+            )
 
     @classmethod
     def applied_to_link(
@@ -116,6 +120,8 @@ def total_wrench(
             f"{len(poses)} finite joint states need finite ground wrenches ({len(poses)}, 6), got shape {wrench.shape}."
         )
     _check_covariance("The ground wrench", ground_covariance)
+    if time is not None and np.shape(time) != (len(poses),):
+        raise ValueError(f"{len(poses)} joint states need as many sample times, got shape {np.shape(time)}.")
     known = ground_covariance is not None and all(contact.covariance is not None for contact in contacts)
     covariance = np.tile(np.asarray(ground_covariance, float), (len(poses), 1, 1)) if known else None
     for contact in contacts:
@@ -136,7 +142,7 @@ def _check(contact: Contact, tree: Tree, samples: int, time: np.ndarray | None) 
             f"got {len(contact.exerted_by_link)}."
         )
     if time is not None and contact.time is not None:
-        shift = np.abs(np.asarray(contact.time) - time) if len(contact.time) == samples else np.array([np.inf])
+        shift = np.abs(np.asarray(contact.time) - time)
         if not shift.max() <= 1e-9:
             raise ValueError(
                 f"The contact on '{contact.body}' needs the joint states' sample times; they differ by up to "

@@ -1,4 +1,5 @@
 import csv
+import re
 
 import numpy as np
 from mechanisms import double_pendulum
@@ -52,7 +53,9 @@ def test_everything_on_one_page(tmp_path):
     assert {path.name for path in out.iterdir()} == {"mechanism", "misaligned", "multicontact", "index.html"}
     page = (out / "index.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 7
-    assert "http" not in page.replace("https-free", "")
+    targets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)|url\(([^)]*)""", page)
+    assert targets and all(link.startswith("data:") for pair in targets for link in pair if link)
+    assert "http-equiv" not in page and "<script" not in page
     for number in ("Figure 1", "Figure 2", "Figure 3", "Figure 4", "Figure 5", "Table I,", "Table II,", "Table III"):
         assert number in page
     for row in csv.DictReader((out / "multicontact" / "table_4.csv").read_text().splitlines()):
@@ -60,3 +63,12 @@ def test_everything_on_one_page(tmp_path):
     assert f"{paper.CONDITION_NUMBER_MULTICONTACT:g}" in page
     assert "scene_sha256" in page
     assert 'name="viewport"' in page and "@media print" in page
+
+
+def test_everything_resumes_what_was_interrupted(tmp_path):
+    command = ["--out", str(tmp_path), "--formats", "png", "--trials", "4", "--redraw", "sensors"]
+    assert everything(command) == 0
+    page = (tmp_path / "index.html").read_bytes()
+    (tmp_path / "multicontact" / "trials.npz").unlink()
+    assert everything([*command, "--resume"]) == 0
+    assert (tmp_path / "index.html").read_bytes() == page

@@ -41,6 +41,8 @@ def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
     assert (a["ground_force"] != b["ground_force"]).all()
     np.testing.assert_array_equal(a["ground_force"], again["ground_force"])
     assert (a["joint1_position"] != b["joint1_position"]).any() == (redrawn != "wrench")
+    other = draw(tmp_path, "--redraw", redrawn, "--seed", "1")(0)
+    assert (a["ground_force"] - a.true["ground_force"] != other["ground_force"] - other.true["ground_force"]).all()
     assert (a.true["joint1_position"] != b.true["joint1_position"]).any() == (redrawn == "all")
 
 
@@ -120,12 +122,10 @@ def problem_names():
 
 
 def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
-    """The full check, 1000 trials of 943 samples, is measured in REPRODUCTION.md; this one is its short form."""
-    found = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="943"), 300, tmp_path, workers=2))
-    # 300 trials know a standard deviation to 4 % and a coverage of 95 % to 1.3 %.
-    np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.16)
-    np.testing.assert_allclose(found.coverage, 0.95, atol=0.05)
-    assert (np.abs(found.mean) < 4.5 * found.std / np.sqrt(300)).all()
+    found = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="943"), 1000, tmp_path, workers=2))
+    np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.10)
+    assert ((found.coverage >= 0.93) & (found.coverage <= 0.97)).all()
+    assert (np.abs(found.mean) < 4.5 * found.std / np.sqrt(1000)).all()
 
 
 def test_noise_on_the_joint_states_biases(tmp_path):
@@ -139,7 +139,7 @@ def test_statistics():
     np.testing.assert_array_equal(found.mean, [0.5, 1.5])
     np.testing.assert_allclose(found.std, np.std(errors, axis=0, ddof=1))
     np.testing.assert_array_equal(found.coverage, [0.75, 0.5])
-    np.testing.assert_array_equal(found.percentile, [50, 100])
+    np.testing.assert_array_equal(found.percentile, [[50, 100], [50, 100]])
     np.testing.assert_array_equal(found.predicted_std, [1, 1])
     rows = list(csv.DictReader(monte_carlo.table("m", found).csv().splitlines()))
     assert rows[1] == {
@@ -151,7 +151,7 @@ def test_statistics():
         "predicted_std": "1.0",
         "coverage_95": "0.5",
         "paper_error": "9.0",
-        "paper_percentile": "100.0",
+        "paper_percentile": "100 to 100",
     }
 
 

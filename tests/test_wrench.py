@@ -70,6 +70,8 @@ def test_a_wrench_applied_to_the_link_has_the_other_sign(rng):
     bodies, wrenches, poses = random_contacts(rng, tree, 3)
     by_link = [Contact(str(b), w, p) for b, w, p in zip(bodies, wrenches, poses, strict=True)]
     to_link = [Contact.applied_to_link(str(b), -w, p) for b, w, p in zip(bodies, wrenches, poses, strict=True)]
+    full = Contact.applied_to_link("b", wrenches[0], poses[0], np.eye(6), np.arange(3.0))
+    assert full.covariance is not None and full.time is not None
     ground = rng.normal(size=(3, 6))
     np.testing.assert_array_equal(
         total_wrench(tree, q, ground, by_link).wrench, total_wrench(tree, q, ground, to_link).wrench
@@ -108,6 +110,14 @@ WRENCH = np.zeros((4, 6))
             lambda: Contact("b1", WRENCH, np.eye(4), time=np.array([0, 1, 2.5, 3])),
             "'b1' needs the joint states' sample times; they differ by up to 0.5 s, most at sample 2",
         ),
+        (
+            lambda: Contact("b1", WRENCH, np.eye(4), time=np.full(4, np.nan)),
+            "'b1' needs the joint states' sample times",
+        ),
+        (lambda: Contact("b1", WRENCH, np.eye(4), time=np.arange(9.0)), r"'b1' needs 4 sample times, got shape \(9,\)"),
+        (lambda: Contact("b1", WRENCH, 2 * np.eye(4)), "'b1' needs the pose of its sensor's frame"),
+        (lambda: Contact("b1", WRENCH, np.eye(4) * np.nan), "'b1' needs the pose of its sensor's frame"),
+        (lambda: Contact("b1", WRENCH, np.eye(4), np.triu(np.ones((6, 6)))), "'b1' needs a symmetric covariance"),
     ],
 )
 def test_contacts_that_do_not_fit_are_refused(contact, message):
@@ -121,3 +131,20 @@ def test_ground_wrench_needs_the_states_samples():
         ValueError, match=r"4 finite joint states need finite ground wrenches \(4, 6\), got shape \(3, 6\)"
     ):
         total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH[:3], [])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"time": np.arange(3.0)}, r"as many sample times, got shape \(3,\)"),
+        ({"ground_covariance": np.eye(3)}, r"ground wrench needs a symmetric covariance \(6, 6\), got shape \(3, 3\)"),
+    ],
+)
+def test_ground_options_must_fit(options, message):
+    with pytest.raises(ValueError, match=message):
+        total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH, [], **options)
+
+
+def test_ground_wrenches_must_be_finite():
+    with pytest.raises(ValueError, match="finite ground wrenches"):
+        total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH * np.nan, [])
