@@ -76,29 +76,37 @@ def run(
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     options = parser.parse_args(argv)
-    try:
-        with _terminating_as_interrupt():
+    with _interruptible_once():
+        try:
             study(options)
-    except (ValueError, OSError, MemoryError) as error:
-        print(f"{parser.prog}: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"{parser.prog}: interrupted; every file is whole.", file=sys.stderr)
-        return 130
+        except (ValueError, OSError, MemoryError) as error:
+            print(f"{parser.prog}: error: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            print(f"{parser.prog}: interrupted; every file is whole.", file=sys.stderr)
+            return 130
     return 0
 
 
 @contextmanager
-def _terminating_as_interrupt() -> Iterator[None]:
-    """Makes a request to terminate end a block as Ctrl-C does, so that it cleans up."""
+def _interruptible_once() -> Iterator[None]:
+    """Makes the first Ctrl-C or request to terminate end a block, and later ones wait until it has cleaned up."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signals = (signal.SIGINT, signal.SIGTERM)
+
+    def interrupt(*_: object) -> None:
+        for number in signals:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = [signal.signal(number, interrupt) for number in signals]
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)
 
 
 def _whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:

@@ -5,15 +5,12 @@ import json
 import os
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import wait
+from multiprocessing import get_context, resource_tracker
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -37,9 +34,6 @@ REDRAWN = {
 
 FILE = "trials.npz"
 """File in the output folder that keeps every trial's outcome."""
-
-BATCH = 16
-"""Trials that each worker is handed at a time."""
 
 SAVE_EVERY = 5.0
 """Seconds between two saves of the trials done."""
@@ -127,31 +121,88 @@ def run_trials(
     """
     outcomes = list(done)
     saved = time.monotonic()
+    indices = range(len(outcomes), trials)
     try:
         with (
-            _one_thread_each(),
             tqdm(desc="Trials", total=trials, initial=len(outcomes), file=sys.stderr) as bar,
-            ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (draw, analyse)) as pool,
+            _crew(draw, analyse, min(workers, max(len(indices), 1))) as crew,
         ):
-            while len(outcomes) < trials:
-                batch = range(len(outcomes), min(trials, len(outcomes) + BATCH * workers))
-                with _not_interrupted():
-                    results = pool.map(_trial, batch)
-                for outcome in results:
-                    outcomes.append(outcome)
-                    bar.update()
+            for outcome in _in_order(crew, indices):
+                outcomes.append(outcome)
+                bar.update()
                 if time.monotonic() - saved > SAVE_EVERY:
                     _save(file, draw.identity, outcomes)
                     saved = time.monotonic()
-    except BrokenProcessPool:
+    except EOFError:
         raise ValueError(
-            f"A worker process died, perhaps for want of memory; {len(outcomes)} trials are in {file}, "
+            f"A worker process died, perhaps for want of memory; {len(outcomes)} trials are done and kept in {file}, "
             "go on with --resume and fewer --workers."
         ) from None
     finally:
         if len(outcomes) > len(done):
             _save(file, draw.identity, outcomes)
     return np.array(outcomes[:trials])
+
+
+@contextmanager
+def _crew(draw: Draw, analyse: Callable[[Recording], Outcome], size: int) -> Iterator[list[Connection]]:
+    """Worker processes for the duration of a block, each at the other end of a connection."""
+    context = get_context("spawn")
+    crew = []
+    try:
+        with _one_thread_each(), _not_interrupted():
+            for _ in range(size):
+                here, there = context.Pipe()
+                process = context.Process(target=_serve, args=(there, draw, analyse), daemon=True)
+                process.start()
+                there.close()
+                crew.append((process, here))
+        yield [here for _, here in crew]
+    finally:
+        for process, here in crew:
+            process.kill()
+            here.close()
+
+
+def _serve(there: Connection, draw: Draw, analyse: Callable[[Recording], Outcome]) -> None:
+    """Works on the trials that come in, until the connection ends with the parent."""
+    with suppress(EOFError, OSError):
+        while True:
+            k = there.recv()
+            try:
+                found = analyse(draw(k))
+            except ValueError as error:
+                there.send((k, error))
+            else:
+                there.send((k, found))
+
+
+def _in_order(crew: Sequence[Connection], indices: range) -> Iterator[Outcome]:
+    """Outcomes of trials in the order of their indices, whoever finishes first.
+
+    Raises:
+        EOFError: A worker died.
+        ValueError: A trial failed.
+    """
+    waiting, found, due = iter(indices), dict[int, Outcome](), indices.start
+    busy = set()
+    for worker, k in zip(crew, waiting, strict=False):
+        worker.send(k)
+        busy.add(worker)
+    while busy:
+        for worker in [w for w in wait(list(busy)) if isinstance(w, Connection)]:
+            k, outcome = worker.recv()
+            if isinstance(outcome, Exception):
+                raise outcome
+            found[k] = outcome
+            following = next(waiting, None)
+            if following is None:
+                busy.remove(worker)
+            else:
+                worker.send(following)
+        while due in found:
+            yield found.pop(due)
+            due += 1
 
 
 @contextmanager
@@ -172,32 +223,17 @@ def _one_thread_each() -> Iterator[None]:
 
 @contextmanager
 def _not_interrupted() -> Iterator[None]:
-    """Starts processes deaf to Ctrl-C, which is the parent's business."""
-    if threading.current_thread() is not threading.main_thread():
+    """Holds Ctrl-C back while processes start, and lets them be deaf to it: it is the parent's business."""
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Started later, the tracker of shared resources would let signals through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-
-
-_WORK: tuple[Draw, Callable[[Recording], Outcome]]
-
-
-def _start_worker(draw: Draw, analyse: Callable[[Recording], Outcome]) -> None:
-    """Hands a worker its task, and lets it end with its parent, however that ends."""
-    global _WORK
-    _WORK = draw, analyse
-    parent = parent_process()
-    if parent is not None:
-        threading.Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
-
-
-def _trial(k: int) -> Outcome:
-    draw, analyse = _WORK
-    return analyse(draw(k))
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _save(file: Path, identity: dict[str, Any], done: list[Outcome]) -> None:

@@ -1,6 +1,11 @@
 import csv
 import json
 import os
+import re
+import signal
+import subprocess
+import sys
+import time
 from functools import partial
 
 import numpy as np
@@ -53,31 +58,51 @@ def test_any_number_of_workers_gives_the_same_numbers(tmp_path):
     np.testing.assert_array_equal(one, two)
 
 
-class Interrupting:
-    """Results of some trials, then Ctrl-C."""
-
-    def __init__(self, pool_map, after):
-        self.pool_map, self.after = pool_map, after
-
-    def __call__(self, pool, *args, **kwargs):
-        for k, result in enumerate(self.pool_map(pool, *args, **kwargs)):
-            if k == self.after:
-                raise KeyboardInterrupt
-            yield result
-
-
 def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 9, tmp_path, file=tmp_path / "whole.npz")
-    pool = trials.ProcessPoolExecutor
+    in_order = trials._in_order
+
+    def interrupted(*args):
+        for k, outcome in enumerate(in_order(*args)):
+            if k == 5:
+                raise KeyboardInterrupt
+            yield outcome
+
     with monkeypatch.context() as patched:
-        stopped = Interrupting(pool.map, after=5)
-        patched.setattr(pool, "map", lambda self, *args, **kwargs: stopped(self, *args, **kwargs))
+        patched.setattr(trials, "_in_order", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(source, 9, tmp_path)
-    with np.load(tmp_path / "trials.npz") as kept:
+    with np.load(tmp_path / trials.FILE) as kept:
         assert len(kept["outcomes"]) == 5
     np.testing.assert_array_equal(resumed(source, 9, tmp_path), whole)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
+@pytest.mark.parametrize("moment", ["starting", "running"])
+def test_ctrl_c_ends_all_processes_without_a_traceback(tmp_path, moment):
+    command = [sys.executable, "-m", "experiments.multicontact", "--out", str(tmp_path), "--formats", "png"]
+    command += ["--trials", "100000", "--redraw", "sensors", "--workers", "2"]
+    pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
+    with subprocess.Popen(command, **quiet) as process:
+        seen = b""
+        # The bar stands at zero while the workers start.
+        while not re.search(pattern, seen):
+            part = process.stderr.read1()
+            assert part, seen
+            seen += part
+        for _ in range(2):
+            os.killpg(process.pid, signal.SIGINT)
+        seen += process.stderr.read()
+        assert process.wait(timeout=60) == 130
+    assert b"Traceback" not in seen
+    assert b"every file is whole" in seen
+    # Nobody of the group is left.
+    with pytest.raises(ProcessLookupError):
+        for _ in range(100):
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
 
 
 def test_trials_of_another_run_are_not_resumed(tmp_path):
