@@ -167,7 +167,8 @@ def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespa
     try:
         outcomes = run_trials(draw, plan.analyse, args.trials, workers=args.workers, file=file, done=done)
     except KeyboardInterrupt:
-        print(f"\nThe trials done so far are in {file}; run again with --resume to go on from there.", file=sys.stderr)
+        if file.exists():
+            print(f"\nThe trials done so far are in {file}; run again with --resume to go on.", file=sys.stderr)
         raise
     found = {
         model: Distribution(plan.names, outcomes[:, k, 0], outcomes[:, k, 1], np.array(errors))
