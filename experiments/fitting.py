@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.base_parameters import BaseParameters, find_base_parameters
-from ident.estimate import Estimate, check_excitation, identify
+from ident.estimate import Estimate, identify
 from ident.regressor import base_wrench_regressor
 from ident.tree import BASE, Tree
 from sim.recording import Recording
@@ -57,9 +57,10 @@ def fit(
     rng = np.random.default_rng(0)
     noise = recording.joint_noise(tree.joints)
     q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(states, noise, strict=True))
-    check_excitation(Y, base, base_wrench_regressor(tree, q, dq, ddq, gravity=gravity) - Y)
+    Y_noise = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity) - Y
     measured = recording.wrench("ground") if wrench is None else wrench
-    return Fit(base, identify(Y, measured, base, covariance=covariance), base.regroup(phi_true))
+    estimate = identify(Y, measured, base, covariance=covariance, Y_noise=Y_noise)
+    return Fit(base, estimate, base.regroup(phi_true))
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

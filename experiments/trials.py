@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 from zipfile import BadZipFile
 
 import numpy as np
@@ -190,7 +190,7 @@ def _in_order(crew: Sequence[Connection], indices: range) -> Iterator[Outcome]:
         worker.send(k)
         busy.add(worker)
     while busy:
-        for worker in [w for w in wait(list(busy)) if isinstance(w, Connection)]:
+        for worker in cast(list[Connection], wait(list(busy))):
             k, outcome = worker.recv()
             if isinstance(outcome, Exception):
                 raise outcome

@@ -46,7 +46,12 @@ class Estimate:
 
 
 def identify(
-    Y: np.ndarray, wrench: np.ndarray, base: BaseParameters, *, covariance: np.ndarray | None = None
+    Y: np.ndarray,
+    wrench: np.ndarray,
+    base: BaseParameters,
+    *,
+    covariance: np.ndarray | None = None,
+    Y_noise: np.ndarray | None = None,
 ) -> Estimate:
     """Least-squares solution of `Y_b ψ = Γ` (Eq. 4).
 
@@ -60,13 +65,14 @@ def identify(
         wrench: Total measured wrench Γ `[F; τ]`, N and N m (N, 6).
         base: Regrouping that fits Y.
         covariance: Covariance of the wrench, one for all samples (6, 6) or one for each (N, 6, 6).
+        Y_noise: The regressor's own noise, as `check_excitation` takes it (N, 6, P).
 
     Returns:
         The estimate.
 
     Raises:
         ValueError: Shapes that do not match, values that are not finite, or a covariance that is not positive definite.
-        ExcitationError: The base regressor is rank-deficient.
+        ExcitationError: The motion does not separate the base parameters (`check_excitation`).
     """
     wrench = np.asarray(wrench, float)
     if Y.ndim != 3 or Y.shape[1:] != (6, len(base.parameters)) or wrench.shape != Y.shape[:2]:
@@ -75,7 +81,7 @@ def identify(
         )
     if not (np.isfinite(Y).all() and np.isfinite(wrench).all()):
         raise ValueError("Regressor and wrench need finite numbers, got NaN or infinity.")
-    check_excitation(Y, base)
+    check_excitation(Y, base, Y_noise)
 
     Y_b = base.reduce(Y)
     alive = np.abs(Y_b).max(axis=(0, 2)) > ZERO_COLUMN * np.abs(Y_b).max()
@@ -98,7 +104,7 @@ def identify(
         psi=psi,
         std=np.linalg.norm(root, axis=1),
         covariance=root @ root.T,
-        condition_number=_condition_number(Y_b[:, alive].reshape(count, base.rank)),
+        condition_number=float(np.linalg.cond(R if covariance is None else _triangle(Y_b[:, alive]))),
         rows=count,
         predicted=predicted,
         residual=wrench - predicted,
@@ -106,9 +112,10 @@ def identify(
     )
 
 
-def _condition_number(tall: np.ndarray) -> float:
-    """Condition number of a tall matrix, by the singular values of its triangular factor."""
-    return float(np.linalg.cond(linalg.qr(tall, mode="r")[0][: tall.shape[1]]))
+def _triangle(rows: np.ndarray) -> np.ndarray:
+    """Triangular factor of stacked rows (…, r), which has their singular values (r, r)."""
+    tall = rows.reshape(-1, rows.shape[-1])
+    return linalg.qr(tall, mode="r")[0][: tall.shape[1]]
 
 
 def _inverse_root(covariance: np.ndarray, alive: np.ndarray) -> np.ndarray:
@@ -142,7 +149,7 @@ def check_excitation(Y: np.ndarray, base: BaseParameters, Y_noise: np.ndarray | 
     norms = np.linalg.norm(Y_b, axis=0)
     still = norms <= ZERO_COLUMN * norms.max(initial=0)
     norms = np.where(still, 1, norms)
-    triangle = linalg.qr(Y_b / norms, mode="r")[0][: base.rank]
+    triangle = _triangle(Y_b / norms)
     _, _, directions = np.linalg.svd(triangle)
     lengths = np.linalg.norm(triangle @ directions.T, axis=0)
     floor = np.full(base.rank, SINGULAR * lengths.max(initial=0))
