@@ -1,12 +1,14 @@
 """Which combinations of φ a regressor can see: rank, selection of independent columns, and regrouping (Eq. 4)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
 
+from ident.echelon import reduced_rows
 from ident.inertia import parameter_names
+from ident.se3 import Ad, exp
 from ident.structure import Sensors, structure_matrix
 from ident.tree import Tree
 
@@ -111,13 +113,16 @@ def find_base_parameters(
         sensors: For a tree: what is measured, by default the base wrench of a resting base.
 
     Returns:
-        The regrouping. Coefficients below 1e-9 are rounding and set to zero.
+        The regrouping. Coefficients below 1e-9 are rounding and set to zero; those of a tree of exact numbers (dtype
+        object) are exact as well.
 
     Raises:
         ValueError: The regressor is not finite or all zero, names do not fit its columns, or a pinned name is unknown
             or the pinned set no basis of them.
     """
     Y = structure_matrix(source, gravity=gravity, sensors=sensors) if isinstance(source, Tree) else source
+    if Y.dtype == object:
+        return _exact(Y)
     columns = Y.reshape(-1, Y.shape[-1])
     if not np.isfinite(columns).all() or not columns.any():
         raise ValueError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
@@ -142,6 +147,45 @@ def find_base_parameters(
     beta[np.abs(beta) < 1e-9] = 0
     gap = (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
     return BaseParameters(names, tuple(chosen), tuple(others), beta, gap)
+
+
+def separating_sensors(
+    tree: Tree, *, gravity: np.ndarray = STANDARD_GRAVITY, sensors: Sensors | None = None
+) -> dict[str, tuple[str, ...]]:
+    """Which parameters would become base parameters of their own if more were measured.
+
+    Args:
+        tree: The mechanism.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        sensors: What is measured now, by default the base wrench of a resting base.
+
+    Returns:
+        Parameters gained by measuring the `base wrench`, the `joint torques`, on a `moving base`, and if the axes of
+        all joints were `not parallel` to one another.
+    """
+    now = sensors or Sensors()
+    skewed = list(tree.bodies)
+    for k, i in enumerate(tree.moving):
+        if not skewed[i].is_ball:
+            turn = exp(np.array([0.0, 0, 0, *np.roll([0.6, 0.64, 0.48], k)]), 0.3 + 0.1 * k)
+            skewed[i] = replace(skewed[i], twist=Ad(turn) @ skewed[i].twist)
+    others = {
+        "base wrench": (tree, replace(now, base_wrench=True)),
+        "joint torques": (tree, replace(now, joint_torques=True)),
+        "moving base": (tree, replace(now, moving_base=True)),
+        "not parallel": (Tree(tuple(skewed)), now),
+    }
+    names = find_base_parameters(tree, gravity=gravity, sensors=now).names
+    found = {what: find_base_parameters(t, gravity=gravity, sensors=s).names for what, (t, s) in others.items()}
+    return {what: tuple(name for name in more if name not in names) for what, more in found.items()}
+
+
+def _exact(rows: np.ndarray) -> BaseParameters:
+    """The regrouping of columns of exact numbers."""
+    reduced, kept = reduced_rows(rows)
+    dependent = [k for k in range(rows.shape[1]) if k not in kept]
+    names = parameter_names(rows.shape[1] // 10)
+    return BaseParameters(names, tuple(kept), tuple(dependent), reduced[:, dependent], (np.inf, 0.0))
 
 
 def _rank(singular_values: np.ndarray) -> int:

@@ -1,19 +1,20 @@
 """The paper's recursive dynamic identification model, one function an equation (Eq. 7-14), for one sample.
 
 This is the readable specification. `ident.regressor` computes the same matrix for many samples at once. Equations
-are used in their corrected form; REPRODUCTION.md lists every erratum of the print.
+are used in their corrected form; REPRODUCTION.md lists every erratum of the print. Arrays of symbols (dtype object) go
+through it as numbers do, which derives the model symbolically.
 """
 
 import numpy as np
 
 from ident import se3
 from ident.inertia import symmetric
-from ident.tree import BASE, Body, Tree
+from ident.tree import BASE, BaseMotion, Body, Tree
 
 
-def relative_pose(body: Body, theta: float) -> np.ndarray:
-    """Eq. 7: `T_{i-1,i} = T_{i-1,i}(0) exp(ξ̂_i θ_i)` (4, 4)."""
-    return body.home @ se3.exp(body.twist, theta)
+def relative_pose(body: Body, theta: np.ndarray) -> np.ndarray:
+    """Eq. 7: `T_{i-1,i} = T_{i-1,i}(0) exp(ξ̂_i θ_i)` (4, 4), from the coordinates of one joint."""
+    return body.home @ body.joint_pose(theta)
 
 
 def body_twist(T_0i: np.ndarray, spatial_twist: np.ndarray) -> np.ndarray:
@@ -27,23 +28,32 @@ def body_twist(T_0i: np.ndarray, spatial_twist: np.ndarray) -> np.ndarray:
 
 
 def forward_recursion(
-    tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, gravity: np.ndarray
+    tree: Tree,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
     """Eq. 9: relative pose, twist and twist rate of every body.
 
-    The base frame rests, and gravity enters as its acceleration: `V_0 = 0`, `V̇_0 = [-g; 0]`.
+    The base frame rests unless its motion is given, and gravity enters as its acceleration: `V_0 = 0`, `V̇_0 = [-g; 0]`.
 
     Args:
         tree: The mechanism.
-        q: Joint coordinates in rad or m (n,); `dq`, `ddq` their rates.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
+        gravity: Acceleration of gravity in the base frame, m/s² (3,); in the frame of `base.T` where that is given.
+        base: Motion of the base frame in this sample.
 
     Returns:
         Three lists over the bodies: T_{i-1,i} (4, 4), V_i (6,) and V̇_i (6,), the last two in body axes.
     """
-    theta, dtheta, ddtheta = (tree.body_values(x) for x in (q, dq, ddq))
-    V_0 = np.zeros(6)
-    dV_0 = np.concatenate([-np.asarray(gravity), np.zeros(3)])
+    theta, dtheta, ddtheta = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
+    if base is None:
+        V_0, dV_0, down = np.zeros(6, dtype=int), np.zeros(6, dtype=int), np.asarray(gravity)
+    else:
+        V_0, dV_0, down = base.V, base.dV, base.T[:3, :3].T @ np.asarray(gravity)
+    dV_0 = dV_0 - np.concatenate([down, np.zeros(3, dtype=int)])
     T: list[np.ndarray] = []
     V: list[np.ndarray] = []
     dV: list[np.ndarray] = []
@@ -52,8 +62,9 @@ def forward_recursion(
         to_body = se3.Ad(se3.inverse(T[i]))
         carried = to_body @ (V_0 if body.parent == BASE else V[body.parent])
         dcarried = to_body @ (dV_0 if body.parent == BASE else dV[body.parent])
-        V.append(carried + body.twist * dtheta[i])
-        dV.append(dcarried + body.twist * ddtheta[i] - se3.ad(body.twist * dtheta[i]) @ carried)
+        own = body.motions @ dtheta[i]
+        V.append(carried + own)
+        dV.append(dcarried + body.motions @ ddtheta[i] - se3.ad(own) @ carried)
     return T, V, dV
 
 
@@ -64,25 +75,32 @@ def spatial_inertia(phi: np.ndarray) -> np.ndarray:
 
 
 def inverse_dynamics(
-    tree: Tree, phi: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, *, gravity: np.ndarray
+    tree: Tree,
+    phi: np.ndarray,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    *,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eq. 11: the wrench that the ground exerts on the mechanism, and the joint torques.
 
     Args:
-        tree: The mechanism of b bodies and n joints.
+        tree: The mechanism of b bodies with φ, its joints with n velocities.
         phi: Stacked φ (10 b,).
-        q: Joint coordinates in rad or m (n,); `dq`, `ddq` their rates.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
+        gravity: Acceleration of gravity, as in `forward_recursion`, m/s² (3,).
+        base: Motion of the base frame in this sample, without it at rest.
 
     Returns:
         Γ_0 `[F; τ]` in the base frame, N and N m (6,); joint torques τ_J in N m, or N for a prismatic joint (n,).
     """
-    T, V, dV = forward_recursion(tree, q, dq, ddq, gravity)
-    phi = np.reshape(phi, (len(tree.bodies), 10))
-    wrench = []
-    for i in range(len(tree.bodies)):
-        M = spatial_inertia(phi[i])
-        wrench.append(M @ dV[i] - se3.ad(V[i]).T @ M @ V[i])
+    T, V, dV = forward_recursion(tree, q, dq, ddq, gravity, base)
+    wrench = [np.zeros(6)] * len(tree.bodies)
+    for i, phi_i in zip(tree.inertial, np.reshape(phi, (-1, 10)), strict=True):
+        M = spatial_inertia(phi_i)
+        wrench[i] = M @ dV[i] - se3.ad(V[i]).T @ M @ V[i]
     ground = np.zeros(6)
     for i in reversed(range(len(tree.bodies))):
         carried = se3.coAd(T[i]) @ wrench[i]
@@ -90,8 +108,8 @@ def inverse_dynamics(
             ground = ground + carried
         else:
             wrench[tree.bodies[i].parent] = wrench[tree.bodies[i].parent] + carried
-    torques = np.array([tree.bodies[i].twist @ wrench[i] for i in tree.moving])
-    return ground, torques
+    torques = [body.motions.T @ wrench_i for body, wrench_i in zip(tree.bodies, wrench, strict=True)]
+    return ground, np.concatenate(torques)
 
 
 def momentum_regressor(V: np.ndarray) -> np.ndarray:
@@ -120,22 +138,30 @@ def body_regressor(V: np.ndarray, dV: np.ndarray) -> np.ndarray:
 
 
 def base_wrench_regressor(
-    tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, *, gravity: np.ndarray
+    tree: Tree,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    *,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
 ) -> np.ndarray:
     """Eq. 14: Y with `Γ_0 = Y φ`, for one sample.
 
     Args:
-        tree: The mechanism of b bodies and n joints.
-        q: Joint coordinates in rad or m (n,); `dq`, `ddq` their rates.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        tree: The mechanism of b bodies with φ, its joints with n velocities.
+        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
+        gravity: Acceleration of gravity, as in `forward_recursion`, m/s² (3,).
+        base: Motion of the base frame in this sample, without it at rest.
 
     Returns:
         Y = [Ad(T_01⁻¹)ᵀ Y_1 … Ad(T_0b⁻¹)ᵀ Y_b] (6, 10 b).
     """
-    T, V, dV = forward_recursion(tree, q, dq, ddq, gravity)
+    T, V, dV = forward_recursion(tree, q, dq, ddq, gravity, base)
     T_0: list[np.ndarray] = []
     blocks = []
     for i, body in enumerate(tree.bodies):
         T_0.append(T[i] if body.parent == BASE else T_0[body.parent] @ T[i])
-        blocks.append(se3.coAd(T_0[i]) @ body_regressor(V[i], dV[i]))
+        if not body.massless:
+            blocks.append(se3.coAd(T_0[i]) @ body_regressor(V[i], dV[i]))
     return np.hstack(blocks)

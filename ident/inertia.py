@@ -93,8 +93,16 @@ def pseudo_inertia(phi: np.ndarray) -> np.ndarray:
 
 def parameters_from_pseudo_inertia(J: np.ndarray) -> np.ndarray:
     """φ of a pseudo-inertia: the inverse of `pseudo_inertia`, (…, 4, 4) -> (…, 10)."""
-    J = np.asarray(J, float)
+    J = np.asarray(J)
     second = J[..., :3, :3]
-    inertia = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second
+    inertia = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3, dtype=int) - second
     entries = inertia[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return np.concatenate([J[..., 3:, 3], J[..., :3, 3], entries], axis=-1)
+
+
+def parameter_transform(T_ab: np.ndarray) -> np.ndarray:
+    """Matrix X with `φ_a = X φ_b`: the φ of a body, about frame b, written about frame a (10, 10).
+
+    The pseudo-inertia moves as `J_a = T_ab J_b T_abᵀ`.
+    """
+    return parameters_from_pseudo_inertia(T_ab @ pseudo_inertia(np.eye(10)) @ np.swapaxes(T_ab, -1, -2)).T

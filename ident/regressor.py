@@ -9,12 +9,13 @@ which is linear in φ because J is. Inside this module arrays are laid out sampl
 streams through the cache; `ident.dim` computes the same matrix term by term.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ident.se3 import Ad, hat
-from ident.tree import BASE, Body, Tree
+from ident.tree import BASE, BaseMotion, Body, Tree
 
 
 class _Motion(NamedTuple):
@@ -28,100 +29,178 @@ class _Motion(NamedTuple):
     """Acceleration of the origin less gravity."""
 
 
+DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc"}
+"""What takes torque at a joint besides the links: rotor inertia times acceleration (kg m²), viscous friction times
+velocity (N m s), Coulomb friction times its sign (N m). The names are those of the columns."""
+
 CHUNK = 2048
 """Samples worked on together: about as many as the temporaries of one body need to stay in the cache."""
 
 
 def base_wrench_regressor(
-    tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, *, gravity: np.ndarray
+    tree: Tree,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    *,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
 ) -> np.ndarray:
-    """Regressor of the wrench that the ground exerts on a mechanism with a fixed base: `Γ_0 = Y φ` (Eq. 14).
+    """Regressor of the wrench that everything outside exerts on a mechanism: `Γ_0 = Y φ` (Eq. 14).
+
+    On a fixed base that is the wrench of the ground, where nothing else touches the mechanism. On a moving base it is
+    the sum of all contact wrenches (Eq. 3).
 
     Args:
-        tree: The mechanism of b bodies and n joints.
-        q: Joint coordinates in rad or m (N, n); `dq`, `ddq` their first and second time derivatives (N, n).
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        tree: The mechanism of b bodies with φ, its joints with n velocities.
+        q: Joint coordinates in rad, m or quaternions (N, n_q).
+        dq: Joint velocities in rad/s or m/s (N, n); `ddq` their rates (N, n).
+        gravity: Acceleration of gravity in the base frame, m/s² (3,); in the frame of `base.T` where that is given.
+        base: Motion of the base frame (N samples), without it at rest.
 
     Returns:
         Y (N, 6, 10 b), rows `[F; τ]` in the base frame, columns in the order of `ident.inertia.PARAMETERS`. The array
         is a view of a C-contiguous (10 b, 6, N) block.
 
     Raises:
-        ValueError: The joint arrays do not have the shape (N, n).
+        ValueError: The joint arrays do not have these shapes, or a quaternion is zero.
     """
-    states = [tree.body_values(np.asarray(x, float)) for x in (q, dq, ddq)]
-    if states[0].ndim != 2 or len({x.shape for x in states}) != 1:
-        raise ValueError(
-            f"q, dq and ddq need one shape (N, {len(tree.moving)}), got "
-            f"{np.shape(q)}, {np.shape(dq)} and {np.shape(ddq)}."
-        )
-    samples = len(states[0])
-    out = np.zeros((10 * len(tree.bodies), 6, samples))
-    minus_g = -np.asarray(gravity, float)
-    for start in range(0, samples, CHUNK):
+    q, dq, ddq = _states(tree, q, dq, ddq, base)
+    out = np.zeros((10 * len(tree.inertial), 6, len(q)))
+    for start in range(0, len(q), CHUNK):
         part = slice(start, start + CHUNK)
-        q_part, dq_part, ddq_part = (x[part].T for x in states)
-        _fill(tree, q_part, dq_part, ddq_part, minus_g, out[:, :, part])
+        root = _base_motion(base, np.asarray(gravity, float), part, len(q[part]))
+        _fill(tree, root, q[part], dq[part], ddq[part], out[:, :, part])
     return out.transpose(2, 1, 0)
 
 
 def joint_torque_regressor(
-    tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, *, gravity: np.ndarray
+    tree: Tree,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    *,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
+    drive: Sequence[str] = (),
 ) -> np.ndarray:
     """Regressor of the joint torques, `τ_J = Y φ`: Eq. 11's projection `τ_Ji = ξ_iᵀ Γ_i` of the wrench on a link.
 
     Args:
-        tree: The mechanism of b bodies and n joints.
-        q: Joint coordinates in rad or m (N, n); `dq`, `ddq` their first and second time derivatives (N, n).
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        tree: The mechanism; arguments as for `base_wrench_regressor`.
+        q: Joint coordinates (N, n_q).
+        dq: Joint velocities (N, n); `ddq` their rates (N, n).
+        gravity: Acceleration of gravity, m/s² (3,).
+        base: Motion of the base frame, without it at rest.
+        drive: What else takes torque at every joint, out of `DRIVE`, each n columns more.
 
     Returns:
-        Y (N, n, 10 b), rows in N m, or N for a prismatic joint.
+        Y (N, n, 10 b + n len(drive)), rows in N m, or N for a prismatic joint.
 
     Raises:
-        ValueError: The joint arrays do not have the shape (N, n).
+        ValueError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
     """
-    Y = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity)
+    own = _drive_columns(dq, ddq, drive)
+    Y = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity, base=base)
     poses = tree.poses(np.asarray(q, float))
-    out = np.zeros((len(Y), len(tree.moving), Y.shape[2]))
-    for j, i in enumerate(tree.moving):
-        # The body's wrench about the base, times the joint's twist in the base frame: power is the same in any frame.
-        screw = (Ad(poses[:, i]) @ tree.bodies[i].twist)[:, None]
-        for k in tree.carried(i):
-            columns = slice(10 * k, 10 * k + 10)
-            out[:, j, columns] = (screw @ Y[:, :, columns])[:, 0]
-    return out
-
-
-def _fill(tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, minus_g: np.ndarray, out: np.ndarray) -> None:
-    """Writes the regressor of one chunk into `out` (10 b, 6, C); joint values come samples-last (b, C)."""
-    zero = np.zeros((3, q.shape[1]))
-    one = np.broadcast_to(np.eye(3)[..., None], (3, 3, q.shape[1]))
-    base = _Motion(one, zero, zero, zero, zero + minus_g[:, None])
-    motion: list[_Motion] = []
+    column = dict(zip(tree.inertial, range(0, Y.shape[2], 10), strict=True))
+    rows = []
     for i, body in enumerate(tree.bodies):
-        motion.append(_moved(base if body.parent == BASE else motion[body.parent], body, q[i], dq[i], ddq[i]))
-        _body_columns(motion[i], out[10 * i : 10 * i + 10])
+        # The body's wrench about the base, times the joint's twist in the base frame: power is the same in any frame.
+        screws = np.swapaxes(Ad(poses[:, i]) @ body.motions, -1, -2)
+        block = np.zeros((len(Y), screws.shape[1], Y.shape[2]))
+        for k in tree.carried(i):
+            if body.moves and k in column:
+                columns = slice(column[k], column[k] + 10)
+                block[:, :, columns] = screws @ Y[:, :, columns]
+        rows.append(block)
+    return np.concatenate([np.concatenate(rows, axis=1), *own], axis=2)
+
+
+def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
+    """Names of the columns that `joint_torque_regressor` adds: `Ia(elbow)`, `Fv(elbow)`, `Fc(elbow)`."""
+    return tuple(f"{DRIVE[kind]}({freedom})" for kind in drive for freedom in tree.freedoms)
+
+
+def _drive_columns(dq: np.ndarray, ddq: np.ndarray, drive: Sequence[str]) -> list[np.ndarray]:
+    """Columns of rotor inertia and friction, one diagonal block (N, n, n) a kind."""
+    unknown = [kind for kind in drive if kind not in DRIVE]
+    if unknown:
+        raise ValueError(f"Drive parameters are {', '.join(DRIVE)}, got {', '.join(unknown)}.")
+    signal = {"rotor": np.asarray(ddq), "viscous": np.asarray(dq), "coulomb": np.sign(dq)}
+    return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in drive]
+
+
+def _states(
+    tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, base: BaseMotion | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Checked joint arrays."""
+    q, dq, ddq = (np.asarray(x, float) for x in (q, dq, ddq))
+    tree.body_velocities(dq)
+    if q.ndim != 2 or len(q) != len(dq) or dq.shape != ddq.shape:
+        columns = sum(body.coordinates for body in tree.bodies)
+        raise ValueError(
+            f"q, dq and ddq need one number of samples N, shapes (N, {columns}), (N, {len(tree.freedoms)}) and "
+            f"(N, {len(tree.freedoms)}), got {q.shape}, {dq.shape} and {ddq.shape}."
+        )
+    for body, own in zip(tree.bodies, tree.body_coordinates(q), strict=True):
+        if body.is_ball and not own.any(axis=1).all():
+            sample = int(np.argmin(own.any(axis=1)))
+            raise ValueError(f"Joint '{body.joint}' needs quaternions; that of sample {sample} is zero.")
+    if base is not None and base.T.shape != (len(q), 4, 4):
+        raise ValueError(f"{len(q)} joint states need as many samples of the base's motion, got {base.T.shape}.")
+    return q, dq, ddq
+
+
+def _base_motion(base: BaseMotion | None, gravity: np.ndarray, part: slice, samples: int) -> _Motion:
+    """Motion of the base frame, written in its own axes of each instant."""
+    zero = np.zeros((3, samples))
+    one = np.broadcast_to(np.eye(3)[..., None], (3, 3, samples))
+    if base is None:
+        return _Motion(one, zero, zero, zero, zero - gravity[:, None])
+    down = (np.swapaxes(base.T[part, :3, :3], 1, 2) @ gravity).T
+    v, w, dv, dw = base.V[part, :3].T, base.V[part, 3:].T, base.dV[part, :3].T, base.dV[part, 3:].T
+    return _Motion(one, zero, w, dw, dv + _cross(w, v) - down)
+
+
+def _fill(tree: Tree, root: _Motion, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, out: np.ndarray) -> None:
+    """Writes the regressor of one chunk into `out` (10 b, 6, C)."""
+    states = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
+    motion: list[_Motion] = []
+    blocks = iter(out.reshape(-1, 10, *out.shape[1:]))
+    for body, q_i, dq_i, ddq_i in zip(tree.bodies, *states, strict=True):
+        parent = root if body.parent == BASE else motion[body.parent]
+        motion.append(_moved(parent, body, q_i.T, dq_i.T, ddq_i.T))
+        if not body.massless:
+            _body_columns(motion[-1], next(blocks))
 
 
 def _moved(parent: _Motion, body: Body, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> _Motion:
-    """Motion of a body from its parent's, for any joint twist."""
+    """Motion of a body from its parent's."""
     R_p, p_p, w_p, dw_p, a_p = parent
-    R_home, p_home = body.home[:3, :3], body.home[:3, 3]
-    v, axis = body.twist[:3], body.twist[3:]
-    K = hat(axis)
-    sin, versine = np.sin(q), 1 - np.cos(q)
-    R_joint = _outer(R_home, 1) + _outer(R_home @ K, sin) + _outer(R_home @ K @ K, versine)
-    p_joint = _outer(p_home, 1) + _outer(R_home @ v, q)
-    p_joint = p_joint + _outer(R_home @ K @ v, versine) + _outer(R_home @ K @ K @ v, q - sin)
-
+    R_joint, p_joint = _joint_pose(body, q)
     R = R_p[:, 0, None] * R_joint[0] + R_p[:, 1, None] * R_joint[1] + R_p[:, 2, None] * R_joint[2]
-    offset = R_p[:, 0] * p_joint[0] + R_p[:, 1] * p_joint[1] + R_p[:, 2] * p_joint[2]
-    turn, slide, swing = (_turned(R, x) for x in (axis, v, K @ v))
-    w = w_p + turn * dq
-    dw = dw_p + turn * ddq + _cross(w_p, turn) * dq
-    relative = slide * ddq + swing * dq**2 + 2 * _cross(w_p, slide) * dq
+    offset = _turned(R_p, p_joint)
+    v, axes = body.motions[:3], body.motions[3:]
+    turn, slide = _turned(R, axes @ dq), _turned(R, v @ dq)
+    w = w_p + turn
+    dw = dw_p + _turned(R, axes @ ddq) + _cross(w_p, turn)
+    relative = _turned(R, v @ ddq) + _cross(2 * w_p + turn, slide)
     return _Motion(R, p_p + offset, w, dw, a_p + _second_derivative(offset, w_p, dw_p) + relative)
+
+
+def _joint_pose(body: Body, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3, C) and position (3, C) of a body in its parent's frame; as `body.joint_pose`, samples-last."""
+    R_home, p_home = body.home[:3, :3], body.home[:3, 3]
+    if body.is_ball:
+        T = np.moveaxis(body.home @ body.joint_pose(q.T), 0, -1)
+        return T[:3, :3], T[:3, 3]
+    v, K = body.twist[:3], hat(body.twist[3:])
+    q = q[0] if body.moves else np.zeros(q.shape[1])
+    sin, versine = np.sin(q), 1 - np.cos(q)
+    R = _outer(R_home, 1) + _outer(R_home @ K, sin) + _outer(R_home @ K @ K, versine)
+    p = _outer(p_home, 1) + _outer(R_home @ v, q) + _outer(R_home @ K @ v, versine)
+    return R, p + _outer(R_home @ K @ K @ v, q - sin)
 
 
 def _body_columns(motion: _Motion, out: np.ndarray) -> None:
@@ -163,5 +242,5 @@ def _outer(constant: np.ndarray, values: np.ndarray | float) -> np.ndarray:
 
 
 def _turned(R: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Rotations (3, 3, C) times one fixed vector (3,)."""
+    """Rotations (3, 3, C) times vectors (3, C)."""
     return R[:, 0] * x[0] + R[:, 1] * x[1] + R[:, 2] * x[2]

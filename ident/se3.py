@@ -51,7 +51,24 @@ def exp(xi: np.ndarray, theta: np.ndarray | float = 1.0) -> np.ndarray:
     sin, versine = np.sin(theta), 1 - np.cos(theta)
     rotation = one + sin * w + versine * ww
     translation = (one * theta + versine * w + (theta - sin) * ww) @ xi[..., :3, None]
-    return _pose(rotation, translation[..., 0])
+    return pose(rotation, translation[..., 0])
+
+
+def rotation(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices of quaternions `w, x, y, z` of any length but zero (…, 4) -> (…, 3, 3)."""
+    quaternion = np.asarray(quaternion)
+    real, u = quaternion[..., :1, None], hat(quaternion[..., 1:])
+    square = (quaternion * quaternion).sum(-1)[..., None, None]
+    return np.eye(3, dtype=int) + 2 * (real * u + u @ u) / square
+
+
+def pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """Poses (…, 4, 4) of rotation matrices (…, 3, 3) and positions (…, 3)."""
+    out = np.zeros((*rotation.shape[:-2], 4, 4), np.result_type(rotation, translation))
+    out[..., :3, :3] = rotation
+    out[..., :3, 3] = translation
+    out[..., 3, 3] = 1
+    return out
 
 
 def inverse(T: np.ndarray) -> np.ndarray:
@@ -64,7 +81,7 @@ def inverse(T: np.ndarray) -> np.ndarray:
         Poses (…, 4, 4).
     """
     transposed = np.swapaxes(T[..., :3, :3], -1, -2)
-    return _pose(transposed, -(transposed @ T[..., :3, 3:])[..., 0])
+    return pose(transposed, -(transposed @ T[..., :3, 3:])[..., 0])
 
 
 def Ad(T: np.ndarray) -> np.ndarray:
@@ -113,11 +130,3 @@ def coAd(T: np.ndarray) -> np.ndarray:
         Matrices `[[R, 0], [p̂R, R]]` (…, 6, 6).
     """
     return np.swapaxes(Ad(inverse(T)), -1, -2)
-
-
-def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    out = np.zeros((*rotation.shape[:-2], 4, 4), rotation.dtype)
-    out[..., :3, :3] = rotation
-    out[..., :3, 3] = translation
-    out[..., 3, 3] = 1
-    return out

@@ -7,22 +7,25 @@ Each X_c is a sum of linearly independent functions of θ_c with constant matric
 stays with the row, what multiplies any other function must vanish on its own and becomes a row on the child. Walking
 outward once collects them all. Wensing, Niemeyer and Slotine (Observability in Inertial Parameter Identification, 2017)
 have the same idea for joint torques.
+
+Exact numbers (dtype object) go through it without rounding, such as lengths that are symbols.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.dim import momentum_regressor
+from ident.echelon import reduced_rows
 from ident.inertia import parameters_from_pseudo_inertia, pseudo_inertia
-from ident.se3 import Ad, exp, hat, inverse
+from ident.se3 import Ad, ad, hat, inverse
 from ident.tree import BASE, Body, Tree
 
 ROUNDING = 1e-10
 """Singular values below this fraction of the largest are rounding."""
 
-POSTURES = np.array([0.0, 0.5, -0.7, 1.1, -1.6, 2.3, -2.9])
-"""Joint coordinates whose adjoints span those of every coordinate."""
+TWICE_PSEUDO_INERTIAS = pseudo_inertia(2 * np.eye(10)).astype(int)
+"""Twice the pseudo-inertia of each unit φ, in whole numbers (10, 4, 4)."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +55,9 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
         A matrix (rows, 10 b) with the dependencies between columns that the regressor has for general motions.
     """
     sensors = sensors or Sensors()
-    weight = np.concatenate([-np.asarray(gravity, float), np.zeros(3)])[None]
-    moving = np.eye(6) if sensors.moving_base else np.zeros((0, 6))
+    tree = _one_axis_each(tree)
+    weight = np.concatenate([-np.asarray(gravity), np.zeros(3, dtype=int)])[None]
+    moving = np.eye(6, dtype=int) if sensors.moving_base else np.zeros((0, 6), dtype=int)
     composite = _composites(tree)
 
     # For {0} and every body: rows on its composite, and the twists and gravity's accelerations that it can have.
@@ -62,7 +66,7 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
     constraints = [rows[BASE] @ composite[BASE]]
     for i, body in enumerate(tree.bodies):
         constant, varying = _transfer(body)
-        twists[i] = _span([_carried(twists[body.parent], body), body.twist[None]], 6)
+        twists[i] = _span([_carried(twists[body.parent], body), body.motions.T], 6)
         weights[i] = _span([_carried(weights[body.parent], body)], 6)
         fresh = [rows[body.parent] @ K for K in varying]
         if body.moves:
@@ -71,6 +75,22 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
         constraints.append(required @ composite[i])
         rows[i] = _span([required, rows[body.parent] @ constant], 10)
     return np.vstack(constraints)
+
+
+def _one_axis_each(tree: Tree) -> Tree:
+    """The tree with every ball as three revolute joints, which reach the same postures and twists."""
+    bodies: list[Body] = []
+    place = {BASE: BASE}
+    for i, body in enumerate(tree.bodies):
+        parent = place[body.parent]
+        axes = body.twist.T if body.is_ball else body.twist[None]
+        for k, twist in enumerate(axes):
+            last = k == len(axes) - 1
+            home = body.home if k == 0 else np.eye(4, dtype=int).astype(body.home.dtype)
+            bodies.append(replace(body, parent=parent, home=home, twist=twist, massless=body.massless or not last))
+            parent = len(bodies) - 1
+        place[i] = parent
+    return Tree(tuple(bodies))
 
 
 def _joint_rows(twist: np.ndarray, twists: np.ndarray, weights: np.ndarray, sensors: Sensors) -> list[np.ndarray]:
@@ -85,12 +105,12 @@ def _joint_rows(twist: np.ndarray, twists: np.ndarray, weights: np.ndarray, sens
 
 def _composites(tree: Tree) -> dict[int, np.ndarray]:
     """For {0} and every body, the part of its composite's φ that no posture changes, from the stacked φ (10, 10 b)."""
-    b = len(tree.bodies)
-    composite = {i: np.eye(10 * b)[10 * i : 10 * i + 10] for i in range(b)} | {BASE: np.zeros((10, 10 * b))}
-    for i in reversed(range(b)):
-        composite[tree.bodies[i].parent] = (
-            composite[tree.bodies[i].parent] + _transfer(tree.bodies[i])[0] @ composite[i]
-        )
+    own = np.eye(10 * len(tree.inertial), dtype=int)
+    composite = dict.fromkeys(range(BASE, len(tree.bodies)), np.zeros((10, len(own)), dtype=int))
+    composite |= {i: own[10 * k : 10 * k + 10] for k, i in enumerate(tree.inertial)}
+    for i in reversed(range(len(tree.bodies))):
+        parent = tree.bodies[i].parent
+        composite[parent] = composite[parent] + _transfer(tree.bodies[i])[0] @ composite[i]
     return composite
 
 
@@ -103,63 +123,46 @@ def _transfer(body: Body) -> tuple[np.ndarray, list[np.ndarray]]:
     v, w = body.twist[:3], hat(body.twist[3:])
     ww = w @ w
     parts = {
-        "1": _matrix(np.eye(3) + ww, w @ v, 1),
+        "1": _matrix(np.eye(3, dtype=int) + ww, w @ v, 1),
         "s": _matrix(w, -ww @ v, 0),
         "c": _matrix(-ww, -w @ v, 0),
-        "θ": _matrix(np.zeros((3, 3)), v + ww @ v, 0),
+        "θ": _matrix(0 * w, v + ww @ v, 0),
     }
-    poses = {name: body.home @ part for name, part in parts.items() if part.any()}
+    poses = {name: body.home @ part for name, part in parts.items() if np.any(part != 0)}
     moved: dict[str, np.ndarray] = {}
     for a, A in poses.items():
         for b, B in poses.items():
             product = "".join(sorted(a + b)).replace("1", "") or "1"
-            moved[product] = moved.get(product, 0) + A @ pseudo_inertia(np.eye(10)) @ B.T
+            moved[product] = moved.get(product, 0) + A @ TWICE_PSEUDO_INERTIAS @ B.T
     if "ss" in moved:
         squared = moved.pop("ss")
         moved["1"] = moved["1"] + squared
         moved["cc"] = moved["cc"] - squared
-    matrices = {name: parameters_from_pseudo_inertia(J).T for name, J in moved.items()}
+    matrices = {name: parameters_from_pseudo_inertia(J).T / 2 for name, J in moved.items()}
     return matrices.pop("1"), list(matrices.values())
 
 
 def _matrix(rotation: np.ndarray, translation: np.ndarray, corner: float) -> np.ndarray:
-    return np.block([[rotation, translation[:, None]], [np.zeros((1, 3)), np.array([[corner]])]])
+    return np.block([[rotation, translation[:, None]], [np.zeros((1, 3), dtype=int), np.array([[corner]])]])
 
 
 def _carried(vectors: np.ndarray, body: Body) -> np.ndarray:
-    """Twists of a parent's frame, written in a body's frame at every posture of the joint between them (k, 6)."""
-    to_body = Ad(inverse(body.home @ exp(body.twist, POSTURES)))
-    return (to_body @ vectors.T).swapaxes(1, 2).reshape(-1, 6)
+    """Rows that span a parent's twists, written in a body's frame at every posture of the joint between them (k, 6).
+
+    That frame turns by `exp(-ad(ξ) θ)`, whose values span with the powers of `ad(ξ)`.
+    """
+    powers = [vectors @ Ad(inverse(body.home)).T]
+    if body.moves:
+        bracket = ad(body.twist).T
+        for _ in range(5):
+            powers.append(powers[-1] @ bracket)
+    return np.vstack(powers)
 
 
 def _span(parts: list[np.ndarray], width: int) -> np.ndarray:
-    """Orthonormal rows that span the rows of some matrices."""
-    rows = np.vstack([np.zeros((0, width)), *parts])
+    """Independent rows that span the rows of some matrices, orthonormal where they are not exact."""
+    rows = np.vstack([np.zeros((0, width), dtype=int), *parts])
+    if rows.dtype == object:
+        return reduced_rows(rows)[0]
     _, s, vt = np.linalg.svd(rows, full_matrices=False)
     return vt[s > ROUNDING * s.max(initial=0)]
-
-
-def separating_sensors(tree: Tree, *, gravity: np.ndarray) -> dict[str, int]:
-    """How many more combinations of φ further measurements would show than the base wrench of a resting base.
-
-    Args:
-        tree: The mechanism.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
-
-    Returns:
-        Gain in rank for `joint torques`, for a `moving base`, and for axes that are `not parallel` to one another.
-    """
-
-    def rank(mechanism: Tree, sensors: Sensors) -> int:
-        return len(_span([structure_matrix(mechanism, gravity=gravity, sensors=sensors)], 10 * len(tree.bodies)))
-
-    skewed = []
-    for k, i in enumerate(tree.moving):
-        turn = exp(np.array([0.0, 0, 0, *np.roll([0.6, 0.64, 0.48], k)]), 0.3 + 0.1 * k)
-        skewed.append(Ad(turn) @ tree.bodies[i].twist)
-    now = rank(tree, Sensors())
-    return {
-        "joint torques": rank(tree, Sensors(joint_torques=True)) - now,
-        "moving base": rank(tree, Sensors(moving_base=True)) - now,
-        "not parallel": rank(tree.with_twists(np.array(skewed).reshape(-1, 6)), Sensors()) - now,
-    }

@@ -1,9 +1,10 @@
 """Random and well-known mechanisms for the tests."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident import se3
-from ident.tree import Body, Tree
+from ident.tree import Body, Tree, ball_twist, free_joint
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 LENGTH_1 = 0.425
@@ -24,21 +25,52 @@ def random_twist(rng, kind):
         "revolute": lambda: np.concatenate([np.cross(rng.normal(size=3), axis), axis]),
         "prismatic": lambda: np.concatenate([axis, np.zeros(3)]),
         "helical": lambda: np.concatenate([rng.normal(size=3), axis]),
+        "ball": lambda: ball_twist(rng.normal(size=3)),
         "welded": lambda: np.zeros(6),
     }[kind]()
 
 
-def random_tree(rng, bodies=None, kinds=("revolute", "prismatic", "helical", "welded")):
+JOINTS = ("revolute", "prismatic", "helical", "ball", "free", "welded")
+SCREWS = ("revolute", "prismatic", "helical", "welded")
+
+
+def random_tree(rng, bodies=None, kinds=JOINTS, massless=0.0):
+    """A base and bodies on it; `massless` is the chance that a body is a mere link."""
     bodies = bodies or rng.integers(2, 9)
-    tree = []
+    tree, ends = [], [-1]
     for i in range(bodies):
-        twist = random_twist(rng, rng.choice(kinds) if i else "welded")
-        tree.append(Body(f"b{i}", int(rng.integers(-1, i)), random_pose(rng), twist, f"j{i}" if twist.any() else ""))
+        kind = str(rng.choice(kinds)) if i else "welded"
+        parent = int(rng.choice(ends))
+        if kind == "free":
+            tree += free_joint(f"j{i}", f"b{i}", parent, len(tree))
+        else:
+            twist, light = random_twist(rng, kind), bool(i and rng.uniform() < massless)
+            tree.append(Body(f"b{i}", parent, random_pose(rng), twist, f"j{i}" if twist.any() else "", light))
+        ends.append(len(tree) - 1)
     return Tree(tuple(tree))
 
 
 def random_states(rng, tree, samples):
-    return rng.uniform(-2, 2, size=(3, samples, len(tree.moving)))
+    """q, q̇ and q̈; quaternions of any length."""
+    q, dq, ddq = (rng.uniform(-2, 2, size=(samples, len(tree.freedoms))) for _ in range(3))
+    if any(body.is_ball for body in tree.bodies):
+        q = rng.uniform(-2, 2, size=(samples, sum(body.coordinates for body in tree.bodies)))
+    return q, dq, ddq
+
+
+def moved_states(tree, q, dq, ddq, t):
+    """q and q̇ after a time t at constant accelerations; for balls right to second order in t."""
+    parts = []
+    for body, x, dx, ddx in zip(
+        tree.bodies, tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq), strict=True
+    ):
+        step = dx * t + ddx * t**2 / 2
+        if body.is_ball:
+            turned = Rotation.from_quat(x, scalar_first=True) * Rotation.from_rotvec(step)
+            parts.append(turned.as_quat(scalar_first=True))
+        else:
+            parts.append(x + step)
+    return np.concatenate(parts), dq + ddq * t
 
 
 def random_phi(rng, bodies):

@@ -16,7 +16,7 @@ def regressor_of(tree, samples=60, seed=0):
 
 
 def base_of(tree, **options):
-    return find_base_parameters(regressor_of(tree), parameter_names(len(tree.bodies)), **options)
+    return find_base_parameters(regressor_of(tree), parameter_names(len(tree.inertial)), **options)
 
 
 def test_double_pendulum_has_the_papers_base_parameters():
@@ -55,7 +55,7 @@ def test_axes_that_are_not_parallel_have_rank_15(difference_deg):
 def test_regrouping_predicts_the_same_wrench(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng)
-    base, phi = base_of(tree), random_phi(rng, len(tree.bodies))
+    base, phi = base_of(tree), random_phi(rng, len(tree.inertial))
     Y = regressor_of(tree, samples=20, seed=99)
     expected = Y @ phi
     np.testing.assert_allclose(base.reduce(Y) @ base.regroup(phi), expected, atol=1e-8 * abs(expected).max())

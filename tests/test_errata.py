@@ -15,12 +15,13 @@ PHI = random_phi(RNG, 3)
 def forward(carry, gravity_sign, bracket_sign):
     """Eq. 9 with its disputed parts left open: the last body's twist and twist rate."""
     V, dV = np.zeros(6), np.concatenate([gravity_sign * GRAVITY, np.zeros(3)])
-    theta, dtheta, ddtheta = (TREE.body_values(x) for x in (Q, DQ, DDQ))
+    theta, dtheta, ddtheta = TREE.body_coordinates(Q), TREE.body_velocities(DQ), TREE.body_velocities(DDQ)
     for i, body in enumerate(TREE.bodies):
         to_body = carry(dim.relative_pose(body, theta[i]))
         moved = to_body @ V
-        V = moved + body.twist * dtheta[i]
-        dV = to_body @ dV + body.twist * ddtheta[i] + bracket_sign * se3.ad(body.twist * dtheta[i]) @ moved
+        own = body.motions @ dtheta[i]
+        V = moved + own
+        dV = to_body @ dV + body.motions @ ddtheta[i] + bracket_sign * se3.ad(own) @ moved
     return V, dV
 
 

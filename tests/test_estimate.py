@@ -98,7 +98,7 @@ def test_bad_numbers_are_refused(case):
 
 def test_a_joint_at_rest_is_named(case):
     rng, _, base, phi = case
-    states = random_states(rng, TREE, 200)
+    states = np.stack(random_states(rng, TREE, 200))
     states[:, :, 1] = 0
     Y = regressor_of(states)
     with pytest.raises(ExcitationError, match=r"200 samples.*m2rz2.*m3rz3.* combinations"):
@@ -108,13 +108,13 @@ def test_a_joint_at_rest_is_named(case):
 def test_noise_alone_is_not_excitation(case):
     rng, _, base, _ = case
     noise = np.array([0.001, 0.01, 0.05])[:, None, None]
-    states = random_states(rng, TREE, 200)
+    states = np.stack(random_states(rng, TREE, 200))
     states[:, :, 1] = 0
     measured, disturbed = (regressor_of(states + noise * rng.normal(size=states.shape)) for _ in range(2))
     check_excitation(measured, base)
     with pytest.raises(ExcitationError):
         check_excitation(measured, base, disturbed - measured)
-    moving = random_states(rng, TREE, 200)
+    moving = np.stack(random_states(rng, TREE, 200))
     measured, disturbed = (regressor_of(moving + noise * rng.normal(size=moving.shape)) for _ in range(2))
     check_excitation(measured, base, disturbed - measured)
 

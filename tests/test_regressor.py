@@ -23,7 +23,7 @@ def test_closed_form_equals_the_papers_recursion(seed):
 def test_joint_torques_are_those_of_the_recursion(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng)
-    phi, states, gravity = random_phi(rng, len(tree.bodies)), random_states(rng, tree, 5), rng.normal(size=3)
+    phi, states, gravity = random_phi(rng, len(tree.inertial)), random_states(rng, tree, 5), rng.normal(size=3)
     found = regressor.joint_torque_regressor(tree, *states, gravity=gravity) @ phi
     each = [dim.inverse_dynamics(tree, phi, *x, gravity=gravity)[1] for x in zip(*states, strict=True)]
     np.testing.assert_allclose(found, each, rtol=0, atol=1e-12 * max(1, np.max(np.abs(each), initial=0)))
@@ -35,7 +35,7 @@ def test_chunks_join_without_a_seam():
     states = random_states(rng, tree, 2 * regressor.CHUNK + 3)
     whole = regressor.base_wrench_regressor(tree, *states, gravity=[0, 0, -9.81])
     for k in (0, regressor.CHUNK - 1, regressor.CHUNK, 2 * regressor.CHUNK + 2):
-        one = regressor.base_wrench_regressor(tree, *states[:, k : k + 1], gravity=[0, 0, -9.81])
+        one = regressor.base_wrench_regressor(tree, *(x[k : k + 1] for x in states), gravity=[0, 0, -9.81])
         np.testing.assert_allclose(whole[k], one[0], atol=1e-13)
 
 
@@ -56,5 +56,5 @@ def test_parallel_axes_leave_the_force_along_them_empty():
 
 def test_states_of_different_shapes_are_refused():
     tree = double_pendulum()
-    with pytest.raises(ValueError, match=r"one shape \(N, 2\), got \(5, 2\), \(4, 2\) and \(5, 2\)"):
+    with pytest.raises(ValueError, match=r"shapes \(N, 2\), .* got \(5, 2\), \(4, 2\) and \(5, 2\)"):
         regressor.base_wrench_regressor(tree, np.zeros((5, 2)), np.zeros((4, 2)), np.zeros((5, 2)), gravity=[0, 0, -1])

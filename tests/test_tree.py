@@ -82,5 +82,5 @@ def test_mirrored_frames_are_refused():
 def test_poses_are_rigid():
     rng = np.random.default_rng(3)
     tree = random_tree(rng, 5)
-    for T in tree.poses(random_states(rng, tree, 1)[0, 0]):
+    for T in tree.poses(random_states(rng, tree, 1)[0][0]):
         np.testing.assert_allclose(se3.inverse(T) @ T, np.eye(4), atol=1e-13)

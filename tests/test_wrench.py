@@ -41,14 +41,16 @@ def random_contacts(rng, tree, samples):
 
 def test_equation_15_walked_down_the_tree_gives_equation_17(rng):
     tree = random_tree(rng)
-    phi = random_phi(rng, len(tree.bodies))
+    phi = random_phi(rng, len(tree.inertial))
     q, dq, ddq = random_states(rng, tree, 4)
     bodies, wrenches, poses = random_contacts(rng, tree, 4)
     ground = np.zeros((4, 6))
     for k in range(4):
         # Eq. 15: each link passes on what its children need, plus its own motion, plus its contact.
         T, V, dV = dim.forward_recursion(tree, q[k], dq[k], ddq[k], GRAVITY)
-        force = [dim.body_regressor(V[i], dV[i]) @ phi[10 * i : 10 * i + 10] for i in range(len(tree.bodies))]
+        force = [np.zeros(6) for _ in tree.bodies]
+        for i, phi_i in zip(tree.inertial, phi.reshape(-1, 10), strict=True):
+            force[i] = dim.body_regressor(V[i], dV[i]) @ phi_i
         for body, wrench, pose in zip(bodies, wrenches, poses, strict=True):
             force[tree.names.index(body)] += se3.coAd(pose) @ wrench[k]
         for i in reversed(range(len(tree.bodies))):
