@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.base_parameters import BaseParameters, find_base_parameters
+from ident.body import BASE
 from ident.estimate import Estimate, identify
 from ident.regressor import base_wrench_regressor
-from ident.tree import BASE, Tree
+from ident.tree import Tree
 from sim.recording import Recording
 
 

@@ -45,13 +45,13 @@ class Drawing:
 def mechanism() -> tuple[Tree, Drawing]:
     """The scene's tree, and its geometry at `DRAWN_AT`."""
     model = scenes.load(SCENE).compile()
-    tree = tree_from_model(model)
+    tree = tree_from_model(model, "base")
     base = model.body("base").pos
     poses = tree.poses(DRAWN_AT).copy()
     poses[:, :3, 3] += base
-    bodies = parameters_from_model(model).reshape(-1, 10)
+    bodies = parameters_from_model(model, "base").reshape(-1, 10)
     masses = [(T @ [*com_from_parameters(phi)[1], 1])[:3] for T, phi in zip(poses, bodies, strict=True)]
-    body, site = site_on_tree(model, "end")
+    body, site = site_on_tree(model, "end", "base")
     end = (poses[tree.names.index(body)] @ site)[:3, 3]
     return tree, Drawing(base, poses, np.array(masses), end)
 

@@ -96,8 +96,10 @@ def study(
 def problem(tilt_deg: float, azimuth_deg: float) -> Problem:
     """The design and the truth of a scene whose axes are tilted."""
     model = scenes.load(SCENE, tilt_deg=tilt_deg, azimuth_deg=azimuth_deg).compile()
-    design = tree_from_model(scenes.load(SCENE).compile())
-    return Problem(design, tree_from_model(model), parameters_from_model(model), gravity_in_base(model))
+    design = tree_from_model(scenes.load(SCENE), "base")
+    return Problem(
+        design, tree_from_model(model, "base"), parameters_from_model(model, "base"), gravity_in_base(model, "base")
+    )
 
 
 def trial(known: Problem, recording: Recording) -> trials.Outcome:

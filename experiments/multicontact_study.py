@@ -92,8 +92,10 @@ def study(*, seed: int = 0, samples: int = SAMPLES, contact: str = "pad", noise_
 def problem(contact: str) -> Problem:
     """The mechanism of a contact scene and where its load cell sits."""
     model = scenes.load(SCENE, contact=contact).compile()
-    body, pose = site_on_tree(model, SENSOR)
-    return Problem(tree_from_model(model), parameters_from_model(model), gravity_in_base(model), body, pose)
+    body, pose = site_on_tree(model, SENSOR, "base")
+    return Problem(
+        tree_from_model(model, "base"), parameters_from_model(model, "base"), gravity_in_base(model, "base"), body, pose
+    )
 
 
 def total(known: Problem, recording: Recording) -> TotalWrench:

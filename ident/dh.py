@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident import se3
-from ident.tree import BASE, Body, Tree
+from ident.body import BASE, Body
+from ident.tree import Tree
 
 X = np.array([0.0, 0, 0, 1, 0, 0])
 Z = np.array([0.0, 0, 0, 0, 0, 1])
@@ -59,7 +60,7 @@ def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
     """The tree of a modified DH table, fixed frames folded away.
 
     Frames that are fixed to one another form one link. A link's body is its first frame with inertia, whatever frame
-    carries the joint; a link without inertia keeps its joint's frame as a body, whose φ is zero. Further frames with
+    carries the joint; a link without inertia keeps its joint's frame as a massless body. Further frames with
     inertia are bodies welded to the first one.
 
     Args:
@@ -99,7 +100,7 @@ def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
             home = in_body(parent, in_mover[row.parent]) @ row.home @ here
             twist, joint = se3.Ad(se3.inverse(here)) @ JOINT_TWISTS[row.kind], link
         carrier.setdefault(link, len(bodies))
-        bodies.append(Body(frame.name, parent, home, twist, joint))
+        bodies.append(Body(frame.name, parent, home, twist, joint, massless=not frame.inertia))
     return Tree(tuple(bodies))
 
 

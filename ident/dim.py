@@ -8,8 +8,9 @@ through it as numbers do, which derives the model symbolically.
 import numpy as np
 
 from ident import se3
+from ident.body import BASE, Body
 from ident.inertia import symmetric
-from ident.tree import BASE, BaseMotion, Body, Tree
+from ident.tree import BaseMotion, Tree
 
 
 def relative_pose(body: Body, theta: np.ndarray) -> np.ndarray:

@@ -9,6 +9,10 @@ PARAMETERS = ("m", "mrx", "mry", "mrz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"
 about the *body-frame origin*, in body axes, with `Ixy = -∫xy dm`."""
 
 
+PINOCCHIO = (0, 1, 2, 3, 4, 7, 5, 8, 9, 6)
+"""Where Pinocchio's parameters `m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz` of a body stand in `PARAMETERS`."""
+
+
 def parameter_names(bodies: int) -> tuple[str, ...]:
     """Names of the stacked φ of several bodies as the paper's tables write them: `m1, m1rx1, …, Iyz1, m2, …`.
 

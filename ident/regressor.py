@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ident.body import BASE, Body
 from ident.se3 import Ad, hat
-from ident.tree import BASE, BaseMotion, Body, Tree
+from ident.tree import BaseMotion, Tree
 
 
 class _Motion(NamedTuple):

@@ -7,7 +7,8 @@ import numpy as np
 from scipy import stats
 
 from ident import se3
-from ident.tree import BASE, Tree
+from ident.body import BASE
+from ident.tree import Tree
 
 MINIMUM_TURN = 1e-3
 """Smallest root-mean-square rotation, in rad, from which an axis is recovered."""

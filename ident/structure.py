@@ -15,11 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.body import BASE, Body
 from ident.dim import momentum_regressor
 from ident.echelon import reduced_rows
 from ident.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.se3 import Ad, ad, hat, inverse
-from ident.tree import BASE, Body, Tree
+from ident.tree import Tree
 
 ROUNDING = 1e-10
 """Singular values below this fraction of the largest are rounding."""
@@ -63,12 +64,15 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
     # For {0} and every body: rows on its composite, and the twists and gravity's accelerations that it can have.
     on_base = [momentum_regressor(V) for V in (*weight, *moving)] if sensors.base_wrench else []
     rows, twists, weights = {BASE: _span(on_base, 10)}, {BASE: moving}, {BASE: weight}
+    # Joint torques feel how the energy of the base's own motion varies with posture, but not that energy itself.
+    energy = {BASE: np.eye(10 if sensors.moving_base and sensors.joint_torques else 0, 10, dtype=int)}
     constraints = [rows[BASE] @ composite[BASE]]
     for i, body in enumerate(tree.bodies):
         constant, varying = _transfer(body)
         twists[i] = _span([_carried(twists[body.parent], body), body.motions.T], 6)
         weights[i] = _span([_carried(weights[body.parent], body)], 6)
-        fresh = [rows[body.parent] @ K for K in varying]
+        fresh = [felt[body.parent] @ K for K in varying for felt in (rows, energy)]
+        energy[i] = _span([energy[body.parent] @ constant], 10)
         if body.moves:
             fresh += _joint_rows(body.twist, twists[i], weights[i], sensors)
         required = _span(fresh, 10)

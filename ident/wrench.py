@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.body import is_rigid
 from ident.se3 import coAd
-from ident.tree import Tree, is_rigid
+from ident.tree import Tree
 
 
 @dataclass(frozen=True, eq=False)

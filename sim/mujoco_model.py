@@ -1,69 +1,170 @@
 """Mechanisms read from compiled MuJoCo models: the only place where MuJoCo's conventions are converted to ours."""
 
 from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
 
 from ident import se3
+from ident.body import BASE, Body, ball_twist, free_joint
 from ident.inertia import parameters_from_com
-from ident.tree import BASE, Body, Tree
+from ident.tree import BaseMotion, Tree
+from sim.couplings import check_couplings
+
+Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
+"""A compiled model, a specification, or the path of an MJCF or URDF file."""
 
 BEYOND = ("load_cell",)
 """Bodies at which a mechanism ends: what a force sensor carries lies beyond it."""
 
+_FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("FREE", "BALL", "SLIDE"))
 
-def tree_from_model(model: mujoco.MjModel, base: str = "base", beyond: Sequence[str] = BEYOND) -> Tree:
-    """The kinematic tree of a body that is fixed to the world and everything on it.
 
-    Args:
-        model: Compiled model.
-        base: Name of the body whose frame is {0}. It comes first in the tree, welded to {0}.
-        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
-
-    Returns:
-        Bodies in MuJoCo's order, which puts parents first; the joint coordinates are MuJoCo's own.
+def compiled(source: Source) -> mujoco.MjModel:
+    """The compiled model of any source.
 
     Raises:
-        ValueError: The base does not exist or moves, or a body has a joint that the tree cannot hold.
+        ValueError: The file does not exist, or MuJoCo cannot read or compile it.
     """
+    if isinstance(source, mujoco.MjModel):
+        return source
+    if isinstance(source, mujoco.MjSpec):
+        return source.compile()
+    if not Path(source).is_file():
+        raise ValueError(f"A model is an MJCF or URDF file that exists, got '{source}'.")
+    try:
+        return mujoco.MjModel.from_xml_path(str(source))
+    except ValueError as error:
+        raise ValueError(f"{source}: {' '.join(str(error).split())}") from None
+
+
+def tree_from_model(
+    source: Source,
+    base: str | None = None,
+    beyond: Sequence[str] = BEYOND,
+    *,
+    merge_welds: bool = False,
+    ignore: Sequence[str] = (),
+) -> Tree:
+    """The kinematic tree of a body and everything on it.
+
+    Args:
+        source: The model.
+        base: Name of the body whose frame is {0}; it comes first in the tree, welded to {0}. What moves it is not part
+            of the tree: a base that does not rest needs its `base_motion`. Without a name, {0} is the world's frame and
+            all bodies are in the tree.
+        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
+        merge_welds: Make welded bodies one with what carries them.
+        ignore: Names of equality constraints and tendons to leave out of the equations.
+
+    Returns:
+        Bodies in MuJoCo's order, which puts parents first; the joints' coordinates and velocities are MuJoCo's own. Of
+        several joints on one body, all but the last carry massless links.
+
+    Raises:
+        ValueError: The base does not exist, or equality constraints or tendons that nobody ignores act on the tree.
+    """
+    model = compiled(source)
     members = _members(model, base, beyond)
-    bodies = []
-    for b in members:
-        pose = np.eye(4) if b == members[0] else _pose(model.body_pos[b], model.body_quat[b])
-        twist, reference, joint = _joint(model, b)
-        parent = BASE if b == members[0] else members.index(model.body_parentid[b])
-        bodies.append(Body(_body_name(model, b), parent, pose @ se3.exp(twist, -reference), twist, joint))
-    return Tree(tuple(bodies))
+    check_couplings(model, members, ignore)
+    tree = _tree(model, members, base)
+    return tree.without_welds()[0] if merge_welds else tree
 
 
-def parameters_from_model(model: mujoco.MjModel, base: str = "base", beyond: Sequence[str] = BEYOND) -> np.ndarray:
+def parameters_from_model(
+    source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND, *, merge_welds: bool = False
+) -> np.ndarray:
     """Stacked φ of the bodies of `tree_from_model`, about their body frames (10 b,).
 
     MuJoCo stores principal moments about the centre of mass in the axes of an inertial frame of their own.
+
+    Raises:
+        ValueError: The base does not exist, or nothing in the tree has a mass.
     """
+    model = compiled(source)
+    members = _members(model, base, beyond)
+    if not model.body_mass[members].any():
+        raise ValueError(f"A mechanism needs mass; {', '.join(_body_name(model, b) for b in members)} have none.")
     phi = []
-    for b in _members(model, base, beyond):
+    for b in members:
         R = _rotation(model.body_iquat[b])
         inertia = R @ np.diag(model.body_inertia[b]) @ R.T
         phi.append(parameters_from_com(model.body_mass[b], model.body_ipos[b], inertia))
-    return np.concatenate(phi)
+    stacked = np.concatenate(phi)
+    return _tree(model, members, base).without_welds()[1] @ stacked if merge_welds else stacked
 
 
-def gravity_in_base(model: mujoco.MjModel, base: str = "base") -> np.ndarray:
-    """Acceleration of gravity in the axes of a base that is fixed to the world, m/s² (3,)."""
-    return _rotation(model.body_quat[_members(model, base, ())[0]]).T @ model.opt.gravity
+def state_columns(
+    source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the tree's states stand in MuJoCo's.
+
+    Returns:
+        Indices into qpos (n_q,), and into qvel and qacc (n,).
+    """
+    model = compiled(source)
+    members = [b for b in _members(model, base, beyond) if base is None or _body_name(model, b) != base]
+    dofs = np.flatnonzero(np.isin(model.dof_bodyid, members))
+    joints = np.flatnonzero(np.isin(model.jnt_bodyid, members))
+    sizes = {_FREE: 7, _BALL: 4}
+    qpos = [model.jnt_qposadr[j] + np.arange(sizes.get(int(model.jnt_type[j]), 1)) for j in joints]
+    return np.concatenate([np.zeros(0, int), *qpos]), dofs
+
+
+def base_motion(source: Source, base: str, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray) -> BaseMotion:
+    """Motion of a base that does not rest, from MuJoCo's states.
+
+    Args:
+        source: The model.
+        base: Name of the body whose frame is {0}.
+        qpos: Positions (N, nq); `qvel` and `qacc` velocities and accelerations (N, nv).
+
+    Returns:
+        N samples, in the world's frame.
+    """
+    model = compiled(source)
+    b = _body_id(model, base)
+    data = mujoco.MjData(model)
+    T, V, dV = np.tile(np.eye(4), (len(qpos), 1, 1)), np.empty((len(qpos), 6)), np.empty((len(qpos), 6))
+    turning_first = np.empty(6)
+    for k, (q, dq, ddq) in enumerate(zip(qpos, qvel, qacc, strict=True)):
+        data.qpos, data.qvel, data.qacc = q, dq, ddq
+        for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel, mujoco.mj_rnePostConstraint):
+            stage(model, data)
+        T[k, :3, :3], T[k, :3, 3] = data.xmat[b].reshape(3, 3), data.xpos[b]
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, b, turning_first, 1)
+        V[k] = np.roll(turning_first, 3)
+        mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_XBODY, b, turning_first, 1)
+        dV[k] = np.roll(turning_first, 3)
+        # MuJoCo's acceleration is that of a point, and an accelerometer's: gravity is in it.
+        dV[k, :3] += T[k, :3, :3].T @ model.opt.gravity - np.cross(V[k, 3:], V[k, :3])
+    return BaseMotion(T, V, dV)
+
+
+def gravity_in_base(source: Source, base: str | None = None) -> np.ndarray:
+    """Acceleration of gravity in the axes of a base at rest; for one that moves, in the world's, m/s² (3,)."""
+    model = compiled(source)
+    R = np.eye(3)
+    b = 0 if base is None else _body_id(model, base)
+    while b != 0:
+        if model.body_jntnum[b]:
+            return model.opt.gravity.copy()
+        R = _rotation(model.body_quat[b]) @ R
+        b = model.body_parentid[b]
+    return R.T @ model.opt.gravity
 
 
 def site_on_tree(
-    model: mujoco.MjModel, site: str, base: str = "base", beyond: Sequence[str] = BEYOND
+    source: Source, site: str, base: str | None = None, beyond: Sequence[str] = BEYOND
 ) -> tuple[str, np.ndarray]:
     """Where a sensor's site sits on the mechanism.
 
     Args:
-        model: Compiled model.
+        source: The model.
         site: Name of the site, on a body of the mechanism or on one welded beyond its end.
-        base: Name of the base body.
+        base: Name of the base body, as for `tree_from_model`.
         beyond: Names of bodies at which the mechanism ends.
 
     Returns:
@@ -72,6 +173,7 @@ def site_on_tree(
     Raises:
         ValueError: The site does not exist, or is not fixed to a body of the mechanism.
     """
+    model = compiled(source)
     s = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
     if s < 0:
         names = ", ".join(model.site(k).name for k in range(model.nsite))
@@ -80,43 +182,68 @@ def site_on_tree(
     b, pose = model.site_bodyid[s], _pose(model.site_pos[s], model.site_quat[s])
     while b not in members:
         if b == 0 or model.body_jntnum[b]:
-            raise ValueError(f"Site '{site}' is not fixed to a body of the mechanism on '{base}'.")
+            raise ValueError(f"Site '{site}' is not fixed to a body of the mechanism on '{base or 'the world'}'.")
         pose = _pose(model.body_pos[b], model.body_quat[b]) @ pose
         b = model.body_parentid[b]
     return _body_name(model, b), pose
 
 
-def _members(model: mujoco.MjModel, base: str, beyond: Sequence[str]) -> list[int]:
-    """Ids of the base and of all bodies on it, up to where the mechanism ends."""
-    root = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, str(base))
-    if root <= 0:
-        names = ", ".join(_body_name(model, b) for b in range(1, model.nbody))
-        raise ValueError(f"The model has no body named '{base}'; its bodies are {names}.")
-    if model.body_parentid[root] != 0 or model.body_jntnum[root] != 0:
-        raise ValueError(f"The base body '{base}' must be fixed to the world, without joints.")
-    members = [root]
-    for b in range(root + 1, model.nbody):
-        if model.body_parentid[b] in members and _body_name(model, b) not in beyond:
+def _members(model: mujoco.MjModel, base: str | None, beyond: Sequence[str]) -> list[int]:
+    """Ids of the bodies of a mechanism, up to where it ends; mocap bodies are none, nothing acts on them."""
+    members = [0] if base is None else [_body_id(model, base)]
+    for b in range(members[0] + 1, model.nbody):
+        outside = model.body_mocapid[b] >= 0 or _body_name(model, b) in beyond
+        if model.body_parentid[b] in members and not outside:
             members.append(b)
-    return members
+    return members[1:] if base is None else members
 
 
-def _joint(model: mujoco.MjModel, b: int) -> tuple[np.ndarray, float, str]:
-    """Twist in the body frame, coordinate at the model's reference configuration, and name of a body's joint."""
-    if model.body_jntnum[b] == 0:
-        return np.zeros(6), 0.0, ""
-    j = model.body_jntadr[b]
-    kind = model.jnt_type[j]
-    name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j) or f"joint{j}"
-    hinge = kind == mujoco.mjtJoint.mjJNT_HINGE
-    if model.body_jntnum[b] > 1 or not (hinge or kind == mujoco.mjtJoint.mjJNT_SLIDE):
-        raise ValueError(
-            f"Body '{_body_name(model, b)}' needs at most one joint, hinge or slide; it has {model.body_jntnum[b]}, "
-            f"the first, '{name}', of type {mujoco.mjtJoint(kind).name.removeprefix('mjJNT_').lower()}."
-        )
+def _tree(model: mujoco.MjModel, members: Sequence[int], base: str | None) -> Tree:
+    bodies: list[Body] = []
+    place = {0: BASE}
+    for b in members:
+        if base is not None and b == members[0]:
+            bodies.append(Body(base, BASE, np.eye(4), np.zeros(6)))
+        else:
+            bodies += _links(model, b, place[int(model.body_parentid[b])], len(bodies))
+        place[b] = len(bodies) - 1
+    return Tree(tuple(bodies))
+
+
+def _links(model: mujoco.MjModel, b: int, parent: int, index: int) -> list[Body]:
+    """A body and, before it, the massless links of its joints but the last; `index` is where they go in the tree."""
+    name, home = _body_name(model, b), _pose(model.body_pos[b], model.body_quat[b])
+    joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
+    if not joints:
+        return [Body(name, parent, home, np.zeros(6))]
+    links: list[Body] = []
+    for k, j in enumerate(joints):
+        joint = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j) or f"joint{j}"
+        if model.jnt_type[j] == _FREE:
+            return list(free_joint(joint, name, parent, index))
+        twist, reference = _joint(model, j)
+        last = k == len(joints) - 1
+        links.append(Body(name if last else f"{name}:{joint}", parent, home @ reference, twist, joint, not last))
+        parent, home = index + k, np.eye(4)
+    return links
+
+
+def _joint(model: mujoco.MjModel, j: int) -> tuple[np.ndarray, np.ndarray]:
+    """Twist of a joint in the body frame, and the pose at coordinate zero in that of the reference configuration."""
+    if model.jnt_type[j] == _BALL:
+        return ball_twist(model.jnt_pos[j]), np.eye(4)
     axis = model.jnt_axis[j]
-    twist = np.concatenate([np.cross(model.jnt_pos[j], axis), axis] if hinge else [axis, np.zeros(3)])
-    return twist, float(model.qpos0[model.jnt_qposadr[j]]), name
+    slide = model.jnt_type[j] == _SLIDE
+    twist = np.concatenate([axis, np.zeros(3)] if slide else [np.cross(model.jnt_pos[j], axis), axis])
+    return twist, se3.exp(twist, -model.qpos0[model.jnt_qposadr[j]])
+
+
+def _body_id(model: mujoco.MjModel, name: str) -> int:
+    b = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, str(name))
+    if b <= 0:
+        names = ", ".join(_body_name(model, k) for k in range(1, model.nbody))
+        raise ValueError(f"The model has no body named '{name}'; its bodies are {names}.")
+    return b
 
 
 def _body_name(model: mujoco.MjModel, b: int) -> str:
@@ -130,6 +257,4 @@ def _rotation(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = _rotation(quaternion), position
-    return T
+    return se3.pose(_rotation(quaternion), position)

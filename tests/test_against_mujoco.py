@@ -1,67 +1,119 @@
-"""MuJoCo's inverse dynamics and its base sensor against the regressor, on random models."""
+"""MuJoCo's inverse dynamics and its base sensor against the regressors, on random models."""
 
-import mujoco
 import numpy as np
 import pytest
-from mechanisms import unit_vector
+from random_models import inverse_dynamics, random_model, random_model_states
 
-from ident import dim, regressor
-from sim.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
+from ident import dim
+from ident.base_parameters import find_base_parameters
+from ident.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.structure import Sensors
+from ident.tree import BaseMotion
+from sim.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
-STATES = 200
+MODELS, STATES = 300, 5
+SEEDS = range(MODELS)
 
 
-def random_model(rng, bodies):
-    """Hinges and slides at random axes and anchors, turned body and inertial frames, branches, welded bodies."""
+def case(seed):
+    """A model of 2 to 30 bodies, every third one without ground under it, and its states."""
+    rng = np.random.default_rng(seed)
+    model = random_model(rng, int(rng.integers(2, 31)), floating=seed % 3 == 0)
+    return model, random_model_states(rng, model, STATES)
 
-    def numbers(x):
-        return " ".join(map(repr, np.asarray(x).tolist()))
 
-    def body(i):
-        joint = ""
-        kind = rng.choice(["hinge", "slide", "none"], p=[0.5, 0.3, 0.2]) if i else "none"
-        if kind != "none":
-            joint = (
-                f'<joint name="j{i}" type="{kind}" axis="{numbers(unit_vector(rng))}" '
-                f'pos="{numbers(rng.normal(size=3))}" ref="{rng.normal():.3f}"/>'
-            )
-        principal = np.sort(rng.uniform(0.1, 1, 3))
-        principal[2] = min(principal[2], 0.9 * (principal[0] + principal[1]))
-        children = "".join(body(k) for k in range(1, bodies) if parents[k] == i)
-        sensor_site = '<site name="ground"/>' if i == 0 else ""
-        return (
-            f'<body name="b{i}" pos="{numbers(rng.normal(size=3))}" quat="{numbers(rng.normal(size=4))}">{joint}'
-            f'<inertial mass="{rng.uniform(0.1, 5)!r}" pos="{numbers(rng.normal(size=3))}" '
-            f'quat="{numbers(rng.normal(size=4))}" diaginertia="{numbers(principal)}"/>{sensor_site}{children}</body>'
-        )
-
-    parents = [-1] + [int(rng.integers(0, k)) for k in range(1, bodies)]
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian"/><option gravity="{numbers(3 * rng.normal(size=3))}"/>'
-        f"<worldbody>{body(0)}</worldbody>"
-        '<sensor><force site="ground"/><torque site="ground"/></sensor></mujoco>'
+def assert_equal(found, expected, scale=None, tolerance=1e-10):
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=tolerance * abs(expected if scale is None else scale).max()
     )
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_base_sensor_and_joint_torques(seed):
-    rng = np.random.default_rng(seed)
-    model = random_model(rng, int(rng.integers(2, 9)))
-    tree, phi = tree_from_model(model, "b0"), parameters_from_model(model, "b0")
-    gravity = gravity_in_base(model, "b0")
-    data = mujoco.MjData(model)
-    q, dq, ddq = rng.uniform(-2, 2, size=(3, STATES // 20, model.nv))
-    wrench, torque = np.empty((len(q), 6)), np.empty_like(q)
-    for k in range(len(q)):
-        data.qpos, data.qvel, data.qacc = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        wrench[k], torque[k] = data.sensordata, data.qfrc_inverse
+def external_wrench(states, forces):
+    """What a free joint's forces are as a wrench in the body's frame."""
+    R = BaseMotion.from_free_joint(*(x[:, :size] for x, size in zip(states, (7, 6, 6), strict=True))).T[:, :3, :3]
+    return np.concatenate([(R.swapaxes(1, 2) @ forces[:, :3, None])[..., 0], forces[:, 3:6]], axis=1)
 
-    predicted = regressor.base_wrench_regressor(tree, q, dq, ddq, gravity=gravity) @ phi
-    np.testing.assert_allclose(predicted, wrench, rtol=0, atol=1e-12 * abs(wrench).max())
-    for k, state in enumerate(zip(q, dq, ddq, strict=True)):
-        ground, torques = dim.inverse_dynamics(tree, phi, *state, gravity=gravity)
-        np.testing.assert_allclose(ground, wrench[k], rtol=0, atol=1e-12 * abs(wrench).max())
-        np.testing.assert_allclose(torques, torque[k], rtol=0, atol=1e-12 * abs(wrench).max())
-        Y = dim.base_wrench_regressor(tree, *state, gravity=gravity)
-        np.testing.assert_allclose(Y @ phi, wrench[k], rtol=0, atol=1e-12 * abs(wrench).max())
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_base_wrench_and_joint_torques(seed):
+    model, states = case(seed)
+    forces, readings = inverse_dynamics(model, *states)
+    floating = seed % 3 == 0
+    wrench = external_wrench(states, forces) if floating else readings
+    tree, phi = tree_from_model(model, "b0"), parameters_from_model(model, "b0")
+    coordinates, dofs = state_columns(model, "b0")
+    joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
+    known = {
+        "gravity": gravity_in_base(model, "b0"),
+        "base": base_motion(model, "b0", *states) if floating else None,
+    }
+    assert_equal(base_wrench_regressor(tree, *joints, **known) @ phi, wrench)
+    assert_equal(joint_torque_regressor(tree, *joints, **known) @ phi, forces[:, dofs], wrench)
+    merged, less = tree_from_model(model, "b0", merge_welds=True), parameters_from_model(model, "b0", merge_welds=True)
+    assert len(less) == 10 * (len(merged.moving) + 1 - sum(body.massless for body in merged.bodies))
+    assert_equal(base_wrench_regressor(merged, *joints, **known) @ less, wrench)
+
+
+@pytest.mark.parametrize("seed", range(0, MODELS, 10))
+def test_the_world_as_base(seed):
+    model, states = case(seed)
+    forces, _ = inverse_dynamics(model, *states)
+    tree, phi = tree_from_model(model), parameters_from_model(model)
+    Y = joint_torque_regressor(tree, *states, gravity=model.opt.gravity)
+    assert_equal(Y @ phi, forces)
+
+
+@pytest.mark.parametrize("seed", range(0, MODELS, 10))
+def test_the_papers_recursion(seed):
+    model, states = case(seed)
+    forces, _ = inverse_dynamics(model, *states)
+    tree, phi = tree_from_model(model), parameters_from_model(model)
+    for k, state in enumerate(zip(*states, strict=True)):
+        ground, torques = dim.inverse_dynamics(tree, phi, *state, gravity=model.opt.gravity)
+        assert_equal(torques, forces[k])
+        assert_equal(dim.base_wrench_regressor(tree, *state, gravity=model.opt.gravity) @ phi, ground)
+
+
+@pytest.mark.parametrize("seed", range(0, MODELS, 30))
+def test_motion_of_any_body_as_base(seed):
+    """Cut off at an inner body, the rest of the model still needs a wrench there that MuJoCo's parts agree on."""
+    model, states = case(seed)
+    rng = np.random.default_rng(seed)
+    name = f"b{rng.integers(1, model.nbody - 1)}"
+    tree, phi = tree_from_model(model, name), parameters_from_model(model, name)
+    coordinates, dofs = state_columns(model, name)
+    joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
+    moving = base_motion(model, name, *states)
+    forces, _ = inverse_dynamics(model, *states)
+    Y = joint_torque_regressor(tree, *joints, gravity=model.opt.gravity, base=moving)
+    assert_equal(Y @ phi, forces[:, dofs], np.maximum(abs(forces).max(), 1))
+
+
+@pytest.mark.parametrize("seed", range(0, MODELS, 30))
+def test_two_ways_to_the_motion_of_a_free_base(seed):
+    model, states = case(seed)
+    by_model = base_motion(model, "b0", *states)
+    direct = BaseMotion.from_free_joint(*(x[:, :size] for x, size in zip(states, (7, 6, 6), strict=True)))
+    for key in ("T", "V", "dV"):
+        assert_equal(getattr(by_model, key), getattr(direct, key), tolerance=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_structural_rank_is_the_numeric_rank(seed):
+    model, _ = case(seed)
+    floating = seed % 3 == 0
+    tree, gravity = tree_from_model(model, "b0"), gravity_in_base(model, "b0")
+    coordinates, dofs = state_columns(model, "b0")
+    samples = 4 * len(tree.inertial) + 10
+    rng = np.random.default_rng(seed)
+    states = random_model_states(rng, model, samples)
+    joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
+    base = base_motion(model, "b0", *states) if floating else None
+    for sensors, regressor in (
+        (Sensors(moving_base=floating), base_wrench_regressor),
+        (Sensors(False, True, floating), joint_torque_regressor),
+    ):
+        Y = regressor(tree, *joints, gravity=gravity, base=base)
+        if Y.any():
+            exact = find_base_parameters(tree, gravity=gravity, sensors=sensors)
+            assert find_base_parameters(Y).rank == exact.rank

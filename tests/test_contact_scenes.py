@@ -27,9 +27,9 @@ def recording(contact):
 
 def test_the_mechanism_ends_at_the_load_cell(contact):
     model = scenes.load("double_pendulum", contact=contact).compile()
-    assert tree_from_model(model).names == ("base", "link1", "link2")
-    np.testing.assert_array_equal(parameters_from_model(model), parameters_from_model(FREE))
-    body, pose = site_on_tree(model, "contact")
+    assert tree_from_model(model, "base").names == ("base", "link1", "link2")
+    np.testing.assert_array_equal(parameters_from_model(model, "base"), parameters_from_model(FREE, "base"))
+    body, pose = site_on_tree(model, "contact", "base")
     assert body == "link2"
     np.testing.assert_allclose(pose[:3, 3], [0, 0, 0.4])
 
@@ -107,13 +107,13 @@ def test_load_cell_agrees_with_mujocos_contacts(velocity):
     T_contact[:3, 3] = data.contact[0].pos
     on_tip = transform_wrench(T_contact, on_second if tip_is_second else -on_second)
 
-    tree = tree_from_model(model, beyond=())
-    phi = parameters_from_model(model, beyond=())
+    tree = tree_from_model(model, "base", beyond=())
+    phi = parameters_from_model(model, "base", beyond=())
     phi[:30] = 0
     joints = [model.joint(name) for name in tree.joints]
     state = [np.array([[x[j.qposadr[0] if k == 0 else j.dofadr[0]] for j in joints]])
              for k, x in enumerate((data.qpos, data.qvel, data.qacc))]  # fmt: skip
-    gravity = gravity_in_base(model)
+    gravity = gravity_in_base(model, "base")
     inertial = (base_wrench_regressor(tree, *state, gravity=gravity) @ phi)[0]
     cell = tree.poses(state[0])[0, tree.names.index("load_cell")]
     measured = np.concatenate([data.sensor("contact_force").data, data.sensor("contact_torque").data])
@@ -154,6 +154,6 @@ def test_unknown_contact_lists_the_known_ones():
 def test_a_site_beyond_a_joint_is_not_on_the_mechanism():
     model = scenes.load("double_pendulum", contact="pad").compile()
     with pytest.raises(ValueError, match="'pad' is not fixed to a body of the mechanism"):
-        site_on_tree(model, "pad")
+        site_on_tree(model, "pad", "base")
     with pytest.raises(ValueError, match="no site named 'palm'; its sites are ground, link1"):
-        site_on_tree(model, "palm")
+        site_on_tree(model, "palm", "base")

@@ -7,8 +7,8 @@ from scipy.linalg import expm
 from test_se3 import unhat
 
 from ident import dim, se3
+from ident.body import BASE, Body
 from ident.inertia import pseudo_inertia
-from ident.tree import BASE, Body
 
 
 @pytest.fixture(params=range(10))

@@ -2,45 +2,181 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
+from ident.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
+from sim.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
 
-def model(body, before=""):
-    return mujoco.MjModel.from_xml_string(
+def xml(body, before="", after=""):
+    return (
         f'<mujoco><compiler angle="radian"/><worldbody>{before}<body name="base">'
-        f'<geom size=".1"/>{body}</body></worldbody></mujoco>'
+        f'<geom size=".1"/>{body}</body></worldbody>{after}</mujoco>'
     )
+
+
+def world(bodies):
+    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+
+
+def model(body, before="", after=""):
+    return mujoco.MjModel.from_xml_string(xml(body, before, after))
+
+
+ARM = '<body name="arm"><joint name="elbow"/><geom size=".1"/></body>'
+TOOL = ARM.replace("</body>", '<body name="tool" pos="0 0 .2"><geom size=".1"/></body></body>')
+SITES = '<body name="arm"><joint name="elbow"/><geom size=".1"/><site name="tip"/></body>'
+HINGES = '<body name="arm"><joint name="u"/><joint name="w" axis="1 0 0"/><geom size=".1"/></body>'
 
 
 def test_only_the_bodies_on_the_base_belong_to_the_tree():
-    arm = '<body name="arm"><joint name="elbow"/><geom size=".1"/></body>'
     other = '<body name="pad"><joint type="slide"/><geom size=".1"/></body>'
-    m = model(arm, other)
+    m = model(ARM, other)
+    assert tree_from_model(m, "base").names == ("base", "arm")
+    assert tree_from_model(m, "base").joints == ("elbow",)
+    assert parameters_from_model(m, "base").shape == (20,)
+    assert tree_from_model(m).names == ("pad", "base", "arm")
+    assert [list(x) for x in state_columns(m, "base")] == [[1], [1]]
+
+
+def test_mocap_bodies_are_not_part_of_a_mechanism():
+    m = model(ARM, '<body name="hand" mocap="true"><geom size=".1"/></body>')
     assert tree_from_model(m).names == ("base", "arm")
-    assert tree_from_model(m).joints == ("elbow",)
-    assert parameters_from_model(m).shape == (20,)
 
 
-def test_gravity_is_turned_with_the_base():
-    m = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><body name="base" euler="90 0 0"><geom size=".1"/></body></worldbody></mujoco>'
+def test_a_model_comes_compiled_as_a_specification_or_as_a_file(tmp_path):
+    text = xml(ARM)
+    path = tmp_path / "arm.xml"
+    path.write_text(text, encoding="utf-8")
+    sources = (mujoco.MjModel.from_xml_string(text), mujoco.MjSpec.from_string(text), path, str(path))
+    for source in sources:
+        assert tree_from_model(source).names == ("base", "arm")
+        np.testing.assert_array_equal(parameters_from_model(source), parameters_from_model(sources[0]))
+
+
+def test_several_joints_on_a_body_are_links_without_mass():
+    tree = tree_from_model(model(HINGES))
+    assert tree.names == ("base", "arm:u", "arm")
+    assert tree.joints == tree.freedoms == ("u", "w")
+    assert [tree.names[i] for i in tree.inertial] == ["base", "arm"]
+
+
+def test_freedoms_of_a_free_body_and_a_ball_are_named():
+    ball = '<body name="hand"><joint name="wrist" type="ball"/><geom size=".1"/></body>'
+    m = world(f'<body name="arm"><freejoint name="root"/><geom size=".1"/>{ball}</body>')
+    expected = ("root:x", "root:y", "root:z", "root.x", "root.y", "root.z", "wrist.x", "wrist.y", "wrist.z")
+    assert tree_from_model(m).freedoms == expected
+    assert tree_from_model(m, "arm").freedoms == expected[-3:]
+
+
+def test_welded_bodies_are_kept_or_merged():
+    m = model(TOOL)
+    kept, merged = tree_from_model(m, "base"), tree_from_model(m, "base", merge_welds=True)
+    assert kept.names == ("base", "arm", "tool")
+    assert merged.names == ("base", "arm")
+    phi = parameters_from_model(m, "base", merge_welds=True)
+    states = np.random.default_rng(0).normal(size=(3, 7, 1))
+    expected = base_wrench_regressor(kept, *states, gravity=m.opt.gravity) @ parameters_from_model(m, "base")
+    found = base_wrench_regressor(merged, *states, gravity=m.opt.gravity) @ phi
+    np.testing.assert_allclose(found, expected, atol=1e-12 * abs(expected).max())
+
+
+def test_gravity_is_turned_with_a_base_at_rest():
+    turned = '<body euler="90 0 0"><body name="base"{}>{}<geom size=".1"/></body></body>'
+    fixed = world(turned.format(' euler="0 90 0"', ""))
+    np.testing.assert_allclose(gravity_in_base(fixed, "base"), [0, -9.81, 0], atol=1e-12)
+    moving = world(turned.format("", "<joint/>"))
+    np.testing.assert_allclose(gravity_in_base(moving, "base"), [0, 0, -9.81])
+
+
+def test_rotors_and_viscous_friction_are_mujocos_armature_and_damping():
+    joints = (
+        '<joint name="u" armature=".3" damping=".7"/>',
+        '<joint name="w" axis="1 0 0" armature=".2" damping=".1"/>',
     )
-    np.testing.assert_allclose(gravity_in_base(m), [0, -9.81, 0], atol=1e-12)
+    m = model(HINGES.replace('<joint name="u"/><joint name="w" axis="1 0 0"/>', "".join(joints)))
+    tree = tree_from_model(m)
+    states = np.random.default_rng(0).normal(size=(3, 20, 2))
+    data = mujoco.MjData(m)
+    forces = np.empty((20, 2))
+    for k in range(20):
+        data.qpos, data.qvel, data.qacc = (x[k] for x in states)
+        mujoco.mj_inverse(m, data)
+        forces[k] = data.qfrc_inverse
+    Y = joint_torque_regressor(tree, *states, gravity=m.opt.gravity, drive=("rotor", "viscous"))
+    phi = np.concatenate([parameters_from_model(m), m.dof_armature, m.dof_damping])
+    np.testing.assert_allclose(Y @ phi, forces, atol=1e-12)
+    assert drive_names(tree, ("rotor", "viscous")) == ("Ia(u)", "Ia(w)", "Fv(u)", "Fv(w)")
+
+
+def test_coulomb_friction_has_the_sign_of_the_velocity():
+    tree = tree_from_model(model(HINGES))
+    dq = np.array([[1.0, -2.0], [0.0, 3.0]])
+    Y = joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("coulomb",))
+    np.testing.assert_array_equal(Y[:, :, -2:], [[[1, 0], [0, -1]], [[0, 0], [0, 1]]])
+    with pytest.raises(ValueError, match="Drive parameters are rotor, viscous, coulomb, got stiction"):
+        joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("stiction",))
+
+
+LOOP = '<equality><connect name="loop" body1="arm" body2="world" anchor="0 0 0"/></equality>'
+WELD = '<equality><weld name="grip" site1="tip" site2="nail"/></equality>'
+GEAR = '<equality><joint name="gear" joint1="u" joint2="w"/></equality>'
+CABLE = '<tendon><fixed name="cable"><joint joint="elbow" coef="1"/></fixed></tendon>'
+ROPE = '<tendon><spatial><site site="tip"/><site site="nail"/></spatial></tendon>'
+NAIL = '<site name="nail"/>'
 
 
 @pytest.mark.parametrize(
-    ("body", "base", "message"),
+    ("m", "name", "kind"),
     [
-        ("", "foot", "no body named 'foot'; its bodies are base"),
-        ('<body name="arm"><geom size=".1"/></body>', "arm", "'arm' must be fixed to the world"),
-        ('<body name="arm"><joint name="wrist" type="ball"/><geom size=".1"/></body>', "base", "'wrist', of type ball"),
-        (
-            '<body name="arm"><joint name="u"/><joint name="w" axis="1 0 0"/><geom size=".1"/></body>',
-            "base",
-            "'arm' needs at most one joint, hinge or slide; it has 2",
-        ),
+        (model(ARM, after=LOOP), "loop", r"equality \(connect\)"),
+        (model(SITES, NAIL, WELD), "grip", r"equality \(weld\)"),
+        (model(HINGES, after=GEAR), "gear", r"equality \(joint\)"),
+        (model(ARM, after=CABLE), "cable", "tendon"),
+        (model(SITES, NAIL, ROPE), "tendon0", "tendon"),
     ],
 )
-def test_models_that_the_tree_cannot_hold_are_refused(body, base, message):
+def test_loops_and_tendons_are_refused_by_name_or_ignored_by_name(m, name, kind):
+    with pytest.raises(ValueError, match=f"do not hold the forces of {kind} '{name}'. Name them in `ignore`"):
+        tree_from_model(m)
+    assert "arm" in tree_from_model(m, ignore=(name,)).names
+    with pytest.raises(ValueError, match=f"no equality constraint or tendon named nothing; it has {name}"):
+        tree_from_model(m, ignore=("nothing",))
+
+
+def test_couplings_of_others_do_not_matter():
+    rails = '<body name="cart"><joint name="rail" type="slide"/><geom size=".1"/></body>'
+    pulley = '<tendon><fixed name="cable"><joint joint="rail" coef="1"/></fixed></tendon>'
+    assert tree_from_model(model(ARM, rails, pulley), "base").names == ("base", "arm")
+
+
+def test_a_mechanism_without_mass_is_refused():
+    light = world('<body name="ghost"><site/></body><body name="rock"><geom size="1"/></body>')
+    with pytest.raises(ValueError, match="A mechanism needs mass; ghost have none"):
+        parameters_from_model(light, "ghost")
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "message"),
+    [
+        ("missing.xml", None, "file that exists, got '.*missing.xml'"),
+        ("broken.xml", "<mujoco><worldbody>", "broken.xml: .*XML"),
+        ("odd.xml", "<mujoco><worldbody><bone/></worldbody></mujoco>", "odd.xml: .*bone"),
+    ],
+)
+def test_files_that_are_no_models_are_refused(tmp_path, path, text, message):
+    if text is not None:
+        (tmp_path / path).write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=message):
-        tree_from_model(model(body), base)
+        tree_from_model(tmp_path / path)
+
+
+@pytest.mark.parametrize("function", [tree_from_model, parameters_from_model, gravity_in_base, state_columns])
+def test_unknown_bases_are_refused(function):
+    with pytest.raises(ValueError, match="no body named 'foot'; its bodies are base, arm"):
+        function(model(ARM), "foot")
+
+
+def test_the_motion_of_a_base_at_rest_is_none():
+    m = model(ARM)
+    still = base_motion(m, "base", *np.ones((3, 4, 1)))
+    np.testing.assert_array_equal(still.T, np.tile(np.eye(4), (4, 1, 1)))
+    np.testing.assert_allclose([still.V, still.dV], 0, atol=1e-12)

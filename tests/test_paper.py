@@ -122,6 +122,6 @@ def test_acceleration_noise_ruins_the_estimate():
     clean = simulate(spec, DOUBLE_PENDULUM, noise_scale=0)
     levels = {s: 0.0 for s in clean.noise} | {"joint1_acceleration": 0.3, "joint2_acceleration": 0.3}
     noisy = with_noise(replace(clean, noise=levels), np.random.default_rng(0))
-    found = fit(tree_from_model(model), noisy, parameters_from_model(model), GRAVITY)
+    found = fit(tree_from_model(model, "base"), noisy, parameters_from_model(model, "base"), GRAVITY)
     assert abs(found.error).max() > 0.5
     assert abs(found.error / found.estimate.std).max() > 10

@@ -1,8 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from mechanisms import double_pendulum, random_phi, random_states, random_tree
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_tree, random_twist
 
 from ident import dim, regressor
+from ident.body import BASE, Body, ball_twist, free_joint
+from ident.se3 import coAd
+from ident.tree import BaseMotion, Tree
 
 
 def both(tree, states, gravity):
@@ -52,6 +57,45 @@ def test_parallel_axes_leave_the_force_along_them_empty():
     tree = double_pendulum()
     Y = regressor.base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=[0, 0, -9.81])
     assert abs(Y[:, 0]).max() < 1e-12 < abs(Y[:, 1:]).max(axis=(0, 2)).min()
+
+
+def test_a_moving_base_is_a_free_joint_seen_from_the_body():
+    """Cut at a free joint, the rest needs the wrench that the joint's forces are, written in the body's frame."""
+    rng = np.random.default_rng(0)
+    arm = Body("arm", 3, random_pose(rng), random_twist(rng, "revolute"), "elbow")
+    whole = Tree((*free_joint("root", "b", BASE, 0), arm))
+    cut = Tree((Body("b", BASE, np.eye(4), np.zeros(6)), replace(arm, parent=0)))
+    q, dq, ddq = random_states(rng, whole, 5)
+    base = BaseMotion.from_free_joint(q[:, :7], dq[:, :6], ddq[:, :6])
+    expected = regressor.base_wrench_regressor(whole, q, dq, ddq, gravity=GRAVITY)
+    found = regressor.base_wrench_regressor(cut, q[:, 7:], dq[:, 6:], ddq[:, 6:], gravity=GRAVITY, base=base)
+    np.testing.assert_allclose(coAd(base.T) @ found, expected, atol=1e-12 * abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_dim_and_the_closed_form_agree_on_a_moving_base(seed):
+    rng = np.random.default_rng(seed)
+    tree, base_states = random_tree(rng), (rng.normal(size=(4, 7)), *rng.normal(size=(2, 4, 6)))
+    base, states = BaseMotion.from_free_joint(*base_states), random_states(rng, tree, 4)
+    found = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, base=base)
+    for k in range(4):
+        sample = BaseMotion(base.T[k], base.V[k], base.dV[k])
+        expected = dim.base_wrench_regressor(tree, *(x[k] for x in states), gravity=GRAVITY, base=sample)
+        np.testing.assert_allclose(found[k], expected, rtol=0, atol=1e-12 * abs(expected).max())
+
+
+def test_a_base_needs_as_many_samples_as_the_joints():
+    states = random_states(np.random.default_rng(0), double_pendulum(), 3)
+    base = BaseMotion(np.eye(4)[None], np.zeros((1, 6)), np.zeros((1, 6)))
+    with pytest.raises(ValueError, match="3 joint states need as many samples of the base's motion"):
+        regressor.base_wrench_regressor(double_pendulum(), *states, gravity=GRAVITY, base=base)
+
+
+def test_a_zero_quaternion_is_refused():
+    ball = Tree((Body("arm", BASE, np.eye(4), ball_twist(np.zeros(3)), "shoulder"),))
+    q = np.array([[1.0, 0, 0, 0], [0, 0, 0, 0]])
+    with pytest.raises(ValueError, match="'shoulder' needs quaternions; that of sample 1 is zero"):
+        regressor.base_wrench_regressor(ball, q, np.zeros((2, 3)), np.zeros((2, 3)), gravity=GRAVITY)
 
 
 def test_states_of_different_shapes_are_refused():

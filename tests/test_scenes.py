@@ -11,7 +11,7 @@ MODEL = scenes.load("double_pendulum").compile()
 
 
 def test_double_pendulum_is_table_2():
-    tree, expected = tree_from_model(MODEL), double_pendulum()
+    tree, expected = tree_from_model(MODEL, "base"), double_pendulum()
     assert tree.names == ("base", "link1", "link2")
     for found, body in zip(tree.bodies, expected.bodies, strict=True):
         np.testing.assert_allclose(found.home, body.home, atol=1e-15)
@@ -19,7 +19,7 @@ def test_double_pendulum_is_table_2():
 
 
 def test_bodies_are_physical_and_geoms_weigh_nothing():
-    phi = parameters_from_model(MODEL)
+    phi = parameters_from_model(MODEL, "base")
     expected = [
         parameters_from_com(4.0, [0, 0, 0], np.diag([0.0044, 0.0044, 0.0072])),
         parameters_from_com(3.7, [0, 0, 0.2], np.diag([0.0103, 0.0103, 0.0067])),
@@ -63,7 +63,7 @@ def test_sensors_of_links_read_their_pose_in_the_base_frame():
     data = mujoco.MjData(MODEL)
     data.qpos = [0.3, -0.8]
     mujoco.mj_forward(MODEL, data)
-    T = tree_from_model(MODEL).poses(data.qpos)[2]
+    T = tree_from_model(MODEL, "base").poses(data.qpos)[2]
     np.testing.assert_allclose(data.sensor("link2_position").data, T[:3, 3], atol=1e-14)
     R = np.zeros(9)
     mujoco.mju_quat2Mat(R, data.sensor("link2_orientation").data)

@@ -4,8 +4,9 @@ from mechanisms import double_pendulum, random_pose, random_twist, tilted_axis, 
 from scipy.spatial.transform import Rotation
 
 from ident import se3
+from ident.body import BASE, Body
 from ident.screw import common_direction, estimate_screw, parallel_p_value, recover_axes
-from ident.tree import BASE, Body, Tree
+from ident.tree import Tree
 
 NOISE = np.radians(0.5)
 TIME = np.arange(400) / 100

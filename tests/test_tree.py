@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
-from mechanisms import double_pendulum, random_pose, random_states, random_tree, random_twist
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_tree, random_twist
 
 from ident import se3
-from ident.tree import BASE, Body, Tree
+from ident.body import BASE, Body
+from ident.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.tree import BaseMotion, Tree
 
 
 def test_table_2_is_a_double_pendulum():
@@ -84,3 +86,36 @@ def test_poses_are_rigid():
     tree = random_tree(rng, 5)
     for T in tree.poses(random_states(rng, tree, 1)[0][0]):
         np.testing.assert_allclose(se3.inverse(T) @ T, np.eye(4), atol=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_merged_welds_need_the_same_wrench_and_torques(seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, 8, kinds=("revolute", "ball", "welded", "welded"), massless=0.3)
+    merged, X = tree.without_welds()
+    assert sum(not body.moves for body in merged.bodies) <= 1
+    assert merged.joints == tree.joints
+    states, phi = random_states(rng, tree, 3), random_phi(rng, len(tree.inertial))
+    for regressor in (base_wrench_regressor, joint_torque_regressor):
+        expected = regressor(tree, *states, gravity=GRAVITY) @ phi
+        found = regressor(merged, *states, gravity=GRAVITY) @ (X @ phi)
+        np.testing.assert_allclose(found, expected, atol=1e-12 * max(1, abs(expected).max(initial=0)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"V": np.zeros((2, 6))}, r"T \(N, 4, 4\), V \(N, 6\) and dV \(N, 6\), got V \(2, 6\)"),
+        ({"dV": np.full((3, 6), np.nan)}, "finite"),
+        ({"T": np.zeros((3, 4, 4))}, "rigid poses"),
+    ],
+)
+def test_bad_motions_of_a_base_are_refused(change, message):
+    good = {"T": np.tile(np.eye(4), (3, 1, 1)), "V": np.zeros((3, 6)), "dV": np.zeros((3, 6))}
+    with pytest.raises(ValueError, match=message):
+        BaseMotion(**(good | change))
+
+
+def test_twists_of_no_joint_are_refused():
+    with pytest.raises(ValueError, match="or a ball joint's 6×3"):
+        Body("arm", BASE, np.eye(4), np.ones((6, 3)))

@@ -1,0 +1,61 @@
+"""Random MuJoCo models with all kinds of joints, and their states."""
+
+import mujoco
+import numpy as np
+from mechanisms import unit_vector
+
+CHAINS = ([], ["hinge"], ["slide"], ["ball"], ["hinge", "hinge"], ["slide", "hinge"], ["slide", "slide", "ball"])
+"""Joints of one body, the first next to its parent; MuJoCo allows no hinge beside a ball."""
+
+
+def numbers(x):
+    return " ".join(map(repr, np.asarray(x).tolist()))
+
+
+def random_model(rng, bodies, floating=False):
+    """Random axes, anchors and references, turned body and inertial frames, branches, welded bodies."""
+
+    def joint(name, kind):
+        axis = f' axis="{numbers(unit_vector(rng))}" ref="{rng.normal():.3f}"' if kind != "ball" else ""
+        position = f' pos="{numbers(rng.normal(size=3))}"'
+        return f'<joint name="{name}" type="{kind}"{position}{axis}/>'
+
+    def body(i):
+        chain = CHAINS[rng.choice(len(CHAINS), p=[0.15, 0.3, 0.15, 0.1, 0.1, 0.1, 0.1])] if i else []
+        joints = "".join(joint(f"j{i}{'abc'[k]}", kind) for k, kind in enumerate(chain))
+        if i == 0:
+            joints = '<freejoint name="root"/>' if floating else '<site name="ground"/>'
+        principal = np.sort(rng.uniform(0.1, 1, 3))
+        principal[2] = min(principal[2], 0.9 * (principal[0] + principal[1]))
+        children = "".join(body(k) for k in range(1, bodies) if parents[k] == i)
+        return (
+            f'<body name="b{i}" pos="{numbers(rng.normal(size=3))}" quat="{numbers(rng.normal(size=4))}">{joints}'
+            f'<inertial mass="{rng.uniform(0.1, 5)!r}" pos="{numbers(rng.normal(size=3))}" '
+            f'quat="{numbers(rng.normal(size=4))}" diaginertia="{numbers(principal)}"/>{children}</body>'
+        )
+
+    parents = [-1] + [int(rng.integers(0, k)) for k in range(1, bodies)]
+    sensors = "" if floating else '<force site="ground"/><torque site="ground"/>'
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><option gravity="{numbers(3 * rng.normal(size=3))}"/>'
+        f"<worldbody>{body(0)}</worldbody><sensor>{sensors}</sensor></mujoco>"
+    )
+
+
+def random_model_states(rng, model, samples):
+    """qpos with unit quaternions, qvel and qacc."""
+    qpos = rng.uniform(-2, 2, size=(samples, model.nq))
+    for k in range(samples):
+        mujoco.mj_normalizeQuat(model, qpos[k])
+    return qpos, rng.uniform(-2, 2, size=(samples, model.nv)), rng.uniform(-2, 2, size=(samples, model.nv))
+
+
+def inverse_dynamics(model, qpos, qvel, qacc):
+    """MuJoCo's inverse dynamics: generalised forces (N, nv) and sensor readings (N, nsensordata)."""
+    data = mujoco.MjData(model)
+    forces, readings = np.empty_like(qvel), np.empty((len(qpos), model.nsensordata))
+    for k in range(len(qpos)):
+        data.qpos, data.qvel, data.qacc = qpos[k], qvel[k], qacc[k]
+        mujoco.mj_inverse(model, data)
+        forces[k], readings[k] = data.qfrc_inverse, data.sensordata
+    return forces, readings
