@@ -1,4 +1,5 @@
 # `make paper` regenerates the study, `make test` runs the tests; both set up their own environment in .venv.
+# `make test-extras` runs the tests that need the optional extras.
 PYTHON ?= python3
 VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
@@ -6,13 +7,17 @@ CONSTRAINTS ?= constraints.txt
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
 
-.PHONY: paper test check readme clean
+.PHONY: paper test test-extras check readme clean
 
 paper: $(INSTALLED)
 	$(BIN)/python -m experiments
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest
+
+test-extras: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,symbolic,peers]"
+	$(BIN)/python -m pytest tests/test_derive.py tests/test_against_pinocchio.py
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -14,8 +14,8 @@ from experiments.trials import REDRAWN
 from sim.simulate import SAMPLES
 
 
-def output_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser with the options of everything that writes results.
+def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser of everything that writes results.
 
     Args:
         name: Name of the study, `python -m experiments.NAME`.
@@ -27,6 +27,12 @@ def output_parser(name: str, description: str | None) -> argparse.ArgumentParser
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--out", type=Path, default=Path("results") / name, help="folder for the results")
+    return parser
+
+
+def output_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser of everything that draws figures; arguments as for `command_parser`."""
+    parser = command_parser(name, description)
     parser.add_argument("--formats", nargs="+", choices=FORMATS, default=["pdf", "png"], help="formats of the figures")
     return parser
 
@@ -86,6 +92,17 @@ def run(
             print(f"{parser.prog}: interrupted; every file is whole.", file=sys.stderr)
             return 130
     return 0
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Turns a failing import of a block into a sentence that names the extra to install."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"This needs the package '{error.name}', which the extra '{name}' brings: pip install -e '.[{name}]'."
+        ) from None
 
 
 @contextmanager

@@ -77,8 +77,10 @@ class Body:
         Returns:
             Poses (…, 4, 4).
         """
+        if not self.moves:
+            return np.broadcast_to(np.eye(4, dtype=int), (*q.shape[:-1], 4, 4))
         if not self.is_ball:
-            return se3.exp(self.twist, q[..., 0] if self.moves else np.zeros(q.shape[:-1]))
+            return se3.exp(self.twist, q[..., 0])
         center = np.array([self.twist[2, 1], self.twist[0, 2], self.twist[1, 0]])
         R = se3.rotation(q)
         return se3.pose(R, center - R @ center)

@@ -58,7 +58,7 @@ def rotation(quaternion: np.ndarray) -> np.ndarray:
     """Rotation matrices of quaternions `w, x, y, z` of any length but zero (…, 4) -> (…, 3, 3)."""
     quaternion = np.asarray(quaternion)
     real, u = quaternion[..., :1, None], hat(quaternion[..., 1:])
-    square = (quaternion * quaternion).sum(-1)[..., None, None]
+    square = np.sum(quaternion * quaternion, axis=-1, keepdims=True)[..., None]
     return np.eye(3, dtype=int) + 2 * (real * u + u @ u) / square
 
 

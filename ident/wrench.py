@@ -92,7 +92,7 @@ def transform_covariance(T_ab: np.ndarray, covariance: np.ndarray) -> np.ndarray
 def total_wrench(
     tree: Tree,
     q: np.ndarray,
-    ground: np.ndarray,
+    ground: np.ndarray | None,
     contacts: Sequence[Contact],
     *,
     ground_covariance: np.ndarray | None = None,
@@ -100,10 +100,13 @@ def total_wrench(
 ) -> TotalWrench:
     """Eq. 17: `Γ = Γ_0 - Σ coAd(T_0E) Γ_E`, the wrench that the mechanism's own motion and weight need.
 
+    Where nothing holds the base there is no Γ_0, and the contacts alone make up Γ (Eq. 3).
+
     Args:
         tree: The mechanism.
-        q: Joint coordinates in rad or m (N, n).
-        ground: Γ_0, the wrench that the ground exerts on the base, in the base frame, N and N m (N, 6).
+        q: Joint coordinates in rad, m or quaternions (N, n_q).
+        ground: Γ_0, the wrench that the ground exerts on the base, in the base frame, N and N m (N, 6); None where
+            nothing holds the base.
         contacts: Any number of contacts on any bodies.
         ground_covariance: Covariance of the measured Γ_0 (6, 6).
         time: Sample times, s (N,).
@@ -112,13 +115,20 @@ def total_wrench(
         The total wrench, with the sensors' covariances carried through the transport where all are known.
 
     Raises:
-        ValueError: A contact is on a body that does not exist, or its samples do not match in number or time.
+        ValueError: A contact is on a body that does not exist, its samples do not match in number or time, or an array
+            is not finite or of another shape.
     """
     poses = tree.poses(q)
+    if not np.isfinite(poses).all():
+        raise ValueError("The total wrench needs finite joint states.")
+    if ground is None:
+        if ground_covariance is not None:
+            raise ValueError("A covariance of the ground wrench needs a ground wrench, got None.")
+        ground, ground_covariance = np.zeros((len(poses), 6)), np.zeros((6, 6))
     wrench = np.array(ground, float)
-    if wrench.shape != (len(poses), 6) or not (np.isfinite(wrench).all() and np.isfinite(poses).all()):
+    if wrench.shape != (len(poses), 6) or not np.isfinite(wrench).all():
         raise ValueError(
-            f"{len(poses)} finite joint states need finite ground wrenches ({len(poses)}, 6), got shape {wrench.shape}."
+            f"{len(poses)} joint states need finite ground wrenches ({len(poses)}, 6), got shape {wrench.shape}."
         )
     _check_covariance("The ground wrench", ground_covariance)
     if time is not None and np.shape(time) != (len(poses),):

@@ -6,15 +6,18 @@ from importlib.resources import files
 import mujoco
 import numpy as np
 
-NAMES = ("double_pendulum",)
+NAMES = ("double_pendulum", "humanoid")
 """Names that `load` knows, one for each mechanism's MJCF file in this package."""
+
+VARIED = ("double_pendulum",)
+"""Those of them that can be tilted and touched."""
 
 CONTACTS = ("pad", "handle")
 """Surroundings that touch the load cell at the end of the last link, one MJCF file each."""
 
 
 def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact: str | None = None) -> mujoco.MjSpec:
-    """A scene as an editable specification.
+    """A scene as an editable specification; those in `VARIED` with a tilt or a contact on request.
 
     Args:
         name: One of `NAMES`.
@@ -27,10 +30,12 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
         The specification; `.compile()` makes the model, after that `.to_xml()` the MJCF text.
 
     Raises:
-        ValueError: The scene or the contact does not exist, or the angles make no sense.
+        ValueError: The scene or the contact does not exist, the angles make no sense, or the scene has no variants.
     """
     if name not in NAMES:
         raise ValueError(f"No scene is named '{name}'; the scenes are {', '.join(NAMES)}.")
+    if name not in VARIED and (tilt_deg or azimuth_deg or contact is not None):
+        raise ValueError(f"The scene '{name}' has neither tilt nor contact to choose; {', '.join(VARIED)} has.")
     if contact is not None and contact not in CONTACTS:
         raise ValueError(f"No contact is named '{contact}'; the contacts are {', '.join(CONTACTS)}.")
     if not (-360 <= azimuth_deg <= 360 and 0 <= tilt_deg < 90):

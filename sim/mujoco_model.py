@@ -67,7 +67,7 @@ def tree_from_model(
         ValueError: The base does not exist, or equality constraints or tendons that nobody ignores act on the tree.
     """
     model = compiled(source)
-    members = _members(model, base, beyond)
+    members = mechanism_bodies(model, base, beyond)
     check_couplings(model, members, ignore)
     tree = _tree(model, members, base)
     return tree.without_welds()[0] if merge_welds else tree
@@ -84,9 +84,9 @@ def parameters_from_model(
         ValueError: The base does not exist, or nothing in the tree has a mass.
     """
     model = compiled(source)
-    members = _members(model, base, beyond)
+    members = mechanism_bodies(model, base, beyond)
     if not model.body_mass[members].any():
-        raise ValueError(f"A mechanism needs mass; {', '.join(_body_name(model, b) for b in members)} have none.")
+        raise ValueError(f"A mechanism needs mass; {', '.join(body_name(model, b) for b in members)} have none.")
     phi = []
     for b in members:
         R = _rotation(model.body_iquat[b])
@@ -105,7 +105,7 @@ def state_columns(
         Indices into qpos (n_q,), and into qvel and qacc (n,).
     """
     model = compiled(source)
-    members = [b for b in _members(model, base, beyond) if base is None or _body_name(model, b) != base]
+    members = [b for b in mechanism_bodies(model, base, beyond) if base is None or body_name(model, b) != base]
     dofs = np.flatnonzero(np.isin(model.dof_bodyid, members))
     joints = np.flatnonzero(np.isin(model.jnt_bodyid, members))
     sizes = {_FREE: 7, _BALL: 4}
@@ -178,21 +178,27 @@ def site_on_tree(
     if s < 0:
         names = ", ".join(model.site(k).name for k in range(model.nsite))
         raise ValueError(f"The model has no site named '{site}'; its sites are {names}.")
-    members = _members(model, base, beyond)
+    members = mechanism_bodies(model, base, beyond)
     b, pose = model.site_bodyid[s], _pose(model.site_pos[s], model.site_quat[s])
     while b not in members:
         if b == 0 or model.body_jntnum[b]:
             raise ValueError(f"Site '{site}' is not fixed to a body of the mechanism on '{base or 'the world'}'.")
         pose = _pose(model.body_pos[b], model.body_quat[b]) @ pose
         b = model.body_parentid[b]
-    return _body_name(model, b), pose
+    return body_name(model, b), pose
 
 
-def _members(model: mujoco.MjModel, base: str | None, beyond: Sequence[str]) -> list[int]:
-    """Ids of the bodies of a mechanism, up to where it ends; mocap bodies are none, nothing acts on them."""
+def mechanism_bodies(model: mujoco.MjModel, base: str | None, beyond: Sequence[str] = BEYOND) -> list[int]:
+    """Ids of the bodies of a mechanism, up to where it ends; mocap bodies are none, nothing acts on them.
+
+    Args:
+        model: Compiled model.
+        base: Name of the body that carries the others, first in the list; without a name all bodies, but not the world.
+        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
+    """
     members = [0] if base is None else [_body_id(model, base)]
     for b in range(members[0] + 1, model.nbody):
-        outside = model.body_mocapid[b] >= 0 or _body_name(model, b) in beyond
+        outside = model.body_mocapid[b] >= 0 or body_name(model, b) in beyond
         if model.body_parentid[b] in members and not outside:
             members.append(b)
     return members[1:] if base is None else members
@@ -212,7 +218,7 @@ def _tree(model: mujoco.MjModel, members: Sequence[int], base: str | None) -> Tr
 
 def _links(model: mujoco.MjModel, b: int, parent: int, index: int) -> list[Body]:
     """A body and, before it, the massless links of its joints but the last; `index` is where they go in the tree."""
-    name, home = _body_name(model, b), _pose(model.body_pos[b], model.body_quat[b])
+    name, home = body_name(model, b), _pose(model.body_pos[b], model.body_quat[b])
     joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
     if not joints:
         return [Body(name, parent, home, np.zeros(6))]
@@ -241,12 +247,13 @@ def _joint(model: mujoco.MjModel, j: int) -> tuple[np.ndarray, np.ndarray]:
 def _body_id(model: mujoco.MjModel, name: str) -> int:
     b = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, str(name))
     if b <= 0:
-        names = ", ".join(_body_name(model, k) for k in range(1, model.nbody))
+        names = ", ".join(body_name(model, k) for k in range(1, model.nbody))
         raise ValueError(f"The model has no body named '{name}'; its bodies are {names}.")
     return b
 
 
-def _body_name(model: mujoco.MjModel, b: int) -> str:
+def body_name(model: mujoco.MjModel, b: int) -> str:
+    """Name of a body, made up from its id where the model gives none."""
     return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, b) or f"body{b}"
 
 

@@ -14,7 +14,8 @@ ALLOWED = {
     "sim": {"numpy", "scipy", "mujoco", "sim", "scenes"},
     "experiments": {"numpy", "matplotlib", "tqdm", "experiments", "sim", "scenes", "ident"},
 }
-SIM_WITH_A_TREE = {"mujoco_model.py"}
+MORE = {"mujoco_model.py": {"ident"}, "symbolic.py": {"scipy", "sympy"}, "codegen.py": {"sympy"}}
+"""What single modules may import besides: the bridge from MuJoCo a tree, optional ones their extra."""
 STANDARD = __import__("sys").stdlib_module_names
 MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]
 
@@ -31,5 +32,5 @@ def imported(path):
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_point_one_way(path):
     package = path.relative_to(ROOT).parts[0]
-    allowed = ALLOWED[package] | ({"ident"} if path.name in SIM_WITH_A_TREE else set())
+    allowed = ALLOWED[package] | MORE.get(path.name, set())
     assert set(imported(path)) - STANDARD <= allowed

@@ -94,6 +94,34 @@ def test_covariances_of_all_sensors_add_up(rng):
         np.testing.assert_allclose(found[k], expected, atol=1e-12 * abs(expected).max())
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_without_a_ground_wrench_the_contacts_are_all_there_is(rng, known):
+    tree = random_tree(rng)
+    q = random_states(rng, tree, 3)[0]
+    bodies, wrenches, poses = random_contacts(rng, tree, 3)
+    contacts = [
+        Contact(str(b), w, p, np.eye(6) if known else None) for b, w, p in zip(bodies, wrenches, poses, strict=True)
+    ]
+    found = total_wrench(tree, q, None, contacts)
+    exact_zero = total_wrench(tree, q, np.zeros((3, 6)), contacts, ground_covariance=np.zeros((6, 6)))
+    np.testing.assert_array_equal(found.wrench, exact_zero.wrench)
+    if known:
+        np.testing.assert_array_equal(found.covariance, exact_zero.covariance)
+    else:
+        assert found.covariance is None
+
+
+def test_in_free_flight_the_total_wrench_is_known_to_be_zero():
+    found = total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [])
+    np.testing.assert_array_equal(found.wrench, np.zeros((4, 6)))
+    np.testing.assert_array_equal(found.covariance, np.zeros((4, 6, 6)))
+
+
+def test_a_ground_wrench_that_does_not_exist_has_no_covariance():
+    with pytest.raises(ValueError, match="covariance of the ground wrench needs a ground wrench, got None"):
+        total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [], ground_covariance=np.eye(6))
+
+
 TREE = random_tree(np.random.default_rng(0), 3)
 WRENCH = np.zeros((4, 6))
 
@@ -129,9 +157,7 @@ def test_contacts_that_do_not_fit_are_refused(contact, message):
 
 
 def test_ground_wrench_needs_the_states_samples():
-    with pytest.raises(
-        ValueError, match=r"4 finite joint states need finite ground wrenches \(4, 6\), got shape \(3, 6\)"
-    ):
+    with pytest.raises(ValueError, match=r"4 joint states need finite ground wrenches \(4, 6\), got shape \(3, 6\)"):
         total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH[:3], [])
 
 
@@ -150,3 +176,9 @@ def test_ground_options_must_fit(options, message):
 def test_ground_wrenches_must_be_finite():
     with pytest.raises(ValueError, match="finite ground wrenches"):
         total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH * np.nan, [])
+
+
+@pytest.mark.parametrize("ground", [WRENCH, None])
+def test_joint_states_must_be_finite(ground):
+    with pytest.raises(ValueError, match="total wrench needs finite joint states"):
+        total_wrench(TREE, np.full((4, len(TREE.moving)), np.nan), ground, [])

@@ -1,0 +1,71 @@
+"""The dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from experiments import options, report
+from ident.base_parameters import separating_sensors
+from sim.mujoco_model import tree_from_model
+
+TABLES = ("table_1", "table_2")
+
+
+def run(args: argparse.Namespace) -> None:
+    """Derives a model and writes it."""
+    with options.extra("symbolic"):
+        from experiments import codegen, symbolic
+    name = args.mechanism if args.mechanism in TABLES else Path(args.mechanism).stem
+    out = args.out / name
+    if args.mechanism in TABLES:
+        tree, lengths = getattr(symbolic, args.mechanism)()
+    else:
+        tree, lengths = symbolic.exact_tree(tree_from_model(args.mechanism, args.base, ignore=args.ignore))
+    model = symbolic.derive(tree, lengths)
+    rows = tuple((key, str(expression)) for key, expression in model.base_expressions().items())
+    table = report.Table(f"Base parameters of {name}: {model.base.rank}", ("parameter", "expression"), rows)
+    sources = {
+        "dim.tex": codegen.latex_source(model, name),
+        "regressor.py": codegen.python_source(model, name),
+        "regressor.c": codegen.c_source(model, name),
+        "base_parameters.csv": table.csv(),
+    }
+    with report.results_folder(out) as folder:
+        for file, text in sources.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        given = {"mechanism": args.mechanism, "base": args.base, "ignore": args.ignore}
+        report.write_json(folder / "provenance.json", report.provenance(given, {}))
+    print(table.text())
+    if not model.exact:
+        print("Directions of this model coincide only to rounding, so that the coefficients are decimals.")
+    print(f"Not seen at all: {', '.join(model.base.unseen) or 'nothing'}.")
+    for what, gained in separating_sensors(symbolic.with_values(tree, lengths)).items():
+        print(f"Seen apart besides, {GAINS[what]}: {', '.join(gained) or 'nothing'}.")
+    print(f"LaTeX, Python and C are in {out}.")
+
+
+GAINS = {
+    "base wrench": "with the base wrench",
+    "joint torques": "with joint torques",
+    "moving base": "on a moving base",
+    "not parallel": "with joint axes that are not parallel",
+}
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.command_parser("derive", __doc__)
+    out.add_argument("mechanism", help="table_1 or table_2 for the paper's double pendulum, or an MJCF or URDF file")
+    out.add_argument("--base", help="body whose frame is {0}; by default the world's frame is")
+    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    return out
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return options.run(run, parser(), argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

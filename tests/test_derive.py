@@ -1,0 +1,210 @@
+"""The symbolic model against the numeric one (extra `symbolic`)."""
+
+import ctypes
+import json
+import shutil
+import subprocess
+import sys
+from functools import cache
+
+import numpy as np
+import pytest
+from commands import refusal
+from mechanisms import random_states, random_tree
+from scipy.spatial.transform import Rotation
+from test_against_opensymoro import DATA, tree_of
+
+import experiments
+from experiments import derive
+from ident import se3
+from ident.base_parameters import find_base_parameters
+from ident.body import BASE, Body
+from ident.regressor import base_wrench_regressor
+from ident.tree import Tree
+
+sympy = pytest.importorskip("sympy", reason="sympy is in the extra 'symbolic'")
+codegen = pytest.importorskip("experiments.codegen")
+symbolic = pytest.importorskip("experiments.symbolic")
+
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+TABLE_PSI = {
+    "m1": "m1 + m2 + m3",
+    "m1rx1": "m1rx1 + m2rx2 + m3rx3",
+    "m1ry1": "m1ry1",
+    "m2ry2": "m2ry2",
+    "m2rz2": "m2rz2 + l_1*m3",
+    "Ixx2": "Ixx2 + l_1**2*m3",
+    "Ixy2": "Ixy2",
+    "Ixz2": "Ixz2 - l_1*m3rx3",
+    "m3ry3": "m3ry3",
+    "m3rz3": "m3rz3",
+    "Ixx3": "Ixx3",
+    "Ixy3": "Ixy3",
+    "Ixz3": "Ixz3",
+}
+
+
+def golden(name):
+    return tree_of(json.loads(next(path for path in DATA if path.stem == name).read_text(encoding="utf-8")))
+
+
+def random(seed):
+    kinds = ("revolute", "prismatic", "helical", "ball")
+    return random_tree(np.random.default_rng(seed), 3, kinds=kinds, massless=0.2)
+
+
+TREES = {path.stem: path.stem for path in DATA} | {f"random {seed}": seed for seed in range(4)}
+
+
+@cache
+def case(name):
+    """A numeric tree and its symbolic model."""
+    if name in derive.TABLES:
+        tree, lengths = getattr(symbolic, name)()
+        return symbolic.with_values(tree, lengths), symbolic.derive(tree, lengths)
+    tree = golden(name) if isinstance(TREES[name], str) else random(TREES[name])
+    return tree, symbolic.derive(*symbolic.exact_tree(tree))
+
+
+def generated_python(model):
+    namespace = {}
+    exec(codegen.python_source(model, "a mechanism"), namespace)
+    assert namespace["PARAMETERS"] == model.base.parameters
+    assert namespace["KEPT"] == model.base.kept
+    return namespace["base_wrench_regressor"]
+
+
+def assert_is_the_regressor(tree, function):
+    rng = np.random.default_rng(0)
+    states = random_states(rng, tree, 5)
+    gravity = rng.normal(size=3)
+    expected = base_wrench_regressor(tree, *states, gravity=gravity)
+    for k, state in enumerate(zip(*states, strict=True)):
+        np.testing.assert_allclose(function(*state, gravity), expected[k], rtol=0, atol=1e-12 * abs(expected[k]).max())
+
+
+@pytest.mark.parametrize("table", derive.TABLES)
+def test_base_parameters_of_the_double_pendulum(table):
+    _, model = case(table)
+    assert model.exact
+    found = model.base_expressions()
+    assert list(found) == list(TABLE_PSI)
+    for name, expression in TABLE_PSI.items():
+        assert sympy.expand(found[name] - sympy.sympify(expression, {"l_1": symbolic.Symbol("l_1")})) == 0
+
+
+def test_both_tables_give_one_model():
+    (tree_1, model_1), (tree_2, model_2) = case("table_1"), case("table_2")
+    assert (model_1.Y - model_2.Y).any() == 0 or all(sympy.expand(x) == 0 for x in (model_1.Y - model_2.Y).flat)
+    for a, b in zip(tree_1.bodies, tree_2.bodies, strict=True):
+        np.testing.assert_array_equal(a.home, b.home)
+        np.testing.assert_array_equal(a.twist, b.twist)
+
+
+def test_parallel_axes_leave_exactly_nothing_of_the_force_along_them():
+    _, model = case("table_2")
+    assert all(sympy.trigsimp(sympy.expand(x)) in (0, -model.gravity[0]) for x in model.Y[0])
+
+
+@pytest.mark.parametrize("name", [*derive.TABLES, *TREES])
+def test_generated_python_is_the_regressor(name):
+    tree, model = case(name)
+    assert_is_the_regressor(tree, generated_python(model))
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+@pytest.mark.parametrize("name", [*derive.TABLES, *TREES])
+def test_generated_c_is_the_regressor(name, tmp_path):
+    tree, model = case(name)
+    source, library = tmp_path / "regressor.c", tmp_path / "regressor.so"
+    source.write_text(codegen.c_source(model, name), encoding="utf-8")
+    command = [COMPILER, "-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o", library, source, "-lm"]
+    subprocess.run(command, check=True)
+    function = ctypes.CDLL(str(library)).base_wrench_regressor
+
+    def regressor(*arguments):
+        lengths = [list(model.lengths.values())] if model.lengths else []
+        arrays = [np.array(x, float) for x in (*arguments, *lengths)]
+        Y = np.full(model.Y.shape, np.nan)
+        function(*(x.ctypes.data_as(ctypes.c_void_p) for x in (*arrays, Y)))
+        return Y
+
+    assert_is_the_regressor(tree, regressor)
+
+
+@pytest.mark.parametrize("name", [path.stem for path in DATA])
+def test_exact_coefficients_are_the_numeric_ones(name):
+    tree, model = case(name)
+    assert model.exact
+    pinned = find_base_parameters(tree, kept=model.base.names)
+    exact = np.array([[float(sympy.sympify(c).subs(model.lengths)) for c in row] for row in model.base.beta])
+    np.testing.assert_allclose(exact, pinned.beta, rtol=0, atol=1e-9 * abs(exact).max())
+
+
+def test_a_length_of_zero_is_no_symbol():
+    _, model = case("rx90")
+    assert sorted(symbol.name for symbol in model.lengths) == ["l3x", "l4y"]
+
+
+def test_directions_that_coincide_to_rounding_give_decimals():
+    """Two axes along z, one of them by way of turns about x and y that no fractions undo."""
+    there, back = np.eye(4), np.eye(4)
+    there[:3, :3] = Rotation.from_euler("xy", [0.3, 0.4]).as_matrix()
+    back[:3, :3] = there[:3, :3].T @ Rotation.from_euler("z", 0.2).as_matrix()
+    z = np.array([0, 0, 0, 0, 0, 1.0])
+    bodies = (
+        Body("mast", BASE, np.eye(4), z, "slew"),
+        Body("bracket", 0, there, np.zeros(6)),
+        Body("jib", 1, back @ se3.pose(np.eye(3), np.array([0.5, 0, 0])), z, "swing"),
+    )
+    tree = Tree(bodies)
+    model = symbolic.derive(*symbolic.exact_tree(tree))
+    assert not model.exact
+    assert model.base.rank == find_base_parameters(tree).rank
+    assert_is_the_regressor(tree, generated_python(model))
+
+
+def test_many_lengths_in_general_directions_give_decimals():
+    tree = random_tree(np.random.default_rng(0), 5, kinds=("revolute",))
+    model = symbolic.derive(*symbolic.exact_tree(tree))
+    assert not model.exact
+    assert model.base.names == find_base_parameters(tree).names
+    assert_is_the_regressor(tree, generated_python(model))
+
+
+def test_command_writes_latex_python_and_c(tmp_path, capsys):
+    assert derive.main(["table_2", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "m2rz2      l_1*m3 + m2rz2" in printed
+    assert "with joint axes that are not parallel: m2rx2, Iyy2, Izz2, m3rx3, Iyy3, Izz3." in printed
+    files = {path.name for path in (tmp_path / "table_2").iterdir()}
+    assert files == {"dim.tex", "regressor.py", "regressor.c", "base_parameters.csv", "provenance.json"}
+    tex = (tmp_path / "table_2" / "dim.tex").read_text(encoding="utf-8")
+    assert r"\left(m_{2}r_{z,2}\right)_R &= l_{1} m_{3} + m_{2}r_{z,2}" in tex
+    assert tex.count(r"\begin{align*}") == tex.count(r"\end{align*}") == 3
+
+
+def test_command_takes_a_model_file(tmp_path, capsys):
+    path = tmp_path / "crane.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="mast"><joint name="slew" axis="0 0 1"/><geom size=".1"/>'
+        '<body name="jib" pos="0 0 2"><joint name="luff" axis="1 0 0"/><geom size=".1"/></body></body>'
+        "</worldbody></mujoco>",
+        encoding="utf-8",
+    )
+    assert derive.main([str(path), "--out", str(tmp_path / "out")]) == 0
+    assert "Base parameters of crane" in capsys.readouterr().out
+    assert "l2z = 2.0" in (tmp_path / "out" / "crane" / "regressor.c").read_text(encoding="utf-8")
+    assert "no body named 'foot'" in refusal(derive.main, [str(path), "--base", "foot"], capsys)
+
+
+def test_a_file_that_does_not_exist_is_refused(capsys):
+    assert "file that exists, got 'table_3'" in refusal(derive.main, ["table_3"], capsys)
+
+
+def test_the_missing_extra_is_named(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "sympy", None)
+    for module in ("symbolic", "codegen"):
+        monkeypatch.delitem(sys.modules, f"experiments.{module}")
+        monkeypatch.delattr(experiments, module)
+    assert "package 'sympy', which the extra 'symbolic' brings" in refusal(derive.main, ["table_1"], capsys)
