@@ -27,7 +27,7 @@ DENOMINATOR = 10**8
 """Largest denominator of the fractions that stand for other entries, which makes them right to 1e-16."""
 
 
-class Symbol(sympy.Symbol):
+class Symbol(sympy.Symbol):  # type: ignore[misc]
     """A real symbol that numpy's sine and cosine take."""
 
     def __new__(cls, name: str) -> "Symbol":
