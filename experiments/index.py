@@ -1,33 +1,14 @@
 """One self-contained page with every table and figure beside the paper's numbers, from the files that studies wrote."""
 
-import base64
-import csv
 import html
 import json
-from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
-from experiments import paper
+from experiments import page, paper
 from experiments.multicontact import DIFFERS
 from experiments.trials import REDRAWN
 from sim.atomic import replacing
-
-STYLE = """
-body { font: 16px/1.5 Georgia, serif; max-width: 58rem; margin: 0 auto; padding: 1rem; color: #222; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #ccc; }
-figure { margin: 1rem 0; text-align: center; } img { width: 100%; max-width: 34rem; height: auto; }
-figcaption, .note { font-size: .9rem; color: #555; text-align: left; }
-.scroll { overflow-x: auto; } table { border-collapse: collapse; font: .85rem/1.4 ui-monospace, monospace; }
-caption { text-align: left; font: italic .95rem Georgia, serif; padding: .6rem 0 .2rem; }
-th, td { padding: .15rem .6rem; text-align: right; white-space: nowrap; border-bottom: 1px solid #eee; }
-th { border-bottom: 1px solid #888; } th.text, td.text { text-align: left; }
-th:first-child, td:first-child { position: sticky; left: 0; background: #fff; }
-pre { font-size: .75rem; white-space: pre-wrap; overflow-wrap: anywhere; background: #f6f6f6; padding: .6rem; }
-@media print { body { max-width: none; font-size: 10pt; } h2 { break-after: avoid; }
-  figure, table { break-inside: avoid; }
-  .scroll { overflow: visible; } table { font-size: 7pt; } th, td { padding: .1rem .25rem; white-space: normal; } }
-"""
 
 WHY = (
     "The paper prints neither its excitation nor its noise nor the direction of the tilt. Ours were fitted to its "
@@ -57,15 +38,15 @@ def write_index(results: Path) -> None:
         "<h2>Why numbers differ</h2>",
         "<ul>" + "".join(f"<li>{html.escape(reason)}</li>" for reason in WHY) + "</ul>",
         "<h2>The mechanism</h2>",
-        _figure(
+        page.figure(
             mechanism / "figure_1.png",
             "Figure 1. The double pendulum (left) and its frames (right; x red, y green, "
             "z blue), drawn from the scene's geometry.",
         ),
-        _table(mechanism / "table_1.csv", "Table I, as printed: modified DH parameters"),
-        _table(mechanism / "table_2.csv", "Table II, from the scene: home poses and joint twists"),
+        page.table(mechanism / "table_1.csv", "Table I, as printed: modified DH parameters"),
+        page.table(mechanism / "table_2.csv", "Table II, from the scene: home poses and joint twists"),
         "<h2>Misaligned rotations (Section VI)</h2>",
-        _table(
+        page.table(
             misaligned / "table_3.csv",
             "Table III. True base parameters and errors, kg, kg m and kg m²",
             {
@@ -73,44 +54,37 @@ def write_index(results: Path) -> None:
                 "deviation_full": ("error_full", "paper_error_full"),
             },
         ),
-        _table(misaligned / "table_3_full.csv", "The full model on its own columns"),
-        _figure(
+        page.table(misaligned / "table_3_full.csv", "The full model on its own columns"),
+        page.figure(
             misaligned / "figure_2.png",
             "Figure 2. Recovered wrench: simplified model red, full model blue, true black.",
         ),
-        _figure(
+        page.figure(
             misaligned / "figure_3.png",
             "Figure 3. Absolute error of the recovered wrench against the true, "
             "noise-free one: simplified red, full blue.",
         ),
         *_monte_carlo(misaligned),
         "<h2>Multiple contacts (Section VII)</h2>",
-        _table(
+        page.table(
             multicontact / "table_4.csv",
             "Table IV. True base parameters and errors, kg, kg m and kg m². the entries with an asterisk "
             "differ from the paper's by the parallel-axis terms",
             {"deviation": ("error", "paper_error")},
             marked=DIFFERS,
         ),
-        _table(multicontact / "table_4_ignoring.csv", "The contact taken into account, and ignored"),
-        _figure(
+        page.table(multicontact / "table_4_ignoring.csv", "The contact taken into account, and ignored"),
+        page.figure(
             multicontact / "figure_4.png",
             "Figure 4. Measured ground wrench red, true total wrench blue, wrench recovered from the estimates black.",
         ),
-        _figure(multicontact / "figure_5.png", "Figure 5. Measured total wrench less the predicted one."),
+        page.figure(multicontact / "figure_5.png", "Figure 5. Measured total wrench less the predicted one."),
         *_monte_carlo(multicontact),
         "<h2>Provenance</h2>",
         *(_provenance(folder / "provenance.json") for folder in (misaligned, multicontact)),
     ]
-    page = (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{html.escape(paper.TITLE)}: reproduction</title><style>{STYLE}</style></head>\n<body>\n"
-        + "\n".join(parts)
-        + "\n</body></html>\n"
-    )
     with replacing(results / "index.html") as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(page.document(f"{paper.TITLE}: reproduction", parts), encoding="utf-8")
 
 
 def _headline(misaligned: dict[str, Any], multicontact: dict[str, Any]) -> str:
@@ -145,57 +119,13 @@ def _headline(misaligned: dict[str, Any], multicontact: dict[str, Any]) -> str:
     )
 
 
-def _table(
-    path: Path, caption: str, differences: dict[str, tuple[str, str]] | None = None, marked: Container[str] = ()
-) -> str:
-    """A CSV file as an HTML table, with columns of differences added."""
-    with path.open(encoding="utf-8", newline="") as lines:
-        rows = list(csv.DictReader(lines))
-    for row in rows:
-        row |= {name: str(float(row[a]) - float(row[b])) for name, (a, b) in (differences or {}).items()}
-    for row in rows:
-        row |= {name: f"{text}*" for name, text in row.items() if text in marked}
-    numeric = {name: all(_is_number(row[name]) for row in rows) for name in rows[0]}
-    head = "".join(f"<th{_css(numeric[name])}>{html.escape(name.replace('_', ' '))}</th>" for name in rows[0])
-    cells = (
-        "".join(f"<td{_css(numeric[name])}>{_cell(x, numeric[name])}</td>" for name, x in row.items()) for row in rows
-    )
-    body = "".join(f"<tr>{row}</tr>" for row in cells)
-    return (
-        f'<div class="scroll"><table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-    )
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _css(numeric: bool) -> str:
-    return "" if numeric else ' class="text"'
-
-
-def _cell(text: str, numeric: bool) -> str:
-    return f"{round(float(text), 3) + 0.0:.3f}" if numeric and "." in text else html.escape(text)
-
-
-def _figure(path: Path, caption: str) -> str:
-    data = base64.b64encode(path.read_bytes()).decode()
-    text = html.escape(caption)
-    return f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
-
-
 def _monte_carlo(folder: Path) -> list[str]:
     """Monte Carlo results, if the study ran trials."""
     if not (folder / "monte_carlo.json").exists():
         return []
     found = _json(folder / "monte_carlo.json")
     parts = [
-        _table(path, f"Errors of the {path.stem.removeprefix('monte_carlo_')} model over {found['trials']} trials")
+        page.table(path, f"Errors of the {path.stem.removeprefix('monte_carlo_')} model over {found['trials']} trials")
         for path in sorted(folder.glob("monte_carlo_*.csv"))
     ]
     redrawn = REDRAWN[found["provenance"]["options"]["redrawn"]]
@@ -203,7 +133,7 @@ def _monte_carlo(folder: Path) -> list[str]:
         f"Errors over {found['trials']} trials beside the predicted interval and the paper's single run. Drawn anew: "
         f"{redrawn}."
     )
-    return [*parts, _figure(folder / "figure_monte_carlo.png", caption)]
+    return [*parts, page.figure(folder / "figure_monte_carlo.png", caption)]
 
 
 def _provenance(path: Path) -> str:

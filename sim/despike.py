@@ -1,0 +1,35 @@
+"""Gross outliers of a recording, found before a filter smears them."""
+
+import numpy as np
+from scipy.ndimage import label, median_filter
+
+WINDOW = 11
+"""Samples of the running median."""
+
+GROSS = 8.0
+"""Deviations from it beyond so many typical ones, and beyond the channel's own spread, are outliers..."""
+
+ISOLATED = 2
+"""...where they last no longer than so many samples: an impact does."""
+
+
+def despiked(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Channels with their isolated gross outliers interpolated (Hampel's filter).
+
+    Args:
+        x: Channels (N, C); those of NaN stay as they are.
+
+    Returns:
+        The channels (N, C), and the number of samples replaced in each (C,).
+    """
+    out, counts = np.array(x, float), np.zeros(x.shape[1], int)
+    for c in np.flatnonzero(np.isfinite(out).all(axis=0)):
+        deviation = np.abs(out[:, c] - median_filter(out[:, c], WINDOW, mode="nearest"))
+        typical = np.maximum(median_filter(deviation, 5 * WINDOW, mode="nearest"), np.median(deviation))
+        spread = np.median(np.abs(out[:, c] - np.median(out[:, c])))
+        runs, _ = label(deviation > 1.4826 * np.maximum(GROSS * typical, spread))
+        bad = (runs > 0) & (np.bincount(runs)[runs] <= ISOLATED)
+        counts[c] = bad.sum()
+        if bad.any() and not bad.all():
+            out[bad, c] = np.interp(np.flatnonzero(bad), np.flatnonzero(~bad), out[~bad, c])
+    return out, counts

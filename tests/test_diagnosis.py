@@ -1,0 +1,111 @@
+import numpy as np
+import pytest
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, tilted_axis
+from scipy.spatial.transform import Rotation
+
+from ident import diagnosis
+from ident.misalignment import estimate_misalignment
+from ident.regressor import base_wrench_regressor
+from ident.wrench import transform_wrench
+from sim.despike import despiked
+
+RNG = np.random.default_rng(0)
+TREE = double_pendulum()
+STATES = tuple(random_states(RNG, TREE, 300))
+PHI = random_phi(RNG, 3)
+WRENCH = base_wrench_regressor(TREE, *STATES, gravity=GRAVITY) @ PHI
+
+
+def turned(wrench, R):
+    return (wrench.reshape(-1, 2, 3) @ R.T).reshape(-1, 6)
+
+
+def test_there_are_24_right_angled_rotations():
+    turns = diagnosis.right_angled_rotations()
+    assert len(turns) == len({R.tobytes() for R in turns}) == 24
+    np.testing.assert_array_equal(turns[0], np.eye(3))
+    assert all(np.linalg.det(R) == 1 for R in turns)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("k", range(24))
+def test_a_turned_or_flipped_wrench_is_recognised(k, sign):
+    R = diagnosis.right_angled_rotations()[k]
+    noisy = WRENCH + RNG.normal(size=WRENCH.shape)
+    check = diagnosis.check_frame(sign * turned(noisy, R.T), WRENCH, np.eye(3))
+    assert check.sign == sign
+    np.testing.assert_array_equal(check.rotation, R)
+    assert check.suspicious == (k > 0 or sign < 0)
+
+
+def test_a_transposed_frame_is_recognised():
+    R = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
+    in_sensor = turned(WRENCH, R.T)
+    # The user gives the transposed rotation, and the prediction is written in the frame that this makes.
+    check = diagnosis.check_frame(in_sensor, turned(WRENCH, R), R.T)
+    assert check.suspicious
+    np.testing.assert_allclose(check.rotation, R @ R)
+    assert check.error_turned < 1e-12
+
+
+def test_missing_channels_do_not_hide_a_sign():
+    partial = WRENCH.copy()
+    partial[:, [0, 1, 5]] = np.nan
+    assert diagnosis.check_frame(-partial, WRENCH, np.eye(3)).sign == -1
+    assert not diagnosis.check_frame(partial, WRENCH, np.eye(3)).suspicious
+
+
+@pytest.mark.parametrize("body", [1, 2])
+def test_a_missing_contact_is_found(body):
+    point = np.array([0.1, -0.2, 0.3])
+    force = RNG.normal(size=(300, 3))
+    poses = TREE.poses(STATES[0])[:, body] @ np.block([[np.eye(3), point[:, None]], [np.zeros(3), 1]])
+    residual = transform_wrench(poses, np.hstack([force, np.zeros((300, 3))]))
+    check = diagnosis.check_contact(TREE, STATES[0], residual)
+    assert check.body == TREE.names[body]
+    np.testing.assert_allclose(check.point, point, atol=1e-9)
+    assert check.explained > 1 - 1e-12
+
+
+def test_correlation_time_of_white_and_slow_noise():
+    white = RNG.normal(size=5000)
+    slow = np.convolve(white, np.exp(-np.arange(500) / 100), mode="same")
+    found = diagnosis.correlation_time(np.stack([white, slow], axis=1), 100.0)
+    assert found[0] == pytest.approx(0.01)
+    assert 0.5 < found[1] < 1.6
+
+
+@pytest.mark.parametrize("tilt_deg", [0, 1, 5])
+def test_tilted_axes_are_measured_from_wrenches(tilt_deg):
+    axis = tilted_axis(tilt_deg, 120)
+    true = double_pendulum(axis, axis)
+    rng = np.random.default_rng(0)
+    wrench = base_wrench_regressor(true, *STATES, gravity=GRAVITY) @ PHI
+    noise = np.maximum(0.01 * abs(wrench).max(axis=0), 0.01)
+    found = estimate_misalignment(TREE, STATES, wrench + noise * rng.normal(size=wrench.shape), noise, gravity=GRAVITY)
+    assert found.joints == TREE.joints
+    assert (abs(np.degrees(found.angle) - tilt_deg) < 5 * np.degrees(found.std) + 1e-3).all()
+    assert (np.degrees(found.std) < 0.3).all()
+    assert (found.p_value < 1e-6).all() == (tilt_deg > 0)
+    if tilt_deg:
+        np.testing.assert_allclose(found.tree.bodies[1].twist[3:], axis, atol=0.02)
+
+
+def test_axes_need_a_joint_that_turns():
+    slider = TREE.with_twists(np.array([[1.0, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0]]))
+    with pytest.raises(ValueError, match="the mechanism has none"):
+        estimate_misalignment(slider, STATES, WRENCH, np.ones(6), gravity=GRAVITY)
+
+
+def test_gross_outliers_are_interpolated_and_nothing_else():
+    t = np.arange(1000) / 100
+    clean = np.stack([np.sin(2 * np.pi * t) + 0.01 * RNG.normal(size=1000), np.full(1000, np.nan)], axis=1)
+    spoilt = clean.copy()
+    bad = np.arange(37, 1000, 100)
+    spoilt[bad, 0] += 50
+    repaired, counts = despiked(spoilt)
+    assert counts.tolist() == [10, 0]
+    np.testing.assert_allclose(repaired[bad, 0], clean[bad, 0], atol=0.1)
+    untouched, none = despiked(clean)
+    assert not none.any()
+    np.testing.assert_array_equal(untouched, clean)
