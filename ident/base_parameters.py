@@ -113,8 +113,9 @@ def find_base_parameters(
         sensors: For a tree: what is measured, by default the base wrench of a resting base.
 
     Returns:
-        The regrouping. Coefficients below 1e-9 are rounding and set to zero; those of a tree of exact numbers (dtype
-        object) are exact as well.
+        The regrouping. Its coefficients carry rounding times the condition number of the kept columns: 1e-15 where axes
+        are at right angles, more in general positions, where the first independent columns are nearly dependent. Below
+        1e-9 they are set to zero. Those of a tree of exact numbers (dtype object) are exact.
 
     Raises:
         ValueError: The regressor is not finite or all zero, names do not fit its columns, or a pinned name is unknown
@@ -122,8 +123,12 @@ def find_base_parameters(
     """
     Y = structure_matrix(source, gravity=gravity, sensors=sensors) if isinstance(source, Tree) else source
     if Y.dtype == object:
-        return _exact(Y)
+        if kept is not None:
+            raise ValueError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
+        return _exact(Y, parameters)
     columns = Y.reshape(-1, Y.shape[-1])
+    if isinstance(source, Tree) and not columns.any():
+        raise ValueError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
     if not np.isfinite(columns).all() or not columns.any():
         raise ValueError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
     names = tuple(parameter_names(columns.shape[1] // 10) if parameters is None else parameters)
@@ -180,11 +185,11 @@ def separating_sensors(
     return {what: tuple(name for name in more if name not in names) for what, more in found.items()}
 
 
-def _exact(rows: np.ndarray) -> BaseParameters:
+def _exact(rows: np.ndarray, parameters: Sequence[str] | None) -> BaseParameters:
     """The regrouping of columns of exact numbers."""
     reduced, kept = reduced_rows(rows)
     dependent = [k for k in range(rows.shape[1]) if k not in kept]
-    names = parameter_names(rows.shape[1] // 10)
+    names = tuple(parameter_names(rows.shape[1] // 10) if parameters is None else parameters)
     return BaseParameters(names, tuple(kept), tuple(dependent), reduced[:, dependent], (np.inf, 0.0))
 
 
@@ -226,5 +231,7 @@ def _basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first:
 
 
 def _term(coefficient: float, name: str, digits: int) -> str:
+    if not isinstance(coefficient, float):
+        return f" + ({coefficient}) {name}"
     size = f"{abs(coefficient):.{digits}g}"
     return (" - " if coefficient < 0 else " + ") + (name if size == "1" else f"{size} {name}")

@@ -13,6 +13,14 @@ from ident.inertia import symmetric
 from ident.tree import BaseMotion, Tree
 
 
+def checked_gravity(gravity: np.ndarray) -> np.ndarray:
+    """Acceleration of gravity as an array (3,), of finite numbers or of symbols."""
+    g = np.asarray(gravity)
+    if g.shape != (3,) or not (g.dtype == object or np.isfinite(g).all()):
+        raise ValueError(f"Gravity needs three finite numbers, m/s², got {gravity}.")
+    return g
+
+
 def relative_pose(body: Body, theta: np.ndarray) -> np.ndarray:
     """Eq. 7: `T_{i-1,i} = T_{i-1,i}(0) exp(ξ̂_i θ_i)` (4, 4), from the coordinates of one joint."""
     return body.home @ body.joint_pose(theta)
@@ -51,9 +59,9 @@ def forward_recursion(
     """
     theta, dtheta, ddtheta = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
     if base is None:
-        V_0, dV_0, down = np.zeros(6, dtype=int), np.zeros(6, dtype=int), np.asarray(gravity)
+        V_0, dV_0, down = np.zeros(6, dtype=int), np.zeros(6, dtype=int), checked_gravity(gravity)
     else:
-        V_0, dV_0, down = base.V, base.dV, base.T[:3, :3].T @ np.asarray(gravity)
+        V_0, dV_0, down = base.V, base.dV, base.T[:3, :3].T @ checked_gravity(gravity)
     dV_0 = dV_0 - np.concatenate([down, np.zeros(3, dtype=int)])
     T: list[np.ndarray] = []
     V: list[np.ndarray] = []

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.body import BASE, Body
+from ident.dim import checked_gravity
 from ident.se3 import Ad, hat
 from ident.tree import BaseMotion, Tree
 
@@ -67,10 +68,11 @@ def base_wrench_regressor(
         ValueError: The joint arrays do not have these shapes, or a quaternion is zero.
     """
     q, dq, ddq = _states(tree, q, dq, ddq, base)
+    down = checked_gravity(gravity).astype(float)
     out = np.zeros((10 * len(tree.inertial), 6, len(q)))
     for start in range(0, len(q), CHUNK):
         part = slice(start, start + CHUNK)
-        root = _base_motion(base, np.asarray(gravity, float), part, len(q[part]))
+        root = _base_motion(base, down, part, len(q[part]))
         _fill(tree, root, q[part], dq[part], ddq[part], out[:, :, part])
     return out.transpose(2, 1, 0)
 
@@ -101,8 +103,8 @@ def joint_torque_regressor(
     Raises:
         ValueError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
     """
-    own = _drive_columns(dq, ddq, drive)
     Y = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity, base=base)
+    own = _drive_columns(np.asarray(dq, float), np.asarray(ddq, float), drive)
     poses = tree.poses(np.asarray(q, float))
     column = dict(zip(tree.inertial, range(0, Y.shape[2], 10), strict=True))
     rows = []
@@ -120,16 +122,21 @@ def joint_torque_regressor(
 
 def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
     """Names of the columns that `joint_torque_regressor` adds: `Ia(elbow)`, `Fv(elbow)`, `Fc(elbow)`."""
+    _check_drive(drive)
     return tuple(f"{DRIVE[kind]}({freedom})" for kind in drive for freedom in tree.freedoms)
 
 
 def _drive_columns(dq: np.ndarray, ddq: np.ndarray, drive: Sequence[str]) -> list[np.ndarray]:
     """Columns of rotor inertia and friction, one diagonal block (N, n, n) a kind."""
-    unknown = [kind for kind in drive if kind not in DRIVE]
-    if unknown:
-        raise ValueError(f"Drive parameters are {', '.join(DRIVE)}, got {', '.join(unknown)}.")
-    signal = {"rotor": np.asarray(ddq), "viscous": np.asarray(dq), "coulomb": np.sign(dq)}
+    _check_drive(drive)
+    signal = {"rotor": ddq, "viscous": dq, "coulomb": np.sign(dq)}
     return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in drive]
+
+
+def _check_drive(drive: Sequence[str]) -> None:
+    unknown = [drive] if isinstance(drive, str) else [kind for kind in drive if kind not in DRIVE]
+    if unknown:
+        raise ValueError(f"Drive parameters are a list out of {', '.join(DRIVE)}, got {', '.join(unknown)}.")
 
 
 def _states(
@@ -144,6 +151,8 @@ def _states(
             f"q, dq and ddq need one number of samples N, shapes (N, {columns}), (N, {len(tree.freedoms)}) and "
             f"(N, {len(tree.freedoms)}), got {q.shape}, {dq.shape} and {ddq.shape}."
         )
+    if not all(np.isfinite(x).all() for x in (q, dq, ddq)):
+        raise ValueError("Joint states need finite numbers, got NaN or infinity.")
     for body, own in zip(tree.bodies, tree.body_coordinates(q), strict=True):
         if body.is_ball and not own.any(axis=1).all():
             sample = int(np.argmin(own.any(axis=1)))

@@ -11,12 +11,12 @@ have the same idea for joint torques.
 Exact numbers (dtype object) go through it without rounding, such as lengths that are symbols.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ident.body import BASE, Body
-from ident.dim import momentum_regressor
+from ident.dim import checked_gravity, momentum_regressor
 from ident.echelon import reduced_rows
 from ident.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.se3 import Ad, ad, hat, inverse
@@ -43,6 +43,10 @@ class Sensors:
     joint_torques: bool = False
     moving_base: bool = False
 
+    def __post_init__(self) -> None:
+        if not (self.base_wrench or self.joint_torques):
+            raise ValueError("Sensors need the base wrench, joint torques, or both.")
+
 
 def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None = None) -> np.ndarray:
     """Rows that span the rows of the sensors' regressor over all states.
@@ -56,8 +60,11 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
         A matrix (rows, 10 b) with the dependencies between columns that the regressor has for general motions.
     """
     sensors = sensors or Sensors()
+    if not tree.inertial:
+        raise ValueError("A mechanism of massless bodies has no parameters.")
+    gravity = checked_gravity(gravity)
     tree = _one_axis_each(tree)
-    weight = np.concatenate([-np.asarray(gravity), np.zeros(3, dtype=int)])[None]
+    weight = np.concatenate([-gravity, np.zeros(3, dtype=int)])[None]
     moving = np.eye(6, dtype=int) if sensors.moving_base else np.zeros((0, 6), dtype=int)
     composite = _composites(tree)
 
@@ -91,7 +98,8 @@ def _one_axis_each(tree: Tree) -> Tree:
         for k, twist in enumerate(axes):
             last = k == len(axes) - 1
             home = body.home if k == 0 else np.eye(4, dtype=int).astype(body.home.dtype)
-            bodies.append(replace(body, parent=parent, home=home, twist=twist, massless=body.massless or not last))
+            name, joint = (body.name, body.joint) if last else (f"{body.name}/{k}", f"{body.joint}/{k}")
+            bodies.append(Body(name, parent, home, twist, joint, body.massless or not last))
             parent = len(bodies) - 1
         place[i] = parent
     return Tree(tuple(bodies))

@@ -23,8 +23,15 @@ class Tree:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bodies", tuple(self.bodies))
+        if not self.bodies:
+            raise ValueError("A tree needs at least one body.")
+        joints = [body.joint for body in self.bodies if body.joint]
+        for what, names in (("body", list(self.names)), ("joint", joints)):
+            if len(set(names)) < len(names):
+                twice = next(name for name in names if names.count(name) > 1)
+                raise ValueError(f"A tree needs a name of its own for every {what}; '{twice}' stands twice.")
         for i, body in enumerate(self.bodies):
-            if not BASE <= body.parent < i:
+            if not isinstance(body.parent, int | np.integer) or not BASE <= body.parent < i:
                 raise ValueError(
                     f"Body '{body.name}' (index {i}) needs a parent index from {BASE} to {i - 1}, got {body.parent}."
                 )
@@ -50,6 +57,8 @@ class Tree:
         """
         T_0i = np.asarray(T_0i)
         parents = range(BASE, len(names) - 1) if parents is None else parents
+        if any(not BASE <= p < i for i, p in enumerate(parents)):
+            raise ValueError(f"Parents come before their children, got {tuple(parents)}.")
         home = [T if p == BASE else se3.inverse(T_0i[p]) @ T for p, T in zip(parents, T_0i, strict=True)]
         rows = zip(names, parents, home, xi, strict=True)
         return cls(tuple(Body(name, p, T, twist, name if np.any(twist) else "") for name, p, T, twist in rows))
@@ -192,6 +201,11 @@ class BaseMotion:
             ddq: Their rates (…, 6).
         """
         q, dq, ddq = np.asarray(q), np.asarray(dq), np.asarray(ddq)
+        if not (q.shape[-1:] == (7,) and dq.shape == ddq.shape == (*q.shape[:-1], 6)):
+            raise ValueError(
+                f"A free joint has coordinates (N, 7), velocities and accelerations (N, 6), "
+                f"got {q.shape}, {dq.shape} and {ddq.shape}."
+            )
         R = se3.rotation(q[..., 3:])
         to_body = np.swapaxes(R, -1, -2)
         v, a = (np.squeeze(to_body @ x[..., :3, None], -1) for x in (dq, ddq))

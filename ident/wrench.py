@@ -118,6 +118,8 @@ def total_wrench(
         ValueError: A contact is on a body that does not exist, its samples do not match in number or time, or an array
             is not finite or of another shape.
     """
+    if np.ndim(q) != 2:
+        raise ValueError(f"The total wrench needs joint coordinates (N, n_q), got shape {np.shape(q)}.")
     poses = tree.poses(q)
     if not np.isfinite(poses).all():
         raise ValueError("The total wrench needs finite joint states.")

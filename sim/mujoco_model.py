@@ -168,7 +168,7 @@ def site_on_tree(
         beyond: Names of bodies at which the mechanism ends.
 
     Returns:
-        Name of the mechanism's body that carries it, and the site's pose in that body's frame (4, 4).
+        Name of the mechanism's body that carries it (with welds kept), and the site's pose in that body's frame (4, 4).
 
     Raises:
         ValueError: The site does not exist, or is not fixed to a body of the mechanism.
@@ -201,7 +201,10 @@ def mechanism_bodies(model: mujoco.MjModel, base: str | None, beyond: Sequence[s
         outside = model.body_mocapid[b] >= 0 or body_name(model, b) in beyond
         if model.body_parentid[b] in members and not outside:
             members.append(b)
-    return members[1:] if base is None else members
+    members = members[1:] if base is None else members
+    if not members:
+        raise ValueError("The model has no body besides the world.")
+    return members
 
 
 def _tree(model: mujoco.MjModel, members: Sequence[int], base: str | None) -> Tree:
@@ -224,7 +227,7 @@ def _links(model: mujoco.MjModel, b: int, parent: int, index: int) -> list[Body]
         return [Body(name, parent, home, np.zeros(6))]
     links: list[Body] = []
     for k, j in enumerate(joints):
-        joint = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j) or f"joint{j}"
+        joint = _name(model, mujoco.mjtObj.mjOBJ_JOINT, j, "joint")
         if model.jnt_type[j] == _FREE:
             return list(free_joint(joint, name, parent, index))
         twist, reference = _joint(model, j)
@@ -245,16 +248,26 @@ def _joint(model: mujoco.MjModel, j: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _body_id(model: mujoco.MjModel, name: str) -> int:
-    b = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, str(name))
-    if b <= 0:
-        names = ", ".join(body_name(model, k) for k in range(1, model.nbody))
-        raise ValueError(f"The model has no body named '{name}'; its bodies are {names}.")
-    return b
+    names = [body_name(model, b) for b in range(1, model.nbody)]
+    if name not in names:
+        raise ValueError(f"The model has no body named '{name}'; its bodies are {', '.join(names)}.")
+    return 1 + names.index(name)
 
 
 def body_name(model: mujoco.MjModel, b: int) -> str:
     """Name of a body, made up from its id where the model gives none."""
-    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, b) or f"body{b}"
+    return _name(model, mujoco.mjtObj.mjOBJ_BODY, b, "body")
+
+
+def _name(model: mujoco.MjModel, kind: int, index: int, stem: str) -> str:
+    """A name of its own for every element."""
+    name = mujoco.mj_id2name(model, kind, index)
+    if name:
+        return name
+    name = f"{stem}{index}"
+    while mujoco.mj_name2id(model, kind, name) >= 0:
+        name += "_"
+    return name
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:

@@ -112,7 +112,7 @@ def test_coulomb_friction_has_the_sign_of_the_velocity():
     dq = np.array([[1.0, -2.0], [0.0, 3.0]])
     Y = joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("coulomb",))
     np.testing.assert_array_equal(Y[:, :, -2:], [[[1, 0], [0, -1]], [[0, 0], [0, 1]]])
-    with pytest.raises(ValueError, match="Drive parameters are rotor, viscous, coulomb, got stiction"):
+    with pytest.raises(ValueError, match="Drive parameters are a list out of rotor, viscous, coulomb, got stiction"):
         joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("stiction",))
 
 
@@ -138,8 +138,38 @@ def test_loops_and_tendons_are_refused_by_name_or_ignored_by_name(m, name, kind)
     with pytest.raises(ValueError, match=f"do not hold the forces of {kind} '{name}'. Name them in `ignore`"):
         tree_from_model(m)
     assert "arm" in tree_from_model(m, ignore=(name,)).names
-    with pytest.raises(ValueError, match=f"no equality constraint or tendon named nothing; it has {name}"):
+    with pytest.raises(ValueError, match=f"no active equality constraint, tendon or flex named nothing; it has {name}"):
         tree_from_model(m, ignore=("nothing",))
+
+
+WRAPPED = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
+FLEX = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" mass="1"/>'
+
+
+def test_a_tendon_around_a_body_and_a_flex_on_it_are_couplings():
+    around = '<body name="arm"><joint/><geom name="pulley" type="cylinder" size=".1 .1"/></body>'
+    m = model(around, '<site name="nail" pos="1 0 0"/><site name="nail2" pos="-1 0 0"/>', WRAPPED)
+    with pytest.raises(ValueError, match="tendon 'belt'"):
+        tree_from_model(m, "base")
+    with pytest.raises(ValueError, match="flex 'cloth'"):
+        tree_from_model(model(FLEX))
+
+
+def test_equalities_that_are_switched_off_do_not_matter():
+    assert "arm" in tree_from_model(model(ARM, after=LOOP.replace("<connect", '<connect active="false"'))).names
+
+
+def test_bodies_without_names_get_names_of_their_own():
+    m = world('<body><joint/><geom size=".1"/></body><body name="body1"><joint/><geom size=".1"/></body>')
+    tree = tree_from_model(m)
+    assert tree.names == ("body1_", "body1")
+    assert len(set(tree.joints)) == 2
+    assert tree_from_model(m, "body1_").names == ("body1_",)
+
+
+def test_a_world_without_bodies_is_refused():
+    with pytest.raises(ValueError, match="no body besides the world"):
+        tree_from_model(world(""))
 
 
 def test_couplings_of_others_do_not_matter():

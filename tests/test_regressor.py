@@ -5,6 +5,7 @@ import pytest
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_tree, random_twist
 
 from ident import dim, regressor
+from ident.base_parameters import find_base_parameters
 from ident.body import BASE, Body, ball_twist, free_joint
 from ident.se3 import coAd
 from ident.tree import BaseMotion, Tree
@@ -89,6 +90,24 @@ def test_a_base_needs_as_many_samples_as_the_joints():
     base = BaseMotion(np.eye(4)[None], np.zeros((1, 6)), np.zeros((1, 6)))
     with pytest.raises(ValueError, match="3 joint states need as many samples of the base's motion"):
         regressor.base_wrench_regressor(double_pendulum(), *states, gravity=GRAVITY, base=base)
+
+
+@pytest.mark.parametrize("gravity", [9.81, [9.81], [0, 9.81], [[0, 0, -9.81]], [0, 0, np.nan]])
+def test_gravity_has_three_finite_numbers(gravity):
+    tree = double_pendulum()
+    states = random_states(np.random.default_rng(0), tree, 3)
+    with pytest.raises(ValueError, match="Gravity needs three finite numbers"):
+        regressor.base_wrench_regressor(tree, *states, gravity=gravity)
+    with pytest.raises(ValueError, match="Gravity needs three finite numbers"):
+        find_base_parameters(tree, gravity=gravity)
+
+
+def test_joint_states_are_finite():
+    tree = double_pendulum()
+    q, dq, ddq = random_states(np.random.default_rng(0), tree, 3)
+    dq[1, 1] = np.nan
+    with pytest.raises(ValueError, match="Joint states need finite numbers"):
+        regressor.base_wrench_regressor(tree, q, dq, ddq, gravity=GRAVITY)
 
 
 def test_a_zero_quaternion_is_refused():

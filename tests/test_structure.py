@@ -1,6 +1,8 @@
 """The structural rank and regrouping against the numeric ones, OpenSYMORO's, and known formulas."""
 
 import json
+from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from ident.base_parameters import find_base_parameters, separating_sensors
 from ident.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.structure import Sensors, structure_matrix
+from ident.tree import Tree
 
 BASE_WRENCH, TORQUES, BOTH = Sensors(), Sensors(False, True), Sensors(True, True)
 
@@ -94,6 +97,32 @@ def test_structure_of_a_welded_tree_is_its_weight():
     tree = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
     assert structure_matrix(tree, gravity=GRAVITY).shape[1] == 30
     assert find_base_parameters(tree).names == ("m1", "m1rx1", "m1ry1")
+
+
+def test_what_cannot_have_base_parameters_is_refused():
+    tree = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
+    with pytest.raises(ValueError, match="see no parameter of this mechanism"):
+        find_base_parameters(tree, sensors=TORQUES)
+    with pytest.raises(ValueError, match="massless bodies has no parameters"):
+        find_base_parameters(Tree(tuple(replace(body, massless=True) for body in tree.bodies)))
+    with pytest.raises(ValueError, match="base wrench, joint torques, or both"):
+        Sensors(False, False)
+
+
+def test_exact_numbers_give_exact_coefficients():
+    """Fractions go through: a pendulum of length 17/40 has its square in it."""
+
+    def exact(x):
+        return np.vectorize(Fraction, otypes=[object])(x)
+
+    tree = double_pendulum()
+    bodies = tuple(replace(body, home=exact(body.home), twist=exact(body.twist)) for body in tree.bodies)
+    base = find_base_parameters(Tree(bodies), gravity=exact([0, 0, -1]))
+    assert base.names == find_base_parameters(tree).names
+    assert Fraction(0.425) ** 2 in base.beta
+    assert "Ixx2 + (" in base.expressions()[5]
+    with pytest.raises(ValueError, match="can be pinned for numbers"):
+        find_base_parameters(Tree(bodies), gravity=exact([0, 0, -1]), kept=base.names)
 
 
 def test_pseudo_inertia_and_back():

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_tree, random_twist
@@ -69,6 +71,29 @@ def test_bad_bodies_are_refused(change, message):
 def test_parents_come_first():
     with pytest.raises(ValueError, match=r"'b'.*parent index from -1 to 0, got 1"):
         Tree((Body("a", BASE, np.eye(4), np.zeros(6)), Body("b", 1, np.eye(4), np.zeros(6))))
+
+
+def test_names_stand_once():
+    body = Body("a", BASE, np.eye(4), np.zeros(6))
+    with pytest.raises(ValueError, match="name of its own for every body; 'a' stands twice"):
+        Tree((body, body))
+    hinge = Body("a", BASE, np.eye(4), np.array([0, 0, 0, 1.0, 0, 0]), "elbow")
+    with pytest.raises(ValueError, match="for every joint; 'elbow' stands twice"):
+        Tree((hinge, replace(hinge, name="b")))
+
+
+def test_a_tree_has_bodies_with_whole_parents():
+    with pytest.raises(ValueError, match="at least one body"):
+        Tree(())
+    with pytest.raises(ValueError, match=r"parent index from -1 to -1, got -0.5"):
+        Tree((Body("a", -0.5, np.eye(4), np.zeros(6)),))
+    with pytest.raises(ValueError, match=r"Parents come before their children, got \(1, -1\)"):
+        Tree.from_home_poses("ab", np.stack([np.eye(4)] * 2), np.zeros((2, 6)), [1, -1])
+
+
+def test_a_free_joint_has_seven_coordinates():
+    with pytest.raises(ValueError, match=r"coordinates \(N, 7\).* got \(3, 6\), \(3, 6\) and \(3, 6\)"):
+        BaseMotion.from_free_joint(*np.ones((3, 3, 6)))
 
 
 def test_joint_values_need_a_column_for_each_joint():
