@@ -1,0 +1,147 @@
+"""Velocities and accelerations from sampled positions: one zero-phase low-pass filter, and central differences."""
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+ORDER = 2
+"""Order of the Butterworth filter; forward and backward it passes `1 / (1 + (f / cutoff)⁴)` of an amplitude."""
+
+SETTLING = 1.5
+"""Time in which filter and differences settle at either end, in periods of the cut-off frequency."""
+
+LOWEST = 0.005
+HIGHEST = 0.4
+"""Range of cut-offs that `chosen_cutoff` considers, as shares of the rate."""
+
+TAIL = 0.1
+"""Share of the rate above which `chosen_cutoff` takes residuals for noise."""
+
+
+def low_pass(x: np.ndarray, rate: float, cutoff_hz: float) -> np.ndarray:
+    """Samples without what lies above a cut-off frequency, without delay.
+
+    The filter that smooths positions belongs on the wrenches as well: what it takes from both sides of
+    `Yφ = Γ` alike leaves φ all but unbiased.
+
+    Args:
+        x: Uniformly sampled columns, in any unit (N,) or (N, k). A column with NaN becomes NaN.
+        rate: Samples per second, Hz.
+        cutoff_hz: Frequency that half of the amplitude passes, Hz.
+
+    Returns:
+        The smoothed columns, in the shape of x.
+
+    Raises:
+        ValueError: The cut-off is not between 0 and half the rate, or there are too few samples.
+    """
+    x = np.asarray(x, float)
+    if not 0 < cutoff_hz < rate / 2:
+        raise ValueError(
+            f"A cut-off needs a frequency between 0 and half the rate, {rate / 2:g} Hz, got {cutoff_hz:g} Hz."
+        )
+    sections = butter(ORDER, cutoff_hz, fs=rate, output="sos")
+    padding = 3 * (2 * len(sections) + 1)
+    if len(x) <= padding:
+        raise ValueError(f"Low-pass filtering needs more than {padding} samples, got {len(x)}.")
+    return sosfiltfilt(sections, x, axis=0, padlen=padding)
+
+
+def differences(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivatives by central differences, over five points and at the ends over fewer.
+
+    Args:
+        x: Uniformly sampled columns (N,) or (N, k), N of at least 5.
+        rate: Samples per second, Hz.
+
+    Returns:
+        ẋ and ẍ in the shape of x.
+    """
+    if len(x) < 5:
+        raise ValueError(f"Central differences need at least 5 samples, got {len(x)}.")
+    dx = np.gradient(x, axis=0)
+    ddx = np.empty_like(dx)
+    ddx[1:-1] = x[2:] - 2 * x[1:-1] + x[:-2]
+    ddx[0], ddx[-1] = ddx[1], ddx[-2]
+    near, far = x[3:-1] - x[1:-3], x[4:] - x[:-4]
+    dx[2:-2] = (8 * near - far) / 12
+    near, far = x[3:-1] + x[1:-3], x[4:] + x[:-4]
+    ddx[2:-2] = (16 * near - far - 30 * x[2:-2]) / 12
+    return dx * rate, ddx * rate**2
+
+
+def smoothed(x: np.ndarray, rate: float, cutoff_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions without noise, and their velocities and accelerations.
+
+    Quaternions are no columns to filter and to differentiate one by one: keep them out.
+
+    Args:
+        x: Uniformly sampled positions, rad or m (N,) or (N, k). A column with NaN becomes NaN.
+        rate: Samples per second, Hz.
+        cutoff_hz: Frequency that half of the amplitude passes, Hz.
+
+    Returns:
+        x, ẋ and ẍ in the shape of x; `settling` samples at either end are not to be trusted.
+
+    Raises:
+        ValueError: As for `low_pass`.
+    """
+    x = low_pass(x, rate, cutoff_hz)
+    return x, *differences(x, rate)
+
+
+def settling(rate: float, cutoff_hz: float) -> int:
+    """How many samples at either end filter and differences need to settle."""
+    return int(np.ceil(SETTLING * rate / cutoff_hz))
+
+
+def chosen_cutoff(x: np.ndarray, rate: float) -> float:
+    """The cut-off frequency that a recording of positions asks for, by residual analysis of its velocities.
+
+    After Winter, Biomechanics and Motor Control of Human Movement, 4th ed., section 3.4.4.3: the RMS of what a filter
+    takes away is drawn over its cut-off. Where only noise is left to take, the curve is straight; the line meets the
+    ordinate at the RMS of all noise, and the cut-off that takes away just as much balances noise against distortion.
+    Winter looks at positions; the plain differences looked at here weigh noise as a derivative does, and ask for less:
+    noise in a regressor biases parameters, a cut-off too low that acts on both sides does not.
+
+    Args:
+        x: Uniformly sampled positions, rad or m (N,) or (N, k). Columns that rest or hold NaN have no say.
+        rate: Samples per second, Hz.
+
+    Returns:
+        The highest cut-off that any column asks for, Hz, at most 0.4 of the rate.
+
+    Raises:
+        ValueError: There are too few samples, or no column has a motion well below half the rate.
+    """
+    x = np.asarray(x, float).reshape(len(x), -1)
+    if len(x) < 50:
+        raise ValueError(f"Choosing a cut-off needs at least 50 samples, got {len(x)}; state a cut-off in Hz.")
+    x = x[:, np.isfinite(x).all(axis=0)]
+    x = x - x.mean(axis=0)
+    moves = np.ptp(x, axis=0) > 1e-9
+    fast = _residuals(x, rate, np.array([TAIL * rate]))[0] > 0.5 * x.std(axis=0)
+    x = x[:, moves & ~fast]
+    if not x.shape[1]:
+        raise ValueError(
+            f"Choosing a cut-off needs a column that moves below {TAIL * rate:g} Hz, a tenth of the rate, and is not "
+            "noise alone; state a cut-off in Hz."
+        )
+    # At high rates most of the noise lies where no filter would leave it, and would outweigh what matters.
+    block = max(1, min(int(rate / (10 * _residual_cutoff(x, rate))), len(x) // 50))
+    x = x[: len(x) // block * block].reshape(-1, block, x.shape[1]).mean(axis=1)
+    return _residual_cutoff(np.diff(x, axis=0), rate / block)
+
+
+def _residuals(x: np.ndarray, rate: float, cutoffs: np.ndarray) -> np.ndarray:
+    """RMS of what a filter takes away, per cut-off and column (c, k)."""
+    return np.stack([np.sqrt(np.mean((x - low_pass(x, rate, f)) ** 2, axis=0)) for f in cutoffs])
+
+
+def _residual_cutoff(x: np.ndarray, rate: float) -> float:
+    """The highest cut-off over the columns at which the residual is that of all noise, Hz."""
+    cutoffs = np.geomspace(LOWEST * rate, HIGHEST * rate, 80)
+    R = _residuals(x, rate, cutoffs)
+    tail = cutoffs >= TAIL * rate
+    _, noise = np.polyfit(cutoffs[tail], R[tail], 1)
+    enough = np.argmax(np.vstack([noise >= R, np.ones_like(noise, bool)]), axis=0)
+    return float(np.append(cutoffs, cutoffs[-1])[enough].max())
