@@ -12,6 +12,7 @@ from ident.body import BASE, Body, ball_twist, free_joint
 from ident.inertia import parameters_from_com
 from ident.tree import BaseMotion, Tree
 from sim.couplings import check_couplings
+from sim.urdf import model_from_urdf
 
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
 """A compiled model, a specification, or the path of an MJCF or URDF file."""
@@ -35,9 +36,12 @@ def compiled(source: Source) -> mujoco.MjModel:
     if not Path(source).is_file():
         raise ValueError(f"A model is an MJCF or URDF file that exists, got '{source}'.")
     try:
+        if Path(source).suffix.lower() == ".urdf":
+            return model_from_urdf(source).compile()
         return mujoco.MjModel.from_xml_path(str(source))
     except ValueError as error:
-        raise ValueError(f"{source}: {' '.join(str(error).split())}") from None
+        text = " ".join(str(error).split())
+        raise ValueError(text if text.startswith(str(source)) else f"{source}: {text}") from None
 
 
 def tree_from_model(

@@ -14,7 +14,16 @@ ALLOWED = {
     "sim": {"numpy", "scipy", "mujoco", "sim", "scenes"},
     "experiments": {"numpy", "matplotlib", "tqdm", "experiments", "sim", "scenes", "ident"},
 }
-MORE = {"mujoco_model.py": {"ident"}, "symbolic.py": {"scipy", "sympy"}, "codegen.py": {"sympy"}}
+MORE = {
+    "mujoco_model.py": {"ident"},
+    "model_update.py": {"ident"},
+    "urdf.py": {"ident"},
+    "preparation.py": {"scipy"},
+    "excite.py": {"mujoco"},
+    "excite_study.py": {"mujoco", "scipy"},
+    "symbolic.py": {"scipy", "sympy"},
+    "codegen.py": {"sympy"},
+}
 """What single modules may import besides: the bridge from MuJoCo a tree, optional ones their extra."""
 STANDARD = __import__("sys").stdlib_module_names
 MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]
