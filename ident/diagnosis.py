@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, signal
 
 from ident.se3 import hat
 from ident.tree import Tree
@@ -51,17 +51,27 @@ class ContactCheck:
 def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarray) -> FrameCheck:
     """Tries both signs, all 24 right-angled turns of a sensor's axes and its transposed frame against a prediction.
 
+    Where nothing is found the forces alone are tried: moments also depend on where the sensor's origin is.
+
     Args:
         measured: Wrench in the sensor's frame, NaN in channels that are not measured (N, 6).
         predicted: What the prior model predicts there (N, 6).
         rotation: Rotation of the sensor's frame in the frame that it is mounted on (3, 3).
     """
     known = np.isfinite(measured).all(axis=0)
+    check = _best_turn(np.where(known, measured, 0), predicted, known, rotation)
+    if check.suspicious or not known[:3].all():
+        return check
+    forces = _best_turn(np.where(known, measured, 0), predicted, known & (np.arange(6) < 3), rotation)
+    return forces if forces.suspicious else check
+
+
+def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, rotation: np.ndarray) -> FrameCheck:
     size = np.linalg.norm(predicted.reshape(-1, 2, 3), axis=(0, 2))
     scale = np.repeat(np.maximum(size, 1e-3 * size.max(initial=1e-12)), 3)
 
     def error(sign: int, R: np.ndarray) -> float:
-        turned = sign * (np.where(known, measured, 0).reshape(-1, 2, 3) @ R.T).reshape(-1, 6)
+        turned = sign * (measured.reshape(-1, 2, 3) @ R.T).reshape(-1, 6)
         seen = (np.abs(linalg.block_diag(R, R)) @ known) > 0
         return float(np.linalg.norm(((turned - predicted) / scale)[:, seen]) / np.sqrt(seen.sum() / 3))
 
@@ -118,14 +128,7 @@ def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
     return np.array(times)
 
 
-def explained_fraction(columns: np.ndarray, residual: np.ndarray, scale: np.ndarray) -> float:
-    """Fraction of a residual's weighted sum of squares that further columns would explain (N, C, k), (N, C), (C,)."""
-    rows = (columns / scale[:, None]).reshape(residual.size, -1)
-    target = (residual / scale).ravel()
-    norms = np.linalg.norm(rows, axis=0)
-    rows = rows[:, norms > 0] / norms[norms > 0]
-    total = float(target @ target)
-    if not total or not rows.size:
-        return 0.0
-    left = target - rows @ linalg.lstsq(rows, target, cond=1e-6)[0]
-    return float(1 - left @ left / total)
+def amplitude_spectrum(x: np.ndarray, rate: float, length: int = 512) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies in Hz and amplitude spectral density of a signal (N,), by Welch's method."""
+    frequency, power = signal.welch(x, rate, nperseg=min(len(x), length))
+    return frequency, np.sqrt(power)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import experiments
+import scenes
 from experiments import misaligned_study, multicontact_study, readme
 
 README = Path(experiments.__file__).parents[1] / "README.md"
@@ -50,13 +51,16 @@ def test_a_block_is_replaced_and_a_missing_one_is_named():
         readme.with_block(text, "u", "")
 
 
-def test_the_examples_run(capsys):
+def test_the_examples_run(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenes").symlink_to(Path(scenes.__file__).parent)
     examples = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
     for code in examples:
         if "viewer" not in code:
             exec(compile(code, str(README), "exec"), {})
     printed = capsys.readouterr().out
     assert "m2rz2 + 0.425 m3" in printed
+    assert re.search(r"joint1 by [45]\.\d\d°", printed)
     assert re.search(r"sum of contacts - Y phi: \de-1[0-9]", printed)
 
 

@@ -1,0 +1,284 @@
+"""What a model and a log give: base parameters, how well they predict, and whether to believe them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.preparation import Prepared
+from ident import diagnosis
+from ident.diagnosis import ContactCheck, FrameCheck
+from ident.estimate import ExcitationError
+from ident.misalignment import Misalignment, estimate_misalignment
+from ident.regressor import base_wrench_regressor
+from ident.robust import RobustFit, independent, robust_fit
+from ident.se3 import coAd, inverse
+from ident.tree import BaseMotion
+from sim.log import GROUND, Wrench
+
+HOLDOUT = 0.4
+UNEXPLAINED = 0.9
+"""Held-out residual over standard deviation from which a channel counts as not explained."""
+
+SETTLED = 1e-3
+"""Significance of tests."""
+
+CONDITION_LIMIT = 1e4
+"""Condition number of the unit-norm columns from which parameters are not separated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weight:
+    """The recording at a glance, kg.
+
+    Attributes:
+        measured: Mean vertical force over gravity.
+        model: Mass of the model.
+        drift: How much the measured one drifts over the fitted part, beyond what the motion explains.
+    """
+
+    measured: float
+    model: float
+    drift: float
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """What the fit has never seen.
+
+    Attributes:
+        time: Sample times, s (M,).
+        measured: Measured channels (M, C).
+        residual: Measured minus predicted (M, C).
+    """
+
+    time: np.ndarray
+    measured: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def ratio(self) -> np.ndarray:
+        """RMS residual over the signal's standard deviation, of each channel (C,)."""
+        return np.sqrt((self.residual**2).mean(axis=0)) / np.maximum(self.measured.std(axis=0), 1e-300)
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Result of fitting one log.
+
+    Attributes:
+        prepared: What was fitted.
+        fit: The fit on the first part of the recording.
+        names: Names of its columns: base parameters, drives, offsets.
+        inseparable: Channels whose constant offset cannot be told from parameters.
+        offsets: Constant offset of each channel where it can, fitted or not, with its standard deviation.
+        part: Samples that were fitted.
+        held_out: Those that were not: the end of the recording, or another one.
+        singular_values: Of the unit-norm columns of base parameters and drives, each channel weighted.
+        weight: Static check; None without a vertical force.
+        frames: Check of each wrench's sign and axes by its name.
+        contact: What an unmeasured contact would explain, None where not all six components are there.
+        misalignment: Tilts of the axes, None where no joint turns or no wrench is there.
+        correlation: Correlation time of each channel's residual, s (C,).
+    """
+
+    prepared: Prepared
+    fit: RobustFit
+    names: tuple[str, ...]
+    inseparable: tuple[str, ...]
+    offsets: dict[str, tuple[float, float]]
+    part: slice
+    held_out: HeldOut
+    singular_values: np.ndarray
+    weight: Weight | None
+    frames: dict[str, FrameCheck]
+    contact: ContactCheck | None
+    misalignment: Misalignment | None
+    correlation: np.ndarray
+
+    @property
+    def psi(self) -> np.ndarray:
+        """Base parameters (r,)."""
+        return self.fit.values[: self.prepared.base.rank]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the base parameters (r, r)."""
+        rank = self.prepared.base.rank
+        return self.fit.covariance[:rank, :rank]
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of the unit-norm, weighted columns."""
+        return float(self.singular_values[0] / self.singular_values[-1])
+
+    @property
+    def unexplained(self) -> tuple[str, ...]:
+        """Channels that this motion and model do not explain."""
+        return tuple(c for c, r in zip(self.prepared.channels, self.held_out.ratio, strict=True) if r > UNEXPLAINED)
+
+
+def identify_log(
+    prepared: Prepared,
+    *,
+    offsets: bool = True,
+    weighted: bool = True,
+    holdout: float = HOLDOUT,
+    other: Prepared | None = None,
+) -> Identification:
+    """Fits one part of a recording, judges the fit on another, and checks everything that can be checked.
+
+    Args:
+        prepared: Model and log.
+        offsets: Whether to fit a constant offset of every channel that can be told from the parameters.
+        weighted: Whether to weight channels by their residuals and outliers down; else ordinary least squares.
+        holdout: Fraction of the recording, its end, that is not fitted.
+        other: Another log of the same channels to judge by; then the whole recording is fitted.
+
+    Raises:
+        ExcitationError: The motion does not separate the base parameters.
+        ValueError: The recording is too short, or the other log has other channels.
+    """
+    samples, edge = len(prepared.time), prepared.edge
+    if other is not None and other.channels != prepared.channels:
+        raise ValueError(
+            f"The log to judge by needs the channels {', '.join(prepared.channels)}; "
+            f"it has {', '.join(other.channels)}."
+        )
+    split = samples - edge if other is not None else round((1 - holdout) * samples)
+    part = slice(edge, split)
+    columns, constants = prepared.reduced, np.tile(np.eye(len(prepared.channels)), (samples, 1, 1))
+    needed = columns.shape[2] + len(prepared.channels)
+    if split - edge < needed or (other is None and samples - edge - split < needed):
+        raise ValueError(
+            f"{samples} samples, {edge} left out at either end and {holdout:.0%} held out, are too few for "
+            f"{columns.shape[2]} parameters."
+        )
+    singular_values = _singular_values(prepared, columns[part])
+    separable = independent(columns[part], constants[part])
+    with_offsets = np.concatenate([columns, constants[:, :, separable]], axis=2)
+    full = robust_fit(with_offsets[part], prepared.measured[part], weighted=weighted)
+    fit = full if offsets else robust_fit(columns[part], prepared.measured[part], weighted=weighted)
+    named = [f"offset({prepared.channels[k]})" for k in separable]
+    found = slice(columns.shape[2], None)
+    return Identification(
+        prepared=prepared,
+        fit=fit,
+        names=(*prepared.base.names, *prepared.drives, *(named if offsets else ())),
+        inseparable=tuple(c for k, c in enumerate(prepared.channels) if k not in separable),
+        offsets={
+            prepared.channels[k]: (float(v), float(std))
+            for k, v, std in zip(separable, full.values[found], full.std[found], strict=True)
+        },
+        part=part,
+        held_out=_held_out(other or prepared, 0 if other else split, fit.values, separable if offsets else []),
+        singular_values=singular_values,
+        weight=_weight(prepared, fit),
+        frames=_frames(prepared),
+        contact=_contact(prepared, fit.residual, part),
+        misalignment=_misalignment(prepared, fit, part),
+        correlation=diagnosis.correlation_time(fit.residual, prepared.rate),
+    )
+
+
+def _held_out(prepared: Prepared, start: int, values: np.ndarray, offsets: list[int]) -> HeldOut:
+    part = slice(max(start, prepared.edge), len(prepared.time) - prepared.edge)
+    columns = prepared.reduced[part]
+    constants = np.tile(np.eye(len(prepared.channels))[:, offsets], (len(columns), 1, 1))
+    residual = prepared.measured[part] - np.concatenate([columns, constants], axis=2) @ values
+    return HeldOut(prepared.time[part], prepared.measured[part], residual)
+
+
+def _singular_values(prepared: Prepared, columns: np.ndarray) -> np.ndarray:
+    """Singular values of the weighted unit-norm columns; a motion that leaves one at rounding is refused."""
+    weighted = columns / np.maximum(prepared.measured.std(axis=0), 1e-300)[:, None]
+    rows = weighted.reshape(-1, columns.shape[2])
+    norms = np.linalg.norm(rows, axis=0)
+    _, s, directions = np.linalg.svd(rows / np.where(norms > 0, norms, 1), full_matrices=False)
+    hidden = directions[s <= s[0] / CONDITION_LIMIT]
+    if len(hidden):
+        size = np.linalg.norm(hidden, axis=0)
+        names = [*prepared.base.names, *prepared.drives]
+        blamed = [name for name, part in zip(names, size, strict=True) if part > 0.1 * size.max()]
+        raise ExcitationError(
+            f"The recorded motion excites {len(s) - len(hidden)} of {len(s)} parameters; it does not separate "
+            f"{', '.join(blamed)}. Move the joints further, or design a motion with experiments.excite."
+        )
+    return s
+
+
+def _weight(prepared: Prepared, fit: RobustFit) -> Weight | None:
+    down = (
+        prepared.gravity if prepared.motion is None else prepared.motion.T[:, :3, :3].swapaxes(1, 2) @ prepared.gravity
+    )
+    force = prepared.wrench[:, :3] @ prepared.frame[:3, :3].T
+    g = np.linalg.norm(prepared.gravity)
+    along = -(np.where(np.isfinite(force), force, 0) * down).sum(axis=-1) / g**2
+    vertical = np.abs(np.broadcast_to(down, force.shape)).max(axis=0) > 0.1 * g
+    if g == 0 or not np.isfinite(force[:, vertical]).all():
+        return None
+    known = np.isfinite(prepared.wrench[:, :3]).all(axis=0)
+    left = np.zeros((len(fit.residual), 3))
+    left[:, known] = fit.residual[:, : known.sum()]
+    down = np.broadcast_to(down, force.shape)[: len(left)]
+    beyond = -((left @ prepared.frame[:3, :3].T) * down).sum(axis=1) / g**2
+    slope = np.polyfit(np.arange(len(beyond)), beyond, 1)[0]
+    model = float(prepared.prior.reshape(-1, 10)[:, 0].sum())
+    return Weight(float(along.mean()), model, float(slope * len(beyond)))
+
+
+def _frames(prepared: Prepared) -> dict[str, FrameCheck]:
+    """Sign and axes of each wrench against what the model's own φ predicts, the other wrenches given."""
+    P = len(prepared.base.parameters)
+    if not np.isfinite(prepared.wrench).any():
+        return {}
+    Y = base_wrench_regressor(prepared.tree, *prepared.states, gravity=prepared.gravity, base=prepared.motion)
+    predicted = (coAd(inverse(prepared.frame)) @ (Y @ prepared.prior[:P])[..., None])[..., 0]
+    checks = {}
+    poses = prepared.tree.poses(prepared.states[0])
+    for name, wrench in prepared.log.wrenches.items():
+        if name == GROUND:
+            others = prepared.wrench - _signed(wrench)
+            checks[name] = diagnosis.check_frame(
+                _signed(wrench), predicted - np.nan_to_num(others), wrench.pose[:3, :3]
+            )
+            continue
+        pose = poses[:, prepared.tree.names.index(str(wrench.body))] @ wrench.pose
+        in_frame = coAd(inverse(prepared.frame)) @ coAd(pose)
+        others = prepared.wrench - (in_frame @ _signed(wrench)[..., None])[..., 0]
+        if np.isfinite(others).all():
+            missing = (np.linalg.inv(in_frame) @ (predicted - others)[..., None])[..., 0]
+            checks[name] = diagnosis.check_frame(_signed(wrench), missing, wrench.pose[:3, :3])
+    return checks
+
+
+def _signed(wrench: Wrench) -> np.ndarray:
+    """The wrench on the mechanism, in its sensor's frame (N, 6)."""
+    return wrench.values if wrench.applied_to_link else -wrench.values
+
+
+def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCheck | None:
+    if not np.isfinite(prepared.wrench).all():
+        return None
+    in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
+    return diagnosis.check_contact(prepared.tree, prepared.states[0][part], in_base)
+
+
+def _misalignment(prepared: Prepared, fit: RobustFit, part: slice) -> Misalignment | None:
+    known = np.isfinite(prepared.wrench).all(axis=0)
+    turning = [prepared.tree.bodies[i] for i in prepared.tree.moving]
+    if not known.any() or not any(not body.is_ball and body.twist[3:].any() for body in turning):
+        return None
+    scale = np.full(6, np.inf)
+    scale[known] = fit.scale[: known.sum()]
+    motion = prepared.motion
+    moving = None if motion is None else BaseMotion(motion.T[part], motion.V[part], motion.dV[part])
+    q, dq, ddq = (x[part] for x in prepared.states)
+    return estimate_misalignment(
+        prepared.tree,
+        (q, dq, ddq),
+        prepared.wrench[part],
+        scale,
+        gravity=prepared.gravity,
+        base=moving,
+        frame=prepared.frame,
+    )

@@ -1,0 +1,65 @@
+"""Base parameters of your own mechanism from your own recording, and whether to believe them."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from experiments import identify_report, options, report
+from experiments.identification import HOLDOUT, identify_log
+from experiments.preparation import DRIVE, prepare
+
+
+def run(args: argparse.Namespace) -> None:
+    """Identifies and writes and prints what was found."""
+    known = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
+    known |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore)}
+    prepared = prepare(args.model, args.log, **known)
+    other = None if args.held_out is None else prepare(args.model, args.held_out, **known)
+    result = identify_log(prepared, offsets=args.offsets, weighted=not args.ordinary, holdout=args.holdout, other=other)
+    out = args.out / (args.name or f"{args.model.stem}-{args.log.stem}")
+    given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
+    with report.results_folder(out, stale=identify_report.OUTPUTS) as folder:
+        identify_report.write(result, folder, args.model, args.base, report.provenance(given, {}))
+    print(identify_report.text(result))
+    print(f"Everything is in {out}; open report.html.")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.command_parser("identify", __doc__)
+    out.set_defaults(out=Path("results"))
+    out.add_argument("model", type=Path, help="MJCF or URDF file")
+    out.add_argument("log", type=Path, help="CSV or npz file")
+    out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
+    out.add_argument("--base", help="body whose frame is {0}, by default the world")
+    out.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
+    out.add_argument(
+        "--cutoff", help="cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if it has any"
+    )
+    out.add_argument("--holdout", type=_fraction, default=HOLDOUT, help="fraction of the recording kept to judge by")
+    out.add_argument("--held-out", type=Path, help="another log to judge by, instead of a part of this one")
+    out.add_argument("--offsets", action=argparse.BooleanOptionalAction, default=True, help="fit constant offsets")
+    out.add_argument("--ordinary", action="store_true", help="ordinary least squares: no weights, outliers count fully")
+    out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
+    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    return out
+
+
+def _fraction(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.05 <= value <= 0.9:
+        raise argparse.ArgumentTypeError(f"needs a number from 0.05 to 0.9, got '{text}'")
+    return value
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return options.run(run, parser(), argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

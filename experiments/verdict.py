@@ -1,0 +1,209 @@
+"""Whether to believe an identification, with reasons in plain words."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.identification import Identification
+from experiments.preparation import COMPONENTS
+
+SIGNIFICANT = 1e-3
+"""Chance of a false alarm in the tests."""
+
+TILT = np.radians(0.5)
+"""Tilts of axes below this are not worth a warning."""
+
+GAIN = 0.1
+"""Fraction of the residual that tilted axes have to explain before they are blamed."""
+
+THROUGH_A_POINT = 0.6
+"""Fraction of the residual moment that forces through one point have to explain before a contact is suspected."""
+
+LARGE = 0.3
+"""Residual over signal from which a residual is worth explaining by something missing."""
+
+HEAVY = 0.05
+"""Difference between weighed and modelled mass worth a remark, of the latter."""
+
+DRIFT = 0.02
+"""Drift of the weighed mass worth a remark, of the model's."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that speaks against the estimate, or that its reader should know.
+
+    Attributes:
+        text: The finding in one sentence.
+        doubt: Whether it speaks against the estimate.
+    """
+
+    text: str
+    doubt: bool
+
+
+def verdict(result: Identification, findings: list[Finding]) -> str:
+    """One sentence."""
+    doubts = [finding for finding in findings if finding.doubt]
+    explained = [
+        r for c, r in zip(result.prepared.channels, result.held_out.ratio, strict=True) if c not in result.unexplained
+    ]
+    if not explained:
+        return "Do not use it: the model predicts none of the channels on the held-out part."
+    if doubts:
+        count = "one finding below speaks" if len(doubts) == 1 else f"{len(doubts)} findings below speak"
+        return f"Do not use it as it is: {count} against it."
+    return f"Usable: held-out residuals are at most {max(explained):.2f} of the signal in what the motion explains."
+
+
+def findings(result: Identification) -> list[Finding]:
+    """All findings, the doubts first."""
+    found = [
+        *_frames(result),
+        *_axes(result),
+        *_contact(result),
+        *_weight(result),
+        *_offsets(result),
+        *_quality(result),
+    ]
+    return sorted(found, key=lambda finding: not finding.doubt)
+
+
+def _frames(result: Identification) -> list[Finding]:
+    found = []
+    for name, check in result.frames.items():
+        if not check.suspicious:
+            continue
+        R = result.prepared.log.wrenches[name].pose[:3, :3]
+        if np.allclose(check.rotation, R.T @ R.T) and not np.allclose(check.rotation, np.eye(3)):
+            what = "transposed (its rotation is that of the base in the sensor)"
+        elif np.array_equal(check.rotation, np.eye(3)):
+            what = ""
+        else:
+            axes = ", ".join(f"{a} -> {_axis(check.rotation[:, k])}" for k, a in enumerate("xyz"))
+            what = f"turned (its axes look like {axes})"
+        sign = "the opposite sign" if check.sign < 0 else ""
+        both = (
+            " and a frame that is ".join(part for part in (sign, what) if part) if sign else f"a frame that is {what}"
+        )
+        found.append(
+            Finding(
+                f"The wrench '{name}' looks as if it had {both}: against the model's own prediction its relative error "
+                f"would fall from {check.error:.2f} to {check.error_turned:.2f}.",
+                True,
+            )
+        )
+    return found
+
+
+def _axis(direction: np.ndarray) -> str:
+    k = int(np.argmax(np.abs(direction)))
+    return ("-" if direction[k] < 0 else "") + "xyz"[k]
+
+
+def _axes(result: Identification) -> list[Finding]:
+    check = result.misalignment
+    if check is None or check.explained < GAIN:
+        return []
+    off = [
+        f"that of {joint} by {np.degrees(angle):.2f}° ± {np.degrees(std):.2f}°"
+        for joint, angle, std, p in zip(check.joints, check.angle, check.std, check.p_value, strict=True)
+        if p < SIGNIFICANT and angle > max(TILT, 3 * std)
+    ]
+    if not off:
+        return []
+    return [
+        Finding(
+            f"Joint axes are probably off: {', '.join(off)}; axes tilted so would explain {check.explained:.0%} of the "
+            "residual. Condition number and residual alone do not show this.",
+            True,
+        )
+    ]
+
+
+def _contact(result: Identification) -> list[Finding]:
+    check = result.contact
+    if check is None or check.explained < THROUGH_A_POINT or np.median(result.held_out.ratio) < LARGE:
+        return []
+    point = ", ".join(f"{x:.2f}" for x in check.point)
+    return [
+        Finding(
+            f"A contact may be left out: forces through one point of body '{check.body}', ({point}) m in its frame, "
+            f"would explain {check.explained:.0%} of the residual moment.",
+            True,
+        )
+    ]
+
+
+def _weight(result: Identification) -> list[Finding]:
+    weight = result.weight
+    if weight is None:
+        return []
+    found = []
+    if abs(weight.measured - weight.model) > HEAVY * weight.model:
+        found.append(
+            Finding(
+                f"The wrenches weigh {weight.measured:.2f} kg, the model {weight.model:.2f} kg: a contact or support "
+                "may be unmeasured, or the model is of somebody else.",
+                False,
+            )
+        )
+    if abs(weight.drift) > DRIFT * weight.model:
+        found.append(
+            Finding(
+                f"The weighed mass drifts by {weight.drift:+.2f} kg over the recording, as an unmeasured contact or a "
+                "drifting sensor would make it.",
+                True,
+            )
+        )
+    return found
+
+
+def _offsets(result: Identification) -> list[Finding]:
+    fitted = any(name.startswith("offset(") for name in result.names)
+    large = {
+        channel: (value, std)
+        for channel, (value, std) in result.offsets.items()
+        if abs(value) > 4 * std and abs(value) > 0.3 * result.fit.scale[result.prepared.channels.index(channel)]
+    }
+    if not large:
+        return []
+    listed = ", ".join(
+        f"{channel} {value:.3g} ± {std:.2g} {_unit(channel)}".rstrip() for channel, (value, std) in large.items()
+    )
+    if fitted:
+        return [Finding(f"Constant offsets were found and taken out: {listed}.", False)]
+    return [Finding(f"Constant offsets are in the measurements and were not fitted (--offsets does): {listed}.", True)]
+
+
+def _unit(channel: str) -> str:
+    return {"F": "N", "M": "N m"}.get(channel[0], "") if channel in COMPONENTS else ""
+
+
+def _quality(result: Identification) -> list[Finding]:
+    found = []
+    if result.unexplained:
+        listed = ", ".join(
+            f"{c} ({result.held_out.ratio[result.prepared.channels.index(c)]:.2f})" for c in result.unexplained
+        )
+        found.append(
+            Finding(
+                f"Not explained by this motion, held-out residual over standard deviation in brackets: {listed}.", False
+            )
+        )
+    poor = [
+        f"{c} ({r:.2f})"
+        for c, r in zip(result.prepared.channels, result.held_out.ratio, strict=True)
+        if r > 0.5 and c not in result.unexplained
+    ]
+    if poor:
+        found.append(Finding(f"Predicted poorly on the held-out part: {', '.join(poor)}.", True))
+    if result.inseparable:
+        found.append(
+            Finding(
+                f"Constant offsets of {', '.join(result.inseparable)} cannot be told from masses and first moments: "
+                "those take them up.",
+                False,
+            )
+        )
+    return found

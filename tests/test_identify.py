@@ -1,0 +1,300 @@
+"""The command that identifies a user's own mechanism: on the real recording, on spoilt scenes, and on bad input."""
+
+import json
+import os
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from commands import refusal
+from scipy.spatial.transform import Rotation
+
+import scenes
+from experiments import identify, verdict
+from experiments.identification import identify_log
+from experiments.preparation import prepare
+from ident.inertia import pseudo_inertia
+from ident.robust import robust_fit
+from sim.excitation import DOUBLE_PENDULUM
+from sim.mujoco_model import parameters_from_model
+from sim.recording import Recording
+from sim.simulate import simulate
+
+PENDULUM = Path(scenes.__file__).parent / "double_pendulum.xml"
+DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "human_bowing"
+needs_data = pytest.mark.skipif(
+    not (os.environ.get("MULTICONTACT_DATA") and DATA.is_dir()), reason="MULTICONTACT_DATA names no recorded data"
+)
+
+BOWING = """
+[joints.ankle]
+position = "q_ankle"
+velocity = ""
+acceleration = ""
+[joints.hip]
+position = "q_hip"
+velocity = ""
+acceleration = ""
+[wrenches.ground]
+force = ["foot_fx", "foot_fy", "foot_fz"]
+torque = ["foot_mx", "foot_my", "foot_mz"]
+"""
+
+CONTACT = """
+[wrenches.tip]
+body = "link2"
+force = ["contact_force.x", "contact_force.y", "contact_force.z"]
+torque = ["contact_torque.x", "contact_torque.y", "contact_torque.z"]
+position = {position}
+quaternion = {quaternion}
+applied_to_link = {applied}
+"""
+
+
+@cache
+def recording(tilt_deg=0.0, contact=None):
+    return simulate(
+        scenes.load("double_pendulum", tilt_deg=tilt_deg, azimuth_deg=120, contact=contact), DOUBLE_PENDULUM
+    )
+
+
+def with_channels(original, **channels):
+    return replace(original, measured={**original.measured, **channels}, true={}, noise={})
+
+
+def cell_mapping(contact="pad", applied="false"):
+    """Mapping of the load cell: it measures what the link exerts on its surroundings."""
+    from sim.mujoco_model import site_on_tree
+
+    _, pose = site_on_tree(scenes.load("double_pendulum", contact=contact).compile(), "contact", "base")
+    quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
+    return CONTACT.format(position=pose[:3, 3].tolist(), quaternion=quaternion.tolist(), applied=applied)
+
+
+def ground_frame(R):
+    quaternion = Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()
+    columns = [[f"ground_{kind}.{axis}" for axis in "xyz"] for kind in ("force", "torque")]
+    return f"[wrenches.ground]\nquaternion = {quaternion}\nforce = {columns[0]}\ntorque = {columns[1]}\n"
+
+
+def found(tmp_path, log, mapping=None, **options):
+    """Findings on the aligned pendulum's model, as one text, and the result."""
+    path, columns = tmp_path / "log.csv", None
+    log.save(path)
+    if mapping:
+        columns = tmp_path / "columns.toml"
+        columns.write_text(mapping, encoding="utf-8")
+    result = identify_log(prepare(PENDULUM, path, base="base", columns=columns), **options)
+    return " ".join(finding.text for finding in verdict.findings(result) if finding.doubt), result
+
+
+@pytest.fixture
+def bowing(tmp_path):
+    columns = tmp_path / "bowing.toml"
+    columns.write_text(BOWING, encoding="utf-8")
+    return columns
+
+
+@needs_data
+@pytest.mark.parametrize("model", ["three_link_human.xml", "threeLinkHuman_subject1_sensorExt.urdf"])
+def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
+    arguments = [str(DATA / model), str(DATA / "bowing.csv"), "--columns", str(bowing), "--cutoff", "3"]
+    assert identify.main([*arguments, "--name", "bow", "--out", str(tmp_path)]) == 0
+    printed, estimate = capsys.readouterr().out, json.loads((tmp_path / "bow" / "estimate.json").read_text())
+    held_out = {channel: numbers["ratio"] for channel, numbers in estimate["held_out"].items()}
+    assert held_out["Fx"] <= 0.31 and held_out["Fz"] <= 0.42 and held_out["My"] <= 0.23
+    value = dict(zip(estimate["columns"], estimate["values"], strict=True))
+    std = dict(zip(estimate["columns"], estimate["std"], strict=True))
+    assert abs(value["m1"] - 61.65) < 0.1
+    assert abs(value["m3rz3"] - 8.5) < 0.4
+    assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
+    assert "Not explained by this motion, held-out residual over standard deviation in brackets: Fy" in printed
+    assert "Mx (1." in printed
+    suffix = Path(model).suffix
+    assert {path.name for path in (tmp_path / "bow").iterdir()} >= {
+        "report.html",
+        f"model{suffix}",
+        "figure_held_out.png",
+    }
+
+
+@needs_data
+def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, tmp_path):
+    arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
+    assert identify.main([*arguments, "--cutoff", "3", "--no-offsets", "--out", str(tmp_path)]) == 0
+    assert (
+        "Constant offsets are in the measurements and were not fitted (--offsets does): Fx 4.5"
+        in capsys.readouterr().out
+    )
+
+
+@needs_data
+def test_the_plates_own_frame_is_named(bowing):
+    """The plate measures what the human does to it, in axes of its own."""
+    text = bowing.read_text(encoding="utf-8").replace("foot_", "plate_")
+    bowing.write_text(text, encoding="utf-8")
+    prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
+    result = identify_log(prepared)
+    text = " ".join(finding.text for finding in verdict.findings(result))
+    assert "'ground' looks as if it had the opposite sign and a frame that is turned (its axes look like x -> " in text
+
+
+@needs_data
+def test_full_parameters_of_the_human_are_physical_and_predict_as_well(bowing, tmp_path):
+    arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
+    assert identify.main([*arguments, "--cutoff", "3", "--name", "bow", "--out", str(tmp_path)]) == 0
+    phi = parameters_from_model(tmp_path / "bow" / "model.xml")
+    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
+    result = identify_log(prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0))
+    assert_predicts_as_well(result, phi)
+
+
+def assert_predicts_as_well(result, phi):
+    """Held-out weighted residuals of full parameters exceed those of the free fit by less than 1 %."""
+    prepared = result.prepared
+    part = slice(result.part.stop, len(prepared.time) - prepared.edge)
+    values = result.fit.values.copy()
+    change = prepared.base.reduce(prepared.Y[part]) @ (prepared.base.regroup(phi) - values[: prepared.base.rank])
+    explained = [c not in result.unexplained for c in prepared.channels]
+    scale = result.fit.scale[explained]
+    before = np.linalg.norm(result.held_out.residual[:, explained] / scale)
+    after = np.linalg.norm((result.held_out.residual - change)[:, explained] / scale)
+    assert after < 1.01 * before
+
+
+def test_the_aligned_scene_is_usable(tmp_path):
+    doubts, result = found(tmp_path, recording())
+    assert not doubts
+    truth = result.prepared.base.regroup(result.prepared.prior)
+    assert abs(result.psi - truth).max() < 0.15
+
+
+def test_tilted_axes_are_named_with_their_angle(tmp_path):
+    doubts, result = found(tmp_path, recording(tilt_deg=5.0))
+    assert "Joint axes are probably off: that of joint1 by" in doubts
+    assert (abs(np.degrees(result.misalignment.angle) - 5) < 0.5).all()
+    assert result.condition_number < 100
+
+
+def test_a_flipped_wrench_is_named(tmp_path):
+    log = recording()
+    flipped = {name: -log.measured[name] for name in ("ground_force", "ground_torque")}
+    doubts, _ = found(tmp_path, with_channels(log, **flipped))
+    assert "'ground' looks as if it had the opposite sign:" in doubts
+
+
+def test_a_transposed_frame_is_named(tmp_path):
+    log, R = recording(), Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
+    in_sensor = {name: log.measured[name] @ R for name in ("ground_force", "ground_torque")}
+    doubts, _ = found(tmp_path, with_channels(log, **in_sensor), ground_frame(R))
+    assert not doubts
+    doubts, _ = found(tmp_path, with_channels(log, **in_sensor), ground_frame(R.T))
+    assert "'ground' looks as if it had a frame that is transposed" in doubts
+
+
+@pytest.mark.parametrize("contact", ["pad", "handle"])
+def test_a_contact_is_used_missed_when_left_out_and_recognised_when_flipped(tmp_path, contact):
+    log = recording(contact=contact)
+    doubts, _ = found(tmp_path, log, cell_mapping(contact))
+    assert not doubts
+    doubts, result = found(tmp_path, log)
+    assert "A contact may be left out" in doubts
+    if contact == "pad":
+        assert result.contact.body == "link2"
+    doubts, _ = found(tmp_path, log, cell_mapping(contact, applied="true"))
+    assert "'tip' looks as if it had the opposite sign" in doubts
+
+
+def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path):
+    log, rng = recording(), np.random.default_rng(0)
+    _, clean = found(tmp_path, log)
+    spoilt = {name: np.array(log.measured[name]) for name in ("ground_force", "ground_torque", "joint1_position")}
+    for name, values in spoilt.items():
+        bad = rng.choice(len(values), len(values) // 100, replace=False)
+        size = 3.0 if "position" in name else 50 * values.std()
+        values[bad] += size * rng.choice([-1.0, 1.0], size=(len(bad), *values.shape[1:]))
+    _, result = found(tmp_path, with_channels(log, **spoilt))
+    rank = clean.prepared.base.rank
+    assert (abs(result.psi - clean.psi) < 1.96 * clean.fit.std[:rank]).all()
+    assert any("outliers" in note for note in result.prepared.notes)
+
+
+def test_a_balance_board_of_three_channels(tmp_path):
+    log = recording()
+    mapping = (
+        '[wrenches.ground]\nforce = ["", "", "ground_force.z"]\ntorque = ["ground_torque.x", "ground_torque.y", ""]\n'
+    )
+    doubts, result = found(tmp_path, log, mapping)
+    assert result.prepared.channels == ("Fz", "Mx", "My")
+    assert not doubts
+
+
+def test_another_log_judges(tmp_path):
+    path, other = tmp_path / "log.csv", tmp_path / "other.csv"
+    recording().save(path)
+    simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=7).save(other)
+    prepared = [prepare(PENDULUM, p, base="base") for p in (path, other)]
+    result = identify_log(prepared[0], other=prepared[1])
+    assert result.part.stop == len(result.prepared.time)
+    assert result.held_out.ratio[2] < 0.1
+
+
+def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
+    _, result = found(tmp_path, recording(), offsets=False, weighted=False, holdout=0.05)
+    columns, part = result.prepared.reduced, result.part
+    expected = robust_fit(columns[part], result.prepared.measured[part], weighted=False)
+    np.testing.assert_array_equal(result.fit.values, expected.values)
+
+
+def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    recording().save(log)
+    assert identify.main([str(PENDULUM), str(log), "--base", "base", "--name", "me", "--out", str(tmp_path)]) == 0
+    result = identify_log(prepare(PENDULUM, log, base="base"))
+    phi = parameters_from_model(tmp_path / "me" / "model.xml", "base")
+    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
+    assert_predicts_as_well(result, phi)
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "me" / "model.xml")).nu == 2
+    page = (tmp_path / "me" / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64") == 3 and "http" not in page.replace("http-equiv", "")
+    assert "Usable: held-out residuals are at most" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([str(PENDULUM), "missing.csv", "--base", "base"], "missing.csv"),
+        (["missing.xml", "missing.csv"], "file that exists, got 'missing.xml'"),
+        ([str(PENDULUM), "LOG", "--base", "foot"], "no body named 'foot'; its bodies are base, link1, link2"),
+        ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "90"], "from 0 to 50 Hz, half the sampling rate"),
+        ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "fast"], "'auto' or from 0 to 50 Hz"),
+        ([str(PENDULUM), "LOG", "--base", "base", "--holdout", "2"], "needs a number from 0.05 to 0.9, got '2'"),
+        ([str(PENDULUM), "SHORT", "--base", "base"], "too few"),
+        ([str(PENDULUM), "STILL", "--base", "base"], "excites .* parameters; it does not separate"),
+    ],
+)
+def test_bad_input_gets_one_sentence(tmp_path, capsys, arguments, message):
+    log = recording()
+    files = {"LOG": log}
+    files["SHORT"] = replace(
+        log, time=log.time[:30], measured={k: x[:30] for k, x in log.measured.items()}, true={}, noise={}
+    )
+    still = {f"{j}_{k}": 0 * log.time for j in ("joint1", "joint2") for k in ("position", "velocity", "acceleration")}
+    files["STILL"] = with_channels(log, **still)
+    for name, content in files.items():
+        content.save(tmp_path / f"{name}.csv")
+    arguments = [str(tmp_path / f"{a}.csv") if a in files else a for a in arguments]
+    error = refusal(identify.main, [*arguments, "--out", str(tmp_path / "out")], capsys)
+    assert __import__("re").search(message, error), error
+    assert not list((tmp_path / "out").rglob("*.json"))
+
+
+def test_recordings_of_the_project_are_logs(tmp_path):
+    path = tmp_path / "log.npz"
+    recording().save(path)
+    prepared = prepare(PENDULUM, path, base="base")
+    original = Recording.load(path)
+    np.testing.assert_array_equal(prepared.measured, original.wrench("ground"))
