@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.base_parameters import BaseParameters, find_base_parameters
 from ident.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
+from ident.robust import independent
 from ident.se3 import coAd, inverse
 from ident.structure import Sensors
 from ident.tree import BaseMotion, Tree
@@ -134,6 +135,13 @@ def prepare(
         raise ValueError(f"{log_path} has neither a wrench nor a joint torque to fit.")
     sensors = Sensors(bool(known.any()), len(names) > known.sum(), motion is not None)
     found = find_base_parameters(tree, gravity=gravity, sensors=sensors)
+    P = len(found.parameters)
+    separable = independent(found.reduce(Y[..., :P]), Y[..., P:])
+    if len(separable) < len(drives):
+        lost = [name for k, name in enumerate(drives) if k not in separable]
+        notes.append(f"{', '.join(lost)} cannot be told from the links' inertias, which take them up.")
+        drives = tuple(drives[k] for k in separable)
+        Y = np.concatenate([Y[..., :P], Y[..., P:][..., separable]], axis=2)
     return Prepared(
         tree=tree,
         prior=prior,

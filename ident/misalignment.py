@@ -13,6 +13,9 @@ from ident.tree import BaseMotion, Tree
 SAMPLES = 1000
 """Samples used at most, evenly spread: the angle is seen long before the last one."""
 
+STEPS = 30
+"""Steps of the search at most; five are usual."""
+
 FARTHEST = np.tan(np.radians(40))
 """Largest tangent of a tilt that is tried."""
 
@@ -91,7 +94,9 @@ def estimate_misalignment(
     start = np.zeros(2 * len(turning))
     # A kick off zero, where parallel axes make the model singular.
     first = start + 1e-3 * np.cos(np.arange(len(start)))
-    found = optimize.least_squares(residual, first, bounds=(-FARTHEST, FARTHEST), diff_step=1e-4, x_scale=0.1)
+    found = optimize.least_squares(
+        residual, first, bounds=(-FARTHEST, FARTHEST), diff_step=1e-4, x_scale=0.1, max_nfev=STEPS
+    )
     jacobian = found.jac.reshape(*target.shape, -1)
     covariance, _ = sandwich(-jacobian, found.fun.reshape(target.shape), np.ones_like(target))
     tilts, blocks = (

@@ -98,6 +98,8 @@ def independent(columns: np.ndarray, candidates: np.ndarray) -> list[int]:
         columns: Columns of all channels (N, C, k).
         candidates: Further ones (N, C, m).
     """
+    if not candidates.shape[-1]:
+        return []
     basis = linalg.orth(columns.reshape(-1, columns.shape[-1]) / _norms(columns))
     kept = []
     for k, column in enumerate((candidates.reshape(-1, candidates.shape[-1]) / _norms(candidates)).T):
