@@ -40,9 +40,9 @@ def output_parser(name: str, description: str | None) -> argparse.ArgumentParser
 def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser with the options of every simulated study; arguments as for `output_parser`."""
     parser = output_parser(name, description)
-    parser.add_argument("--seed", type=_whole_number(0), default=0, help="seed of all noise")
+    parser.add_argument("--seed", type=whole_number(0), default=0, help="seed of all noise")
     parser.add_argument(
-        "--samples", type=_whole_number(1, 1_000_000), default=SAMPLES, help="samples recorded at 100 Hz"
+        "--samples", type=whole_number(1, 1_000_000), default=SAMPLES, help="samples recorded at 100 Hz"
     )
     parser.add_argument(
         "--noise-scale", type=float, default=1.0, help="factor on the scene's and the excitation's noise"
@@ -54,8 +54,8 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
 def add_trials(parser: argparse.ArgumentParser) -> None:
     """Adds the options of Monte Carlo runs."""
     several = parser.add_argument_group("Monte Carlo")
-    several.add_argument("--trials", type=_whole_number(2, also=0), default=0, help="trials with noise drawn anew")
-    several.add_argument("--workers", type=_whole_number(1, 1024), default=1, help="processes for the trials")
+    several.add_argument("--trials", type=whole_number(2, also=0), default=0, help="trials with noise drawn anew")
+    several.add_argument("--workers", type=whole_number(1, 1024), default=1, help="processes for the trials")
     several.add_argument(
         "--redraw",
         choices=REDRAWN,
@@ -126,7 +126,7 @@ def _interruptible_once() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:
+def whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:
     """Type of an option: a whole number in a range, or one value outside it."""
     needed = f"at least {minimum}" if maximum is None else f"{minimum} to {maximum}"
     needed = needed if also is None else f"{needed}, or {also}"

@@ -20,7 +20,7 @@ MORE = {
     "urdf.py": {"ident"},
     "preparation.py": {"scipy"},
     "excite.py": {"mujoco"},
-    "excite_study.py": {"mujoco", "scipy"},
+    "excite_study.py": {"mujoco"},
     "symbolic.py": {"scipy", "sympy"},
     "codegen.py": {"sympy"},
 }
