@@ -12,10 +12,18 @@ from sympy.simplify.fu import TR8
 from experiments.figures import parameter_symbol
 from experiments.symbolic import SymbolicModel, decimals
 
-READABLE = 1000
-"""Up to so many operations the LaTeX form is expanded in sines and cosines of sums of angles."""
+READABLE = 250
+"""Up to so many operations, shared ones counted once, the LaTeX form is expanded in sines of sums of angles."""
+
+LINE = 54
+"""Width of the right-hand side of a printed equation, in letters; an article at 11 pt has room for it."""
 
 Definitions = list[tuple[sympy.Symbol, sympy.Expr]]
+
+
+def plain(text: str) -> str:
+    """A name that can stand in any comment, docstring or path: ASCII word characters, dots, colons, blanks, hyphens."""
+    return re.sub(r"[^\w.: -]", "_", text, flags=re.ASCII)
 
 
 def python_source(model: SymbolicModel, name: str) -> str:
@@ -30,7 +38,7 @@ def python_source(model: SymbolicModel, name: str) -> str:
     body += [f"Y[{r}, {c}] = {printer.doprint(x)}" for r, c, x in entries]
     return "\n".join(
         [
-            f'"""Base-wrench regressor of {name}, derived symbolically.',
+            f'"""Base-wrench regressor of {plain(name)}, derived symbolically.',
             "",
             *_description(model),
             '"""',
@@ -70,7 +78,7 @@ def c_source(model: SymbolicModel, name: str) -> str:
     values = ", ".join(f"{symbol.name} = {value!r}" for symbol, value in model.lengths.items())
     return "\n".join(
         [
-            f"/* Base-wrench regressor of {name}, derived symbolically.",
+            f"/* Base-wrench regressor of {plain(name)}, derived symbolically.",
             "",
             *_description(model),
             *([f"Lengths, in this order, with the model's values in m: {values}."] if values else []),
@@ -89,11 +97,11 @@ def c_source(model: SymbolicModel, name: str) -> str:
 def latex_source(model: SymbolicModel, name: str) -> str:
     """The base parameters and their columns of the regressor, to be included in a document that uses amsmath."""
     columns = model.base.reduce(model.Y)
-    if sum(sympy.count_ops(x) for x in columns.flat) <= READABLE:
+    shared, entries = _shared(columns)
+    # Counted without sharing, the operations of a long chain grow without bounds.
+    if sum(sympy.count_ops(x) for x in (*dict(shared).values(), *(x for _, _, x in entries))) <= READABLE:
         columns = np.array([[_readable(x, list(model.lengths)) for x in row] for row in columns], dtype=object)
         shared, entries = _waves(columns)
-    else:
-        shared, entries = _shared(columns)
     names = _latex_names(model)
 
     def tex(x: sympy.Expr) -> str:
@@ -104,7 +112,7 @@ def latex_source(model: SymbolicModel, name: str) -> str:
     lines = [rf"{tex(symbol)} &= {tex(x)}" for symbol, x in shared]
     return "\n".join(
         [
-            f"% Dynamic identification model of {name}, derived symbolically. Needs amsmath.",
+            f"% Dynamic identification model of {plain(name)}, derived symbolically. Needs amsmath.",
             *(f"% {line}" for line in _description(model)),
             "% Base parameters",
             *_align(psi),
@@ -124,7 +132,7 @@ def _arguments(model: SymbolicModel) -> dict[str, list[sympy.Symbol]]:
 
 def _description(model: SymbolicModel) -> list[str]:
     """What stands where; plain text for a comment."""
-    joints = ", ".join(re.sub(r"[^\w.: -]", "_", joint) for joint in model.tree.joints)
+    joints = ", ".join(map(plain, model.tree.joints))
     return [
         f"Joints: {joints or 'none'}.",
         "SI units, radians; a ball joint has a quaternion w, x, y, z. Gravity is its acceleration in the base frame.",
@@ -159,11 +167,45 @@ def _readable(x: sympy.Expr, lengths: Sequence[sympy.Symbol]) -> sympy.Expr:
 def _latex_names(model: SymbolicModel) -> dict[sympy.Symbol, str]:
     states = (("q", model.q), (r"\dot{q}", model.dq), (r"\ddot{q}", model.ddq))
     names = {s: f"{name}_{{{k}}}" for name, symbols in states for k, s in enumerate(symbols, start=1)}
+    for symbol in model.lengths:
+        if match := re.fullmatch(r"([lc])(\d+)([xyz])(_*)", symbol.name):
+            kind, body, axis, more = match.groups()
+            names[symbol] = r"\bar{" * len(more) + kind + "}" * len(more) + f"_{{{axis},{body}}}"
     names |= {sympy.Symbol(key): parameter_symbol(key).strip("$") for key in model.base.parameters}
     return names
 
 
-def _align(lines: Sequence[str]) -> list[str]:
-    if not lines:
+def _align(rows: Sequence[str]) -> list[str]:
+    """Equations one below the other, over several pages where need be."""
+    if not rows:
         return []
-    return [r"\begin{align*}", r"\allowdisplaybreaks", " \\\\\n".join(lines), r"\end{align*}"]
+    body = " \\\\\n".join(map(_broken, rows))
+    return [r"{\allowdisplaybreaks", r"\begin{align*}", body, r"\end{align*}", "}"]
+
+
+def _broken(row: str) -> str:
+    """An equation over several lines, cut before plus and minus signs within as few parentheses as possible."""
+    left, equals, right = row.partition("&= ")
+    right = right.replace(r"\left(", "(").replace(r"\right)", ")")
+    cuts, braces, parentheses = [], 0, 0
+    for match in re.finditer(r"[{}()]| (?=[+-] )", right):
+        braces += (match[0] == "{") - (match[0] == "}")
+        parentheses += (match[0] == "(") - (match[0] == ")")
+        if match[0] == " " and not braces:
+            cuts.append((parentheses, -match.start()))
+    lines, start = [], 0
+    while _width(right[start:]) > LINE:
+        ahead = [cut for cut in cuts if -cut[1] > start]
+        fitting = [cut for cut in ahead if _width(right[start : -cut[1]]) <= LINE]
+        long = [cut for cut in fitting if _width(right[start : -cut[1]]) > LINE / 2]
+        if not ahead:
+            break
+        end = -min(long or fitting[-1:] or ahead[:1])[1]
+        lines.append(right[start:end])
+        start = end + 1
+    return left + equals + " \\\\\n&\\quad ".join([*lines, right[start:]])
+
+
+def _width(tex: str) -> float:
+    """Width of a piece of an equation, in letters; signs have room on both sides."""
+    return len(re.sub(r"\\(?!sin|cos)[a-z]+|[{}_^ ]", "", tex)) + 1.5 * len(re.findall(r" [+-] ", tex))

@@ -7,23 +7,35 @@ from pathlib import Path
 
 from experiments import options, report
 from ident.base_parameters import separating_sensors
-from sim.mujoco_model import tree_from_model
+from ident.tree import Tree
+from sim.mujoco_model import compiled, parameters_from_model, tree_from_model
 
 TABLES = ("table_1", "table_2")
+
+GAINS = {
+    "base wrench": "with the base wrench",
+    "joint torques": "with joint torques",
+    "moving base": "on a moving base",
+    "not parallel": "with joint axes that are not parallel",
+}
 
 
 def run(args: argparse.Namespace) -> None:
     """Derives a model and writes it."""
     with options.extra("symbolic"):
         from experiments import codegen, symbolic
-    name = args.mechanism if args.mechanism in TABLES else Path(args.mechanism).stem
+    name = codegen.plain(Path(args.mechanism).stem)
+    name = name if name.strip(". ") else "model"
     out = args.out / name
-    if args.mechanism in TABLES:
+    if args.mechanism not in TABLES:
+        tree, lengths = symbolic.exact_tree(_tree(args.mechanism, args.base, args.ignore))
+    elif args.base is None and not args.ignore:
         tree, lengths = getattr(symbolic, args.mechanism)()
     else:
-        tree, lengths = symbolic.exact_tree(tree_from_model(args.mechanism, args.base, ignore=args.ignore))
+        raise ValueError(f"The options --base and --ignore need an MJCF or URDF file, got '{args.mechanism}'.")
     model = symbolic.derive(tree, lengths)
-    rows = tuple((key, str(expression)) for key, expression in model.base_expressions().items())
+    digits = 12 if model.exact else 6
+    rows = tuple((key, str(symbolic.decimals(x, digits))) for key, x in model.base_expressions().items())
     table = report.Table(f"Base parameters of {name}: {model.base.rank}", ("parameter", "expression"), rows)
     sources = {
         "dim.tex": codegen.latex_source(model, name),
@@ -38,24 +50,27 @@ def run(args: argparse.Namespace) -> None:
         report.write_json(folder / "provenance.json", report.provenance(given, {}))
     print(table.text())
     if not model.exact:
-        print("Directions of this model coincide only to rounding, so that the coefficients are decimals.")
+        print(f"The coefficients are decimals, because {model.reason}.")
     print(f"Not seen at all: {', '.join(model.base.unseen) or 'nothing'}.")
     for what, gained in separating_sensors(symbolic.with_values(tree, lengths)).items():
         print(f"Seen apart besides, {GAINS[what]}: {', '.join(gained) or 'nothing'}.")
     print(f"LaTeX, Python and C are in {out}.")
 
 
-GAINS = {
-    "base wrench": "with the base wrench",
-    "joint torques": "with joint torques",
-    "moving base": "on a moving base",
-    "not parallel": "with joint axes that are not parallel",
-}
+def _tree(path: str, base: str | None, ignore: Sequence[str]) -> Tree:
+    """The mechanism of a model file, which needs to have mass."""
+    source = compiled(path)
+    parameters_from_model(source, base)
+    return tree_from_model(source, base, ignore=ignore)
 
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.command_parser("derive", __doc__)
+    out.epilog = (
+        "The regressor Y and the base parameters are those of the wrench at the base, which rests; parameters are "
+        "regrouped with gravity along -Z of the base frame."
+    )
     out.add_argument("mechanism", help="table_1 or table_2 for the paper's double pendulum, or an MJCF or URDF file")
     out.add_argument("--base", help="body whose frame is {0}; by default the world's frame is")
     out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")

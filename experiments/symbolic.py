@@ -14,8 +14,8 @@ from ident.base_parameters import BaseParameters, find_base_parameters
 from ident.body import ball_twist
 from ident.tree import Tree
 
-ROUNDING = 1e-12
-"""Entries of poses and axes this close to a whole number are one."""
+ROUNDING = 1e-9
+"""Entries of poses and axes this close to a whole number are one, as are directions given with ten digits."""
 
 FEW = 6
 """Up to so many lengths coefficients are exact whatever the directions."""
@@ -23,7 +23,7 @@ FEW = 6
 LONG = 1000
 """Fractions with larger denominators are written as decimals."""
 
-DENOMINATOR = 10**8
+DENOMINATOR = 10**9
 """Largest denominator of the fractions that stand for other entries, which makes them right to 1e-16."""
 
 
@@ -54,8 +54,7 @@ class SymbolicModel:
         gravity: Symbols of the acceleration of gravity in the base frame (3,).
         Y: The regressor of Eq. 14 (6, 10 b).
         base: Regrouping with exact coefficients, rational functions of the lengths.
-        exact: Whether they are. They are decimals, at the lengths' values, where directions coincide only to rounding,
-            and where many lengths meet directions that are not along frame axes, which makes exact numbers unwieldy.
+        reason: Why they are decimals instead, at the lengths' values; empty if they are not.
     """
 
     tree: Tree
@@ -66,7 +65,12 @@ class SymbolicModel:
     gravity: np.ndarray
     Y: np.ndarray
     base: BaseParameters
-    exact: bool
+    reason: str = ""
+
+    @property
+    def exact(self) -> bool:
+        """Whether the regrouping has exact coefficients."""
+        return not self.reason
 
     def base_expressions(self) -> dict[str, sympy.Expr]:
         """Each base parameter by its name, in symbols of φ and of the lengths."""
@@ -94,18 +98,25 @@ def derive(tree: Tree, lengths: dict[Symbol, float]) -> SymbolicModel:
     bodies = [replace(body, home=short(body.home), twist=short(body.twist)) for body in tree.bodies]
     Y = dim.base_wrench_regressor(Tree(tuple(bodies)), q, dq, ddq, gravity=gravity)
     rounded = find_base_parameters(with_values(tree, lengths))
-    if len(lengths) <= FEW or _is_aligned(tree):
-        base = exact_base_parameters(tree, list(lengths))
-        if base.rank == rounded.rank:
-            return SymbolicModel(tree, lengths, q, dq, ddq, gravity, Y, base, True)
-    return SymbolicModel(tree, lengths, q, dq, ddq, gravity, Y, rounded, False)
+    if len(lengths) > FEW and not _is_aligned(tree):
+        reason = f"there are {len(lengths)} lengths and directions that are not along frame axes"
+        return SymbolicModel(tree, lengths, q, dq, ddq, gravity, Y, rounded, reason)
+    base = exact_base_parameters(tree, list(lengths))
+    if base.rank != rounded.rank:
+        reason = "directions of this model coincide only to rounding"
+        return SymbolicModel(tree, lengths, q, dq, ddq, gravity, Y, rounded, reason)
+    return SymbolicModel(tree, lengths, q, dq, ddq, gravity, Y, base)
 
 
 def decimals(x: sympy.Expr, digits: int) -> sympy.Expr:
-    """An expression with its long fractions and decimals rounded to some digits."""
-    return sympy.sympify(x).replace(
-        lambda part: part.is_Float or (part.is_Rational and part.q > LONG), lambda part: part.evalf(digits)
-    )
+    """An expression with its long fractions and decimals rounded to some digits, whole ones as such."""
+
+    def rounded(number: sympy.Number) -> sympy.Number:
+        value = number.evalf(digits)
+        whole = sympy.Integer(int(value))
+        return whole if abs(whole) < 10**digits and (value - whole).is_zero else value
+
+    return sympy.sympify(x).replace(lambda part: part.is_Float or (part.is_Rational and part.q > LONG), rounded)
 
 
 def exact_base_parameters(tree: Tree, lengths: list[Symbol]) -> BaseParameters:
