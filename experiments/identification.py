@@ -49,16 +49,23 @@ class HeldOut:
         time: Sample times, s (M,).
         measured: Measured channels (M, C).
         residual: Measured minus predicted (M, C).
+        columns: Columns of the base parameters (M, C, r).
     """
 
     time: np.ndarray
     measured: np.ndarray
     residual: np.ndarray
+    columns: np.ndarray
 
     @property
     def ratio(self) -> np.ndarray:
         """RMS residual over the signal's standard deviation, of each channel (C,)."""
-        return np.sqrt((self.residual**2).mean(axis=0)) / np.maximum(self.measured.std(axis=0), 1e-300)
+        return self.ratio_with(np.zeros(self.columns.shape[2]))
+
+    def ratio_with(self, change: np.ndarray) -> np.ndarray:
+        """The same if the base parameters were changed (r,)."""
+        residual = self.residual - self.columns @ change
+        return np.sqrt((residual**2).mean(axis=0)) / np.maximum(self.measured.std(axis=0), 1e-300)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +155,15 @@ def identify_log(
     part = slice(edge, split)
     columns, constants = prepared.reduced, np.tile(np.eye(len(prepared.channels)), (samples, 1, 1))
     needed = columns.shape[2] + len(prepared.channels)
+    if 2 * edge >= samples:
+        raise ValueError(
+            f"A cut-off of {prepared.cutoff:g} Hz settles in {edge} samples at either end, more than half of the "
+            f"{samples} recorded; take a higher one."
+        )
+    if other is not None and len(other.time) - 2 * other.edge < needed:
+        raise ValueError(f"The log to judge by has {len(other.time)} samples, too few for {needed} coefficients.")
+    if not np.ptp(prepared.measured[part], axis=0).any():
+        raise ValueError("Every measured channel is constant; there is nothing to fit.")
     if split - edge < needed or (other is None and samples - edge - split < needed):
         raise ValueError(
             f"{samples} samples, {edge} left out at either end and {holdout:.0%} held out, are too few for "
@@ -185,7 +201,7 @@ def _held_out(prepared: Prepared, start: int, values: np.ndarray, offsets: list[
     columns = prepared.reduced[part]
     constants = np.tile(np.eye(len(prepared.channels))[:, offsets], (len(columns), 1, 1))
     residual = prepared.measured[part] - np.concatenate([columns, constants], axis=2) @ values
-    return HeldOut(prepared.time[part], prepared.measured[part], residual)
+    return HeldOut(prepared.time[part], prepared.measured[part], residual, columns[:, :, : prepared.base.rank])
 
 
 def _singular_values(prepared: Prepared, columns: np.ndarray) -> np.ndarray:
@@ -201,7 +217,8 @@ def _singular_values(prepared: Prepared, columns: np.ndarray) -> np.ndarray:
         blamed = [name for name, part in zip(names, size, strict=True) if part > 0.1 * size.max()]
         raise ExcitationError(
             f"The recorded motion excites {len(s) - len(hidden)} of {len(s)} parameters; it does not separate "
-            f"{', '.join(blamed)}. Move the joints further, or design a motion with experiments.excite."
+            f"{', '.join(blamed)}. Move the joints further (experiments.excite designs a motion), or measure more than "
+            f"{', '.join(prepared.channels)}."
         )
     return s
 

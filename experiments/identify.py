@@ -12,17 +12,32 @@ from experiments.preparation import DRIVE, prepare
 
 def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
+    out = _folder(args)
     known = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     known |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore)}
     prepared = prepare(args.model, args.log, **known)
     other = None if args.held_out is None else prepare(args.model, args.held_out, **known)
     result = identify_log(prepared, offsets=args.offsets, weighted=not args.ordinary, holdout=args.holdout, other=other)
-    out = args.out / (args.name or f"{args.model.stem}-{args.log.stem}")
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
+    full = identify_report.full_parameters(result)
     with report.results_folder(out, stale=identify_report.OUTPUTS) as folder:
-        identify_report.write(result, folder, args.model, args.base, report.provenance(given, {}))
-    print(identify_report.text(result))
+        identify_report.write(result, full, folder, args.model, args.base, report.provenance(given, {}))
+    print(identify_report.text(result, full))
     print(f"Everything is in {out}; open report.html.")
+
+
+def _folder(args: argparse.Namespace) -> Path:
+    """Folder of the results; one that holds an input is refused, so that no file of the user's is replaced."""
+    name = args.name or f"{args.model.stem}-{args.log.stem}"
+    if not name.isprintable() or Path(name).name != name or name in (".", ".."):
+        raise ValueError(f"--name is the name of one folder under --out, got {name!r}.")
+    out = args.out / name
+    for given in (args.model, args.log, args.held_out, args.columns):
+        if given is not None and given.resolve().parent == out.resolve():
+            raise ValueError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
+    if args.held_out is not None and args.held_out.resolve() == args.log.resolve():
+        raise ValueError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
+    return out
 
 
 def parser() -> argparse.ArgumentParser:

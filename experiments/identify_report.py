@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from experiments import figures, page, report
 from experiments.identification import Identification
@@ -18,10 +19,20 @@ from ident.base_parameters import separating_sensors
 from ident.consistency import ConsistentParameters, consistent_parameters
 from ident.diagnosis import amplitude_spectrum
 from ident.inertia import PARAMETERS
-from ident.structure import Sensors
 from sim.model_update import write_model
+from sim.urdf import parsed
 
-OUTPUTS = (*report.OUTPUTS, "report.html", "estimate.json", "model.*")
+OUTPUTS = (*report.OUTPUTS, "report.html", "estimate.json", "model.xml", "model.urdf")
+FAR = 10.0
+"""Mahalanobis distance of the nearest physical bodies from which the estimate is doubted."""
+
+GAINS = {
+    "base wrench": "with the base wrench",
+    "joint torques": "with joint torques",
+    "moving base": "on a moving base",
+    "not parallel": "if the joint axes were not parallel",
+}
+
 INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
 
@@ -45,22 +56,23 @@ def _relative(value: float, std: float) -> str:
     return f"{100 * std / abs(value):.1f} %" if abs(value) > 3 * std else f"{std:.2g} abs."
 
 
-def quality_table(result: Identification) -> report.Table:
+def quality_table(result: Identification, full: ConsistentParameters) -> report.Table:
     """How well each channel is predicted on the part that was held out."""
     held = result.held_out
     rows = tuple(
-        (channel, float(signal), float(residual), float(ratio), float(time), note)
-        for channel, signal, residual, ratio, time, note in zip(
+        (channel, float(signal), float(residual), float(ratio), float(updated), float(time), note)
+        for channel, signal, residual, ratio, updated, time, note in zip(
             result.prepared.channels,
             held.measured.std(axis=0),
             np.sqrt((held.residual**2).mean(axis=0)),
             held.ratio,
+            held.ratio_with(full.psi - result.psi),
             result.correlation,
             ["not explained by this motion" if c in result.unexplained else "" for c in result.prepared.channels],
             strict=True,
         )
     )
-    columns = ("channel", "signal_std", "residual_rms", "ratio", "residual_correlation_s", "note")
+    columns = ("channel", "signal_std", "residual_rms", "ratio", "ratio_updated_model", "correlation_s", "note")
     return report.Table("Prediction of the held-out part", columns, rows)
 
 
@@ -96,28 +108,46 @@ def data_lines(result: Identification) -> list[str]:
         )
     for name, check in result.frames.items():
         lines.append(f"Wrench '{name}' against the model's prediction: relative error {check.error:.2f}.")
-    wrench = any(channel in COMPONENTS for channel in prepared.channels)
-    sensors = Sensors(wrench, len(prepared.channels) > 6, prepared.motion is not None)
-    for what, gained in separating_sensors(prepared.tree, gravity=_down(result), sensors=sensors).items():
+    if result.misalignment is not None:
+        lines.append(
+            f"Residuals: alike over {result.correlation.min():.2g} to {result.correlation.max():.2g} s; parameters "
+            f"that show only with tilted axes would explain {result.misalignment.explained:.0%} of them."
+        )
+    more = separating_sensors(prepared.tree, gravity=prepared.gravity, sensors=prepared.sensors)
+    for what, gained in more.items():
         if gained:
-            lines.append(f"More would be seen with {what}: {', '.join(gained)}.")
+            lines.append(f"More would be seen {GAINS[what]}: {', '.join(gained)}.")
     return [*lines, *prepared.notes]
 
 
-def _down(result: Identification) -> np.ndarray:
-    return result.prepared.gravity
+def full_parameters(result: Identification) -> ConsistentParameters:
+    """The physical bodies closest to the model's that have the estimate, or nearly."""
+    prepared = result.prepared
+    return consistent_parameters(result.psi, result.covariance, prepared.base, prepared.prior)
 
 
-def text(result: Identification) -> str:
+def consistency_finding(full: ConsistentParameters) -> Finding:
+    """What physical consistency has cost."""
+    moved = full.moved(0.1)
+    if not moved:
+        return Finding("Physical bodies have these base parameters; the updated model has those closest to it.", False)
+    listed = ", ".join(f"{name} by {shift:+.1f}" for name, shift in moved[:5])
+    return Finding(
+        f"No physical bodies have exactly these base parameters; the updated model moves {listed} standard deviations.",
+        full.distance > FAR,
+    )
+
+
+def text(result: Identification, full: ConsistentParameters) -> str:
     """What the terminal shows."""
-    found = findings(result)
+    found = [*findings(result), consistency_finding(full)]
     return "\n".join(
         [
             "The recording",
             *(f"  {line}" for line in data_lines(result)),
             "",
             parameters_table(result).text(),
-            quality_table(result).text(),
+            quality_table(result, full).text(),
             f"Verdict: {verdict(result, found)}",
             *(f"  {'!' if finding.doubt else '-'} {finding.text}" for finding in found),
         ]
@@ -150,6 +180,7 @@ def spectra_figure(result: Identification) -> Figure:
                 shown = (frequency > 0) & (frequency <= highest)
                 ax.loglog(frequency[shown], np.maximum(power[shown], 1e-12), color=color, lw=0.8, label=label)
             ax.set_ylabel(_label(prepared.channels[k], "/√Hz"), labelpad=2)
+            ax.xaxis.set_minor_formatter(NullFormatter())
             ax.margins(x=0)
         _finish(figure, axes, "Frequency (Hz)")
     return figure
@@ -246,6 +277,7 @@ def estimate(result: Identification, full: ConsistentParameters, found: list[Fin
 
 def write(
     result: Identification,
+    full: ConsistentParameters,
     folder: Path,
     model: Path,
     base: str | None,
@@ -256,17 +288,17 @@ def write(
 
     Args:
         result: The identification.
+        full: Its full parameters.
         folder: Where to.
         model: The model file that is updated.
         base: Name of the base body.
         provenance: Where the results come from.
         formats: Formats of the figures; the page needs PNG.
     """
-    found = findings(result)
-    full = consistent_parameters(result.psi, result.covariance, result.prepared.base, result.prepared.prior)
+    found = [*findings(result), consistency_finding(full)]
     tables = {
         "table_base_parameters": parameters_table(result),
-        "table_held_out": quality_table(result),
+        "table_held_out": quality_table(result, full),
         "table_full_parameters": full_table(result, full),
     }
     for name, table in tables.items():
@@ -280,7 +312,7 @@ def write(
         figures.save(figure, folder, name, formats)
     report.write_json(folder / "estimate.json", estimate(result, full, found))
     report.write_json(folder / "provenance.json", provenance)
-    write_model(folder / f"model{model.suffix}", model, full.phi, base)
+    write_model(folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}", model, full.phi, base)
     parts = [
         f"<h1>{html.escape(model.name)}</h1>",
         f"<p><strong>{html.escape(verdict(result, found))}</strong></p>",

@@ -31,6 +31,7 @@ class Prepared:
         tree: The mechanism.
         prior: φ of the model file (10 b,).
         base: Its base parameters for these sensors.
+        sensors: What is measured.
         gravity: Acceleration of gravity as `base_wrench_regressor` takes it, m/s² (3,).
         motion: Motion of the base, None at rest.
         rate: Samples per second.
@@ -51,6 +52,7 @@ class Prepared:
     tree: Tree
     prior: np.ndarray
     base: BaseParameters
+    sensors: Sensors
     gravity: np.ndarray
     motion: BaseMotion | None
     rate: float
@@ -124,6 +126,8 @@ def prepare(
     Y = (coAd(inverse(frame)) @ Y)[:, known]
     measured, names = wrench[:, known], [c for c, k in zip(COMPONENTS, known, strict=True) if k]
     drives: tuple[str, ...] = ()
+    if drive and torques is None:
+        notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
     if torques is not None and np.isfinite(torques).all(axis=0).any():
         there = np.isfinite(torques).all(axis=0)
         Y_joint = joint_torque_regressor(tree, *states, gravity=gravity, base=motion, drive=drive)[:, there]
@@ -146,6 +150,7 @@ def prepare(
         tree=tree,
         prior=prior,
         base=found,
+        sensors=sensors,
         gravity=gravity,
         motion=motion,
         rate=rate,

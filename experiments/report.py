@@ -11,7 +11,7 @@ import signal
 import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -134,18 +134,25 @@ def results_folder(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
     Raises:
         ValueError: `out` is a file, cannot be written, or a folder stands where a file has to go.
     """
+    made = [folder for folder in (out, *out.parents) if not folder.exists()]
     try:
         out.mkdir(parents=True, exist_ok=True)
         scratch = tempfile.TemporaryDirectory(prefix=".partial-", dir=out)
     except OSError as error:
         raise ValueError(f"The output path needs to be a writable folder, got '{out}' ({error.strerror}).") from error
-    with scratch as name:
-        new, old = Path(name) / "new", Path(name) / "old"
-        new.mkdir()
-        old.mkdir()
-        yield new
-        with _undisturbed():
-            _exchange(new, old, out, stale)
+    try:
+        with scratch as name:
+            new, old = Path(name) / "new", Path(name) / "old"
+            new.mkdir()
+            old.mkdir()
+            yield new
+            with _undisturbed():
+                _exchange(new, old, out, stale)
+    except BaseException:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str]) -> None:

@@ -25,6 +25,9 @@ LARGE = 0.3
 HEAVY = 0.05
 """Difference between weighed and modelled mass worth a remark, of the latter."""
 
+FAR_OFF = 0.3
+"""The same from which it is a doubt."""
+
 DRIFT = 0.02
 """Drift of the weighed mass worth a remark, of the model's."""
 
@@ -45,15 +48,15 @@ class Finding:
 def verdict(result: Identification, findings: list[Finding]) -> str:
     """One sentence."""
     doubts = [finding for finding in findings if finding.doubt]
-    explained = [
-        r for c, r in zip(result.prepared.channels, result.held_out.ratio, strict=True) if c not in result.unexplained
-    ]
+    ratios = dict(zip(result.prepared.channels, result.held_out.ratio, strict=True))
+    explained = [channel for channel in ratios if channel not in result.unexplained]
     if not explained:
         return "Do not use it: the model predicts none of the channels on the held-out part."
     if doubts:
         count = "one finding below speaks" if len(doubts) == 1 else f"{len(doubts)} findings below speak"
         return f"Do not use it as it is: {count} against it."
-    return f"Usable: held-out residuals are at most {max(explained):.2f} of the signal in what the motion explains."
+    worst = max(ratios[channel] for channel in explained)
+    return f"Usable: held-out residuals are at most {worst:.2f} of the signal in {', '.join(explained)}."
 
 
 def findings(result: Identification) -> list[Finding]:
@@ -65,6 +68,7 @@ def findings(result: Identification) -> list[Finding]:
         *_weight(result),
         *_offsets(result),
         *_quality(result),
+        *_caveats(result),
     ]
     return sorted(found, key=lambda finding: not finding.doubt)
 
@@ -93,6 +97,26 @@ def _frames(result: Identification) -> list[Finding]:
                 True,
             )
         )
+    return found
+
+
+def _caveats(result: Identification) -> list[Finding]:
+    found = []
+    if result.prepared.cutoff is None:
+        found.append(
+            Finding(
+                "Velocities and accelerations are the log's own and the wrenches are not filtered: if the log's were, "
+                "--cutoff auto treats both alike.",
+                False,
+            )
+        )
+    found.append(
+        Finding(
+            "The standard deviations are those of noise on the wrenches; noise on the joint angles biases the estimate "
+            "and is not in them.",
+            False,
+        )
+    )
     return found
 
 
@@ -144,8 +168,8 @@ def _weight(result: Identification) -> list[Finding]:
         found.append(
             Finding(
                 f"The wrenches weigh {weight.measured:.2f} kg, the model {weight.model:.2f} kg: a contact or support "
-                "may be unmeasured, or the model is of somebody else.",
-                False,
+                "may be unmeasured, a unit may be wrong, or the model is of somebody else.",
+                abs(weight.measured - weight.model) > FAR_OFF * weight.model,
             )
         )
     if abs(weight.drift) > DRIFT * weight.model:

@@ -9,6 +9,9 @@ from scipy import linalg, signal
 from ident.se3 import hat
 from ident.tree import Tree
 
+TIE = 1.25
+"""Errors within this factor of the smallest one are as good."""
+
 
 @dataclass(frozen=True, eq=False)
 class FrameCheck:
@@ -75,10 +78,14 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
         seen = (np.abs(linalg.block_diag(R, R)) @ known) > 0
         return float(np.linalg.norm(((turned - predicted) / scale)[:, seen]) / np.sqrt(seen.sum() / 3))
 
-    turns = [(sign, R) for sign in (1, -1) for R in (*right_angled_rotations(), rotation.T @ rotation.T)]
+    straight, *right_angled = right_angled_rotations()
+    simple = [(1, straight), (-1, straight), (1, rotation.T @ rotation.T)]
+    turns = simple + [(sign, R) for sign in (1, -1) for R in right_angled]
     errors = [error(*turn) for turn in turns]
-    best = int(np.argmin(errors))
-    return FrameCheck(*turns[best], errors[0], errors[best])
+    # In a planar motion several fit; the simplest mistake is the likeliest.
+    best = next(k for k, found in enumerate(errors) if found <= TIE * min(errors))
+    sign, R = turns[best]
+    return FrameCheck(sign, R, errors[0], errors[best])
 
 
 def right_angled_rotations() -> list[np.ndarray]:

@@ -14,7 +14,7 @@ NORMAL_MAD = 1.4826
 INDEPENDENT = 1e-6
 """Unit-norm columns that stick out less than this of the span of others depend on them."""
 
-MEMORY = 8
+MEMORY = 15
 """Longest lag of a residual's autocovariance, in the time that it takes to fall to 1/e."""
 
 ITERATIONS = 50

@@ -12,7 +12,7 @@ from ident.body import BASE, Body, ball_twist, free_joint
 from ident.inertia import parameters_from_com
 from ident.tree import BaseMotion, Tree
 from sim.couplings import check_couplings
-from sim.urdf import model_from_urdf
+from sim.urdf import model_from_urdf, parsed
 
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
 """A compiled model, a specification, or the path of an MJCF or URDF file."""
@@ -35,8 +35,10 @@ def compiled(source: Source) -> mujoco.MjModel:
         return source.compile()
     if not Path(source).is_file():
         raise ValueError(f"A model is an MJCF or URDF file that exists, got '{source}'.")
+    if Path(source).suffix.lower() not in (".xml", ".urdf"):
+        raise ValueError(f"A model file ends in .xml or .urdf, got '{source}'.")
     try:
-        if Path(source).suffix.lower() == ".urdf":
+        if parsed(Path(source)).tag == "robot":
             return model_from_urdf(source).compile()
         return mujoco.MjModel.from_xml_path(str(source))
     except ValueError as error:

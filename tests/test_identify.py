@@ -139,7 +139,16 @@ def test_the_plates_own_frame_is_named(bowing):
     prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
     result = identify_log(prepared)
     text = " ".join(finding.text for finding in verdict.findings(result))
-    assert "'ground' looks as if it had the opposite sign and a frame that is turned (its axes look like x -> " in text
+    assert "'ground' looks as if it had a frame that is turned (its axes look like x -> -y, y -> -x, z -> -z)" in text
+
+
+@needs_data
+def test_the_other_sign_of_the_bow_is_named_as_such(bowing):
+    flipped = bowing.read_text(encoding="utf-8") + "applied_to_link = false\n"
+    bowing.write_text(flipped, encoding="utf-8")
+    prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
+    text = " ".join(finding.text for finding in verdict.findings(identify_log(prepared)))
+    assert "'ground' looks as if it had the opposite sign: against" in text
 
 
 @needs_data
@@ -290,6 +299,66 @@ def test_bad_input_gets_one_sentence(tmp_path, capsys, arguments, message):
     error = refusal(identify.main, [*arguments, "--out", str(tmp_path / "out")], capsys)
     assert __import__("re").search(message, error), error
     assert not list((tmp_path / "out").rglob("*.json"))
+
+
+def test_the_users_files_are_not_touched(tmp_path, capsys):
+    model, log = tmp_path / "model.xml", tmp_path / "log.csv"
+    model.write_bytes(PENDULUM.read_bytes())
+    recording().save(log)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    arguments = [str(model), str(log), "--base", "base"]
+    for out, name, message in (
+        (tmp_path.parent, tmp_path.name, "a folder without inputs"),
+        (tmp_path, ".", "the name of one folder"),
+        (tmp_path, "../esc", "the name of one folder"),
+        (tmp_path, "a/b", "the name of one folder"),
+        (tmp_path, "a\0b", "the name of one folder"),
+    ):
+        assert message in refusal(identify.main, [*arguments, "--out", str(out), "--name", name], capsys)
+    assert "another one than the log" in refusal(identify.main, [*arguments, "--held-out", str(log)], capsys)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_log_of_joint_torques_alone(tmp_path, capsys):
+    model = mujoco.MjModel.from_xml_path(str(PENDULUM))
+    data, log = mujoco.MjData(model), recording()
+    q, dq, ddq = log.noise_free.joint_states(("joint1", "joint2"))
+    torque = np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos, data.qvel, data.qacc = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        torque[k] = data.qfrc_inverse
+    states = {
+        f"joint{j + 1}_{kind}": x[:, j]
+        for kind, x in (("position", q), ("velocity", dq), ("acceleration", ddq), ("torque", torque))
+        for j in range(2)
+    }
+    path = tmp_path / "torques.csv"
+    Recording(log.time, states).save(path)
+    arguments = [str(PENDULUM), str(path), "--base", "base", "--drive", "viscous", "--name", "t"]
+    assert identify.main([*arguments, "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "channels joint1, joint2" in printed and "with the base wrench: m1" in printed
+    estimate = json.loads((tmp_path / "t" / "estimate.json").read_text(encoding="utf-8"))
+    assert estimate["columns"][-4:] == ["Fv(joint1)", "Fv(joint2)", "offset(joint1)", "offset(joint2)"]
+
+
+def test_a_wrong_unit_is_a_doubt(tmp_path):
+    log = recording()
+    in_kilo = {name: log[name] / 1000 for name in ("ground_force", "ground_torque")}
+    doubts, _ = found(tmp_path, with_channels(log, **in_kilo))
+    assert "weigh 0.02 kg, the model 20.99 kg" in doubts
+
+
+def test_nothing_is_left_where_nothing_was_found(tmp_path, capsys):
+    path, other = tmp_path / "short.csv", tmp_path / "log.csv"
+    log = recording()
+    short = {name: x[:15] for name, x in log.measured.items()}
+    replace(log, time=log.time[:15], measured=short, true={}, noise={}).save(path)
+    log.save(other)
+    arguments = [str(PENDULUM), str(other), "--base", "base", "--held-out", str(path), "--out", str(tmp_path / "out")]
+    assert "log to judge by has 15 samples" in refusal(identify.main, arguments, capsys)
+    assert not (tmp_path / "out").exists()
 
 
 def test_recordings_of_the_project_are_logs(tmp_path):
