@@ -44,7 +44,7 @@ def table(
         row |= {name: str(float(row[a]) - float(row[b])) for name, (a, b) in (differences or {}).items()}
     for row in rows:
         row |= {name: f"{text}*" for name, text in row.items() if text in marked}
-    numeric = {name: all(_is_number(row[name]) for row in rows) for name in rows[0]}
+    numeric = {name: all(not row[name] or _is_number(row[name]) for row in rows) for name in rows[0]}
     head = "".join(f"<th{_css(numeric[name])}>{html.escape(name.replace('_', ' '))}</th>" for name in rows[0])
     cells = (
         "".join(f"<td{_css(numeric[name])}>{_cell(x, numeric[name])}</td>" for name, x in row.items()) for row in rows

@@ -29,7 +29,11 @@ CONVERGED = 1e-9
 """Change of a body, relative to itself, from which Newton's method stops; the change after it is below rounding."""
 
 EXCESS = 1e-3
-"""Where ψ is unattainable: fraction by which the squared distance may exceed the smallest one."""
+"""Where ψ is unattainable: precision of the smallest squared distance, as a fraction of it."""
+
+ROOM = 3.84
+"""How much larger than the smallest the squared distance may be, for bodies closer to the prior: a 95 % interval.
+The nearest bodies of all lie on the edge, and may be absurdly large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +88,8 @@ def consistent_parameters(
     (Lee, Wensing and Park, T-RO 2020): minimise `Σ_i tr(J_i P_i⁻¹) - log det(J_i P_i⁻¹)` with `A φ = ψ`, a convex
     problem that Newton's method solves exactly. Where no physical bodies have ψ the divergence goes to zero weight
     beside the squared Mahalanobis distance `d²`, until `d²` is within `EXCESS` of the smallest one that bodies up to
-    `LARGEST` times the prior have; they then are close to the edge of what is physical.
+    `LARGEST` times the prior have; of the bodies on that path those closest to the prior are taken whose `d²`
+    exceeds the smallest by at most `ROOM`.
 
     Args:
         psi: Base parameters ψ to keep, as of an estimate (r,).
@@ -201,8 +206,8 @@ class _Problem:
                 break
             state, weight = found, ratio * weight
             path.append((state[0], self._distance(state[0])))
-        # The first that is near enough is farthest from the edge.
-        return next(K for K, d in path if d <= (1 + EXCESS / 2) * path[-1][1]), False
+        # The first that is near enough is closest to the prior.
+        return next(K for K, d in path if d**2 <= path[-1][1] ** 2 + ROOM), False
 
     def _minimiser(self, K: np.ndarray, multipliers: np.ndarray, mu: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Bodies and multipliers at the minimum, or None if Newton's method does not get there.

@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 
 import scenes
 from ident.base_parameters import find_base_parameters
-from ident.consistency import consistent_parameters, physical_prior
+from ident.consistency import ROOM, consistent_parameters, physical_prior
 from ident.inertia import PARAMETERS, parameters_from_pseudo_inertia, pseudo_inertia
 from ident.regressor import base_wrench_regressor
 from sim.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
@@ -127,7 +127,9 @@ def test_one_negative_inertia_is_reported():
     assert not found.attainable
     assert_physical(found.phi)
     name, by = found.moved()[0]
-    assert name == "Ixx3" and 0.6 < by < 2
+    assert name == "Ixx3" and 0.6 < by < 0.6 + np.sqrt(ROOM)
+    # Bodies on the edge of what is physical would be nearer, and without any resemblance to the model.
+    assert found.divergence.max() < 10
     assert found.moved(1e9) == ()
 
 
@@ -188,7 +190,7 @@ def test_base_parameters_of_massless_bodies_are_met_as_nearly_as_matters():
     _, _, base, truth, prior, covariance = mechanism(5, 5)
     found = consistent_parameters(0 * base.regroup(truth), covariance, base, prior)
     assert_physical(found.phi)
-    assert found.distance < 1e-2
+    assert found.distance < np.sqrt(ROOM)
 
 
 def test_what_makes_no_sense_is_refused_in_a_sentence():
