@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, signal
+from scipy import linalg
 
 HUBER = 1.345
 """Residuals beyond so many standard deviations lose weight; 95 % efficient where noise is normal."""
@@ -14,8 +14,11 @@ NORMAL_MAD = 1.4826
 INDEPENDENT = 1e-6
 """Unit-norm columns that stick out less than this of the span of others depend on them."""
 
-MEMORY = 15
-"""Longest lag of a residual's autocovariance, in the time that it takes to fall to 1/e."""
+STRETCH = 1.2
+"""By how much the noise's correlation time is taken to exceed that of the residuals."""
+
+LEAST_LEFT = 0.3
+"""Smallest share of the noise's variance that a fit is taken to leave in the residuals."""
 
 ITERATIONS = 50
 CONVERGED = 1e-6
@@ -138,8 +141,9 @@ def _solve(columns: np.ndarray, measured: np.ndarray, factors: np.ndarray) -> np
 def sandwich(columns: np.ndarray, pull: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, int]:
     """Covariance of coefficients when residuals are correlated over time.
 
-    The middle of the sandwich, `Σ_nm X_nᵀ Γ(n - m) X_m`, takes each channel's residual for stationary, with the
-    autocovariance Γ of the fit's own residuals under Parzen's lag window, which keeps it positive.
+    The middle of the sandwich, `Σ_nm X_nᵀ Γ(n - m) X_m`, takes each channel's residual for stationary, with an
+    autocovariance that decays exponentially, as fast as that of the fit's own residuals does at first. The fit has
+    taken part of the noise, and of slow noise most: variance and time are raised accordingly.
 
     Args:
         columns: Columns of all channels (N, C, k).
@@ -147,19 +151,27 @@ def sandwich(columns: np.ndarray, pull: np.ndarray, slope: np.ndarray) -> tuple[
         slope: Its derivative by the residual, for least squares one (N, C).
 
     Returns:
-        The covariance (k, k) and the longest lag, in samples.
+        The covariance (k, k) and the longest correlation time, in samples.
     """
     samples, channels, count = columns.shape
     bread = np.einsum("nck,nc,ncl->kl", columns, slope, columns)
-    middle, longest = np.zeros((count, count)), 0
+    middle, longest = np.zeros((count, count)), 0.0
     for c in range(channels):
-        # Padded to twice its length a spectrum does not wrap around.
-        covariance = np.fft.irfft(np.abs(np.fft.rfft(pull[:, c], 2 * samples)) ** 2)[:samples] / samples
-        below = np.flatnonzero(covariance < covariance[0] / np.e)
-        lag = min(MEMORY * (below[0] if len(below) else samples), samples)
-        longest = max(longest, lag)
-        window = signal.windows.parzen(2 * lag + 1)[lag:][:samples]
-        tapered = np.pad(covariance[: len(window)] * window, (0, samples - len(window)))
-        middle += columns[:, c].T @ linalg.matmul_toeplitz(tapered, columns[:, c])
+        time, variance = _memory(pull[:, c])
+        taken = count / channels * min(2 * time + 1, samples) / samples
+        decay = variance / max(1 - taken, LEAST_LEFT) * np.exp(-np.arange(samples) / time)
+        middle += columns[:, c].T @ linalg.matmul_toeplitz(decay, columns[:, c])
+        longest = max(longest, time)
     inverse = linalg.pinvh(bread)
-    return inverse @ middle @ inverse * samples / max(samples - count / channels, 1), longest
+    return inverse @ middle @ inverse * samples / max(samples - count / channels, 1), round(longest)
+
+
+def _memory(x: np.ndarray) -> tuple[float, float]:
+    """Correlation time of a residual in samples, and its mean square."""
+    # Padded to twice its length a spectrum does not wrap around.
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * len(x))) ** 2)[: len(x)] / len(x)
+    if covariance[0] == 0:
+        return 1.0, 0.0
+    below = np.flatnonzero(covariance < covariance[0] / np.e)
+    lag = below[0] if len(below) else len(x) - 1
+    return STRETCH * -lag / np.log(np.clip(covariance[lag] / covariance[0], 1e-4, 0.99)), float(covariance[0])
