@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from random_models import inverse_dynamics
 from scipy.spatial.transform import Rotation
 
 from experiments.identification import identify_log
@@ -60,21 +61,11 @@ def write(path, columns):
     np.savetxt(path, values, delimiter=",", header=header, comments="", fmt="%.17g")
 
 
-def moving(model, q, dq, ddq):
-    data = mujoco.MjData(model)
-    forces, readings = np.empty_like(dq), np.empty((len(q), model.nsensordata))
-    for k in range(len(q)):
-        data.qpos, data.qvel, data.qacc = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        forces[k], readings[k] = data.qfrc_inverse, data.sensordata
-    return forces, readings
-
-
 @pytest.mark.parametrize("wrench", [True, False])
 def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
     model = mujoco.MjModel.from_xml_string(ARM)
     states = waves(np.random.default_rng(0), 2)
-    torque, ground = moving(model, *states)
+    torque, ground = inverse_dynamics(model, *states)
     columns = {"time": TIME}
     for k, joint in enumerate(("shoulder", "elbow")):
         named = zip(("position", "velocity", "acceleration"), states, strict=True)
@@ -135,7 +126,7 @@ def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
         np.hstack([velocity, spin, swing[1]]),
         np.hstack([acceleration, alpha, swing[2]]),
     )
-    forces, _ = moving(model, *states)
+    forces, _ = inverse_dynamics(model, *states)
     T = BaseMotion.from_free_joint(q, np.zeros((len(q), 6)), np.zeros((len(q), 6))).T
     grip = np.hstack([(T[:, :3, :3].swapaxes(1, 2) @ forces[:, :3, None])[..., 0], forces[:, 3:6]])
     columns = {"time": TIME, "swing_position": swing[0][:, 0]}
