@@ -16,11 +16,10 @@ from ident.tree import BaseMotion
 from sim.log import GROUND, Wrench
 
 HOLDOUT = 0.4
+"""Fraction of a recording, its end, that is kept to judge by."""
+
 UNEXPLAINED = 0.9
 """Held-out residual over standard deviation from which a channel counts as not explained."""
-
-SETTLED = 1e-3
-"""Significance of tests."""
 
 CONDITION_LIMIT = 1e4
 """Condition number of the unit-norm columns from which parameters are not separated."""
