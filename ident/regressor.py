@@ -1,42 +1,30 @@
-"""The regressor of Eq. 14 in closed form, for many samples at once.
+"""Regressors of the base wrench (Eq. 14) and of the joint torques (Eq. 11), for many samples at once.
 
-With x_1, x_2, x_3 the columns of R_0i and x_4 = p_0i in the base frame, and J the pseudo-inertia of body i,
-d'Alembert's principle summed over the body's mass elements gives
-
-    F = Σ_k J_4k ẍ_k        τ = Σ_jk J_jk x_j × ẍ_k        ẍ_k = α × x_k + ω × (ω × x_k),   ẍ_4 = p̈ - g
-
-which is linear in φ because J is. Inside this module arrays are laid out samples-last, (3, N), so that every line
-streams through the cache; `ident.dim` computes the same matrix term by term.
+`ident.closed_form` writes the equations for one sample. They are recorded once for a mechanism, and what the requested
+columns need of them is carried out on a few thousand samples at a time, laid out samples-last, so that every operation
+streams through the cache. `ident.dim` computes the same matrices term by term.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import lru_cache
 
 import numpy as np
 
-from ident.body import BASE, Body
+from ident import closed_form
 from ident.dim import checked_gravity
-from ident.se3 import Ad, hat
+from ident.tape import Program, Tape
 from ident.tree import BaseMotion, Tree
-
-
-class _Motion(NamedTuple):
-    """Motion of a frame in base axes, samples-last."""
-
-    R: np.ndarray
-    p: np.ndarray
-    w: np.ndarray
-    dw: np.ndarray
-    a: np.ndarray
-    """Acceleration of the origin less gravity."""
-
 
 DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc"}
 """What takes torque at a joint besides the links: rotor inertia times acceleration (kg m²), viscous friction times
 velocity (N m s), Coulomb friction times its sign (N m). The names are those of the columns."""
 
-CHUNK = 2048
-"""Samples worked on together: about as many as the temporaries of one body need to stay in the cache."""
+CHUNK = 4096
+"""Samples worked on together: few enough for the intermediate results to stay in the cache, and enough to make the
+calls that work on them worth their while."""
+
+FEW = 20
+"""Samples below which the equations are not recorded but evaluated one by one."""
 
 
 def base_wrench_regressor(
@@ -47,6 +35,7 @@ def base_wrench_regressor(
     *,
     gravity: np.ndarray,
     base: BaseMotion | None = None,
+    columns: Sequence[int] | None = None,
 ) -> np.ndarray:
     """Regressor of the wrench that everything outside exerts on a mechanism: `Γ_0 = Y φ` (Eq. 14).
 
@@ -59,22 +48,16 @@ def base_wrench_regressor(
         dq: Joint velocities in rad/s or m/s (N, n); `ddq` their rates (N, n).
         gravity: Acceleration of gravity in the base frame, m/s² (3,); in the frame of `base.T` where that is given.
         base: Motion of the base frame (N samples), without it at rest.
+        columns: Indices of the columns wanted, by default all; only these are computed.
 
     Returns:
-        Y (N, 6, 10 b), rows `[F; τ]` in the base frame, columns in the order of `ident.inertia.PARAMETERS`. The array
-        is a view of a C-contiguous (10 b, 6, N) block.
+        Y (N, 6, 10 b), rows `[F; τ]` in the base frame, columns in the order of `ident.inertia.PARAMETERS`, or those
+        wanted in their order. The array is a view of a C-contiguous (10 b, 6, N) block.
 
     Raises:
-        ValueError: The joint arrays do not have these shapes, or a quaternion is zero.
+        ValueError: The joint arrays do not have these shapes, a quaternion is zero, or a column does not exist.
     """
-    q, dq, ddq = _states(tree, q, dq, ddq, base)
-    down = checked_gravity(gravity).astype(float)
-    out = np.zeros((10 * len(tree.inertial), 6, len(q)))
-    for start in range(0, len(q), CHUNK):
-        part = slice(start, start + CHUNK)
-        root = _base_motion(base, down, part, len(q[part]))
-        _fill(tree, root, q[part], dq[part], ddq[part], out[:, :, part])
-    return out.transpose(2, 1, 0)
+    return _regressor(False, tree, (q, dq, ddq), gravity, base, columns)
 
 
 def joint_torque_regressor(
@@ -85,6 +68,7 @@ def joint_torque_regressor(
     *,
     gravity: np.ndarray,
     base: BaseMotion | None = None,
+    columns: Sequence[int] | None = None,
     drive: Sequence[str] = (),
 ) -> np.ndarray:
     """Regressor of the joint torques, `τ_J = Y φ`: Eq. 11's projection `τ_Ji = ξ_iᵀ Γ_i` of the wrench on a link.
@@ -95,6 +79,7 @@ def joint_torque_regressor(
         dq: Joint velocities (N, n); `ddq` their rates (N, n).
         gravity: Acceleration of gravity, m/s² (3,).
         base: Motion of the base frame, without it at rest.
+        columns: Indices of the φ columns wanted, by default all.
         drive: What else takes torque at every joint, out of `DRIVE`, each n columns more.
 
     Returns:
@@ -103,21 +88,9 @@ def joint_torque_regressor(
     Raises:
         ValueError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
     """
-    Y = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity, base=base)
     own = _drive_columns(np.asarray(dq, float), np.asarray(ddq, float), drive)
-    poses = tree.poses(np.asarray(q, float))
-    column = dict(zip(tree.inertial, range(0, Y.shape[2], 10), strict=True))
-    rows = []
-    for i, body in enumerate(tree.bodies):
-        # The body's wrench about the base, times the joint's twist in the base frame: power is the same in any frame.
-        screws = np.swapaxes(Ad(poses[:, i]) @ body.motions, -1, -2)
-        block = np.zeros((len(Y), screws.shape[1], Y.shape[2]))
-        for k in tree.carried(i):
-            if body.moves and k in column:
-                columns = slice(column[k], column[k] + 10)
-                block[:, :, columns] = screws @ Y[:, :, columns]
-        rows.append(block)
-    return np.concatenate([np.concatenate(rows, axis=1), *own], axis=2)
+    Y = _regressor(True, tree, (q, dq, ddq), gravity, base, columns)
+    return np.concatenate([Y, *own], axis=2) if own else Y
 
 
 def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
@@ -139,10 +112,10 @@ def _check_drive(drive: Sequence[str]) -> None:
         raise ValueError(f"Drive parameters are a list out of {', '.join(DRIVE)}, got {', '.join(unknown)}.")
 
 
-def _states(
+def checked_states(
     tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, base: BaseMotion | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Checked joint arrays."""
+    """Joint coordinates, velocities and accelerations as arrays of finite numbers that fit the mechanism."""
     q, dq, ddq = (np.asarray(x, float) for x in (q, dq, ddq))
     tree.body_velocities(dq)
     if q.ndim != 2 or len(q) != len(dq) or dq.shape != ddq.shape:
@@ -162,95 +135,85 @@ def _states(
     return q, dq, ddq
 
 
-def _base_motion(base: BaseMotion | None, gravity: np.ndarray, part: slice, samples: int) -> _Motion:
-    """Motion of the base frame, written in its own axes of each instant."""
-    zero = np.zeros((3, samples))
-    one = np.broadcast_to(np.eye(3)[..., None], (3, 3, samples))
-    if base is None:
-        return _Motion(one, zero, zero, zero, zero - gravity[:, None])
-    down = (np.swapaxes(base.T[part, :3, :3], 1, 2) @ gravity).T
-    v, w, dv, dw = base.V[part, :3].T, base.V[part, 3:].T, base.dV[part, :3].T, base.dV[part, 3:].T
-    return _Motion(one, zero, w, dw, dv + _cross(w, v) - down)
+def _regressor(
+    torques: bool,
+    tree: Tree,
+    states: tuple[np.ndarray, np.ndarray, np.ndarray],
+    gravity: np.ndarray,
+    base: BaseMotion | None,
+    columns: Sequence[int] | None,
+) -> np.ndarray:
+    """Rows of the base wrench or of the joint torques (N, rows, columns)."""
+    states, gravity = checked_states(tree, *states, base), checked_gravity(gravity).astype(float)
+    wanted = _checked_columns(tree, columns)
+    samples, rows = len(states[0]), len(tree.freedoms) if torques else 6
+    out = np.zeros((len(wanted), rows, samples))
+    flat = out.reshape(len(wanted) * rows, samples)
+    if samples < FEW:
+        for k, x in enumerate(program_inputs(states, gravity, base, slice(None)).T):
+            flat[:, k] = _one_sample(tree, gravity, wanted, x, torques)
+        return out.transpose(2, 1, 0)
+    program = regressor_program(tree, gravity, wanted, moving=base is not None, torques=torques)
+    program.fill(flat)
+    for start in range(0, samples, CHUNK):
+        part = slice(start, start + CHUNK)
+        program.run(program_inputs(states, gravity, base, part), flat[:, part])
+    return out.transpose(2, 1, 0)
 
 
-def _fill(tree: Tree, root: _Motion, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, out: np.ndarray) -> None:
-    """Writes the regressor of one chunk into `out` (10 b, 6, C)."""
-    states = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
-    motion: list[_Motion] = []
-    blocks = iter(out.reshape(-1, 10, *out.shape[1:]))
-    for body, q_i, dq_i, ddq_i in zip(tree.bodies, *states, strict=True):
-        parent = root if body.parent == BASE else motion[body.parent]
-        motion.append(_moved(parent, body, q_i.T, dq_i.T, ddq_i.T))
-        if not body.massless:
-            _body_columns(motion[-1], next(blocks))
+def _checked_columns(tree: Tree, columns: Sequence[int] | None) -> tuple[int, ...]:
+    every = range(10 * len(tree.inertial))
+    missing = [k for k in columns or () if k not in every]
+    if missing:
+        raise ValueError(f"This mechanism has columns 0 to {every[-1]}, not {missing[0]}.")
+    return tuple(every if columns is None else columns)
 
 
-def _moved(parent: _Motion, body: Body, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> _Motion:
-    """Motion of a body from its parent's."""
-    R_p, p_p, w_p, dw_p, a_p = parent
-    R_joint, p_joint = _joint_pose(body, q)
-    R = R_p[:, 0, None] * R_joint[0] + R_p[:, 1, None] * R_joint[1] + R_p[:, 2, None] * R_joint[2]
-    offset = _turned(R_p, p_joint)
-    v, axes = body.motions[:3], body.motions[3:]
-    turn, slide = _turned(R, axes @ dq), _turned(R, v @ dq)
-    w = w_p + turn
-    dw = dw_p + _turned(R, axes @ ddq) + _cross(w_p, turn)
-    relative = _turned(R, v @ ddq) + _cross(2 * w_p + turn, slide)
-    return _Motion(R, p_p + offset, w, dw, a_p + _second_derivative(offset, w_p, dw_p) + relative)
+def regressor_program(
+    tree: Tree, gravity: np.ndarray, columns: Sequence[int], *, moving: bool, torques: bool
+) -> Program:
+    """What computes the requested columns from `program_inputs`: results (columns, rows), flat.
+
+    Args:
+        tree: The mechanism of b bodies.
+        gravity: Acceleration of gravity, m/s² (3,).
+        columns: Indices of the columns wanted.
+        moving: Whether the base moves.
+        torques: Whether the rows are the joints' torques rather than the base wrench.
+    """
+    return _recorded(tree, tuple(gravity.tolist()), tuple(columns), moving, torques)
 
 
-def _joint_pose(body: Body, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3, C) and position (3, C) of a body in its parent's frame; as `body.joint_pose`, samples-last."""
-    R_home, p_home = body.home[:3, :3], body.home[:3, 3]
-    if body.is_ball:
-        T = np.moveaxis(body.home @ body.joint_pose(q.T), 0, -1)
-        return T[:3, :3], T[:3, 3]
-    v, K = body.twist[:3], hat(body.twist[3:])
-    q = q[0] if body.moves else np.zeros(q.shape[1])
-    sin, versine = np.sin(q), 1 - np.cos(q)
-    R = _outer(R_home, 1) + _outer(R_home @ K, sin) + _outer(R_home @ K @ K, versine)
-    p = _outer(p_home, 1) + _outer(R_home @ v, q) + _outer(R_home @ K @ v, versine)
-    return R, p + _outer(R_home @ K @ K @ v, q - sin)
+@lru_cache(maxsize=64)
+def _recorded(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], moving: bool, torques: bool) -> Program:
+    tape = Tape(_freedoms(tree)[-1] + (9 if moving else 0))
+    return Program.of(tape, _one_sample(tree, np.array(gravity), columns, np.array(tape.inputs), torques).tolist())
 
 
-def _body_columns(motion: _Motion, out: np.ndarray) -> None:
-    """Ten columns of one body, written into `out` (10, 6, C); rows 0-2 force, 3-5 moment."""
-    R, p, w, dw, a = motion
-    x = [R[:, k] for k in range(3)]
-    ddx = [_second_derivative(column, w, dw) for column in x]
-    out[0, :3] = a
-    out[0, 3:] = _cross(p, a)
-    for k in range(3):
-        out[1 + k, :3] = ddx[k]
-        out[1 + k, 3:] = _cross(p, ddx[k]) + _cross(x[k], a)
-    # Σ = tr(I)/2 - I, so that I_xx enters with (-Σ_xx + Σ_yy + Σ_zz)/2 and I_xy with -Σ_xy.
-    own = [_cross(x[k], ddx[k]) for k in range(3)]
-    half = (own[0] + own[1] + own[2]) / 2
-    for k in range(3):
-        out[4 + k, 3:] = half - own[k]
-    for row, (j, k) in enumerate(((0, 1), (0, 2), (1, 2)), start=7):
-        out[row, 3:] = -_cross(x[j], ddx[k]) - _cross(x[k], ddx[j])
+def _one_sample(
+    tree: Tree, gravity: np.ndarray, columns: tuple[int, ...], inputs: np.ndarray, torques: bool
+) -> np.ndarray:
+    """The requested columns, one after the other, from one sample of `program_inputs`: numbers or signals."""
+    q, dq, ddq, root = np.split(inputs, _freedoms(tree))
+    w, dw, a = root.reshape(3, 3) if len(root) else (np.zeros(3), np.zeros(3), -gravity)
+    Y, motions = closed_form.base_wrench_rows(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
+    if torques:
+        Y = closed_form.joint_torque_rows(tree, motions, Y)
+    return Y.T[list(columns)].ravel()
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of samples-last vectors (3, C)."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    np.subtract(a[1] * b[2], a[2] * b[1], out=out[0])
-    np.subtract(a[2] * b[0], a[0] * b[2], out=out[1])
-    np.subtract(a[0] * b[1], a[1] * b[0], out=out[2])
-    return out
+def _freedoms(tree: Tree) -> np.ndarray:
+    """Where joint coordinates, velocities and accelerations end among the inputs."""
+    return np.cumsum([sum(body.coordinates for body in tree.bodies), len(tree.freedoms), len(tree.freedoms)])
 
 
-def _second_derivative(x: np.ndarray, w: np.ndarray, dw: np.ndarray) -> np.ndarray:
-    """Second time derivative of vectors x that turn with angular velocity w and acceleration dw."""
-    return _cross(dw, x) + _cross(w, _cross(w, x))
-
-
-def _outer(constant: np.ndarray, values: np.ndarray | float) -> np.ndarray:
-    """A constant array times a value for each sample (…, C)."""
-    return constant[..., None] * values
-
-
-def _turned(R: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Rotations (3, 3, C) times vectors (3, C)."""
-    return R[:, 0] * x[0] + R[:, 1] * x[1] + R[:, 2] * x[2]
+def program_inputs(
+    states: tuple[np.ndarray, np.ndarray, np.ndarray], gravity: np.ndarray, base: BaseMotion | None, part: slice
+) -> np.ndarray:
+    """Inputs of a `regressor_program` for some samples: joint states, and the base's motion if it moves (n, C)."""
+    rows = [x[part].T for x in states]
+    if base is not None:
+        w, v = base.V[part, 3:], base.V[part, :3]
+        down = np.asarray(gravity, float) @ base.T[part, :3, :3]
+        rows += [w.T, base.dV[part, 3:].T, (base.dV[part, :3] + np.cross(w, v) - down).T]
+    return np.concatenate(rows)

@@ -2,7 +2,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_tree, random_twist
+from mechanisms import (
+    GRAVITY,
+    double_pendulum,
+    random_phi,
+    random_pose,
+    random_states,
+    random_tree,
+    random_twist,
+    tilted_axis,
+)
 
 from ident import dim, regressor
 from ident.base_parameters import find_base_parameters
@@ -45,11 +54,53 @@ def test_chunks_join_without_a_seam():
         np.testing.assert_allclose(whole[k], one[0], atol=1e-13)
 
 
+@pytest.mark.parametrize("torques", [False, True])
+@pytest.mark.parametrize("seed", range(40))
+def test_recorded_equations_are_those_of_one_sample(seed, torques):
+    """Long recordings run a program, short ones are evaluated sample by sample; bases rest or move."""
+    rng = np.random.default_rng(seed)
+    tree, samples = random_tree(rng), regressor.FEW + 3
+    of = regressor.joint_torque_regressor if torques else regressor.base_wrench_regressor
+    states, gravity = random_states(rng, tree, samples), rng.normal(size=3)
+    moving = BaseMotion.from_free_joint(rng.normal(size=(samples, 7)), *rng.normal(size=(2, samples, 6)))
+    for base in (None, moving):
+        whole = of(tree, *states, gravity=gravity, base=base)
+        for k in range(samples):
+            sample = None if base is None else BaseMotion(base.T[k : k + 1], base.V[k : k + 1], base.dV[k : k + 1])
+            one = of(tree, *(x[k : k + 1] for x in states), gravity=gravity, base=sample)
+            np.testing.assert_allclose(whole[k], one[0], rtol=0, atol=1e-13 * max(1, np.max(abs(one), initial=0)))
+
+
+@pytest.mark.parametrize("samples", [3, 50])
+@pytest.mark.parametrize("of", [regressor.base_wrench_regressor, regressor.joint_torque_regressor])
+def test_only_requested_columns_are_computed(of, samples):
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, 6)
+    states = random_states(rng, tree, samples)
+    columns = [33, 4, 4, 11]
+    every = of(tree, *states, gravity=GRAVITY)
+    np.testing.assert_array_equal(of(tree, *states, gravity=GRAVITY, columns=columns), every[:, :, columns])
+    assert of(tree, *states, gravity=GRAVITY, columns=[]).shape == (*every.shape[:2], 0)
+    with pytest.raises(ValueError, match="has columns 0 to 59, not 60"):
+        of(tree, *states, gravity=GRAVITY, columns=[3, 60])
+
+
+def test_what_the_geometry_makes_zero_or_constant_is_not_computed():
+    """Two links that turn about X: the base's columns are constant, and forces along X and most inertias vanish."""
+    tree = double_pendulum()
+    program = regressor.regressor_program(tree, np.array(GRAVITY), range(30), moving=False, torques=False)
+    tilted = tree.with_twists([[0, 0, 0, *tilted_axis(5, 10)], [0, 0, 0, *tilted_axis(7, 40)]])
+    general = regressor.regressor_program(tilted, np.array(GRAVITY), range(30), moving=False, torques=False)
+    assert len(program.code) < 150 < 500 < len(general.code) < 700
+    base_only = regressor.regressor_program(tree, np.array(GRAVITY), range(10), moving=False, torques=False)
+    assert base_only.code == () and len(base_only.constants) == 3
+
+
 def test_lapack_takes_the_matrix_without_a_copy():
     rng = np.random.default_rng(0)
     tree = double_pendulum()
-    Y = regressor.base_wrench_regressor(tree, *random_states(rng, tree, 7), gravity=[0, 0, -9.81])
-    assert Y.shape == (7, 6, 30)
+    Y = regressor.base_wrench_regressor(tree, *random_states(rng, tree, 70), gravity=[0, 0, -9.81])
+    assert Y.shape == (70, 6, 30)
     assert Y.transpose(2, 1, 0).flags.c_contiguous
 
 

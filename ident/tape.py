@@ -1,0 +1,186 @@
+"""Arithmetic written down once, for one sample, and carried out for thousands at a time.
+
+Formulas run on `Signal`s in place of numbers, in arrays of dtype object, and every operation is recorded on a `Tape`.
+Zeros and ones fold away, an operation that stands on the tape already is not written again, and a `Program` keeps what
+its outputs need and no more. What a mechanism's geometry makes zero or constant therefore costs nothing later.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+Number = int | float
+
+
+class Tape:
+    """A record of operations, each on earlier results, inputs or numbers."""
+
+    def __init__(self, inputs: int) -> None:
+        self.steps: list[tuple[np.ufunc | None, tuple[Signal | Number, ...]]] = []
+        self._known: dict[tuple[np.ufunc, tuple[Signal | Number, ...]], Signal] = {}
+        self.inputs = [self._append(None, ()) for _ in range(inputs)]
+
+    def record(self, operation: np.ufunc, *operands: "Signal | Number") -> "Signal":
+        """The result of an operation."""
+        key = operation, operands
+        if key not in self._known:
+            self._known[key] = self._append(operation, operands)
+        return self._known[key]
+
+    def _append(self, operation: np.ufunc | None, operands: tuple["Signal | Number", ...]) -> "Signal":
+        self.steps.append((operation, operands))
+        return Signal(self, len(self.steps) - 1)
+
+
+class Signal:
+    """A number of each sample: an input, or the result of a recorded operation."""
+
+    __slots__ = ("index", "tape")
+
+    def __init__(self, tape: Tape, index: int) -> None:
+        self.tape, self.index = tape, index
+
+    def _negated(self) -> "Signal | None":
+        """What this signal is the negative of, if it was made so."""
+        operation, operands = self.tape.steps[self.index]
+        return operands[0] if operation is np.negative and isinstance(operands[0], Signal) else None
+
+    def __neg__(self) -> "Signal":
+        return self._negated() or self.tape.record(np.negative, self)
+
+    def __add__(self, other: "Signal | Number") -> "Signal | Number":
+        if not isinstance(other, Signal | Number):
+            return NotImplemented
+        if not isinstance(other, Signal):
+            return self if other == 0 else self.tape.record(np.add, self, other)
+        if (opposite := other._negated()) is not None:
+            return self - opposite
+        if self._negated() is not None:
+            return other + self
+        return self.tape.record(np.add, *sorted((self, other), key=_age))
+
+    __radd__ = __add__
+
+    def __sub__(self, other: "Signal | Number") -> "Signal | Number":
+        if not isinstance(other, Signal | Number):
+            return NotImplemented
+        if not isinstance(other, Signal):
+            return self if other == 0 else self.tape.record(np.subtract, self, other)
+        if other is self:
+            return 0.0
+        opposite = other._negated()
+        return self.tape.record(np.subtract, self, other) if opposite is None else self + opposite
+
+    def __rsub__(self, other: Number) -> "Signal":
+        return -self if other == 0 else self.tape.record(np.subtract, other, self)
+
+    def __mul__(self, other: "Signal | Number") -> "Signal | Number":
+        if not isinstance(other, Signal | Number):
+            return NotImplemented
+        if (opposite := self._negated()) is not None:
+            return -(opposite * other)
+        if not isinstance(other, Signal):
+            if other in (0, 1):
+                return self if other else 0.0
+            return -self if other == -1 else self.tape.record(np.multiply, self, other)
+        if other._negated() is not None:
+            return other * self
+        return self.tape.record(np.multiply, *sorted((self, other), key=_age))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: "Signal | Number") -> "Signal":
+        return self.tape.record(np.divide, self, other)
+
+    def sin(self) -> "Signal":
+        """Sine; `np.sin` of an array of signals calls it."""
+        return self.tape.record(np.sin, self)
+
+    def cos(self) -> "Signal":
+        """Cosine, likewise."""
+        return self.tape.record(np.cos, self)
+
+
+def _age(signal: Signal) -> int:
+    return signal.index
+
+
+@dataclass(frozen=True)
+class Program:
+    """What has to be done to get chosen results, in memory that is used again and again.
+
+    Operands and targets are places in one row of arrays: inputs, numbers, results, registers.
+
+    Attributes:
+        inputs: Number of inputs n.
+        numbers: Numbers among the operands.
+        results: Number of results K.
+        registers: Number of intermediate results that are alive at once.
+        constants: Places in the results of those that are numbers other than zero, with their values.
+        code: Operation, places of its one or two operands (else None), and place of its result.
+    """
+
+    inputs: int
+    numbers: tuple[float, ...]
+    results: int
+    registers: int
+    constants: tuple[tuple[int, float], ...]
+    code: tuple[tuple[np.ufunc, int, int | None, int], ...]
+
+    @classmethod
+    def of(cls, tape: Tape, results: Sequence[Signal | Number]) -> "Program":
+        """The program that gives these results (K,), signals of a tape or numbers."""
+        wanted = {k: x.index for k, x in enumerate(results) if isinstance(x, Signal)}
+        last_use = _last_uses(tape, set(wanted.values()))
+        steps = [(i, *tape.steps[i]) for i in sorted(last_use)]
+        numbers = dict.fromkeys(float(x) for *_, xs in steps for x in xs if not isinstance(x, Signal))
+        numbered = {x: len(tape.inputs) + k for k, x in enumerate(numbers)}
+        first_result = len(tape.inputs) + len(numbers)
+        place = {signal.index: k for k, signal in enumerate(tape.inputs)}
+        for k, i in wanted.items():
+            place.setdefault(i, first_result + k)
+        registers, spare = 0, list[int]()
+        code: list[tuple[np.ufunc, int, int | None, int]] = []
+        for i, operation, operands in steps:
+            if operation is None:
+                continue
+            used = [place[x.index] if isinstance(x, Signal) else numbered[x] for x in operands]
+            spare += {place[x.index] for x in operands if isinstance(x, Signal) and last_use[x.index] == i}
+            if i not in place:
+                if not spare:
+                    spare.append(first_result + len(results) + registers)
+                    registers += 1
+                place[i] = spare.pop()
+            code.append((operation, used[0], used[1] if len(used) > 1 else None, place[i]))
+        # Results that are inputs, or are wanted twice, have a place elsewhere.
+        elsewhere = {first_result + k: place[i] for k, i in wanted.items() if place[i] != first_result + k}
+        code += [(np.positive, source, None, target) for target, source in elsewhere.items()]
+        constants = tuple((k, float(x)) for k, x in enumerate(results) if not isinstance(x, Signal) and x != 0)
+        return cls(len(tape.inputs), tuple(numbers), len(results), registers, constants, tuple(code))
+
+    def fill(self, out: np.ndarray) -> None:
+        """Writes the constant results into zeros (K, N), once for any number of runs."""
+        for k, value in self.constants:
+            out[k] = value
+
+    def run(self, inputs: np.ndarray, out: np.ndarray) -> None:
+        """Writes the results that depend on the inputs (n, C) into `out` (K, C), and leaves the others as they are."""
+        registers = np.empty((self.registers, inputs.shape[1]))
+        row = [*inputs, *map(np.float64, self.numbers), *out, *registers]
+        for operation, a, b, target in self.code:
+            if b is None:
+                operation(row[a], row[target])
+            else:
+                operation(row[a], row[b], row[target])
+
+
+def _last_uses(tape: Tape, wanted: set[int]) -> dict[int, int]:
+    """For every step that results depend on, the last step that uses it; for inputs and results none."""
+    never = len(tape.steps)
+    last = dict.fromkeys(wanted, never)
+    for i in reversed(range(never)):
+        for x in tape.steps[i][1] if i in last else ():
+            if isinstance(x, Signal):
+                last.setdefault(x.index, never if tape.steps[x.index][0] is None else i)
+    return last
