@@ -1,5 +1,6 @@
 """The paper's figures. Functions return a matplotlib Figure and touch no files; `save` writes one."""
 
+import io
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -98,7 +99,10 @@ def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> Non
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
         for extension in formats:
-            figure.savefig(folder / f"{name}.{extension}", metadata=_STABLE_METADATA[extension])
+            # Drawn in memory: where writing fails, matplotlib's backends raise errors that do not tell of the disk.
+            drawn = io.BytesIO()
+            figure.savefig(drawn, format=extension, metadata=_STABLE_METADATA[extension])
+            (folder / f"{name}.{extension}").write_bytes(drawn.getvalue())
 
 
 def _widen_flat(ax: Axes) -> None:

@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import re
+import shutil
 import signal
 import subprocess
 import tempfile
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.figures import parameter_symbol
+from sim.atomic import unwritten
 
 Cell = str | float | None
 
@@ -133,18 +135,11 @@ def results_folder(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
 
     Raises:
         ValueError: `out` is a file, cannot be written, or a folder stands where a file has to go.
+        OSError: The results could not be written, as when the disk is full; the sentence names `out`.
     """
     made = [folder for folder in (out, *out.parents) if not folder.exists()]
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        scratch = tempfile.TemporaryDirectory(prefix=".partial-", dir=out)
-    except OSError as error:
-        raise ValueError(f"The output path needs to be a writable folder, got '{out}' ({error.strerror}).") from error
-    try:
-        with scratch as name:
-            new, old = Path(name) / "new", Path(name) / "old"
-            new.mkdir()
-            old.mkdir()
+        with unwritten(out), _scratch(out) as (new, old):
             yield new
             with _undisturbed():
                 _exchange(new, old, out, stale)
@@ -155,6 +150,29 @@ def results_folder(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
         raise
 
 
+@contextmanager
+def _scratch(out: Path) -> Iterator[tuple[Path, Path]]:
+    """Folders in `out` for the new files and for those they replace, which vanish when the block ends."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=".partial-", dir=out))
+    except OSError as error:
+        raise ValueError(f"The output path needs to be a writable folder, got '{out}' ({error.strerror}).") from error
+    new, old = scratch / "new", scratch / "old"
+    try:
+        new.mkdir()
+        old.mkdir()
+        yield new, old
+    except BaseException:
+        # Files that could not be put back stay where they are.
+        shutil.rmtree(new, ignore_errors=True)
+        for folder in (old, scratch):
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+    shutil.rmtree(scratch, ignore_errors=True)
+
+
 def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str]) -> None:
     """Moves all files of `new` to `out`, and what they replace to `old`; all of them or none."""
     names = {file.name for file in new.iterdir()}
@@ -162,19 +180,18 @@ def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str]) -> None:
     for name in gone:
         if (out / name).is_dir():
             raise ValueError(f"The output path needs room for a file '{name}', but '{out / name}' is a folder.")
+    moved: list[tuple[Path, Path]] = []
     try:
-        for name in gone:
-            (out / name).replace(old / name)
-        for name in names:
-            (new / name).replace(out / name)
+        for name, source, target in [(n, out, old) for n in gone] + [(n, new, out) for n in names]:
+            (source / name).replace(target / name)
+            moved.append((source / name, target / name))
     except OSError as error:
-        for name in names:
-            if (out / name).exists() and not (new / name).exists():
-                (out / name).replace(new / name)
-        for file in old.iterdir():
-            file.replace(out / file.name)
+        for source, target in reversed(moved):
+            with suppress(OSError):
+                target.replace(source)
+        left = f"; earlier files are in '{old}'" if any(old.iterdir()) else ""
         raise ValueError(
-            f"The results could not be moved to '{out}' ({error.strerror}: '{error.filename}')."
+            f"The results could not be moved to '{out}' ({error.strerror}: '{error.filename}'){left}."
         ) from error
 
 

@@ -13,15 +13,41 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Args:
         path: File to write; its folder must exist. The temporary name keeps the suffix.
+
+    Raises:
+        OSError: The file could not be written, see `unwritten`; the one that was there is whole.
     """
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
+    with unwritten(path):
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            mask = os.umask(0)
+            os.umask(mask)
+            temporary.chmod(0o666 & ~mask)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def unwritten(path: Path) -> Iterator[None]:
+    """Says in one sentence which file or folder a block could not write, and why, as when the disk is full.
+
+    Systems name no file then, or a temporary one. Of blocks in each other the outermost names what it writes, with the
+    reason of the innermost.
+
+    Raises:
+        OSError: The block raised one.
+    """
     try:
-        yield temporary
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        yield
+    except OSError as error:
+        reason = error
+        while isinstance(reason.__cause__, OSError):
+            reason = reason.__cause__
+        raise OSError(
+            f"'{path}' could not be written ({reason.strerror or reason}) and is as it was; "
+            "make room or write elsewhere, and run again."
+        ) from reason

@@ -11,7 +11,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from sim.recording import COMPONENTS, TRUE
+from sim.recording_csv import COMPONENTS, TRUE
 
 SAMPLES = 10
 """Fewest samples that a log needs."""

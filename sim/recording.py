@@ -1,23 +1,22 @@
 """What was measured: channels by name, with units, noise levels, true values where they are known, and provenance."""
 
-import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.atomic import replacing
+from sim.recording_csv import TRUE, csv_pieces, write_csv
+from sim.recording_npz import npz_pieces, write_npz
 
-COMPONENTS = {3: "xyz", 4: "wxyz"}
-"""Suffixes of the columns of a vector and of a quaternion in a CSV file: `ground_force.x`."""
-
-TRUE = "true:"
-"""Prefix of the CSV columns that hold true values."""
+METADATA = ("units", "noise", "provenance")
+"""What a file says about its channels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +45,7 @@ class Recording:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _checked("time", self.time, None))
-        steps = np.diff(self.time)
-        if not (steps > 0).all():
-            raise ValueError(f"Recorded times must increase; sample {int(np.argmin(steps > 0)) + 1} does not.")
+        _check_increasing(self.time)
         for name in ("measured", "true"):
             channels = {key: _checked(key, x, len(self.time)) for key, x in getattr(self, name).items()}
             object.__setattr__(self, name, channels)
@@ -58,7 +55,7 @@ class Recording:
             if not re.fullmatch(r"(?!true:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
                 raise ValueError(f"A channel's name cannot be {name!r}: it is a word without commas and dots.")
         for name, level in self.noise.items():
-            if isinstance(level, str) or not 0 <= level < np.inf:
+            if not (isinstance(level, Real) and 0 <= level < np.inf):
                 raise ValueError(f"The noise of channel '{name}' needs a standard deviation, got {level!r}.")
         if self.true and {k: x.shape for k, x in self.true.items()} != {k: x.shape for k, x in self.measured.items()}:
             raise ValueError("True values need the same channels and shapes as the measured ones.")
@@ -111,11 +108,13 @@ class Recording:
     def save(self, path: str | Path) -> None:
         """Writes a `.npz` or `.csv` file that `load` reads back bit by bit."""
         path = Path(path)
-        writers = {".npz": self._write_npz, ".csv": self._write_csv}
+        writers = {".npz": write_npz, ".csv": write_csv}
         if path.suffix not in writers:
             raise ValueError(f"A recording is saved as .npz or .csv, got '{path.name}'.")
+        channels = {"time": self.time, **self.measured} | {f"{TRUE}{name}": x for name, x in self.true.items()}
+        metadata = {name: getattr(self, name) for name in METADATA}
         with replacing(path) as temporary:
-            writers[path.suffix](temporary)
+            writers[path.suffix](temporary, channels, metadata)
 
     @classmethod
     def load(cls, path: str | Path) -> "Recording":
@@ -124,100 +123,50 @@ class Recording:
         Raises:
             ValueError: The file is missing or not a recording; the message names file, row and column.
         """
+        (recording,) = cls.chunks(path, sys.maxsize)
+        return recording
+
+    @classmethod
+    def chunks(cls, path: str | Path, samples: int = 10_000) -> Iterator["Recording"]:
+        """Reads what `save` wrote piece by piece, for files that are larger than memory.
+
+        Args:
+            path: A `.npz` or `.csv` file.
+            samples: Samples of each piece, of the last one perhaps fewer.
+
+        Raises:
+            ValueError: The file is missing or not a recording, as for `load`; a fault is found when its piece is due.
+        """
         path = Path(path)
-        readers = {".npz": cls._read_npz, ".csv": cls._read_csv}
+        readers = {".npz": npz_pieces, ".csv": csv_pieces}
         if path.suffix not in readers or not path.is_file():
             raise ValueError(f"A recording is a .npz or .csv file that exists, got '{path}'.")
+        if samples < 1:
+            raise ValueError(f"A piece of a recording needs at least one sample, got {samples}.")
+        first, last = 0, np.empty(0)
         try:
-            return readers[path.suffix](path)
-        except (ValueError, KeyError, OSError, EOFError, TypeError, NotImplementedError, BadZipFile) as error:
+            for channels, metadata in readers[path.suffix](path, samples):
+                for name, x in channels.items():
+                    _check_finite(name, x, first)
+                time = channels.pop("time")
+                _check_increasing(np.append(last, time), first - len(last))
+                yield cls._of(time, channels, metadata)
+                first, last = first + len(time), time[-1:]
+            if first == 0:
+                raise ValueError("a recording needs samples, it has none.")
+        except (ValueError, OSError) as error:
             raise ValueError(f"{path}: {error}") from error
 
-    def _metadata(self) -> dict[str, Any]:
-        return {"units": dict(self.units), "noise": dict(self.noise), "provenance": dict(self.provenance)}
-
-    def _write_npz(self, path: Path) -> None:
-        arrays: dict[str, Any] = {"time": self.time, "metadata": json.dumps(self._metadata())}
-        for kind in ("measured", "true"):
-            arrays |= {f"{kind}/{name}": x for name, x in getattr(self, kind).items()}
-        np.savez(path, **arrays)
-
     @classmethod
-    def _read_npz(cls, path: Path) -> "Recording":
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-            measured, true = (
-                {key.removeprefix(kind): data[key] for key in data.files if key.startswith(kind)}
-                for kind in ("measured/", "true/")
-            )
-            return cls(data["time"], measured, true, **json.loads(str(data["metadata"])))
-
-    def _write_csv(self, path: Path) -> None:
-        columns = {"time": self.time}
-        for prefix, channels in (("", self.measured), (TRUE, self.true)):
-            for name, x in channels.items():
-                suffixes = [""] if x.ndim == 1 else [f".{c}" for c in COMPONENTS.get(x.shape[1], range(x.shape[1]))]
-                columns |= {f"{prefix}{name}{s}": c for s, c in zip(suffixes, x.reshape(len(x), -1).T, strict=True)}
-        comments = [f"# {key}: {json.dumps(value)}" for key, value in self._metadata().items()]
-        rows = (",".join(map(repr, row)) for row in np.stack(list(columns.values()), axis=1).tolist())
-        path.write_text("\n".join([*comments, ",".join(columns), *rows, ""]), encoding="utf-8")
-
-    @classmethod
-    def _read_csv(cls, path: Path) -> "Recording":
-        metadata: dict[str, Any] = {}
-        lines = list(enumerate(path.read_text(encoding="utf-8-sig").rstrip("\n").split("\n"), start=1))
-        while lines and lines[0][1].startswith("#"):
-            number, line = lines.pop(0)
-            key, _, value = line[1:].partition(":")
-            try:
-                metadata[key.strip()] = json.loads(value)
-            except json.JSONDecodeError as error:
-                raise ValueError(f"row {number} needs '# units', noise or provenance in JSON ({error}).") from None
-        if not lines or not lines[0][1].strip():
-            raise ValueError("no header row.")
-        header = [cell.strip() for cell in lines.pop(0)[1].split(",")]
-        _check_header(header)
-        table = np.array([_numbers(line, number, header) for number, line in lines]).reshape(-1, len(header))
-        columns = dict(zip(header, table.T, strict=True))
-        channels = {name: _channel(name, columns) for name in dict.fromkeys(h.partition(".")[0] for h in header)}
-        return cls(
-            time=channels.pop("time"),
-            measured={k: x for k, x in channels.items() if not k.startswith(TRUE)},
-            true={k.removeprefix(TRUE): x for k, x in channels.items() if k.startswith(TRUE)},
-            **metadata,
-        )
-
-
-def _check_header(header: Sequence[str]) -> None:
-    twice = sorted({name for name in header if header.count(name) > 1})
-    if twice:
-        raise ValueError(f"the header names {', '.join(twice)} more than once.")
-    if "time" not in header:
-        raise ValueError(f"a recording needs a column 'time'; it has {', '.join(header)}.")
-
-
-def _channel(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """A channel from its column, or from its columns `name.x`, `name.y`, … in whatever order they stand."""
-    suffixes = [column.partition(".")[2] for column in columns if column.partition(".")[0] == name]
-    if suffixes == [""]:
-        return columns[name]
-    expected = COMPONENTS.get(len(suffixes), [str(k) for k in range(len(suffixes))])
-    if sorted(suffixes) != sorted(expected):
-        raise ValueError(f"channel '{name}' needs the components {', '.join(expected)}, it has {', '.join(suffixes)}.")
-    return np.stack([columns[f"{name}.{suffix}"] for suffix in expected], axis=1)
-
-
-def _numbers(line: str, number: int, header: Sequence[str]) -> list[float]:
-    cells = line.split(",")
-    if len(cells) != len(header):
-        raise ValueError(f"row {number} has {len(cells)} cells where the header has {len(header)}.")
-    return [_number(cell, number, name) for cell, name in zip(cells, header, strict=True)]
-
-
-def _number(cell: str, row: int, column: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        raise ValueError(f"row {row}, column '{column}' needs a number, got '{cell}'.") from None
+    def _of(cls, time: np.ndarray, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> "Recording":
+        """A recording from what a file holds."""
+        for name, content in metadata.items():
+            if name not in METADATA or not isinstance(content, Mapping):
+                raise ValueError(
+                    f"besides channels a file has {', '.join(METADATA)}, each a JSON object; not '{name}'."
+                )
+        true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
+        return cls(time, {name: x for name, x in channels.items() if not name.startswith(TRUE)}, true, **metadata)
 
 
 def _checked(name: str, values: Iterable[float], samples: int | None) -> np.ndarray:
@@ -227,8 +176,21 @@ def _checked(name: str, values: Iterable[float], samples: int | None) -> np.ndar
         raise ValueError(
             f"Channel '{name}' needs {samples or 'N > 0'} samples along its first axis, got shape {x.shape}."
         )
-    bad = np.argwhere(~np.isfinite(x))
-    if len(bad):
-        raise ValueError(f"Channel '{name}' needs finite numbers; sample {bad[0, 0]} is {x[tuple(bad[0])]}.")
+    _check_finite(name, x)
     x.flags.writeable = False
     return x
+
+
+def _check_finite(name: str, x: np.ndarray, first: int = 0) -> None:
+    """Refuses NaN and infinity in a channel whose first row is that sample."""
+    finite = np.isfinite(x)
+    if not finite.all():
+        bad = tuple(np.argwhere(~finite)[0])
+        raise ValueError(f"Channel '{name}' needs finite numbers; sample {first + bad[0]} is {x[bad]}.")
+
+
+def _check_increasing(time: np.ndarray, first: int = 0) -> None:
+    """Refuses times, from that sample on, that do not increase."""
+    steps = np.diff(time)
+    if not (steps > 0).all():
+        raise ValueError(f"Recorded times must increase; sample {first + int(np.argmin(steps > 0)) + 1} does not.")

@@ -94,15 +94,20 @@ def test_truth_needs_the_same_channels():
     [
         ("time,a\n0,1\n1,oops\n", "row 3, column 'a' needs a number, got 'oops'"),
         ("# units: {}\ntime,a\n0,1\n1\n", "row 4 has 1 cells where the header has 2"),
-        ("time,a\n0,1\n1,nan\n", "'a' needs finite numbers; sample 1 is nan"),
+        ("time,a\n0,1\n1,nan\n", "row 3, column 'a' needs a finite number, got 'nan'"),
         ("", "no header row"),
         ("a,b\n1,2\n", "needs a column 'time'; it has a, b"),
         ("time,a,a\n0,1,2\n", "names a more than once"),
         ("time,a.x,a.z\n0,1,2\n", "channel 'a' needs the components 0, 1, it has x, z"),
         ("time,a,a.x\n0,1,2\n", "channel 'a' needs the components"),
-        ("time,a\n", "'time' needs N > 0 samples"),
-        ("# foo: {}\ntime\n0\n", "foo"),
-        ("# units: {oops\ntime\n0\n", "units"),
+        ("time,a\n", "a recording needs samples, it has none"),
+        ("# foo: {}\ntime\n0\n", "units, noise, provenance, each a JSON object; not 'foo'"),
+        ("# units: 5\ntime\n0\n", "each a JSON object; not 'units'"),
+        ("# units: {oops\ntime\n0\n", "row 1 needs '# units', noise or provenance in JSON"),
+        ("time,a\n0,1\n\n1,2\n", "row 3 is blank"),
+        ("time,a\n0,1\n  \n1,2\n", "row 3 has 1 cells where the header has 2"),
+        ("time,a\n0,1\n1,2,\n", "row 3 has 3 cells where the header has 2"),
+        ("time,true:a\n0,1\n", "True values need the same channels"),
     ],
 )
 def test_bad_files_name_the_place(tmp_path, text, message):
@@ -123,8 +128,12 @@ def test_files_that_are_no_recordings(tmp_path):
 def test_a_failed_save_leaves_the_old_file(tmp_path, monkeypatch):
     RECORDING.save(tmp_path / "r.npz")
     before = (tmp_path / "r.npz").read_bytes()
-    monkeypatch.setattr(np, "savez", lambda *_, **__: (_ for _ in ()).throw(OSError("disk full")))
-    with pytest.raises(OSError, match="disk full"):
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np.lib.format, "write_array", full)
+    with pytest.raises(OSError, match=r"r\.npz' could not be written \(No space left on device\) and is as it was"):
         RECORDING.save(tmp_path / "r.npz")
     assert (tmp_path / "r.npz").read_bytes() == before
     assert len(list(tmp_path.iterdir())) == 1
@@ -143,10 +152,33 @@ def test_names_that_a_file_could_not_hold_are_refused(name):
         Recording([0.0], {name: [1.0]})
 
 
-@pytest.mark.parametrize("level", [-1.0, np.nan, np.inf, "loud"])
+@pytest.mark.parametrize("level", [-1.0, np.nan, np.inf, "loud", None])
 def test_noise_levels_must_be_levels(level):
     with pytest.raises(ValueError, match="noise of channel 'a' needs a standard deviation"):
         Recording([0.0], {"a": [1.0]}, noise={"a": level})
+
+
+def test_text_that_is_not_in_utf_8_is_refused(tmp_path):
+    (tmp_path / "r.csv").write_bytes("time,Kraft_°\n0,1\n".encode("latin-1"))
+    with pytest.raises(ValueError, match=r"r\.csv: the file needs to be text in UTF-8, a byte 0xb0 is not"):
+        Recording.load(tmp_path / "r.csv")
+
+
+def test_lines_may_end_as_on_windows_and_blank_ones_may_follow(tmp_path):
+    (tmp_path / "r.csv").write_bytes(b"time,a\r\n0,1\r\n1,2\r\n\r\n\r\n")
+    np.testing.assert_array_equal(Recording.load(tmp_path / "r.csv")["a"], [1, 2])
+
+
+CELLS = ["1", "-0.0", "1e-400", "5e-324", "0.1", "1.7976931348623157e308", "9007199254740993", "1_0", "\u0661", " 7 "]
+
+
+@pytest.mark.parametrize("odd", CELLS)
+def test_a_cell_is_the_number_that_python_reads(tmp_path, odd):
+    rows = [f"{k},{cell}" for k, cell in enumerate([*CELLS[:7], odd])]
+    (tmp_path / "r.csv").write_text("\n".join(["time,a", *rows]), encoding="utf-8")
+    a = Recording.load(tmp_path / "r.csv")["a"]
+    np.testing.assert_array_equal(a, [float(cell) for cell in [*CELLS[:7], odd]])
+    assert np.signbit(a[1])
 
 
 def test_a_truncated_file_is_one_sentence(tmp_path):

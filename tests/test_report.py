@@ -108,6 +108,40 @@ def test_a_move_that_fails_midway_is_undone(tmp_path, monkeypatch):
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys("abc", "first")
 
 
+def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch):
+    (tmp_path / "a").write_text("first")
+    replace = type(tmp_path).replace
+    calls = []
+
+    def failing(path, target):
+        calls.append(path)
+        if len(calls) > 1:
+            raise OSError(5, "Input/output error", str(target))
+        return replace(path, target)
+
+    def run():
+        with report.results_folder(tmp_path) as folder:
+            (folder / "a").write_text("second")
+            monkeypatch.setattr(type(tmp_path), "replace", failing)
+
+    with pytest.raises(ValueError, match="could not be moved") as raised:
+        run()
+    monkeypatch.undo()
+    (kept,) = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert kept.read_text() == "first"
+    assert f"earlier files are in '{kept.parent}'" in str(raised.value)
+
+
+def test_a_folder_that_cannot_be_made_leaves_none(tmp_path, monkeypatch):
+    def full(**_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(report.tempfile, "mkdtemp", full)
+    with pytest.raises(ValueError, match="No space left"), report.results_folder(tmp_path / "a" / "b"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_provenance_is_of_this_repository_only(monkeypatch, tmp_path):
     monkeypatch.setenv("GIT_DIR", str(tmp_path))
     assert report.provenance({}, {})["git_commit"] != ""
