@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from sim.mujoco_model import body_name, mechanism_bodies
+from sim.rollout import steps_per_sample
 from sim.simulate import RATE
 
 
@@ -44,10 +45,7 @@ def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE
     """
     if not 1 <= seconds * rate < np.inf:
         raise ValueError(f"A fall needs at least one sample, got {seconds:g} s at {rate:g} Hz.")
-    h = model.opt.timestep
-    steps = round(1 / (rate * h)) if h > 0 else 0
-    if steps < 1 or abs(steps * rate * h - 1) > 1e-9:
-        raise ValueError(f"The scene's timestep of {h} s must divide {1 / rate} s.")
+    steps = steps_per_sample(model, rate)
     samples = round(seconds * rate)
     data = mujoco.MjData(model)
     qpos, qvel, qacc = (np.empty((samples, size)) for size in (model.nq, model.nv, model.nv))

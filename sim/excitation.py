@@ -58,10 +58,11 @@ class Excitation:
             q in rad, q̇ in rad/s, q̈ in rad/s², each (N, n).
         """
         w = 2 * np.pi * self.frequency
-        angle = w * np.asarray(time)[:, None, None] + self.phase
-        q = self.offset - np.sum(self.amplitude / w**2 * np.sin(angle), axis=-1)
-        dq = -np.sum(self.amplitude / w * np.cos(angle), axis=-1)
-        ddq = np.sum(self.amplitude * np.sin(angle), axis=-1)
+        angle = w[:, :, None] * np.asarray(time) + self.phase[:, :, None]
+        sin, cos = np.sin(angle), np.cos(angle)
+        q = self.offset - np.einsum("nk,nkt->tn", self.amplitude / w**2, sin)
+        dq = -np.einsum("nk,nkt->tn", self.amplitude / w, cos)
+        ddq = np.einsum("nk,nkt->tn", self.amplitude, sin)
         if rng is None:
             return q, dq, ddq
         noise = self._integrated_noise(time, rng)

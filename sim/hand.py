@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Hand:
         lift: Constant displacement, m; upwards it supports the arm.
         shift: Amplitudes of the wandering along the world's axes, m.
         shift_frequency: Their frequencies, Hz.
-        turn: Amplitudes of a wandering rotation vector, rad.
+        turn: Amplitudes of a wandering rotation vector, in the axes of what it holds, rad.
         turn_frequency: Their frequencies, Hz.
     """
 
@@ -24,19 +24,24 @@ class Hand:
     turn: tuple[float, float, float] = (0.03, 0.03, 0.03)
     turn_frequency: tuple[float, float, float] = (0.37, 0.47, 0.61)
 
-    def pose(self, time: float, position: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pose of the hand when what it holds ought to be at a pose.
+    def poses(self, time: np.ndarray, position: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poses of the hand when what it holds ought to be at poses.
 
         Args:
-            time: Time in s.
-            position: Desired position of the held body, m (3,).
-            quaternion: Its desired orientation, w, x, y, z (4,).
+            time: Times in s (N,).
+            position: Desired positions of the held body, m (N, 3).
+            quaternion: Its desired orientations, w, x, y, z (N, 4).
 
         Returns:
-            Position and quaternion of the hand.
+            Positions and quaternions of the hand.
         """
-        shift = np.array(self.shift) * np.sin(2 * np.pi * np.array(self.shift_frequency) * time)
-        turn = np.array(self.turn) * np.sin(2 * np.pi * np.array(self.turn_frequency) * time)
-        turned = quaternion.copy()
-        mujoco.mju_quatIntegrate(turned, turn, 1.0)
+        shift = np.array(self.shift) * np.sin(2 * np.pi * np.outer(time, self.shift_frequency))
+        turn = np.array(self.turn) * np.sin(2 * np.pi * np.outer(time, self.turn_frequency))
+        turned = _product(quaternion, Rotation.from_rotvec(turn).as_quat(scalar_first=True))
         return position + np.array(self.lift) + shift, turned
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products of quaternions (N, 4)."""
+    scalar = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
+    return np.hstack([scalar, a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])])

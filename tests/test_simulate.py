@@ -9,7 +9,8 @@ import scenes
 from ident.regressor import base_wrench_regressor
 from sim.excitation import DOUBLE_PENDULUM
 from sim.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
-from sim.simulate import RATE, SAMPLES, sensors, simulate, with_noise
+from sim.sensors import sensors
+from sim.simulate import RATE, SAMPLES, simulate, with_noise
 
 
 @pytest.fixture(scope="module")
