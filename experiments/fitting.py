@@ -2,24 +2,36 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from ident.base_parameters import BaseParameters, find_base_parameters
 from ident.body import BASE
-from ident.estimate import Estimate, identify
-from ident.regressor import base_wrench_regressor
+from ident.estimate import Estimate, huber_white, identify, predicted_wrench
+from ident.samples import Samples
 from ident.tree import Tree
 from sim.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A model's base parameters: regrouping, estimate, and what the true φ gives by that regrouping."""
+    """A model's base parameters: the estimate, what the true φ gives by the same regrouping, and what is predicted.
 
-    base: BaseParameters
+    Attributes:
+        estimate: The estimate.
+        psi_true: True base parameters (r,).
+        predicted: Total wrench that the estimate predicts at the measured joint states (N, 6).
+    """
+
     estimate: Estimate
     psi_true: np.ndarray
+    predicted: np.ndarray
+
+    @property
+    def base(self) -> BaseParameters:
+        """The regrouping."""
+        return self.estimate.parameters
 
     @property
     def error(self) -> np.ndarray:
@@ -53,15 +65,21 @@ def fit(
         ValueError: `kept` is not a basis.
     """
     states = recording.joint_states(tree.joints)
-    Y = base_wrench_regressor(tree, *states, gravity=gravity)
-    base = find_base_parameters(tree, gravity=gravity, kept=kept)
-    rng = np.random.default_rng(0)
-    noise = recording.joint_noise(tree.joints)
-    q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(states, noise, strict=True))
-    Y_noise = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity) - Y
     measured = recording.wrench("ground") if wrench is None else wrench
-    estimate = identify(Y, measured, base, covariance=covariance, Y_noise=Y_noise)
-    return Fit(base, estimate, base.regroup(phi_true))
+    samples = Samples(*states, measured, covariance=covariance)
+    base = _regrouping(tree, tuple(gravity.tolist()), None if kept is None else tuple(kept))
+    noise = recording.joint_noise(tree.joints)
+    estimate = identify(tree, samples, gravity=gravity, parameters=base, state_noise=noise)
+    if covariance is None:
+        estimate = huber_white(tree, estimate, samples, gravity=gravity)
+    predicted = predicted_wrench(tree, estimate, *states, gravity=gravity)
+    return Fit(estimate, base.regroup(phi_true), predicted)
+
+
+@lru_cache(maxsize=16)
+def _regrouping(tree: Tree, gravity: tuple[float, ...], kept: tuple[str, ...] | None) -> BaseParameters:
+    """Structural regrouping, found once for the trials of a study."""
+    return find_base_parameters(tree, gravity=np.array(gravity), kept=kept)
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from experiments.preparation import Prepared
 from ident import diagnosis
 from ident.diagnosis import ContactCheck, FrameCheck
-from ident.estimate import ExcitationError
+from ident.excitation import ExcitationError
 from ident.misalignment import Misalignment, estimate_misalignment
 from ident.regressor import base_wrench_regressor
 from ident.robust import RobustFit, independent, robust_fit

@@ -59,8 +59,8 @@ def figure_2(result: Study) -> Figure:
         result.recording.time,
         {
             "True": (result.recording.noise_free.wrench("ground"), TRUE_LINE),
-            "Simplified": (result.simplified.estimate.predicted, SIMPLIFIED_LINE),
-            "Full": (result.full.estimate.predicted, FULL_LINE),
+            "Simplified": (result.simplified.predicted, SIMPLIFIED_LINE),
+            "Full": (result.full.predicted, FULL_LINE),
         },
         "Time (s)",
     )
@@ -72,8 +72,8 @@ def figure_3(result: Study) -> Figure:
     return figures.wrench_panels(
         np.arange(1, len(true) + 1),
         {
-            "Simplified": (np.abs(result.simplified.estimate.predicted - true), figures.Line("tab:red", width=0.5)),
-            "Full": (np.abs(result.full.estimate.predicted - true), figures.Line("tab:blue", width=0.4)),
+            "Simplified": (np.abs(result.simplified.predicted - true), figures.Line("tab:red", width=0.5)),
+            "Full": (np.abs(result.full.predicted - true), figures.Line("tab:blue", width=0.4)),
         },
         "Sample",
         symbol=r"|\Delta {}|",

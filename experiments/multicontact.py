@@ -65,7 +65,7 @@ def figure_4(result: Study) -> Figure:
         {
             "Ground, measured": (result.recording.wrench("ground"), figures.Line("tab:red", width=0.6)),
             "Total, true": (result.true.wrench, figures.Line("tab:blue", width=1.8)),
-            "Recovered": (result.fit.estimate.predicted, figures.Line("black", width=0.6)),
+            "Recovered": (result.fit.predicted, figures.Line("black", width=0.6)),
         },
         "Time (s)",
     )
@@ -75,7 +75,7 @@ def figure_5(result: Study) -> Figure:
     """Measured total wrench less the wrench predicted from the estimates, over time."""
     return figures.wrench_panels(
         result.recording.time,
-        {"Measured - predicted": (result.fit.estimate.residual, figures.Line("black", width=0.4))},
+        {"Measured - predicted": (result.measured.wrench - result.fit.predicted, figures.Line("black", width=0.4))},
         "Time (s)",
         symbol=r"\Delta {}",
     )

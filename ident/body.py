@@ -48,6 +48,15 @@ class Body:
                 f"or all zero, or a ball joint's 6×3; got {self.twist}."
             )
 
+    def _values(self) -> tuple[object, ...]:
+        return self.name, self.parent, self.home.tobytes(), self.twist.tobytes(), self.joint, self.massless
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Body) and self._values() == other._values()
+
+    def __hash__(self) -> int:
+        return hash(self._values())
+
     @property
     def moves(self) -> bool:
         """Whether a joint lies between the body and its parent."""

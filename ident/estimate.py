@@ -1,167 +1,224 @@
 """Least-squares base parameters with their uncertainty, and the two checks of Section III.A."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial, reduce
+from itertools import chain
+from operator import add
 
 import numpy as np
 from scipy import linalg
 
-from ident.base_parameters import ZERO_COLUMN, BaseParameters
+from ident.accumulator import PROBE, Accumulator, accumulate, square_root
+from ident.base_parameters import ZERO_COLUMN, BaseParameters, find_base_parameters
+from ident.excitation import check_excitation, noise_rows
+from ident.in_order import in_order
+from ident.regressor import CHUNK, base_wrench_regressor
+from ident.samples import Samples, Source, pieces
+from ident.structure import Sensors
+from ident.tree import BaseMotion, Tree
 
-SINGULAR = 1e-10
-"""A unit-norm column combination shorter than this fraction of the longest carries rounding only."""
-
-ABOVE_NOISE = 1.5
-"""How many times longer than its noise a column combination must be to count as excited."""
-
-
-class ExcitationError(ValueError):
-    """The motion does not separate some of the base parameters."""
+PIECE = 65536
+"""Samples of one piece in memory that one worker takes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Estimated base parameters of one regressor and wrench.
+    """Estimated base parameters.
 
     Attributes:
-        names: Names of the r base parameters.
+        parameters: The regrouping that the parameters belong to.
         psi: Their estimates ψ, SI units (r,).
         std: Standard deviation of each estimate due to noise on the wrench (r,).
         covariance: Covariance behind `std` (r, r).
-        condition_number: Condition number of the base regressor, neither scaled nor weighted (Section III.A).
+        triangle: Triangular factor of the base regressor, `Y_bᵀ Y_b = Rᵀ R` (r, r).
         rows: Rows of the base regressor; wrench components that no parameter can produce are left out.
-        predicted: Wrench that ψ predicts, `Y_b ψ` (N, 6).
-        residual: Measured minus predicted wrench (N, 6).
-        epsilon: `‖Γ - Y_b ψ‖₂` over all components (Eq. 5).
+        samples: Number of samples N.
+        residual_norms: `‖Γ_i - Y_b,i ψ‖₂` of each wrench component, of the whitened one where weighted (6,).
+        method: How it was solved.
     """
 
-    names: tuple[str, ...]
+    parameters: BaseParameters
     psi: np.ndarray
     std: np.ndarray
     covariance: np.ndarray
-    condition_number: float
+    triangle: np.ndarray
     rows: int
-    predicted: np.ndarray
-    residual: np.ndarray
-    epsilon: float
+    samples: int
+    residual_norms: np.ndarray
+    method: str
+
+    @property
+    def singular_values(self) -> np.ndarray:
+        """Singular values of the base regressor, largest first (r,)."""
+        return np.linalg.svd(self.triangle, compute_uv=False)
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of the base regressor, not scaled (Section III.A)."""
+        s = self.singular_values
+        return float(s[0] / s[-1])
+
+    @property
+    def epsilon(self) -> float:
+        """`‖Γ - Y_b ψ‖₂` over all components (Eq. 5)."""
+        return float(np.linalg.norm(self.residual_norms))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the r base parameters."""
+        return self.parameters.names
 
 
 def identify(
-    Y: np.ndarray,
-    wrench: np.ndarray,
-    base: BaseParameters,
+    tree: Tree,
+    source: Source,
     *,
-    covariance: np.ndarray | None = None,
-    Y_noise: np.ndarray | None = None,
+    gravity: np.ndarray,
+    parameters: BaseParameters | None = None,
+    state_noise: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    executor: Executor | None = None,
 ) -> Estimate:
-    """Least-squares solution of `Y_b ψ = Γ` (Eq. 4).
+    """Least-squares solution of `Y_b ψ = Γ` (Eq. 4), in one pass and in bounded memory.
 
-    Without `covariance` this is the ordinary least squares of the paper. Its standard deviations come from the
-    residuals of each sample, whatever the noise of the components and the correlation between them (Huber and White's
-    sandwich). With `covariance` the rows are whitened, which weights them, and the noise is taken as known. Noise on
-    the joint states (errors in variables) is in neither: it biases ψ.
+    Without a covariance in the samples this is the ordinary least squares of the paper, and the noise of every wrench
+    component is taken from its residual, independent of the others' and from sample to sample (`huber_white` needs a
+    second pass and knows better). With one the rows are whitened, which
+    weights them, and the noise is taken as known. Noise on the joint states (errors in variables) is in neither: it
+    biases ψ.
 
     Args:
-        Y: Regressor (N, 6, P).
-        wrench: Total measured wrench Γ `[F; τ]`, N and N m (N, 6).
-        base: Regrouping that fits Y.
-        covariance: Covariance of the wrench, one for all samples (6, 6) or one for each (N, 6, 6).
-        Y_noise: The regressor's own noise, as `check_excitation` takes it (N, 6, P).
+        tree: The mechanism of b bodies.
+        source: Samples, a recording whose wrench `ground` is the total one, or an iterable of such pieces.
+        gravity: Acceleration of gravity as `base_wrench_regressor` takes it, m/s² (3,).
+        parameters: Regrouping of the mechanism's parameters; by default its structural one.
+        state_noise: Standard deviations of the noise on the columns of q, dq and ddq. With them a joint that rests but
+            whose sensors are noisy does not pass for excited.
+        executor: Where pieces are worked on, by default here. Pieces in memory are split for it.
 
     Returns:
-        The estimate.
+        The estimate, the same to rounding in whatever pieces the samples come.
 
     Raises:
-        ValueError: Shapes that do not match, values that are not finite, or a covariance that is not positive definite.
-        ExcitationError: The motion does not separate the base parameters (`check_excitation`).
+        ValueError: A piece does not fit the mechanism or the others, or a covariance is not positive definite.
+        ExcitationError: The motion does not separate the base parameters.
     """
-    wrench = np.asarray(wrench, float)
-    if Y.ndim != 3 or Y.shape[1:] != (6, len(base.parameters)) or wrench.shape != Y.shape[:2]:
-        raise ValueError(
-            f"A regressor (N, 6, {len(base.parameters)}) needs wrenches (N, 6), got {Y.shape} and {wrench.shape}."
-        )
-    if not (np.isfinite(Y).all() and np.isfinite(wrench).all()):
-        raise ValueError("Regressor and wrench need finite numbers, got NaN or infinity.")
-    check_excitation(Y, base, Y_noise)
-
-    Y_b = base.reduce(Y)
-    alive = np.abs(Y_b).max(axis=(0, 2)) > ZERO_COLUMN * np.abs(Y_b).max()
-    rows, target = Y_b[:, alive], wrench[:, alive, None]
-    if covariance is not None:
-        whiten = _inverse_root(covariance, alive)
-        rows, target = whiten @ rows, whiten @ target
-    count = rows.shape[0] * rows.shape[1]
-    Q, R = linalg.qr(rows.reshape(count, base.rank), mode="economic")
-    psi = linalg.solve_triangular(R, Q.T @ target.ravel())
-    if covariance is None:
-        # Each sample moves ψ by R⁻¹ Qᵀ times its noise; the fit has used up some of the residual.
-        noise = (target[..., 0] - rows @ psi) * np.sqrt(count / max(count - base.rank, 1))
-        root = linalg.solve_triangular(R, np.einsum("nir,ni->rn", Q.reshape(rows.shape), noise))
+    stream = pieces(source, tree)
+    first = next(stream)
+    if parameters is None:
+        parameters = find_base_parameters(tree, gravity=gravity, sensors=Sensors(moving_base=first.base is not None))
+    noise = None if state_noise is None else noise_rows(tree, first, gravity, parameters, state_noise)
+    if executor is None:
+        found = accumulate(tree, first, gravity=gravity, parameters=parameters)
+        for piece in stream:
+            found = accumulate(tree, piece, gravity=gravity, parameters=parameters, start=found)
     else:
-        root = linalg.solve_triangular(R, np.eye(base.rank))
-    predicted = Y_b @ psi
+        # In common coordinates accumulators add without a change of them.
+        factor = accumulate(tree, first.part(slice(PROBE)), gravity=gravity, parameters=parameters).factor
+        work = partial(_accumulated, tree, gravity, parameters, factor)
+        found = reduce(add, in_order(executor, work, _split(chain([first], stream))))
+    return solve(found, parameters, noise)
+
+
+def _accumulated(
+    tree: Tree, gravity: np.ndarray, parameters: BaseParameters, factor: np.ndarray, piece: Samples
+) -> Accumulator:
+    return accumulate(tree, piece, gravity=gravity, parameters=parameters, factor=factor)
+
+
+def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
+    for piece in stream:
+        yield from (piece.part(slice(k, k + PIECE)) for k in range(0, len(piece), PIECE))
+
+
+def solve(found: Accumulator, parameters: BaseParameters, noise: np.ndarray | None = None) -> Estimate:
+    """The estimate from what was accumulated.
+
+    Args:
+        found: Accumulator of all samples.
+        parameters: Regrouping that it was made with.
+        noise: The regressor's own noise, as `check_excitation` takes it.
+
+    Raises:
+        ExcitationError: The motion does not separate the base parameters.
+    """
+    rank, gram = parameters.rank, found.gram
+    # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, and its Cholesky factor that of QR.
+    try:
+        A = linalg.cholesky(gram[:rank, :rank])
+    except linalg.LinAlgError:
+        A = linalg.qr(square_root(gram[:rank, :rank]), mode="r")[0]
+    P_b, p, scale = found.factor[:rank, :rank], found.factor[:rank, rank], found.factor[rank, rank]
+    R = A @ P_b
+    check_excitation(R, parameters, found.samples, noise)
+    shift = scale * linalg.solve_triangular(A, linalg.solve_triangular(A, gram[:rank, rank], trans="T"))
+    psi = linalg.solve_triangular(P_b, p + shift)
+    # The residual Γ - Y_b ψ in the same coordinates, without the difference of two large numbers.
+    residual = np.append(-shift, scale)
+    squares = np.maximum(np.einsum("i,kij,j->k", residual, found.grams, residual), 0)
+    own = found.grams[:, :rank, :rank]
+    seen = np.trace(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * np.trace(gram[:rank, :rank])
+    to_psi = linalg.solve_triangular(P_b, linalg.solve_triangular(A, np.eye(rank)))
+    if found.weighted:
+        covariance = to_psi @ to_psi.T
+    else:
+        in_A = linalg.solve_triangular(A, np.eye(rank))
+        whitened = in_A.T @ own @ in_A
+        # What the parameters have taken of a component's noise is missing in its residual.
+        freedoms = np.maximum(found.samples - np.trace(whitened, axis1=1, axis2=2), 1)
+        covariance = to_psi @ np.einsum("k,kij->ij", squares / freedoms, whitened) @ to_psi.T
     return Estimate(
-        names=base.names,
+        parameters=parameters,
         psi=psi,
-        std=np.linalg.norm(root, axis=1),
-        covariance=root @ root.T,
-        condition_number=float(np.linalg.cond(R if covariance is None else _triangle(Y_b[:, alive]))),
-        rows=count,
-        predicted=predicted,
-        residual=wrench - predicted,
-        epsilon=float(np.linalg.norm(wrench - predicted)),
+        std=np.sqrt(np.diag(covariance)),
+        covariance=covariance,
+        triangle=R,
+        rows=int(seen.sum()) * found.samples,
+        samples=found.samples,
+        residual_norms=np.sqrt(squares),
+        method=f"normal equations in QR coordinates, {found.factored} of {found.chunks} chunks by QR",
     )
 
 
-def _triangle(rows: np.ndarray) -> np.ndarray:
-    """Triangular factor of stacked rows (…, r), which has their singular values (r, r)."""
-    tall = rows.reshape(-1, rows.shape[-1])
-    return linalg.qr(tall, mode="r")[0][: tall.shape[1]]
+def predicted_wrench(
+    tree: Tree,
+    estimate: Estimate,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    *,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
+) -> np.ndarray:
+    """Total wrench that an estimate predicts, `Y_b ψ` (N, 6); arguments as for `base_wrench_regressor`."""
+    kept = estimate.parameters.kept
+    return base_wrench_regressor(tree, q, dq, ddq, gravity=gravity, base=base, columns=kept) @ estimate.psi
 
 
-def _inverse_root(covariance: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Matrices W with `W C Wᵀ = 1` for the living components' covariance C (…, k, k)."""
-    C = np.asarray(covariance, float)
-    if C.shape[-2:] != (6, 6) or not np.allclose(C, np.swapaxes(C, -1, -2)):
-        raise ValueError(f"The wrench's covariance needs to be symmetric, (6, 6) or (N, 6, 6), got shape {C.shape}.")
-    try:
-        return np.linalg.inv(np.linalg.cholesky(C[..., alive, :][..., alive]))
-    except np.linalg.LinAlgError:
-        raise ValueError("The wrench's covariance needs to be positive definite.") from None
+def huber_white(tree: Tree, estimate: Estimate, source: Source, *, gravity: np.ndarray) -> Estimate:
+    """The estimate with standard deviations from the residuals of each sample (Huber and White's sandwich).
 
-
-def check_excitation(Y: np.ndarray, base: BaseParameters, Y_noise: np.ndarray | None = None) -> None:
-    """Raises unless the motion separates all base parameters.
-
-    Combinations of unit-norm base columns (the right singular vectors) must be longer than rounding and, when the
-    regressor's own noise is given, half as long again as noise alone makes them: a joint that rests but whose sensors
-    are noisy would otherwise pass for excited.
+    They hold whatever the noise of the components, the correlation between them and its change from sample to sample,
+    as a contact's lever makes it, but need a second pass over the samples.
 
     Args:
-        Y: Regressor at the measured joint states (N, 6, P).
-        base: Structural regrouping of the same columns.
-        Y_noise: Difference between the regressor at measured states and at states with the sensors' noise added
-            once more (N, 6, P).
-
-    Raises:
-        ExcitationError: Names the base parameters that cannot be told apart.
+        tree: The mechanism; arguments as for `identify`.
+        estimate: Ordinary least-squares estimate.
+        source: The samples it was made of.
+        gravity: Acceleration of gravity, m/s² (3,).
     """
-    Y_b = base.reduce(Y).reshape(-1, base.rank)
-    norms = np.linalg.norm(Y_b, axis=0)
-    still = norms <= ZERO_COLUMN * norms.max(initial=0)
-    norms = np.where(still, 1, norms)
-    triangle = _triangle(Y_b / norms)
-    _, _, directions = np.linalg.svd(triangle)
-    lengths = np.linalg.norm(triangle @ directions.T, axis=0)
-    floor = np.full(base.rank, SINGULAR * lengths.max(initial=0))
-    if Y_noise is not None:
-        noise = base.reduce(Y_noise).reshape(-1, base.rank) / norms
-        floor = np.maximum(floor, ABOVE_NOISE * np.linalg.norm(noise @ directions.T, axis=0))
-    hidden = directions[lengths <= floor]
-    if len(hidden):
-        size = np.linalg.norm(hidden, axis=0)
-        names = [name for name, s in zip(base.names, size, strict=True) if s > 0.1 * size.max()]
-        raise ExcitationError(
-            f"The motion of {len(Y)} samples does not separate the base parameters {', '.join(names)}: "
-            f"{base.rank - len(hidden)} of {base.rank} combinations show above the noise. Record longer, or move the "
-            "joints further."
-        )
+    rank = estimate.parameters.rank
+    middle, rows = np.zeros((rank, rank)), estimate.rows
+    for piece in pieces(source, tree):
+        for k in range(0, len(piece), CHUNK):
+            part = piece.part(slice(k, k + CHUNK))
+            states = part.q, part.dq, part.ddq
+            Y = base_wrench_regressor(tree, *states, gravity=gravity, base=part.base, columns=estimate.parameters.kept)
+            # Each sample pulls at ψ by its residual.
+            pulls = np.einsum("nir,ni->nr", Y, part.wrench - Y @ estimate.psi)
+            middle += pulls.T @ pulls
+    inverse = linalg.solve_triangular(estimate.triangle, np.eye(rank))
+    half = inverse @ (inverse.T @ linalg.cholesky(middle, lower=True))
+    covariance = half @ half.T * rows / max(rows - rank, 1)
+    return replace(estimate, covariance=covariance, std=np.sqrt(np.diag(covariance)))

@@ -10,7 +10,7 @@ from ident.body import BASE, Body, is_rigid
 from ident.inertia import parameter_transform
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Tree:
     """A tree of bodies on a base frame {0}; parents come before their children.
 

@@ -70,7 +70,8 @@ def test_the_full_models_own_table(results):
 
 def test_the_study_is_identified_from_noisy_wrenches():
     # Residuals of the full model hold the sensors' noise: 0.5 N, and what noise on the joint states adds.
-    residual = misaligned_study.study(seed=3).full.estimate.residual
+    study = misaligned_study.study(seed=3)
+    residual = study.recording.wrench("ground") - study.full.predicted
     assert 0.48 < residual[:, 0].std() < 0.54
     assert (residual[:, :3].std(axis=0) > 0.48).all()
     assert (residual[:, 3:].std(axis=0) > 0.048).all()
@@ -125,16 +126,16 @@ def test_figures_show_what_their_captions_say():
         k = component // 2 + 3 * (component % 2)
         truth = study.recording.noise_free.wrench("ground")[:, k]
         np.testing.assert_array_equal(lines["True"].get_ydata(), truth)
-        np.testing.assert_array_equal(lines["Full"].get_ydata(), study.full.estimate.predicted[:, k])
-        np.testing.assert_array_equal(lines["Simplified"].get_ydata(), study.simplified.estimate.predicted[:, k])
+        np.testing.assert_array_equal(lines["Full"].get_ydata(), study.full.predicted[:, k])
+        np.testing.assert_array_equal(lines["Simplified"].get_ydata(), study.simplified.predicted[:, k])
         colors = {name: line.get_color() for name, line in lines.items()}
         assert colors == {"True": "black", "Simplified": "tab:red", "Full": "tab:blue"}
         np.testing.assert_array_equal(lines["True"].get_xdata(), study.recording.time)
         errors = {line.get_label(): line for line in misaligned.figure_3(study).axes[component].get_lines()}
-        expected = abs(study.simplified.estimate.predicted[:, k] - truth)
+        expected = abs(study.simplified.predicted[:, k] - truth)
         np.testing.assert_array_equal(errors["Simplified"].get_ydata(), expected)
         np.testing.assert_array_equal(errors["Full"].get_xdata(), np.arange(1, 944))
-        expected = abs(study.full.estimate.predicted[:, k] - truth)
+        expected = abs(study.full.predicted[:, k] - truth)
         np.testing.assert_array_equal(errors["Full"].get_ydata(), expected)
 
 

@@ -115,9 +115,9 @@ def test_figures_show_what_their_captions_say(result):
         lines = {line.get_color(): line.get_ydata() for line in ax.get_lines()}
         np.testing.assert_array_equal(lines["tab:red"], result.recording.wrench("ground")[:, k])
         np.testing.assert_array_equal(lines["tab:blue"], result.true.wrench[:, k])
-        np.testing.assert_array_equal(lines["black"], result.fit.estimate.predicted[:, k])
+        np.testing.assert_array_equal(lines["black"], result.fit.predicted[:, k])
         error = multicontact.figure_5(result).axes[component].get_lines()[0].get_ydata()
-        np.testing.assert_array_equal(error, (result.measured.wrench - result.fit.estimate.predicted)[:, k])
+        np.testing.assert_array_equal(error, (result.measured.wrench - result.fit.predicted)[:, k])
 
 
 @pytest.mark.parametrize(

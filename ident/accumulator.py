@@ -1,0 +1,204 @@
+"""Least squares in one pass: what is kept of samples that have been seen, and how it adds.
+
+Of every wrench component the Gram matrix of its rows `[Y_b | Γ]` is kept, in coordinates in which they are nearly
+orthonormal: `Z = [Y_b | Γ] P⁻¹`, with the triangular factor P of a QR decomposition of a few samples. So the condition
+number is not squared, and the sum is as accurate as a Householder QR of all rows. Where later samples excite what the
+first ones did not, P is renewed by a QR of all that is known stacked on the chunk.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg
+
+from ident.base_parameters import BaseParameters
+from ident.dim import checked_gravity
+from ident.regressor import CHUNK, checked_states, program_inputs, regressor_program
+from ident.samples import Samples
+from ident.tree import Tree
+
+PROBE = 256
+"""Samples that the first coordinates are made of, at least as many as columns."""
+
+FLOOR = 1e-10
+"""Columns of the coordinates stick out of the span of others by this fraction at least, whether excited or not."""
+
+SPREAD = 100.0
+"""How far from orthogonal columns may become in their coordinates before these are renewed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Accumulator:
+    """What least squares needs of the samples seen so far; accumulators of different samples add in any order.
+
+    All fields are numbers and arrays: `np.savez(file, **vars(a))` keeps one, `Accumulator(**np.load(file))` reads it.
+
+    Attributes:
+        names: Names of the r base parameters.
+        factor: P, upper triangular (r + 1, r + 1).
+        grams: Gram matrix of the rows `[Y_b | Γ] P⁻¹` of each wrench component (6, r + 1, r + 1).
+        samples: Number of samples.
+        chunks: Number of chunks they came in.
+        factored: How many of them went through a QR decomposition.
+        weighted: Whether the rows are whitened by a covariance.
+    """
+
+    names: tuple[str, ...]
+    factor: np.ndarray
+    grams: np.ndarray
+    samples: int
+    chunks: int
+    factored: int
+    weighted: bool
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(map(str, self.names)))
+        for key, kind in (("samples", int), ("chunks", int), ("factored", int), ("weighted", bool)):
+            object.__setattr__(self, key, kind(getattr(self, key)))
+
+    @property
+    def gram(self) -> np.ndarray:
+        """Gram matrix of all rows in the coordinates of P (r + 1, r + 1)."""
+        return self.grams.sum(axis=0)
+
+    def __add__(self, other: "Accumulator") -> "Accumulator":
+        """All samples of both.
+
+        Raises:
+            ValueError: They are not of the same base parameters, or only one is weighted.
+        """
+        if (self.names, self.weighted) != (other.names, other.weighted):
+            raise ValueError(
+                "Accumulators add that have the same base parameters and weighting, got "
+                f"{', '.join(self.names)} (weighted: {self.weighted}) and {', '.join(other.names)} ({other.weighted})."
+            )
+        a, b, factored = self, other, self.factored + other.factored
+        if not np.array_equal(a.factor, b.factor):
+            common = _factor(np.vstack([square_root(a.gram) @ a.factor, square_root(b.gram) @ b.factor]))
+            a, b = a._in(common), b._in(common)
+        samples, chunks = a.samples + b.samples, a.chunks + b.chunks
+        return Accumulator(a.names, a.factor, a.grams + b.grams, samples, chunks, factored, a.weighted)
+
+    def _in(self, factor: np.ndarray) -> "Accumulator":
+        """The same in other coordinates."""
+        change = self.factor @ _inverse(factor)
+        return replace(self, factor=factor, grams=change.T @ self.grams @ change)
+
+    def with_rows(self, rows: np.ndarray) -> "Accumulator":
+        """With the rows of another chunk, columns `[Y_b | Γ]` first (r + 1, 6, C)."""
+        more = replace(self, samples=self.samples + rows.shape[2], chunks=self.chunks + 1)
+        added = replace(more, grams=self.grams + _grams(rows, self.factor))
+        if _is_orthogonal(added.gram[:-1, :-1]):
+            return added
+        known = square_root(self.gram) @ self.factor
+        renewed = more._in(_factor(np.vstack([known, rows.reshape(len(rows), -1).T])))
+        return replace(renewed, grams=renewed.grams + _grams(rows, renewed.factor), factored=self.factored + 1)
+
+
+def _first_factor(rows: np.ndarray) -> np.ndarray:
+    """Coordinates P for rows like those of a first chunk (r + 1, 6, C)."""
+    step = max(1, rows.shape[2] // max(PROBE, len(rows)))
+    return _factor(rows[:, :, ::step].reshape(len(rows), -1).T)
+
+
+def square_root(gram: np.ndarray) -> np.ndarray:
+    """A square matrix T with `Tᵀ T = gram`, also of a singular one."""
+    scale = np.sqrt(np.diag(gram))
+    scale = np.where(scale > 0, scale, 1)
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    return np.sqrt(np.maximum(values, 0))[:, None] * vectors.T * scale
+
+
+def accumulate(
+    tree: Tree,
+    samples: Samples,
+    *,
+    gravity: np.ndarray,
+    parameters: BaseParameters,
+    start: Accumulator | None = None,
+    factor: np.ndarray | None = None,
+) -> Accumulator:
+    """Adds samples to an accumulator, chunk by chunk.
+
+    Args:
+        tree: The mechanism of b bodies.
+        samples: Joint states and total wrench.
+        gravity: Acceleration of gravity as `base_wrench_regressor` takes it, m/s² (3,).
+        parameters: Regrouping of the mechanism's 10 b parameters.
+        start: What is known from other samples.
+        factor: Coordinates to start from, so that accumulators of several workers add without a change of them.
+
+    Returns:
+        The accumulator of all samples.
+
+    Raises:
+        ValueError: Samples do not fit the mechanism, or a covariance is not positive definite.
+    """
+    states = checked_states(tree, samples.q, samples.dq, samples.ddq, samples.base)
+    down = checked_gravity(gravity).astype(float)
+    program = regressor_program(tree, down, parameters.kept, moving=samples.base is not None, torques=False)
+    block = np.zeros((parameters.rank + 1, 6, min(CHUNK, len(samples))))
+    flat = block.reshape(len(block) * 6, -1)
+    program.fill(flat)
+    found = start
+    for first in range(0, len(samples), CHUNK):
+        part = slice(first, first + CHUNK)
+        inputs = program_inputs(states, down, samples.base, part)
+        program.run(inputs, flat[:, : inputs.shape[1]])
+        rows = block[:, :, : inputs.shape[1]]
+        rows[-1] = samples.wrench[part].T
+        covariance = samples.covariance_of(part)
+        if covariance is not None:
+            rows = _whitened(rows, covariance)
+        if found is None:
+            own = _first_factor(rows) if factor is None else factor
+            found = Accumulator(parameters.names, own, np.zeros((6, *own.shape)), 0, 0, 0, covariance is not None)
+        found = found.with_rows(rows)
+    if found is None:
+        raise ValueError("There are no samples to accumulate.")
+    return found
+
+
+def _grams(rows: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Gram matrices of each component's rows in the coordinates of a factor (6, r + 1, r + 1)."""
+    to_coordinates = _inverse(factor).T
+    grams = np.empty((6, len(rows), len(rows)))
+    for gram, component in zip(grams, np.moveaxis(rows, 1, 0), strict=True):
+        Z = to_coordinates @ component
+        np.matmul(Z, Z.T, out=gram)
+    return grams
+
+
+def _factor(rows: np.ndarray) -> np.ndarray:
+    """Triangular factor of rows (m, k), regular whatever they are (k, k)."""
+    size = rows.shape[1]
+    triangle = linalg.qr(np.vstack([rows, np.zeros((max(size - len(rows), 0), size))]), mode="r")[0][:size]
+    norms = np.linalg.norm(triangle, axis=0)
+    floor = FLOOR * np.where(norms > 0, norms, 1)
+    return linalg.qr(np.vstack([triangle, np.diag(floor)]), mode="r")[0][:size]
+
+
+def _inverse(factor: np.ndarray) -> np.ndarray:
+    return linalg.solve_triangular(factor, np.eye(len(factor)))
+
+
+def _is_orthogonal(gram: np.ndarray) -> bool:
+    """Whether every column sticks out of the span of those before it by a fair part."""
+    try:
+        triangle = np.linalg.cholesky(gram)
+    except np.linalg.LinAlgError:
+        return False
+    return bool((np.diag(triangle) ** 2 * SPREAD > np.diag(gram)).all())
+
+
+def _whitened(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Rows (k, 6, C) times W, where `W C Wᵀ = 1` for the covariance C of a sample (6, 6) or of each (C, 6, 6)."""
+    if covariance.shape[-2:] != (6, 6) or not np.allclose(covariance, np.swapaxes(covariance, -1, -2)):
+        raise ValueError(
+            f"The wrench's covariance needs to be symmetric, (6, 6) or (N, 6, 6), got shape {covariance.shape}."
+        )
+    try:
+        W = np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        raise ValueError("The wrench's covariance needs to be positive definite.") from None
+    return np.moveaxis(W @ np.moveaxis(rows, 2, 0).swapaxes(1, 2), (0, 1, 2), (2, 1, 0))

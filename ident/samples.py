@@ -1,0 +1,114 @@
+"""What is identified from: joint states and the total wrench, in one piece or in many."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from ident.tree import BaseMotion, Tree
+
+
+@runtime_checkable
+class Recorded(Protocol):
+    """A recording that finds its channels by the names of joints and of a wrench, as `sim.recording.Recording`."""
+
+    def joint_states(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions, velocities and accelerations of the named joints, each (N, n)."""
+
+    def wrench(self, name: str) -> np.ndarray:
+        """The wrench `[F; τ]` of that name (N, 6)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Joint states and total wrench at N instants.
+
+    Attributes:
+        q: Joint coordinates in rad, m or quaternions (N, n_q).
+        dq: Joint velocities, rad/s or m/s (N, n); `ddq` their rates (N, n).
+        ddq: Joint accelerations, rad/s² or m/s² (N, n).
+        wrench: Total wrench Γ `[F; τ]` in the base frame, N and N m (N, 6).
+        base: Motion of the base frame, None at rest.
+        covariance: Covariance of the wrench, to weight by: one for all samples (6, 6) or one for each (N, 6, 6).
+    """
+
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    wrench: np.ndarray
+    base: BaseMotion | None = None
+    covariance: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.wrench)
+
+    def part(self, which: slice) -> "Samples":
+        """Some of the samples."""
+        states = {key: getattr(self, key)[which] for key in ("q", "dq", "ddq", "wrench")}
+        base = self.base and BaseMotion(self.base.T[which], self.base.V[which], self.base.dV[which])
+        return replace(self, **states, base=base, covariance=self.covariance_of(which))
+
+    def covariance_of(self, which: slice) -> np.ndarray | None:
+        """Covariance of some of the samples."""
+        one = self.covariance is None or self.covariance.ndim == 2
+        return self.covariance if one else self.covariance[which]  # type: ignore[index]
+
+
+Source = Samples | Recorded | Iterable[Samples | Recorded]
+"""One piece, or an iterable of pieces that need not fit into memory together."""
+
+
+def pieces(source: Source, tree: Tree) -> Iterator[Samples]:
+    """The pieces of a source, of which all have the same columns and types.
+
+    Args:
+        source: Samples or a recording, or an iterable of them. Of a recording the wrench `ground` is the total one.
+        tree: The mechanism.
+
+    Raises:
+        ValueError: A piece does not fit the mechanism or the first one, or there is none.
+    """
+    first: Samples | None = None
+    alone = isinstance(source, Samples | Recorded)
+    for k, piece in enumerate([source] if alone else source):  # type: ignore[arg-type]
+        where = "The samples" if alone else f"Piece {k}"
+        if not isinstance(piece, Samples | Recorded):
+            raise ValueError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
+        samples = piece if isinstance(piece, Samples) else _of_recording(piece, tree)
+        _check(samples, tree, where)
+        first = first or samples
+        _compare(samples, first, where)
+        yield samples
+    if first is None:
+        raise ValueError("Identification needs at least one piece of samples, got none.")
+
+
+def _of_recording(recording: Recorded, tree: Tree) -> Samples:
+    return Samples(*recording.joint_states(tree.joints), recording.wrench("ground"))
+
+
+def _check(samples: Samples, tree: Tree, where: str) -> None:
+    widths = {"q": sum(body.coordinates for body in tree.bodies), "wrench": 6}
+    widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))
+    for name, width in widths.items():
+        x = getattr(samples, name)
+        if not isinstance(x, np.ndarray) or x.dtype.kind not in "fiu":
+            raise ValueError(f"{where}: '{name}' must be an array of real numbers, got {getattr(x, 'dtype', type(x))}.")
+        if x.ndim != 2 or x.shape[1] != width or len(x) != len(samples) or not len(x):
+            raise ValueError(
+                f"{where}: '{name}' needs a row for each of {len(samples)} samples and {width} columns, got {x.shape}."
+            )
+        if not np.isfinite(x).all():
+            row = int(np.argmin(np.isfinite(x).all(axis=1)))
+            raise ValueError(f"{where}: '{name}' needs finite numbers; sample {row} has NaN or infinity.")
+
+
+def _compare(samples: Samples, first: Samples, where: str) -> None:
+    for name in ("q", "dq", "ddq", "wrench"):
+        kind, before = getattr(samples, name).dtype, getattr(first, name).dtype
+        if kind != before:
+            raise ValueError(f"{where}: '{name}' is {kind} where the first piece has {before}; all need one type.")
+    for name in ("base", "covariance"):
+        if (getattr(samples, name) is None) != (getattr(first, name) is None):
+            raise ValueError(f"{where}: either all pieces have '{name}' or none has.")
