@@ -16,8 +16,9 @@ test: $(INSTALLED)
 	$(BIN)/python -m pytest
 
 test-extras: $(INSTALLED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,symbolic,peers]"
-	$(BIN)/python -m pytest tests/test_derive.py tests/test_against_pinocchio.py
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,symbolic,peers,cluster]"
+	$(BIN)/python -m pytest tests/test_derive.py tests/test_against_pinocchio.py tests/test_cluster.py \
+		tests/test_benchmark.py
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -1,7 +1,6 @@
 """How the errors of many trials are distributed, and where the paper's single run lies among them."""
 
 import argparse
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from matplotlib.figure import Figure
 
 from experiments import figures, report
 from experiments.trials import FILE, Draw, Outcome, run_trials, trials_done
+from experiments.workers import hired
 from sim.recording import Recording
 
 
@@ -161,15 +161,18 @@ def conclude(
 
 def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespace) -> None:
     """Runs the trials, and writes and prints how their errors are distributed."""
-    file = args.out / FILE
-    if file.exists() and not args.resume:
-        file.replace(file.with_stem("trials_before"))
-    try:
-        outcomes = run_trials(draw, plan.analyse, args.trials, workers=args.workers, file=file, done=done)
-    except KeyboardInterrupt:
-        if file.exists():
-            print(f"\nThe trials done so far are in {file}; run again with --resume to go on.", file=sys.stderr)
-        raise
+    left = args.trials - len(done)
+    with hired(max(1, min(args.workers, left)), args.scheduler) as crew:
+        outcomes = run_trials(
+            draw,
+            plan.analyse,
+            args.trials,
+            executor=crew.executor,
+            ahead=crew.ahead,
+            threads=crew.threads,
+            file=args.out / FILE,
+            done=done,
+        )
     found = {
         model: Distribution(plan.names, outcomes[:, k, 0], outcomes[:, k, 1], np.array(errors))
         for k, (model, errors) in enumerate(plan.published.items())

@@ -6,8 +6,9 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from experiments.figures import FORMATS
 from experiments.trials import REDRAWN
@@ -55,14 +56,26 @@ def add_trials(parser: argparse.ArgumentParser) -> None:
     """Adds the options of Monte Carlo runs."""
     several = parser.add_argument_group("Monte Carlo")
     several.add_argument("--trials", type=whole_number(2, also=0), default=0, help="trials with noise drawn anew")
-    several.add_argument("--workers", type=whole_number(1, 1024), default=1, help="processes for the trials")
     several.add_argument(
         "--redraw",
         choices=REDRAWN,
         default="all",
         help="noise to draw anew: " + "; ".join(f"{key}, {what}" for key, what in REDRAWN.items()),
     )
-    several.add_argument("--resume", action="store_true", help="go on from the trials of an interrupted run")
+    add_workers(several)
+
+
+def add_workers(group: argparse._ActionsContainer) -> None:
+    """Adds the options of runs that several workers share."""
+    group.add_argument("--workers", type=whole_number(1, 1024), default=1, help="local processes that share the work")
+    group.add_argument(
+        "--scheduler",
+        type=_address,
+        metavar="tcp://HOST:PORT",
+        help="Dask scheduler whose workers share the work instead (extra 'cluster'); they need this package in the "
+        "same version and one thread each for linear algebra, as `dask worker --nthreads 1` starts them with its nanny",
+    )
+    group.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
 
 
 def run(
@@ -124,6 +137,15 @@ def _interruptible_once() -> Iterator[None]:
     finally:
         for number, handler in zip(signals, before, strict=True):
             signal.signal(number, handler)
+
+
+def _address(text: str) -> str:
+    """Type of an option: a scheduler's address."""
+    with suppress(ValueError):
+        parts = urlsplit(text)
+        if parts.scheme == "tcp" and parts.hostname and parts.port and not parts.path:
+            return text
+    raise argparse.ArgumentTypeError(f"needs an address as tcp://host:port, got '{text}'")
 
 
 def whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:

@@ -1,5 +1,6 @@
 import pickle
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 from functools import reduce
 from operator import add
 
@@ -96,6 +97,9 @@ def test_a_quiet_beginning_is_put_right_by_qr(quiet):
     target = np.concatenate([part.wrench.ravel() for part in parts])
     np.testing.assert_allclose(found.psi, np.linalg.lstsq(rows, target, rcond=None)[0], rtol=1e-10, atol=1e-11)
     assert quiet or (" 1 of 3 chunks by QR" in found.method)
+    with ThreadPoolExecutor(2) as pool:
+        shared = identify(STRAIGHT, parts, gravity=GRAVITY, parameters=base, executor=pool)
+    np.testing.assert_allclose(shared.psi, found.psi, rtol=1e-10, atol=1e-11)
     backwards = identify(STRAIGHT, parts[::-1], gravity=GRAVITY, parameters=base)
     np.testing.assert_allclose(backwards.psi, found.psi, rtol=1e-10, atol=1e-11)
     np.testing.assert_allclose(backwards.covariance, found.covariance, rtol=1e-8, atol=1e-14)

@@ -23,6 +23,9 @@ MORE = {
     "excite_study.py": {"mujoco"},
     "symbolic.py": {"scipy", "sympy"},
     "codegen.py": {"sympy"},
+    "cluster.py": {"distributed"},
+    "peers.py": {"pinocchio"},
+    "simulation.py": {"mujoco"},
 }
 """What single modules may import besides: the bridge from MuJoCo a tree, optional ones their extra."""
 STANDARD = __import__("sys").stdlib_module_names

@@ -1,52 +1,26 @@
 import csv
 import json
 import os
-import re
-import signal
-import subprocess
-import sys
-import time
-from functools import partial
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import misaligned, monte_carlo, multicontact, options, trials
-from experiments.multicontact_study import SCENE, problem, study, trial
+from experiments.multicontact_study import study
 from sim.recording import Recording
-
-
-def arguments(tmp_path, *more):
-    return multicontact.parser().parse_args(["--out", str(tmp_path), "--formats", "png", *more])
-
-
-def draw(tmp_path, *more, samples="200"):
-    args = arguments(tmp_path, "--samples", samples, *more)
-    recording = study(samples=args.samples, seed=args.seed).recording
-    return trials.Draw.of(args, {"name": SCENE, "contact": "pad"}, recording)
-
-
-ANALYSE = partial(trial, problem("pad"))
-
-
-def run(source, number, tmp_path, **more):
-    settings = {"workers": 1, "file": tmp_path / trials.FILE}
-    return trials.run_trials(source, ANALYSE, number, **(settings | more))
-
-
-def resumed(source, number, tmp_path, *more):
-    args = arguments(tmp_path, "--samples", "200", "--redraw", "sensors", "--resume", "--trials", str(number), *more)
-    return run(source, number, tmp_path, done=trials.trials_done(source, args))
 
 
 @pytest.mark.parametrize("redrawn", trials.REDRAWN)
 def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
     source = draw(tmp_path, "--redraw", redrawn)
-    a, b, again = source(0), source(1), source(0)
+    a, b, again = source.recordings([0, 1, 0])
     assert (a["ground_force"] != b["ground_force"]).all()
     np.testing.assert_array_equal(a["ground_force"], again["ground_force"])
     assert (a["joint1_position"] != b["joint1_position"]).any() == (redrawn != "wrench")
-    other = draw(tmp_path, "--redraw", redrawn, "--seed", "1")(0)
+    (other,) = draw(tmp_path, "--redraw", redrawn, "--seed", "1").recordings([0])
     assert (a["ground_force"] - a.true["ground_force"] != other["ground_force"] - other.true["ground_force"]).all()
     assert (a.true["joint1_position"] != b.true["joint1_position"]).any() == (redrawn == "all")
 
@@ -61,50 +35,34 @@ def test_any_number_of_workers_gives_the_same_numbers(tmp_path):
 def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 9, tmp_path, file=tmp_path / "whole.npz")
-    in_order = trials._in_order
+    in_order = trials.in_order
 
-    def interrupted(*args):
-        for k, outcome in enumerate(in_order(*args)):
+    def interrupted(*args, **more):
+        for k, outcomes in enumerate(in_order(*args, **more)):
             if k == 5:
                 raise KeyboardInterrupt
-            yield outcome
+            yield outcomes
 
     with monkeypatch.context() as patched:
-        patched.setattr(trials, "_in_order", interrupted)
+        patched.setattr(trials, "in_order", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(source, 9, tmp_path)
-    with np.load(tmp_path / trials.FILE) as kept:
-        assert len(kept["outcomes"]) == 5
+    assert len(kept(tmp_path)) == 5
     np.testing.assert_array_equal(resumed(source, 9, tmp_path), whole)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
 @pytest.mark.parametrize("moment", ["starting", "running"])
 def test_ctrl_c_ends_all_processes_without_a_traceback(tmp_path, moment):
-    command = [sys.executable, "-m", "experiments.multicontact", "--out", str(tmp_path), "--formats", "png"]
-    command += ["--trials", "100000", "--redraw", "sensors", "--workers", "2"]
+    command = ["--trials", "100000", "--redraw", "sensors", "--workers", "2", "--out", str(tmp_path)]
+    # The bar stands at zero while the workers start.
     pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
-    with subprocess.Popen(command, **quiet) as process:
-        seen = b""
-        # The bar stands at zero while the workers start.
-        while not re.search(pattern, seen):
-            part = process.stderr.read1()
-            assert part, seen
-            seen += part
-        for _ in range(2):
-            os.killpg(process.pid, signal.SIGINT)
-        seen += process.stderr.read()
-        assert process.wait(timeout=60) == 130
-    assert b"Traceback" not in seen
-    assert b"every file is whole" in seen
-    assert (b"run again with --resume" in seen) == (tmp_path / trials.FILE).exists()
+    code, said = interrupted([*command, "--formats", "png"], pattern)
+    assert code == 130
+    assert b"Traceback" not in said
+    assert b"every file is whole" in said
+    assert (b"run again with --resume" in said) == (tmp_path / trials.FILE).exists()
     assert (tmp_path / trials.FILE).exists() or moment == "starting"
-    # Nobody of the group is left.
-    with pytest.raises(ProcessLookupError):
-        for _ in range(100):
-            os.killpg(process.pid, 0)
-            time.sleep(0.1)
 
 
 def test_trials_of_another_run_are_not_resumed(tmp_path):
@@ -127,16 +85,26 @@ def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
     assert (tmp_path / "trials_before.npz").read_bytes() == before
 
 
-class Dying:
-    """An analysis whose worker is killed, as the system does for want of memory."""
+def test_any_executor_gives_the_same_numbers(tmp_path):
+    source = draw(tmp_path, "--redraw", "all")
+    one = run(source, 20, tmp_path)
+    with ThreadPoolExecutor(3) as executor:
+        np.testing.assert_array_equal(run(source, 20, tmp_path, executor=executor, threads=2), one)
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+        np.testing.assert_array_equal(run(source, 20, tmp_path, executor=executor, ahead=1), one)
 
-    def __call__(self, recording):
-        os._exit(9)
 
-
-def test_a_dead_worker_is_one_sentence(tmp_path):
-    with pytest.raises(ValueError, match="A worker process died"):
-        trials.run_trials(draw(tmp_path), Dying(), 4, workers=2, file=tmp_path / trials.FILE)
+def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
+    source = draw(tmp_path, "--redraw", "sensors")
+    whole = run(source, 40, tmp_path, file=tmp_path / "whole.npz")
+    with pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers"):
+        run(source, 40, tmp_path, workers=2, analyse=Mortal.at(25, source, tmp_path))
+    assert "The trials done so far are in" in capsys.readouterr().err
+    # Those of its batch and of the other worker are lost at most.
+    before = kept(tmp_path)
+    assert 16 <= len(before) <= 25
+    np.testing.assert_array_equal(before, whole[: len(before)])
+    np.testing.assert_array_equal(resumed(source, 40, tmp_path), whole)
 
 
 def distribution(outcomes):
@@ -225,7 +193,7 @@ def test_the_chart_shows_every_parameter_of_every_model():
 
 
 def test_options_are_shared():
-    for name in ("--trials", "--workers", "--redraw", "--resume"):
+    for name in ("--trials", "--workers", "--scheduler", "--redraw", "--resume"):
         assert name in options.study_parser("any", "").format_help()
 
 

@@ -1,3 +1,4 @@
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -144,3 +145,13 @@ def test_bad_motions_of_a_base_are_refused(change, message):
 def test_twists_of_no_joint_are_refused():
     with pytest.raises(ValueError, match="or a ball joint's 6×3"):
         Body("arm", BASE, np.eye(4), np.ones((6, 3)))
+
+
+def test_trees_of_the_same_values_are_equal():
+    """So that what was found for one holds for its copy in another process."""
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, 5)
+    copy = pickle.loads(pickle.dumps(tree))
+    assert copy == tree and hash(copy) == hash(tree) and copy is not tree
+    turned = Tree((*tree.bodies[:-1], replace(tree.bodies[-1], home=random_pose(rng))))
+    assert turned != tree and tree != "tree" and tree.bodies[0] != "body"

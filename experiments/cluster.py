@@ -1,0 +1,96 @@
+"""A Dask cluster's workers as an executor."""
+
+import logging
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future, InvalidStateError
+from contextlib import ExitStack, contextmanager, suppress
+from threading import Event, Thread
+from typing import Any
+
+from distributed import Client, KilledWorker
+
+ANSWER = 5.0
+"""Seconds within which a scheduler must answer and have a worker."""
+
+
+@contextmanager
+def connected(address: str) -> Iterator[tuple[Executor, int]]:
+    """An executor whose tasks a cluster does for the duration of a block, and how many at once.
+
+    The scheduler redoes the tasks of workers that die.
+
+    Args:
+        address: Address of the scheduler, `tcp://host:port`.
+
+    Raises:
+        ValueError: The scheduler cannot be reached, has no workers or unfit ones, or was lost; or one task has killed
+            several workers.
+    """
+    # What matters of its logs is raised, also after the client is closed.
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    with ExitStack() as stack:
+        try:
+            client = stack.enter_context(Client(address, timeout=ANSWER, set_as_default=False))
+            client.wait_for_workers(1, timeout=ANSWER)
+        except (OSError, ValueError) as error:
+            raise ValueError(f"There is no Dask scheduler with workers at {address} ({error}).") from None
+        executor = stack.enter_context(_Watched(client))
+        try:
+            threads = executor.submit(_threads_for_linear_algebra).result()
+        except Exception as error:
+            raise ValueError(
+                f"The cluster at {address} cannot run this: its scheduler and workers need this package and the same "
+                f"versions as here ({str(error).partition(chr(10))[0]})."
+            ) from None
+        if threads != "1":
+            raise ValueError(
+                f"The workers of the cluster at {address} need one thread for linear algebra: start them with "
+                "OPENBLAS_NUM_THREADS=1, as Dask's nanny does."
+            )
+        try:
+            yield executor, sum(client.nthreads().values())
+        except KilledWorker:
+            raise ValueError(
+                f"Several workers of the cluster at {address} died of the same task, perhaps for want of memory."
+            ) from None
+        except CancelledError:
+            raise ValueError(f"The connection to the Dask scheduler at {address} was lost.") from None
+
+
+class _Watched(Executor):
+    """A Dask client's executor whose tasks end when the scheduler is lost.
+
+    Dask cancels those that it knows then, but not those that are submitted while it tries to connect again.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._executor = client.get_executor()
+        self._pending: set[Future[Any]] = set()
+        self._ended = Event()
+        Thread(target=self._watch, daemon=True).start()
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future = self._executor.submit(function, *args, **kwargs)
+        self._pending.add(future)
+        future.add_done_callback(self._pending.discard)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leaves the workers, whatever they are doing."""
+        self._ended.set()
+        self._executor.shutdown(wait=False)
+
+    def _watch(self) -> None:
+        while not self._ended.wait(0.2):
+            if self._client.status != "running":
+                for future in list(self._pending):
+                    with suppress(InvalidStateError):
+                        future.set_exception(CancelledError())
+
+
+def _threads_for_linear_algebra() -> str | None:
+    """What the process was started with."""
+    return os.environ.get("OPENBLAS_NUM_THREADS")

@@ -1,0 +1,211 @@
+"""Base parameters from recordings of any length, read and worked on piece by piece."""
+
+import argparse
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from tqdm import tqdm
+
+from experiments import options, report
+from experiments.kept import SAVE_EVERY
+from experiments.workers import hired
+from ident.accumulator import Accumulator, accumulate
+from ident.base_parameters import BaseParameters, find_base_parameters
+from ident.estimate import PIECE, Estimate, solve
+from ident.in_order import in_order
+from ident.samples import Samples, pieces
+from ident.tree import Tree
+from sim.atomic import replacing
+from sim.mujoco_model import compiled, gravity_in_base, tree_from_model
+from sim.recording import Recording
+
+FILE = "accumulated.npz"
+"""File in the output folder that keeps what has been read."""
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """What is known of the pieces read so far, kept in a file.
+
+    Attributes:
+        file: Where it is kept.
+        identity: What decides the result, as JSON has it.
+        found: Accumulator of the pieces, None before the first.
+        done: Number of pieces.
+    """
+
+    file: Path
+    identity: Mapping[str, Any]
+    found: Accumulator | None = None
+    done: int = 0
+
+    def resumed(self) -> "Progress":
+        """The progress of an earlier run.
+
+        Raises:
+            ValueError: There is none, or it belongs to another run.
+        """
+        try:
+            with self.file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+                fields = dict(data)
+            kept, done = json.loads(str(fields.pop("identity"))), int(fields.pop("done"))
+            found = Accumulator(**fields)
+        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
+            raise ValueError(f"--resume needs what an earlier run left in {self.file} ({error}).") from None
+        different = [key for key, value in self.identity.items() if kept.get(key) != value]
+        if different:
+            raise ValueError(f"{self.file} is of another run: {', '.join(different)} differ; leave out --resume.")
+        return Progress(self.file, self.identity, found, done)
+
+    def and_piece(self, part: Accumulator) -> "Progress":
+        """With one piece more."""
+        found = part if self.found is None else self.found + part
+        return Progress(self.file, self.identity, found, self.done + 1)
+
+    def save(self) -> None:
+        """Writes the file anew."""
+        with replacing(self.file) as temporary:
+            np.savez(temporary, identity=json.dumps(self.identity), done=self.done, **vars(self.found))
+
+
+def read(files: Sequence[Path], tree: Tree, samples: int) -> Iterator[Samples]:
+    """Pieces of recordings, one file after the other, checked against the mechanism and each other."""
+    return pieces((piece for file in files for piece in Recording.chunks(file, samples=samples)), tree)
+
+
+def accumulated(
+    progress: Progress, tree: Tree, gravity: np.ndarray, parameters: BaseParameters, args: argparse.Namespace
+) -> Accumulator:
+    """What all pieces give, those included that an earlier run has done.
+
+    Raises:
+        ValueError: A piece does not fit, or a worker died; the pieces done before are in the file.
+    """
+    start = progress.done
+    work = partial(_accumulated, tree, gravity, parameters)
+    rest = islice(read(args.recordings, tree, args.piece), start, None)
+    try:
+        with (
+            hired(args.workers, args.scheduler) as crew,
+            closing(in_order(crew.executor, work, rest, ahead=crew.ahead)) as parts,
+        ):
+            saved = time.monotonic()
+            for part in tqdm(parts, desc="Pieces", initial=start, file=sys.stderr):
+                progress = progress.and_piece(part)
+                if time.monotonic() - saved > SAVE_EVERY:
+                    progress.save()
+                    saved = time.monotonic()
+    except BaseException:
+        if progress.done > start:
+            progress.save()
+        if progress.done:
+            print(f"\nThe {progress.done} pieces done are in {progress.file}; go on with --resume.", file=sys.stderr)
+        raise
+    if progress.found is None:
+        raise ValueError("The recordings hold no samples.")
+    progress.save()
+    return progress.found
+
+
+def _accumulated(tree: Tree, gravity: np.ndarray, parameters: BaseParameters, piece: Samples) -> Accumulator:
+    return accumulate(tree, piece, gravity=gravity, parameters=parameters)
+
+
+def table(estimate: Estimate) -> report.Table:
+    """Base parameters with their standard deviations."""
+    return report.Table(
+        f"Base parameters from {estimate.samples} samples, kg, kg m and kg m²",
+        *report.columns(
+            parameter=estimate.names,
+            estimated=estimate.psi,
+            std_wrench_noise=estimate.std,
+            regrouping=estimate.parameters.expressions(digits=4),
+        ),
+        decimals=4,
+    )
+
+
+def summary(estimate: Estimate) -> dict[str, Any]:
+    """Everything about the estimate for scripts."""
+    arrays = ("psi", "std", "covariance", "singular_values", "residual_norms")
+    return {
+        "names": list(estimate.names),
+        **{key: getattr(estimate, key).tolist() for key in arrays},
+        "condition_number": estimate.condition_number,
+        "samples": estimate.samples,
+        "rows": estimate.rows,
+        "method": estimate.method,
+    }
+
+
+def run(args: argparse.Namespace) -> None:
+    """Identifies, and writes and prints what was found."""
+    identity = _identity(args)
+    model = compiled(args.model)
+    tree, gravity = tree_from_model(model, args.base, ignore=args.ignore), gravity_in_base(model, args.base)
+    parameters = find_base_parameters(tree, gravity=gravity)
+    args.out.mkdir(parents=True, exist_ok=True)
+    progress = Progress(args.out / FILE, identity)
+    if args.resume:
+        progress = progress.resumed()
+    estimate = solve(accumulated(progress, tree, gravity, parameters, args), parameters)
+    with report.results_folder(args.out) as folder:
+        table(estimate).write(folder, "base_parameters")
+        origin = report.provenance({**identity, "ignore": args.ignore}, {})
+        report.write_json(folder / "estimate.json", summary(estimate) | {"provenance": origin})
+    print(table(estimate).text())
+    rms = estimate.residual_norms / np.sqrt(estimate.samples)
+    print("RMS residuals: " + ", ".join(f"{x:.3g}" for x in rms[:3]) + " N, " + ", ".join(f"{x:.3g}" for x in rms[3:]))
+    print(f"N m. Condition number {estimate.condition_number:.1f}; {estimate.method}.")
+    print(f"Tables and estimate.json are in {args.out}.")
+
+
+def _identity(args: argparse.Namespace) -> dict[str, Any]:
+    """What decides the result."""
+    for file in (args.model, *args.recordings):
+        if not file.is_file():
+            raise ValueError(f"There is no file '{file}'.")
+    return {
+        "model": hashlib.sha256(args.model.read_bytes()).hexdigest(),
+        "recordings": [f"{file.resolve()}, {file.stat().st_size} bytes" for file in args.recordings],
+        "base": args.base,
+        "piece": args.piece,
+    }
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.command_parser("stream", __doc__)
+    out.add_argument("model", type=Path, help="MJCF or URDF file")
+    out.add_argument(
+        "recordings",
+        type=Path,
+        nargs="+",
+        help="CSV or npz files with the channels JOINT_position, JOINT_velocity, JOINT_acceleration of every joint, "
+        "ground_force and ground_torque",
+    )
+    out.add_argument("--base", help="body whose frame is {0}, by default the world")
+    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    out.add_argument("--piece", type=options.whole_number(1), default=PIECE, help="samples read at a time")
+    options.add_workers(out.add_argument_group("workers"))
+    return out
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return options.run(run, parser(), argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

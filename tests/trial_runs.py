@@ -1,0 +1,105 @@
+"""Trials of a short recording, for the tests of those who run them."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments import multicontact, trials
+from experiments.multicontact_study import SCENE, problem, study, trial
+from experiments.workers import hired
+
+ANALYSE = partial(trial, problem("pad"))
+
+
+def arguments(tmp_path, *more):
+    return multicontact.parser().parse_args(["--out", str(tmp_path), "--formats", "png", *more])
+
+
+def draw(tmp_path, *more, samples="200"):
+    args = arguments(tmp_path, "--samples", samples, *more)
+    recording = study(samples=args.samples, seed=args.seed).recording
+    return trials.Draw.of(args, {"name": SCENE, "contact": "pad"}, recording)
+
+
+def run(source, number, tmp_path, workers=1, **more):
+    """Outcomes of trials, by local workers if no executor is given."""
+    settings = {"file": tmp_path / trials.FILE, "analyse": ANALYSE} | more
+    if "executor" in settings:
+        return trials.run_trials(source, trials=number, **settings)
+    with hired(workers) as crew:
+        return trials.run_trials(source, trials=number, executor=crew.executor, **settings)
+
+
+def resumed(source, number, tmp_path, *more):
+    args = arguments(tmp_path, "--samples", "200", "--redraw", "sensors", "--resume", "--trials", str(number), *more)
+    return run(source, number, tmp_path, done=trials.trials_done(source, args))
+
+
+def kept(tmp_path):
+    """Outcomes in the file of trials."""
+    with np.load(tmp_path / trials.FILE) as data:
+        return data["outcomes"]
+
+
+@dataclass(frozen=True)
+class Mortal:
+    """An analysis whose worker is killed once, in the trial that draws a certain force.
+
+    Attributes:
+        force: The trial's first ground force along x.
+        died: File that is there afterwards.
+    """
+
+    force: float
+    died: Path
+
+    @classmethod
+    def at(cls, k, source, tmp_path):
+        """Dies in trial k of a source."""
+        (recording,) = source.recordings([k])
+        return cls(recording["ground_force"][0, 0], tmp_path / "died")
+
+    def __call__(self, recording):
+        if recording["ground_force"][0, 0] == self.force and not self.died.exists():
+            self.died.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return ANALYSE(recording)
+
+
+def read_until(process, pattern):
+    """What a process says on its standard error until something matches."""
+    seen = b""
+    while not re.search(pattern, seen):
+        part = process.stderr.read1()
+        assert part, seen
+        seen += part
+    return seen
+
+
+def interrupted(command, pattern):
+    """Exit code and standard error of a multicontact study that gets Ctrl-C twice when something has been said.
+
+    It has a group of its own, of which nobody must be left.
+    """
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
+    command = [sys.executable, "-m", "experiments.multicontact", *command]
+    with subprocess.Popen(command, **quiet) as process:
+        seen = read_until(process, pattern)
+        for _ in range(2):
+            os.killpg(process.pid, signal.SIGINT)
+        seen += process.stderr.read()
+        code = process.wait(timeout=60)
+    with pytest.raises(ProcessLookupError):
+        for _ in range(100):
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
+    return code, seen
