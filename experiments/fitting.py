@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from ident.base_parameters import BaseParameters, find_base_parameters
+from ident.base_parameters import BaseParameters, structural_base_parameters
 from ident.body import BASE
 from ident.estimate import Estimate, huber_white, identify, predicted_wrench
 from ident.samples import Samples
@@ -67,19 +66,13 @@ def fit(
     states = recording.joint_states(tree.joints)
     measured = recording.wrench("ground") if wrench is None else wrench
     samples = Samples(*states, measured, covariance=covariance)
-    base = _regrouping(tree, tuple(gravity.tolist()), None if kept is None else tuple(kept))
+    base = structural_base_parameters(tree, tuple(gravity.tolist()), kept=None if kept is None else tuple(kept))
     noise = recording.joint_noise(tree.joints)
     estimate = identify(tree, samples, gravity=gravity, parameters=base, state_noise=noise)
     if covariance is None:
         estimate = huber_white(tree, estimate, samples, gravity=gravity)
     predicted = predicted_wrench(tree, estimate, *states, gravity=gravity)
     return Fit(estimate, base.regroup(phi_true), predicted)
-
-
-@lru_cache(maxsize=16)
-def _regrouping(tree: Tree, gravity: tuple[float, ...], kept: tuple[str, ...] | None) -> BaseParameters:
-    """Structural regrouping, found once for the trials of a study."""
-    return find_base_parameters(tree, gravity=np.array(gravity), kept=kept)
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

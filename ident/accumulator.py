@@ -9,7 +9,7 @@ first ones did not, P is renewed by a QR of all that is known stacked on the chu
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg
+from scipy.linalg import lapack
 
 from ident.base_parameters import BaseParameters
 from ident.dim import checked_gravity
@@ -17,11 +17,14 @@ from ident.regressor import CHUNK, checked_states, program_inputs, regressor_pro
 from ident.samples import Samples
 from ident.tree import Tree
 
-PROBE = 256
+PROBE = 64
 """Samples that the first coordinates are made of, at least as many as columns."""
 
 FLOOR = 1e-10
 """Columns of the coordinates stick out of the span of others by this fraction at least, whether excited or not."""
+
+SMALL = 16
+"""Columns below which a general matrix product is faster than a symmetric one."""
 
 SPREAD = 100.0
 """How far from orthogonal columns may become in their coordinates before these are renewed."""
@@ -81,18 +84,19 @@ class Accumulator:
 
     def _in(self, factor: np.ndarray) -> "Accumulator":
         """The same in other coordinates."""
-        change = self.factor @ _inverse(factor)
+        change = self.factor @ inverse_of(factor)
         return replace(self, factor=factor, grams=change.T @ self.grams @ change)
 
     def with_rows(self, rows: np.ndarray) -> "Accumulator":
         """With the rows of another chunk, columns `[Y_b | Γ]` first (r + 1, 6, C)."""
-        more = replace(self, samples=self.samples + rows.shape[2], chunks=self.chunks + 1)
-        added = replace(more, grams=self.grams + _grams(rows, self.factor))
-        if _is_orthogonal(added.gram[:-1, :-1]):
-            return added
+        number = {"samples": self.samples + rows.shape[2], "chunks": self.chunks + 1}
+        grams = self.grams + _grams(rows, self.factor)
+        if _is_orthogonal(grams[:, :-1, :-1].sum(axis=0)):
+            return replace(self, grams=grams, **number)
         known = square_root(self.gram) @ self.factor
-        renewed = more._in(_factor(np.vstack([known, rows.reshape(len(rows), -1).T])))
-        return replace(renewed, grams=renewed.grams + _grams(rows, renewed.factor), factored=self.factored + 1)
+        renewed = self._in(_factor(np.vstack([known, rows.reshape(len(rows), -1).T])))
+        grams = renewed.grams + _grams(rows, renewed.factor)
+        return replace(renewed, grams=grams, factored=self.factored + 1, **number)
 
 
 def _first_factor(rows: np.ndarray) -> np.ndarray:
@@ -161,25 +165,34 @@ def accumulate(
 
 def _grams(rows: np.ndarray, factor: np.ndarray) -> np.ndarray:
     """Gram matrices of each component's rows in the coordinates of a factor (6, r + 1, r + 1)."""
-    to_coordinates = _inverse(factor).T
+    to_coordinates = inverse_of(factor).T
     grams = np.empty((6, len(rows), len(rows)))
     for gram, component in zip(grams, np.moveaxis(rows, 1, 0), strict=True):
         Z = to_coordinates @ component
-        np.matmul(Z, Z.T, out=gram)
+        # Times itself numpy takes it to BLAS's symmetric product, which is slower than the general one if it is small.
+        np.matmul(Z, (Z.copy() if len(Z) < SMALL else Z).T, out=gram)
     return grams
 
 
 def _factor(rows: np.ndarray) -> np.ndarray:
     """Triangular factor of rows (m, k), regular whatever they are (k, k)."""
     size = rows.shape[1]
-    triangle = linalg.qr(np.vstack([rows, np.zeros((max(size - len(rows), 0), size))]), mode="r")[0][:size]
+    triangle = triangle_of(np.vstack([rows, np.zeros((max(size - len(rows), 0), size))]))
     norms = np.linalg.norm(triangle, axis=0)
     floor = FLOOR * np.where(norms > 0, norms, 1)
-    return linalg.qr(np.vstack([triangle, np.diag(floor)]), mode="r")[0][:size]
+    if (abs(np.diag(triangle)) > floor).all():
+        return triangle
+    return triangle_of(np.vstack([triangle, np.diag(floor)]))
 
 
-def _inverse(factor: np.ndarray) -> np.ndarray:
-    return linalg.solve_triangular(factor, np.eye(len(factor)))
+def triangle_of(rows: np.ndarray) -> np.ndarray:
+    """Triangular factor of a QR decomposition."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def inverse_of(factor: np.ndarray) -> np.ndarray:
+    """Inverse of a regular upper triangular matrix."""
+    return lapack.dtrtri(factor)[0]
 
 
 def _is_orthogonal(gram: np.ndarray) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import linalg
@@ -152,6 +153,21 @@ def find_base_parameters(
     beta[np.abs(beta) < 1e-9] = 0
     gap = (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
     return BaseParameters(names, tuple(chosen), tuple(others), beta, gap)
+
+
+@lru_cache(maxsize=64)
+def structural_base_parameters(
+    tree: Tree, gravity: tuple[float, ...], *, moving_base: bool = False, kept: tuple[str, ...] | None = None
+) -> BaseParameters:
+    """`find_base_parameters` of a mechanism whose base wrench is measured, found once and remembered.
+
+    Args:
+        tree: The mechanism.
+        gravity: Acceleration of gravity in the base frame, m/s² (3 numbers).
+        moving_base: Whether the base moves.
+        kept: Names to use as base parameters.
+    """
+    return find_base_parameters(tree, gravity=np.array(gravity), sensors=Sensors(moving_base=moving_base), kept=kept)
 
 
 def separating_sensors(

@@ -1,6 +1,7 @@
 """One body of a mechanism, with the joint that carries it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class Body:
     def __hash__(self) -> int:
         return hash(self._values())
 
-    @property
+    @cached_property
     def moves(self) -> bool:
         """Whether a joint lies between the body and its parent."""
         return bool(np.any(self.twist != 0))
@@ -67,7 +68,7 @@ class Body:
         """Whether the joint is a ball."""
         return self.twist.ndim == 2
 
-    @property
+    @cached_property
     def motions(self) -> np.ndarray:
         """Motion subspace of the joint: its twist is `motions @ q̇` in the body's frame (6, 0), (6, 1) or (6, 3)."""
         return self.twist.reshape(6, -1)[:, : None if self.moves else 0]

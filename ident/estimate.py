@@ -10,13 +10,13 @@ from operator import add
 import numpy as np
 from scipy import linalg
 
-from ident.accumulator import PROBE, Accumulator, accumulate, square_root
-from ident.base_parameters import ZERO_COLUMN, BaseParameters, find_base_parameters
+from ident.accumulator import PROBE, Accumulator, accumulate, inverse_of, square_root, triangle_of
+from ident.base_parameters import ZERO_COLUMN, BaseParameters, structural_base_parameters
+from ident.dim import checked_gravity
 from ident.excitation import check_excitation, noise_rows
 from ident.in_order import in_order
 from ident.regressor import CHUNK, base_wrench_regressor
 from ident.samples import Samples, Source, pieces
-from ident.structure import Sensors
 from ident.tree import BaseMotion, Tree
 
 PIECE = 65536
@@ -107,7 +107,8 @@ def identify(
     stream = pieces(source, tree)
     first = next(stream)
     if parameters is None:
-        parameters = find_base_parameters(tree, gravity=gravity, sensors=Sensors(moving_base=first.base is not None))
+        down = tuple(checked_gravity(gravity).tolist())
+        parameters = structural_base_parameters(tree, down, moving_base=first.base is not None)
     noise = None if state_noise is None else noise_rows(tree, first, gravity, parameters, state_noise)
     if executor is None:
         found = accumulate(tree, first, gravity=gravity, parameters=parameters)
@@ -144,33 +145,32 @@ def solve(found: Accumulator, parameters: BaseParameters, noise: np.ndarray | No
         ExcitationError: The motion does not separate the base parameters.
     """
     rank, gram = parameters.rank, found.gram
+    P_b, p, scale = found.factor[:rank, :rank], found.factor[:rank, rank], found.factor[rank, rank]
     # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, and its Cholesky factor that of QR.
     try:
-        A = linalg.cholesky(gram[:rank, :rank])
-    except linalg.LinAlgError:
-        A = linalg.qr(square_root(gram[:rank, :rank]), mode="r")[0]
-    P_b, p, scale = found.factor[:rank, :rank], found.factor[:rank, rank], found.factor[rank, rank]
+        A = np.linalg.cholesky(gram[:rank, :rank]).T
+    except np.linalg.LinAlgError:
+        A = triangle_of(square_root(gram[:rank, :rank]))
     R = A @ P_b
     check_excitation(R, parameters, found.samples, noise)
-    shift = scale * linalg.solve_triangular(A, linalg.solve_triangular(A, gram[:rank, rank], trans="T"))
-    psi = linalg.solve_triangular(P_b, p + shift)
+    inverse = inverse_of(A)
+    shift = scale * inverse @ (inverse.T @ gram[:rank, rank])
     # The residual Γ - Y_b ψ in the same coordinates, without the difference of two large numbers.
     residual = np.append(-shift, scale)
-    squares = np.maximum(np.einsum("i,kij,j->k", residual, found.grams, residual), 0)
+    squares = np.maximum(residual @ found.grams @ residual, 0)
     own = found.grams[:, :rank, :rank]
     seen = np.trace(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * np.trace(gram[:rank, :rank])
-    to_psi = linalg.solve_triangular(P_b, linalg.solve_triangular(A, np.eye(rank)))
+    half = inverse_of(P_b) @ inverse
     if found.weighted:
-        covariance = to_psi @ to_psi.T
+        covariance = half @ half.T
     else:
-        in_A = linalg.solve_triangular(A, np.eye(rank))
-        whitened = in_A.T @ own @ in_A
+        whitened = inverse.T @ own @ inverse
         # What the parameters have taken of a component's noise is missing in its residual.
         freedoms = np.maximum(found.samples - np.trace(whitened, axis1=1, axis2=2), 1)
-        covariance = to_psi @ np.einsum("k,kij->ij", squares / freedoms, whitened) @ to_psi.T
+        covariance = half @ np.tensordot(squares / freedoms, whitened, axes=1) @ half.T
     return Estimate(
         parameters=parameters,
-        psi=psi,
+        psi=linalg.solve_triangular(P_b, p + shift),
         std=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         triangle=R,
@@ -218,7 +218,7 @@ def huber_white(tree: Tree, estimate: Estimate, source: Source, *, gravity: np.n
             # Each sample pulls at ψ by its residual.
             pulls = np.einsum("nir,ni->nr", Y, part.wrench - Y @ estimate.psi)
             middle += pulls.T @ pulls
-    inverse = linalg.solve_triangular(estimate.triangle, np.eye(rank))
-    half = inverse @ (inverse.T @ linalg.cholesky(middle, lower=True))
+    inverse = inverse_of(estimate.triangle)
+    half = inverse @ (inverse.T @ np.linalg.cholesky(middle))
     covariance = half @ half.T * rows / max(rows - rank, 1)
     return replace(estimate, covariance=covariance, std=np.sqrt(np.diag(covariance)))

@@ -73,8 +73,7 @@ def check_excitation(
     norms = np.linalg.norm(triangle, axis=0)
     still = norms <= ZERO_COLUMN * norms.max(initial=0)
     norms = np.where(still, 1, norms)
-    _, _, directions = np.linalg.svd(triangle / norms)
-    lengths = np.linalg.norm(triangle / norms @ directions.T, axis=0)
+    _, lengths, directions = np.linalg.svd(triangle / norms)
     floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
     if noise is not None:
         of_noise = np.linalg.norm(noise / norms @ directions.T, axis=0) * np.sqrt(6 * samples / len(noise))
