@@ -1,12 +1,24 @@
 """Writes the generated parts of README.md: `python -m experiments.readme`, from the root of a checkout."""
 
 import argparse
+import json
 import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from experiments import figures, misaligned, misaligned_study, multicontact, multicontact_study, options, report
+from experiments import (
+    figures,
+    misaligned,
+    misaligned_study,
+    multicontact,
+    multicontact_study,
+    options,
+    report,
+)
+from experiments.benchmark import command, words
+from experiments.benchmark.figure import figure_benchmark
 from sim.atomic import replacing
 
 
@@ -39,6 +51,19 @@ def table_4(result: multicontact_study.Study) -> report.Table:
     return report.Table("", *rows, decimals=2, marked=multicontact.DIFFERS, footnote=footnote)
 
 
+def benchmark_results(root: Path) -> dict[str, Any]:
+    """The benchmark that README shows: that of `results/benchmark`, or the one it shows already.
+
+    Raises:
+        ValueError: That one was made with `--quick`.
+    """
+    made, shown = root / "results" / "benchmark" / command.FILE, root / "docs" / command.FILE
+    results = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
+    if results["provenance"]["options"]["quick"]:
+        raise ValueError(f"README shows a whole benchmark, but '{made}' is of a quick one: run it without --quick.")
+    return results
+
+
 def with_block(text: str, name: str, content: str) -> str:
     """The text with the part between `<!-- name -->` and `<!-- end name -->` replaced."""
     pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end {name} -->)", re.DOTALL)
@@ -48,15 +73,19 @@ def with_block(text: str, name: str, content: str) -> str:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Writes README.md and its figure anew."""
+    """Writes README.md, its figures and the record of its benchmark anew."""
     readme, figure = args.root / "README.md", args.root / "docs"
     if not (readme.is_file() and figure.is_dir()):
         raise ValueError(f"The root of a checkout has a README.md and a folder docs; '{args.root}' has not.")
+    measured = benchmark_results(args.root)
     tilted, touching = misaligned_study.study(), multicontact_study.study()
     text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted).markdown())
     text = with_block(text, "table 4", table_4(touching).markdown())
+    text = with_block(text, "benchmark", words.readme_block(measured))
     with report.results_folder(figure) as folder:
         figures.save(misaligned.figure_2(tilted), folder, "figure_2", ["png"])
+        figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
+        report.write_json(folder / command.FILE, measured)
     with replacing(readme) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -1,5 +1,6 @@
 """README's generated table is that of a fresh run, and its example runs."""
 
+import json
 import re
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 import experiments
 import scenes
 from experiments import misaligned_study, multicontact_study, readme
+from experiments.benchmark import words
 
 README = Path(experiments.__file__).parents[1] / "README.md"
 pytestmark = pytest.mark.skipif(not README.exists(), reason="only a checkout has a README.md")
@@ -42,6 +44,29 @@ def test_condition_numbers_are_not_stale():
     tilted, touching = misaligned_study.study(), multicontact_study.study()
     for fit, published in ((tilted.simplified, "38.1"), (tilted.full, "334.2"), (touching.fit, "36.5")):
         assert f"{fit.estimate.condition_number:.1f} (paper {published})" in text.replace("\n", " ")
+
+
+def test_the_benchmark_is_the_one_on_record():
+    text = README.read_text(encoding="utf-8")
+    shown = re.search(r"<!-- benchmark -->\n(.*?)<!-- end benchmark -->", text, re.DOTALL)[1]
+    record = json.loads((README.parent / "docs" / "benchmark.json").read_text(encoding="utf-8"))
+    assert shown == words.readme_block(record)
+    assert record["machine"]["processor"] in shown
+
+
+def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_one(tmp_path):
+    def record(folder, processor, quick):
+        folder.mkdir(parents=True, exist_ok=True)
+        content = {"machine": {"processor": processor}, "provenance": {"options": {"quick": quick}}}
+        (folder / "benchmark.json").write_text(json.dumps(content))
+
+    record(tmp_path / "docs", "shown", quick=False)
+    assert readme.benchmark_results(tmp_path)["machine"]["processor"] == "shown"
+    record(tmp_path / "results" / "benchmark", "new", quick=False)
+    assert readme.benchmark_results(tmp_path)["machine"]["processor"] == "new"
+    record(tmp_path / "results" / "benchmark", "new", quick=True)
+    with pytest.raises(ValueError, match="without --quick"):
+        readme.benchmark_results(tmp_path)
 
 
 def test_a_block_is_replaced_and_a_missing_one_is_named():

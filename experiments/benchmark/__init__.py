@@ -1,0 +1,1 @@
+"""How fast, how accurate and how large in memory this is, beside other ways to do the same."""

@@ -1,0 +1,7 @@
+"""Runs the benchmark."""
+
+import sys
+
+from experiments.benchmark.command import main
+
+sys.exit(main())

@@ -1,0 +1,132 @@
+"""What does not depend on how busy a machine is: peak memory, and rounding errors beside those of Householder's QR."""
+
+import tracemalloc
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.benchmark.mechanisms import Mechanism, double_pendulum
+from ident.base_parameters import STANDARD_GRAVITY
+from ident.estimate import identify
+from ident.samples import Samples, Source
+
+PIECE = 10_000
+"""Samples in a piece of a stream that is made while it is read."""
+
+SPREADS = 10.0 ** -np.arange(0, 5, 0.5)
+"""Sizes of motions: the smaller, the worse the condition number."""
+
+WRENCH_NOISE = (0.1, 1e-6)
+"""Standard deviations of the noise on the wrench, N and N m."""
+
+SAMPLES = 2000
+"""Samples of each problem that is solved in extended precision."""
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Peak memory of an identification of the double pendulum.
+
+    Attributes:
+        samples: Number of samples N.
+        streamed: Above what there was, the samples coming in pieces of `PIECE` that are made on the way, MB.
+        in_memory: Above arrays that hold all samples, MB.
+    """
+
+    samples: int
+    streamed: float
+    in_memory: float
+
+
+def peaks(numbers: Iterable[int]) -> list[Peak]:
+    """Peak memory for several numbers of samples."""
+    mechanism, found = double_pendulum(), []
+    # What is made once for a mechanism is made here.
+    _peak(mechanism, mechanism.samples(PIECE))
+    for number in numbers:
+        held = mechanism.samples(number)
+        found.append(Peak(number, _peak(mechanism, mechanism.pieces(number, PIECE)), _peak(mechanism, held)))
+    return found
+
+
+def _peak(mechanism: Mechanism, source: Source) -> float:
+    """Largest memory in use beyond what was in use before, MB."""
+    tracemalloc.start()
+    try:
+        identify(mechanism.tree, source, gravity=STANDARD_GRAVITY, parameters=mechanism.parameters)
+        return tracemalloc.get_traced_memory()[1] / 1e6
+    finally:
+        tracemalloc.stop()
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors of ψ against Householder's QR in extended precision, relative to the largest of ψ.
+
+    Attributes:
+        condition_number: Of the base regressor.
+        ours: Of `identify`.
+        qr: Of LAPACK's Householder QR in double precision.
+        normal: Of the plain normal equations.
+    """
+
+    condition_number: float
+    ours: float
+    qr: float
+    normal: float
+
+
+def accuracies(spreads: np.ndarray = SPREADS) -> list[Accuracy]:
+    """Errors for problems of increasing condition number, the largest of both noise levels.
+
+    Raises:
+        ValueError: This platform has no extended precision.
+    """
+    if np.finfo(np.longdouble).eps >= np.finfo(float).eps:
+        raise ValueError("Errors need numbers of extended precision to compare with, which this platform has not.")
+    found = []
+    for mechanism in (double_pendulum(), double_pendulum(tilt_deg=5)):
+        for spread in spreads:
+            each = [_accuracy(mechanism, spread, noise) for noise in WRENCH_NOISE]
+            found.append(Accuracy(*np.max([list(vars(accuracy).values()) for accuracy in each], axis=0).tolist()))
+    return sorted(found, key=lambda accuracy: accuracy.condition_number)
+
+
+def _accuracy(mechanism: Mechanism, spread: float, noise: float) -> Accuracy:
+    """Errors for small motions around one posture."""
+    rng = np.random.default_rng(1)
+    joints = len(mechanism.tree.freedoms)
+    q = rng.normal(size=joints) + spread * rng.normal(size=(SAMPLES, joints))
+    dq, ddq = spread * rng.normal(size=(2, SAMPLES, joints))
+    samples = Samples(q, dq, ddq, noise * rng.normal(size=(SAMPLES, 6)))
+    Y = mechanism.regressor(samples, mechanism.parameters.kept)
+    samples.wrench[:] += Y @ rng.normal(size=Y.shape[2])
+    A, b = np.ascontiguousarray(Y).reshape(-1, Y.shape[2]), samples.wrench.ravel()
+    exact = _householder(A.astype(np.longdouble), b.astype(np.longdouble))
+    estimate = identify(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=mechanism.parameters)
+    Q, R = np.linalg.qr(A)
+
+    def error(psi: np.ndarray) -> float:
+        return float(abs(psi - exact).max() / abs(exact).max())
+
+    return Accuracy(
+        estimate.condition_number,
+        error(estimate.psi),
+        error(np.linalg.solve(R, Q.T @ b)),
+        error(np.linalg.solve(A.T @ A, A.T @ b)),
+    )
+
+
+def _householder(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Least-squares solution of `A x = b` by reflections, in whatever precision the numbers have."""
+    rows, columns = np.column_stack([A, b]), A.shape[1]
+    for k in range(columns):
+        v = rows[k:, k].copy()
+        v[0] += np.copysign(np.sqrt(v @ v), v[0])
+        v /= np.sqrt(v @ v)
+        rows[k:, k:] -= 2 * np.outer(v, v @ rows[k:, k:])
+    x = np.zeros(columns, A.dtype)
+    for k in reversed(range(columns)):
+        x[k] = (rows[k, -1] - rows[k, k + 1 : -1] @ x[k + 1 :]) / rows[k, k]
+    return x

@@ -1,0 +1,121 @@
+"""Measures how fast regressor, identification, simulation and trials are: as ratios to other ways in one process.
+
+Ours and theirs take turns, and their medians are compared, on results that were seen to be the same. All work with one
+thread for linear algebra. Nothing here is asserted: machines differ, and are noisy.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from tqdm import tqdm
+
+from experiments import figures, options, report
+from experiments.benchmark import (
+    bounds,
+    identification,
+    machine,
+    monte_carlo,
+    peers,
+    simulation,
+    words,
+    workers,
+)
+from experiments.benchmark.figure import figure_benchmark
+from experiments.benchmark.tables import tables
+from experiments.benchmark.timing import QUICK, Effort
+from experiments.workers import hired
+
+FILE = "benchmark.json"
+"""File in the output folder with all numbers."""
+
+
+def measured(effort: Effort) -> dict[str, Any]:
+    """All that `benchmark.json` holds but its provenance.
+
+    Raises:
+        ValueError: Ours and theirs differ, or a worker died.
+    """
+    sections: dict[str, Callable[[Effort], dict[str, Any]]] = {
+        "limits": _limits,
+        "identification": _identification,
+        "simulation": _simulation,
+        "Monte Carlo": _monte_carlo,
+        "memory and accuracy": _bounds,
+    }
+    results: dict[str, Any] = {"comparisons": [], "notes": []}
+    with tqdm(total=len(sections) + 1, desc="Benchmark", file=sys.stderr) as bar:
+        with hired(1) as crew:
+            for name, section in sections.items():
+                bar.set_postfix_str(name)
+                for key, value in crew.executor.submit(section, effort).result().items():
+                    results[key] = results[key] + value if key in ("comparisons", "notes") else value
+                bar.update()
+        bar.set_postfix_str("workers")
+        results["shared"] = [asdict(row) for row in workers.shared(effort)]
+        bar.update()
+    return results
+
+
+def _limits(effort: Effort) -> dict[str, Any]:
+    reached = machine.limits(effort)
+    return {
+        "machine": machine.description(),
+        "limits": asdict(reached),
+        "distances": [asdict(row) for row in machine.distances(effort, reached)],
+    }
+
+
+def _identification(effort: Effort) -> dict[str, Any]:
+    there, missing = peers.installed()
+    rows = identification.comparisons(effort, there)
+    return {"comparisons": [asdict(row) for row in rows], "notes": list(missing)}
+
+
+def _simulation(effort: Effort) -> dict[str, Any]:
+    return {"simulations": [asdict(row) for row in simulation.simulations(effort)]}
+
+
+def _monte_carlo(effort: Effort) -> dict[str, Any]:
+    rows = monte_carlo.comparisons(effort, peers.installed()[0])
+    return {"comparisons": [asdict(row) for row in rows]}
+
+
+def _bounds(effort: Effort) -> dict[str, Any]:
+    found: dict[str, Any] = {"peaks": [asdict(row) for row in bounds.peaks((*effort.sizes[-2:], effort.streamed))]}
+    try:
+        return found | {"accuracies": [asdict(row) for row in bounds.accuracies()]}
+    except ValueError as error:
+        return found | {"accuracies": [], "notes": [str(error)]}
+
+
+def run(args: argparse.Namespace) -> None:
+    """Measures, and writes and prints the results."""
+    given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
+    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
+        results = measured(QUICK if args.quick else Effort()) | {"provenance": report.provenance(given, {})}
+        report.write_json(folder / FILE, results)
+        for name, table in tables(results).items():
+            table.write(folder, name)
+        if results["comparisons"]:
+            figures.save(figure_benchmark(results), folder, "figure_benchmark", args.formats)
+    for table in tables(results).values():
+        print(table.text())
+    print(f"Measured on {words.machine(results)}.")
+    for line in (*words.findings(results), *results["notes"]):
+        print(f"- {line}")
+    print(f"All numbers are in {args.out}.")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.output_parser("benchmark", __doc__)
+    out.add_argument("--quick", action="store_true", help="few samples and repetitions, to see that everything runs")
+    return out
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    return options.run(run, parser(), argv)

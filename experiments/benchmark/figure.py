@@ -1,0 +1,62 @@
+"""The benchmark's chart, from what `benchmark.json` holds."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+from experiments import figures
+from experiments.benchmark.identification import ALL_COLUMNS, CHAIN, REGRESSOR
+from experiments.benchmark.targets import PENDULUM, Results
+
+Row = dict[str, Any]
+BLUE, RED = "tab:blue", "tab:red"
+
+
+def figure_benchmark(results: Results) -> Figure:
+    """Time a sample over the number of samples, and over the number of bodies; one IEEE column wide.
+
+    Raises:
+        ValueError: Nothing was compared.
+    """
+    rows = results["comparisons"]
+    if not rows:
+        raise ValueError("This chart needs results of a benchmark with a library to compare with (extra 'peers').")
+    peer = rows[0]["peer"]
+    own = [row for row in rows if row["peer"] == peer]
+    with figures.paper_style():
+        figure = Figure()
+        above, below = figure.subplots(2, 1)
+        of_pendulum = [row for row in own if row["mechanism"] == PENDULUM]
+        for task, style, ours, theirs in (
+            (REGRESSOR, "o-", "$Y$, ours", f"$Y$, {peer}'s loop"),
+            (ALL_COLUMNS, "s--", r"$\psi$, ours", r"$\psi$, loop and lstsq"),
+        ):
+            found = sorted((row for row in of_pendulum if row["task"] == task), key=lambda row: row["samples"])
+            # The shortest is the recording's, close to the next.
+            _lines(above, "samples", found[1:], style, (ours, theirs))
+        arms = [row for row in own if row["mechanism"] == CHAIN]
+        _lines(below, "bodies", arms, "o-", ("$Y$, ours", f"$Y$, {peer}'s loop"))
+        above.set_xlabel("Samples, double pendulum of 3 bodies", labelpad=2)
+        below.set_xlabel(f"Bodies of an arm, {arms[0]['samples']:,} samples", labelpad=2)
+        for ax in (above, below):
+            ax.set_ylabel("Time a sample (µs)", labelpad=2)
+        figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
+
+
+def _lines(ax: Axes, key: str, rows: Sequence[Row], style: str, labels: tuple[str, str]) -> None:
+    """Our times and theirs, over a field of the comparisons."""
+    x = [row[key] for row in rows]
+    for side, color, label in (("ours", BLUE, labels[0]), ("theirs", RED, labels[1])):
+        times = [1e6 * row[side] / row["samples"] for row in rows]
+        ax.loglog(x, times, style, color=color, ms=2.5, label=label)
+    ax.yaxis.set_major_locator(LogLocator(10))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, 0.09), max(high, 11))
+    ax.set_xticks(x, labels=[f"{number:,}" for number in x])
+    ax.xaxis.set_minor_locator(NullLocator())

@@ -1,0 +1,155 @@
+"""Regressor and identification against a loop over another library's regressor and `np.linalg.lstsq`."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+from experiments.benchmark.mechanisms import Mechanism, chain, double_pendulum, mechanisms
+from experiments.benchmark.peers import PEERS, Peer
+from experiments.benchmark.timing import Comparison, Effort, alternating
+from ident.accumulator import Accumulator, accumulate
+from ident.base_parameters import STANDARD_GRAVITY, BaseParameters
+from ident.estimate import Estimate, identify
+from ident.samples import Samples
+
+REGRESSOR, ACCUMULATION = "regressor", "accumulation"
+ALL_COLUMNS, BASE_COLUMNS = "identification, all columns", "identification, base columns"
+
+TASKS = {
+    REGRESSOR: "the matrix Y of all columns (N, 6, 10 b), against the loop that fills such a matrix",
+    ACCUMULATION: "all that least squares needs of the base columns (`accumulate`), against the same loop alone",
+    ALL_COLUMNS: "from joint states and wrench to base parameters and their covariance (`identify`), the regrouping "
+    "found anew, against the loop and np.linalg.lstsq on all columns, without a covariance",
+    BASE_COLUMNS: "the same with the regrouping given, against the loop and np.linalg.lstsq on the base columns",
+}
+"""What is timed. Before that models are built, equations recorded, and states laid out as each side takes them."""
+
+LARGEST = 1_000_000
+"""Largest N b for which the whole identification is compared; np.linalg.lstsq takes minutes and gigabytes beyond."""
+
+PIECE = 100_000
+"""Samples in a piece of a stream."""
+
+CHAIN, CHAINS = "arm", (2, 4, 8, 16, 30)
+"""An arm of increasing length: what it is called, and its numbers of bodies."""
+
+AGREEMENT = 1e-7
+"""Largest difference between our results and theirs, relative to the largest number in them."""
+
+Ways = tuple[Callable[[], object], Callable[[], object]]
+
+
+def comparisons(effort: Effort, peers: Sequence[str]) -> list[Comparison]:
+    """All comparisons, on samples on which both sides were seen to agree.
+
+    Raises:
+        ValueError: They disagree.
+    """
+    found: list[Comparison] = []
+    for name in peers:
+        found += _compared(double_pendulum(), effort.samples, name, effort)
+        for mechanism in mechanisms():
+            for number in effort.sizes:
+                found += _compared(mechanism, number, name, effort)
+        found.append(_streamed(double_pendulum(), name, effort))
+        for bodies in CHAINS:
+            found += _compared(Mechanism(CHAIN, chain(bodies)), effort.sizes[-2], name, effort, (REGRESSOR,))
+    return found
+
+
+def solved(Y: np.ndarray, wrench: np.ndarray, columns: Sequence[int] | None = None) -> np.ndarray:
+    """What `np.linalg.lstsq` makes of a regressor (N, 6, 10 b), or of some of its columns, and wrenches (N, 6)."""
+    rows = Y.reshape(-1, Y.shape[2])
+    # Taking columns is several times faster than indexing them.
+    rows = rows if columns is None else np.take(rows, columns, axis=1)
+    return np.linalg.lstsq(rows, wrench.ravel(), rcond=None)[0]
+
+
+def _compared(
+    mechanism: Mechanism, number: int, name: str, effort: Effort, tasks: Iterable[str] = tuple(TASKS)
+) -> Iterator[Comparison]:
+    """Comparisons of one mechanism and number of samples with one peer."""
+    samples = mechanism.samples(number)
+    peer = PEERS[name](mechanism.tree, STANDARD_GRAVITY)
+    _check(mechanism, samples.part(slice(effort.sizes[0])), peer)
+    ways = _ways(mechanism, samples, peer)
+    for task in tasks:
+        if task == REGRESSOR or number * len(mechanism.tree.bodies) <= LARGEST:
+            yield _comparison(task, mechanism, number, name, alternating(ways[task], effort.seconds, effort.least))
+
+
+def _ways(mechanism: Mechanism, samples: Samples, peer: Peer) -> dict[str, Ways]:
+    """Our way and theirs to do each of `TASKS`."""
+    states = peer.states((samples.q, samples.dq, samples.ddq), samples.base)
+    given, kept = mechanism.parameters, peer.columns(mechanism.parameters.kept)
+
+    def loop() -> np.ndarray:
+        return peer.regressor(*states)
+
+    return {
+        REGRESSOR: (partial(mechanism.regressor, samples), loop),
+        ACCUMULATION: (partial(_accumulated, mechanism, samples), loop),
+        ALL_COLUMNS: (partial(_identified, mechanism, samples, None), lambda: solved(loop(), samples.wrench)),
+        BASE_COLUMNS: (partial(_identified, mechanism, samples, given), lambda: solved(loop(), samples.wrench, kept)),
+    }
+
+
+def _accumulated(mechanism: Mechanism, samples: Samples, start: Accumulator | None = None) -> Accumulator:
+    given = mechanism.parameters
+    return accumulate(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=given, start=start)
+
+
+def _identified(mechanism: Mechanism, samples: Samples, parameters: BaseParameters | None) -> Estimate:
+    return identify(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=parameters)
+
+
+def _check(mechanism: Mechanism, samples: Samples, peer: Peer) -> None:
+    """Holds our results against theirs."""
+    theirs = peer.regressor(*peer.states((samples.q, samples.dq, samples.ddq), samples.base))
+    every, kept = (peer.columns(columns) for columns in (range(theirs.shape[2]), mechanism.parameters.kept))
+    psi = _identified(mechanism, samples, mechanism.parameters).psi
+    phi = solved(theirs, samples.wrench)[every]
+    for what, ours, other in (
+        (REGRESSOR, mechanism.regressor(samples), theirs[..., every]),
+        (ALL_COLUMNS, psi, mechanism.parameters.regroup(phi)),
+        (BASE_COLUMNS, psi, solved(theirs, samples.wrench, kept)),
+    ):
+        check_agreement(f"{what}, {mechanism.name}", ours, other)
+
+
+def check_agreement(what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
+    """Holds two results of one task against each other.
+
+    Raises:
+        ValueError: They differ by more than `AGREEMENT`.
+    """
+    error = abs(ours - theirs).max() / abs(theirs).max()
+    if not error < AGREEMENT:
+        raise ValueError(
+            f"Only what gives the same result is timed; {what}: results differ by {error:.1e} of the largest."
+        )
+
+
+def _streamed(mechanism: Mechanism, name: str, effort: Effort) -> Comparison:
+    """Accumulation of pieces that are in memory, against the loop with a matrix for one piece at a time."""
+    samples = mechanism.samples(effort.streamed)
+    pieces = [samples.part(slice(k, k + PIECE)) for k in range(0, effort.streamed, PIECE)]
+    peer = PEERS[name](mechanism.tree, STANDARD_GRAVITY)
+    states = [peer.states((piece.q, piece.dq, piece.ddq), None) for piece in pieces]
+
+    def ours() -> None:
+        found = None
+        for piece in pieces:
+            found = _accumulated(mechanism, piece, found)
+
+    def theirs() -> None:
+        for piece in states:
+            peer.regressor(*piece)
+
+    times = alternating((ours, theirs), effort.seconds, effort.least)
+    return _comparison(ACCUMULATION, mechanism, effort.streamed, name, times)
+
+
+def _comparison(task: str, mechanism: Mechanism, number: int, peer: str, times: np.ndarray) -> Comparison:
+    return Comparison.of(task, mechanism.name, len(mechanism.tree.bodies), number, peer, times)

@@ -1,0 +1,157 @@
+"""The machine that measures: what it is, what it can do at most, and how far from that our arithmetic is."""
+
+import importlib.metadata
+import os
+import platform
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.benchmark.identification import ACCUMULATION, REGRESSOR
+from experiments.benchmark.mechanisms import Mechanism, mechanisms
+from experiments.benchmark.timing import Effort, alternating, timed
+from ident.accumulator import accumulate
+from ident.base_parameters import STANDARD_GRAVITY
+from ident.regressor import regressor_program
+
+TRIES = 7
+"""Times that a limit is tried to reach."""
+
+
+def description() -> dict[str, Any]:
+    """Processor, memory, system and versions."""
+    packages = ("numpy", "scipy", "mujoco", "pin")
+    blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
+    versions = {"python": platform.python_version()}
+    for name in packages:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "memory_gb": _memory_gb(),
+        "system": _system(),
+        "versions": versions,
+        "blas": f"{blas['name']} {blas['version']}",
+        "blas_threads": os.environ.get("OPENBLAS_NUM_THREADS"),
+    }
+
+
+def _processor() -> str:
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _memory_gb() -> float | None:
+    try:
+        return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1)
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+def _system() -> str:
+    with suppress(OSError):
+        return f"{platform.freedesktop_os_release()['PRETTY_NAME']}, {platform.machine()}"
+    return platform.platform(terse=True)
+
+
+MEASURED = ("double pendulum", "7-link arm", "30-body tree")
+"""Mechanisms whose distance from the limits is measured."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The best of several tries in one thread.
+
+    Attributes:
+        write: Bandwidth of filling a large array, GB/s.
+        first_write: The same for one whose memory was never touched, GB/s.
+        product: Rate of a product of matrices in double precision, GFlop/s.
+    """
+
+    write: float
+    first_write: float
+    product: float
+
+
+def limits(effort: Effort) -> Limits:
+    """Measured limits of this machine."""
+    old, gigabytes = np.zeros(effort.array), 8 * effort.array / 1e9
+    A = np.random.default_rng(0).normal(size=(effort.matrix, effort.matrix))
+
+    def best(way: Any) -> float:
+        return min(timed(way) for _ in range(TRIES))
+
+    return Limits(
+        write=gigabytes / best(lambda: old.fill(1)),
+        first_write=gigabytes / best(lambda: np.full(effort.array, 1.0)),
+        product=2 * effort.matrix**3 / best(lambda: A @ A) / 1e9,
+    )
+
+
+@dataclass(frozen=True)
+class Distance:
+    """How long a task takes beside what its results and its arithmetic would take at the limits.
+
+    Attributes:
+        task: What is done.
+        mechanism: On which mechanism.
+        samples: Number of samples N.
+        seconds: Time that it takes, a median.
+        operations: Floating-point operations of a sample.
+        megabytes: Size of the result, MB.
+        arithmetic: Share of the time that the operations would take in a product of matrices.
+        writing: Share of the time that filling old memory with the result would take.
+        first_writing: Share of the time that filling new memory with it would take.
+    """
+
+    task: str
+    mechanism: str
+    samples: int
+    seconds: float
+    operations: int
+    megabytes: float
+    arithmetic: float
+    writing: float
+    first_writing: float
+
+
+def distances(effort: Effort, reached: Limits) -> list[Distance]:
+    """Distances from the limits at the largest number of samples that is compared."""
+    chosen = [mechanism for mechanism in mechanisms() if mechanism.name in MEASURED]
+    return [_distance(task, m, effort, reached) for m in chosen for task in (REGRESSOR, ACCUMULATION)]
+
+
+def _distance(task: str, mechanism: Mechanism, effort: Effort, reached: Limits) -> Distance:
+    tree, given, number = mechanism.tree, mechanism.parameters, effort.sizes[-1]
+    samples = mechanism.samples(number)
+    if task == REGRESSOR:
+        columns = tuple(range(10 * len(tree.inertial)))
+        way: Any = partial(mechanism.regressor, samples)
+        gigabytes, products = 8 * 6 * len(columns) * number / 1e9, 0
+    else:
+        columns = given.kept
+        way = partial(accumulate, tree, samples, gravity=STANDARD_GRAVITY, parameters=given)
+        # Rows of base columns and wrench times a matrix, and their Gram matrix, two operations an entry.
+        gigabytes, products = 0.0, 2 * 6 * 2 * (given.rank + 1) ** 2
+    program = regressor_program(tree, STANDARD_GRAVITY, columns, moving=mechanism.moving, torques=False)
+    operations = len(program.code) + products
+    seconds = float(np.median(alternating([way], effort.seconds / 2, effort.least)))
+    return Distance(
+        task,
+        mechanism.name,
+        number,
+        seconds,
+        operations,
+        1e3 * gigabytes,
+        operations * number / 1e9 / reached.product / seconds,
+        gigabytes / reached.write / seconds,
+        gigabytes / reached.first_write / seconds,
+    )

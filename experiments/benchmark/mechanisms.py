@@ -1,0 +1,122 @@
+"""Mechanisms that the benchmark measures on, and random samples of their motion."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+import scenes
+from ident.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
+from ident.body import BASE, Body
+from ident.regressor import base_wrench_regressor
+from ident.samples import Samples
+from ident.se3 import pose, rotation
+from ident.structure import Sensors
+from ident.tree import BaseMotion, Tree
+from sim.mujoco_model import tree_from_model
+
+AT_ONCE = 4096
+"""Samples of which the wrench is computed at once."""
+
+NOISE = 0.1
+"""Standard deviation of the noise on the wrench, N and N m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A mechanism under standard gravity.
+
+    Attributes:
+        name: What it is called in the tables.
+        tree: Its bodies; the first one is its base.
+        moving: Whether the base moves.
+    """
+
+    name: str
+    tree: Tree
+    moving: bool = False
+
+    @cached_property
+    def parameters(self) -> BaseParameters:
+        """Its base parameters."""
+        sensors = Sensors(moving_base=self.moving)
+        return find_base_parameters(self.tree, gravity=STANDARD_GRAVITY, sensors=sensors)
+
+    def samples(self, number: int, seed: int = 0) -> Samples:
+        """Samples with states of unit variance, and a wrench of random parameters with `NOISE`."""
+        rng = np.random.default_rng(seed)
+        q, dq, ddq = rng.normal(size=(3, number, len(self.tree.freedoms)))
+        base = BaseMotion.from_free_joint(*(rng.normal(size=(number, k)) for k in (7, 6, 6))) if self.moving else None
+        samples = Samples(q, dq, ddq, NOISE * rng.normal(size=(number, 6)), base)
+        psi = rng.normal(size=self.parameters.rank)
+        for start in range(0, number, AT_ONCE):
+            part = samples.part(slice(start, start + AT_ONCE))
+            part.wrench[:] += self.regressor(part, self.parameters.kept) @ psi
+        return samples
+
+    def pieces(self, number: int, size: int) -> Iterator[Samples]:
+        """Random samples in pieces that are made when they are asked for."""
+        for seed, start in enumerate(range(0, number, size)):
+            yield self.samples(min(size, number - start), seed)
+
+    def regressor(self, samples: Samples, columns: Sequence[int] | None = None) -> np.ndarray:
+        """Ours, all columns or some (N, 6, ·)."""
+        states = samples.q, samples.dq, samples.ddq
+        return base_wrench_regressor(self.tree, *states, gravity=STANDARD_GRAVITY, base=samples.base, columns=columns)
+
+
+def double_pendulum(tilt_deg: float = 0.0) -> Mechanism:
+    """The scene's, of three bodies."""
+    name = "double pendulum, tilted" if tilt_deg else "double pendulum"
+    return Mechanism(name, tree_from_model(scenes.load("double_pendulum", tilt_deg=tilt_deg), "base"))
+
+
+def mechanisms() -> tuple[Mechanism, ...]:
+    """Those with axes along their frames' axes, for which much of the arithmetic falls away, and twins with others."""
+    return (
+        double_pendulum(),
+        double_pendulum(tilt_deg=5),
+        Mechanism("7-link arm", chain(8)),
+        Mechanism("7-link arm, general", in_general_position(chain(8))),
+        Mechanism("30-body tree", humanoid(), moving=True),
+        Mechanism("30-body tree, general", in_general_position(humanoid()), moving=True),
+    )
+
+
+def chain(bodies: int) -> Tree:
+    """A base and an arm on it whose joints turn about z axes at right angles to their neighbours'."""
+    quarter = pose(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0.0, 0, 0.3]))
+    links = [_hinged(i, i - 1, quarter, np.array([0.0, 0, 1])) for i in range(1, bodies)]
+    return Tree((_base(), *links))
+
+
+def humanoid() -> Tree:
+    """A pelvis with two legs of six joints, and a spine of three with a neck of two and two arms of six; 30 bodies."""
+    legs_and_spine = [(0, 6, [0, 0.1, 0]), (0, 6, [0, -0.1, 0]), (0, 3, [0, 0, 0.2])]
+    neck_and_arms = [(15, 2, [0, 0, 0.3]), (15, 6, [0, 0.2, 0.2]), (15, 6, [0, -0.2, 0.2])]
+    bodies = [_base()]
+    for parent, links, place in legs_and_spine + neck_and_arms:
+        for k in range(links):
+            home = pose(np.eye(3), np.array(place if k == 0 else [0.02, 0, -0.15]))
+            bodies.append(_hinged(len(bodies), parent if k == 0 else len(bodies) - 1, home, np.eye(3)[2 - k % 3]))
+    return Tree(tuple(bodies))
+
+
+def in_general_position(tree: Tree, seed: int = 0) -> Tree:
+    """The same tree of hinges with random axes and random home poses."""
+    rng = np.random.default_rng(seed)
+    links = []
+    for i, body in enumerate(tree.bodies[1:], start=1):
+        axis = rng.normal(size=3)
+        home = pose(rotation(rng.normal(size=4)), 0.3 * rng.normal(size=3))
+        links.append(_hinged(i, body.parent, home, axis / np.linalg.norm(axis)))
+    return Tree((tree.bodies[0], *links))
+
+
+def _base() -> Body:
+    return Body("base", BASE, np.eye(4), np.zeros(6))
+
+
+def _hinged(index: int, parent: int, home: np.ndarray, axis: np.ndarray) -> Body:
+    return Body(f"link{index}", parent, home, np.concatenate([np.zeros(3), axis]), f"joint{index}")

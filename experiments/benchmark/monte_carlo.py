@@ -1,0 +1,92 @@
+"""Monte Carlo trials of the double pendulum against a loop over another library."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+import scenes
+from experiments.benchmark.identification import check_agreement, solved
+from experiments.benchmark.mechanisms import Mechanism, double_pendulum
+from experiments.benchmark.peers import PEERS, Peer
+from experiments.benchmark.timing import Comparison, Effort, alternating
+from ident.base_parameters import STANDARD_GRAVITY
+from ident.estimate import identify
+from ident.samples import Samples
+from sim.excitation import DOUBLE_PENDULUM
+from sim.simulate import simulate
+
+ALL_COLUMNS, BASE_COLUMNS = "Monte Carlo, all columns", "Monte Carlo, base columns"
+
+TASKS = {
+    ALL_COLUMNS: "a trial that draws the noise on joint states and wrench anew and identifies with the regrouping "
+    "given, against the same draws, the loop and np.linalg.lstsq on all columns",
+    BASE_COLUMNS: "the same with np.linalg.lstsq on the base columns",
+}
+"""What is timed."""
+
+BLOCKS = 10
+"""Repetitions that the trials are divided into."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Trials around one simulated recording.
+
+    Attributes:
+        mechanism: The double pendulum.
+        true: Joint states and wrench without noise.
+        noise: Standard deviations on the columns of q, dq, ddq and of the wrench.
+    """
+
+    mechanism: Mechanism
+    true: Samples
+    noise: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, samples: int) -> "Trials":
+        """Around a recording of the scene with the paper's excitation."""
+        recording = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=samples)
+        mechanism, true = double_pendulum(), recording.noise_free
+        joints, wrench = mechanism.tree.joints, np.sqrt(np.diag(recording.wrench_covariance("ground")))
+        samples_true = Samples(*true.joint_states(joints), true.wrench("ground"))
+        return cls(mechanism, samples_true, (*recording.joint_noise(joints), wrench))
+
+    def drawn(self, seed: int) -> Samples:
+        """The samples of one trial."""
+        rng, true = np.random.default_rng(seed), self.true
+        channels = zip((true.q, true.dq, true.ddq, true.wrench), self.noise, strict=True)
+        q, dq, ddq, wrench = (x + std * rng.normal(size=x.shape) for x, std in channels)
+        return Samples(q, dq, ddq, wrench)
+
+    def identified(self, seeds: Iterable[int]) -> np.ndarray:
+        """Our ψ of each trial (trials, r)."""
+        tree, given = self.mechanism.tree, self.mechanism.parameters
+        found = (identify(tree, self.drawn(seed), gravity=STANDARD_GRAVITY, parameters=given) for seed in seeds)
+        return np.array([estimate.psi for estimate in found])
+
+    def solved(self, peer: Peer, columns: Sequence[int] | None, seeds: Iterable[int]) -> np.ndarray:
+        """What a peer's regressor and least squares on some columns give for each trial (trials, columns)."""
+        found = []
+        for seed in seeds:
+            drawn = self.drawn(seed)
+            states = peer.states((drawn.q, drawn.dq, drawn.ddq), None)
+            found.append(solved(peer.regressor(*states), drawn.wrench, columns))
+        return np.array(found)
+
+
+def comparisons(effort: Effort, peers: Sequence[str]) -> list[Comparison]:
+    """Seconds of a trial, ours and theirs, where both find the same base parameters."""
+    trials, seeds = Trials.of(effort.samples), range(effort.trials // BLOCKS)
+    mechanism, found = trials.mechanism, []
+    for name in peers:
+        peer = PEERS[name](mechanism.tree, STANDARD_GRAVITY)
+        kept = peer.columns(mechanism.parameters.kept)
+        check_agreement("Monte Carlo", trials.identified([0]), trials.solved(peer, kept, [0]))
+        for task, columns in ((ALL_COLUMNS, None), (BASE_COLUMNS, kept)):
+            ways = partial(trials.identified, seeds), partial(trials.solved, peer, columns, seeds)
+            times = alternating(ways, 0, BLOCKS) / len(seeds)
+            bodies = len(mechanism.tree.bodies)
+            found.append(Comparison.of(task, mechanism.name, bodies, effort.samples, name, times))
+    return found

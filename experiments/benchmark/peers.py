@@ -1,0 +1,131 @@
+"""Other libraries' regressors, in the fastest loop that their Python interface allows (extra `peers`)."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from experiments import options
+from ident import se3
+from ident.body import BASE, Body
+from ident.inertia import PINOCCHIO
+from ident.tree import BaseMotion, Tree
+
+States = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Positions, velocities and accelerations, one row for each sample."""
+
+
+class Peer(Protocol):
+    """A library that computes the base wrench's regressor of one mechanism."""
+
+    def states(self, states: States, base: BaseMotion | None) -> States:
+        """Our states (N, ·) as the library takes them; without a base's motion it rests."""
+
+    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Regressors (N, 6, 10 b) in the library's order of columns."""
+
+    def columns(self, columns: Sequence[int]) -> list[int]:
+        """Where our columns stand among the library's."""
+
+
+class Pinocchio:
+    """The tree on a free-flyer in Pinocchio.
+
+    Its joints turn about their own origins, so that a joint's frame sits on its axis.
+
+    Attributes:
+        model: Its model.
+        joint: For every body the index of the joint that carries it.
+        in_joint: For every body its pose in that joint's frame.
+    """
+
+    def __init__(self, tree: Tree, gravity: np.ndarray) -> None:
+        """Builds the model.
+
+        Raises:
+            ValueError: Pinocchio is not installed.
+        """
+        with options.extra("peers"):
+            import pinocchio as pin
+        self.tree, self.model, self._pin = tree, pin.Model(), pin
+        self.model.gravity.linear = gravity
+        root = self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+        self.joint, self.in_joint = {BASE: root}, {BASE: np.eye(4)}
+        for i, body in enumerate(tree.bodies):
+            parent, home = self.joint[body.parent], self.in_joint[body.parent] @ body.home
+            if not body.moves:
+                self.joint[i], self.in_joint[i] = parent, home
+                continue
+            kind, center = _joint(pin, body)
+            T = home @ se3.pose(np.eye(3), center)
+            self.joint[i] = self.model.addJoint(parent, kind, pin.SE3(T[:3, :3], T[:3, 3]), f"joint{i}")
+            self.in_joint[i] = se3.pose(np.eye(3), -center)
+        self._neutral = pin.neutral(self.model)
+
+    def states(self, states: States, base: BaseMotion | None) -> States:
+        """Quaternions are `x, y, z, w` there, and its joints may stand in another order."""
+        own = self.tree.body_coordinates(states[0]), *map(self.tree.body_velocities, states[1:])
+        samples = len(states[0])
+        q, (v, a) = np.tile(self._neutral, (samples, 1)), np.zeros((2, samples, self.model.nv))
+        if base is not None:
+            q[:, :7] = [self._pin.SE3ToXYZQUAT(self._pin.SE3(T)) for T in base.T]
+            v[:, :6], a[:, :6] = base.V, base.dV
+        for i, (x, dx, ddx) in enumerate(zip(*own, strict=True)):
+            body, at = self.tree.bodies[i], self.model.joints[self.joint[i]]
+            if body.moves:
+                x = np.roll(x, -1, axis=1) / np.linalg.norm(x, axis=1)[:, None] if body.is_ball else x
+                q[:, at.idx_q : at.idx_q + at.nq] = x
+                v[:, at.idx_v : at.idx_v + at.nv], a[:, at.idx_v : at.idx_v + at.nv] = dx, ddx
+        return q, v, a
+
+    @property
+    def rows(self) -> list[int]:
+        """Where our velocities stand among Pinocchio's."""
+        joints = [self.model.joints[self.joint[i]] for i in self.tree.moving]
+        return [row for at in joints for row in range(at.idx_v, at.idx_v + at.nv)]
+
+    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """The free-flyer's rows of the joint torques' regressor."""
+        # Iterating over rows is faster than indexing them.
+        model, data, regressor = self.model, self.model.createData(), self._pin.computeJointTorqueRegressor
+        out = np.empty((len(q), 6, 10 * (model.njoints - 1)))
+        for own, x, dx, ddx in zip(out, q, v, a, strict=True):
+            own[:] = regressor(model, data, x, dx, ddx)[:6]
+        return out
+
+    def columns(self, columns: Sequence[int]) -> list[int]:
+        """For bodies whose frames are their joints'."""
+        order = [PINOCCHIO.index(k) for k in range(10)]
+        bodies = [self.joint[i] - 1 for i in self.tree.inertial]
+        return [10 * bodies[k // 10] + order[k % 10] for k in columns]
+
+
+PEERS: dict[str, Callable[[Tree, np.ndarray], Peer]] = {"Pinocchio": Pinocchio}
+"""Makes a peer of a mechanism and of gravity in its base frame, m/s² (3,)."""
+
+
+def installed() -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the peers that there are, and what to do about those that are missing."""
+    names, missing = [], []
+    single = Tree((Body("base", BASE, np.eye(4), np.zeros(6)),))
+    for name, peer in PEERS.items():
+        try:
+            peer(single, np.zeros(3))
+            names.append(name)
+        except ValueError as error:
+            missing.append(f"{name} is not compared with. {error}")
+    return tuple(names), tuple(missing)
+
+
+def _joint(pin: Any, body: Body) -> tuple[Any, np.ndarray]:
+    """Pinocchio's fastest joint for a body, and its center in the body's frame (3,)."""
+    v, w = body.twist[:3], body.twist[3:]
+    if body.is_ball:
+        return pin.JointModelSpherical(), np.array([v[2, 1], v[0, 2], v[1, 0]])
+    if not w.any():
+        return pin.JointModelPrismaticUnaligned(v), np.zeros(3)
+    # Joints about an axis of their frame are faster.
+    for axis, aligned in zip(np.eye(3), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ), strict=True):
+        if np.array_equal(w, axis):
+            return aligned(), np.cross(w, v)
+    return pin.JointModelRevoluteUnaligned(w), np.cross(w, v)

@@ -1,0 +1,86 @@
+"""Recorded simulations against a bare loop of MuJoCo steps."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import mujoco
+import numpy as np
+
+import scenes
+from experiments.benchmark.timing import Effort, alternating, ratio
+from sim.excitation import DOUBLE_PENDULUM
+from sim.rollout import steps_per_sample
+from sim.servos import servos
+from sim.simulate import LEAD_IN, RATE, simulate, simulate_many
+
+SCENE = "double_pendulum"
+
+TOGETHER = 8
+"""Recordings that one call simulates."""
+
+THREADS = (1, 2)
+"""Numbers of threads for which that is timed."""
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """Steps a second, medians.
+
+    Attributes:
+        task: What steps.
+        threads: In how many threads.
+        steps: Steps of one recording.
+        ours: From scene and excitation to recordings of all sensors with their noise, 1/s.
+        native: Of a loop that sets prepared controls and calls `mj_step`, in one thread, and reads nothing, 1/s.
+        ratio: Of the medians, ours to native.
+        lowest: Smallest ratio of two neighbouring repetitions.
+        highest: Largest one.
+        repetitions: Number of repetitions.
+    """
+
+    task: str
+    threads: int
+    steps: int
+    ours: float
+    native: float
+    ratio: float
+    lowest: float
+    highest: float
+    repetitions: int
+
+
+def simulations(effort: Effort) -> list[Stepping]:
+    """One recording, and several in one and in more threads."""
+    spec, samples = scenes.load(SCENE), effort.samples
+    steps, native = _native(spec, samples)
+
+    def stepping(task: str, threads: int, runs: int, ours: Callable[[], object]) -> Stepping:
+        times = alternating((ours, native), effort.seconds, effort.least) / [runs * steps, steps]
+        ours_rate, native_rate = (1 / np.median(times, axis=0)).tolist()
+        return Stepping(task, threads, steps, ours_rate, native_rate, *ratio(times), len(times))
+
+    many = partial(simulate_many, spec, DOUBLE_PENDULUM, seeds=range(TOGETHER), samples=samples)
+    return [
+        stepping("simulate", 1, 1, partial(simulate, spec, DOUBLE_PENDULUM, samples=samples)),
+        *(stepping("simulate_many", threads, TOGETHER, partial(many, threads=threads)) for threads in THREADS),
+    ]
+
+
+def _native(spec: mujoco.MjSpec, samples: int) -> tuple[int, Callable[[], None]]:
+    """Number of steps of a recording, and a loop that makes them with the controls that a recording has."""
+    model = spec.compile()
+    driven = servos(model, len(DOUBLE_PENDULUM.offset))
+    steps = round(LEAD_IN / model.opt.timestep) + steps_per_sample(model, RATE) * (samples - 1)
+    time = np.arange(steps) * model.opt.timestep - LEAD_IN
+    desired = replace(DOUBLE_PENDULUM, noise=0.0).trajectory(time)
+    controls = driven.commands(time, desired)
+
+    def loop() -> None:
+        data = mujoco.MjData(model)
+        data.qpos[driven.qpos], data.qvel[driven.dof] = desired[0][0], desired[1][0]
+        for control in controls:
+            data.ctrl[:] = control
+            mujoco.mj_step(model, data)
+
+    return steps, loop

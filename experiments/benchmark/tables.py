@@ -1,0 +1,132 @@
+"""The benchmark's tables, from what `benchmark.json` holds."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from experiments.benchmark.identification import CHAIN, TASKS
+from experiments.benchmark.targets import Results, table_targets
+from experiments.report import Cell, Table
+
+
+def tables(results: Results) -> dict[str, Table]:
+    """All tables by the names of their files."""
+    return {
+        "table_ratios": table_ratios(results),
+        "table_simulation": table_simulation(results),
+        "table_workers": table_workers(results),
+        "table_limits": table_limits(results),
+        "table_memory": table_memory(results),
+        "table_accuracy": table_accuracy(results),
+        "table_targets": table_targets(results),
+    }
+
+
+def table_overview(results: Results) -> Table:
+    """Ratios of all tasks, a row for every mechanism and number of samples.
+
+    Raises:
+        ValueError: Nothing was compared.
+    """
+    compared = [row for row in results["comparisons"] if row["task"] in TASKS and row["mechanism"] != CHAIN]
+    if not compared:
+        raise ValueError("This table needs results of a benchmark with a library to compare with (extra 'peers').")
+    own = [row for row in compared if row["peer"] == compared[0]["peer"]]
+    ratios: dict[tuple[str, int, int], dict[str, float]] = {}
+    for row in own:
+        ratios.setdefault((row["mechanism"], row["bodies"], row["samples"]), {})[row["task"]] = row["ratio"]
+    order = list(dict.fromkeys(mechanism for mechanism, *_ in ratios))
+    rows = (
+        (mechanism, str(bodies), f"{samples:,}", *map(ratios[mechanism, bodies, samples].get, TASKS))
+        for mechanism, bodies, samples in sorted(ratios, key=lambda key: (order.index(key[0]), key[2]))
+    )
+    return Table("", ("mechanism", "bodies", "samples", *TASKS), tuple(rows), decimals=1)
+
+
+def table_ratios(results: Results) -> Table:
+    """Every comparison with its spread."""
+    return _table(
+        "Times a sample in microseconds, medians; their ratios, and the extremes of neighbouring repetitions",
+        ("task", "mechanism", "bodies", "N", "peer", "ours", "theirs", "ratio", "lowest", "highest"),
+        (
+            (
+                *_texts(row, "task mechanism bodies samples peer"),
+                *(1e6 * time / row["samples"] for time in _numbers(row, "ours theirs")),
+                *_numbers(row, "ratio lowest highest"),
+            )
+            for row in results["comparisons"]
+        ),
+    )
+
+
+def table_simulation(results: Results) -> Table:
+    """Recorded simulations beside the bare loop."""
+    return _table(
+        "Thousand steps a second of recorded simulations, and of a bare loop of mj_step in one thread",
+        ("call", "threads", "ours", "loop", "ratio", "lowest", "highest"),
+        (
+            (
+                *_texts(row, "task threads"),
+                *(rate / 1e3 for rate in _numbers(row, "ours native")),
+                *_numbers(row, "ratio lowest highest"),
+            )
+            for row in results["simulations"]
+        ),
+    )
+
+
+def table_workers(results: Results) -> Table:
+    """Scaling with processes."""
+    return _table(
+        "Work that processes share: trials or samples a second",
+        ("task", "workers", "rate", "speedup"),
+        ((*_texts(row, "task workers"), *_numbers(row, "rate speedup")) for row in results["shared"]),
+    )
+
+
+def table_limits(results: Results) -> Table:
+    """Distance from the machine's limits."""
+    reached = results["limits"]
+    return _table(
+        f"Time, and which part of it the operations would take in a product of matrices ({reached['product']:.0f} "
+        f"GFlop/s), and the result at the bandwidth of filling old memory ({reached['write']:.0f} GB/s) and new "
+        f"({reached['first_write']:.0f} GB/s)",
+        ("task", "mechanism", "N", "operations a sample", "ms", "arithmetic, %", "old memory, %", "new memory, %"),
+        (
+            (
+                *_texts(row, "task mechanism samples operations"),
+                1e3 * row["seconds"],
+                *(100 * share for share in _numbers(row, "arithmetic writing first_writing")),
+            )
+            for row in results["distances"]
+        ),
+    )
+
+
+def table_memory(results: Results) -> Table:
+    """Peak memory."""
+    return _table(
+        "Peak memory of an identification above what there was, MB: samples made piece by piece, and in arrays",
+        ("N", "in pieces", "in arrays"),
+        ((*_texts(row, "samples"), *_numbers(row, "streamed in_memory")) for row in results["peaks"]),
+    )
+
+
+def table_accuracy(results: Results) -> Table:
+    """Errors beside those of other methods."""
+    return _table(
+        "Errors of the estimates against Householder's QR in extended precision, relative to the largest one",
+        ("condition number", "ours", "Householder's QR", "normal equations"),
+        (tuple(f"{x:.1e}" for x in _numbers(row, "condition_number ours qr normal")) for row in results["accuracies"]),
+    )
+
+
+def _table(title: str, columns: tuple[str, ...], rows: Iterable[tuple[Cell, ...]]) -> Table:
+    return Table(title, columns, tuple(rows), decimals=2)
+
+
+def _numbers(row: Mapping[str, Any], names: str) -> tuple[float, ...]:
+    return tuple(float(row[name]) for name in names.split())
+
+
+def _texts(row: Mapping[str, Any], names: str) -> tuple[str, ...]:
+    return tuple(str(row[name]) for name in names.split())

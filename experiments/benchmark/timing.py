@@ -1,0 +1,103 @@
+"""Times that may be compared: taken in turns, in one process."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+MOST = 51
+"""Repetitions at most."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long to measure, and on how much.
+
+    Attributes:
+        seconds: Time that the repetitions of one comparison take at least.
+        least: Repetitions at least.
+        sizes: Numbers of samples N, increasing.
+        streamed: Number of samples of the longest stream.
+        trials: Monte Carlo trials.
+        samples: Samples of a simulated recording.
+        array: Numbers in an array whose writing is timed.
+        matrix: Rows and columns of matrices whose product is timed.
+    """
+
+    seconds: float = 0.5
+    least: int = 3
+    sizes: tuple[int, ...] = (1000, 10_000, 100_000)
+    streamed: int = 1_000_000
+    trials: int = 1000
+    samples: int = 943
+    array: int = 2**25
+    matrix: int = 1500
+
+
+QUICK = Effort(0.01, 3, (100, 300), 5000, 20, 50, 2**18, 200)
+"""Enough to see that everything runs."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How long two ways to the same result take.
+
+    Attributes:
+        task: What is done.
+        mechanism: On which mechanism.
+        bodies: Its number of bodies b.
+        samples: Number of samples N.
+        peer: Whose the other way is.
+        ours: Median of our times, s.
+        theirs: Median of theirs, s.
+        ratio: Of the medians, theirs to ours.
+        lowest: Smallest ratio of two neighbouring repetitions.
+        highest: Largest one.
+        repetitions: Number of repetitions.
+    """
+
+    task: str
+    mechanism: str
+    bodies: int
+    samples: int
+    peer: str
+    ours: float
+    theirs: float
+    ratio: float
+    lowest: float
+    highest: float
+    repetitions: int
+
+    @classmethod
+    def of(cls, task: str, mechanism: str, bodies: int, samples: int, peer: str, times: np.ndarray) -> "Comparison":
+        """From alternating times, ours and theirs, s (repetitions, 2)."""
+        ours, theirs = np.median(times, axis=0).tolist()
+        return cls(task, mechanism, bodies, samples, peer, ours, theirs, *ratio(times), len(times))
+
+
+def alternating(ways: Sequence[Callable[[], object]], seconds: float, least: int) -> np.ndarray:
+    """Times of several ways that take turns, after one run of each that does not count, s (repetitions, ways)."""
+    for way in ways:
+        way()
+    rounds: list[list[float]] = []
+    start = time.perf_counter()
+    while len(rounds) < least or (time.perf_counter() - start < seconds and len(rounds) < MOST):
+        rounds.append([timed(way) for way in ways])
+    return np.array(rounds)
+
+
+def timed(way: Callable[[], object]) -> float:
+    """Seconds that one call takes, its result's end not counted."""
+    start = time.perf_counter()
+    result = way()
+    took = time.perf_counter() - start
+    del result
+    return took
+
+
+def ratio(times: np.ndarray) -> tuple[float, float, float]:
+    """Ratio of the second way's median to the first one's, and the extremes of the repetitions' (repetitions, 2)."""
+    first, second = np.median(times, axis=0)
+    each = times[:, 1] / times[:, 0]
+    return float(second / first), float(each.min()), float(each.max())

@@ -1,0 +1,111 @@
+"""What the benchmark says in words, for the terminal and README, from what `benchmark.json` holds."""
+
+from collections.abc import Iterator
+
+from experiments.benchmark import identification, monte_carlo
+from experiments.benchmark.tables import table_overview
+from experiments.benchmark.targets import PENDULUM, Results
+
+
+def readme_block(results: Results) -> str:
+    """README's part: the machine, the table, what its columns are, and the other findings.
+
+    Raises:
+        ValueError: Nothing was compared.
+    """
+    tasks = [f"*{task}*: {what}" for task, what in identification.TASKS.items()]
+    return "\n".join(
+        [
+            f"Measured on {machine(results)}. Times of the loop over times of ours:\n",
+            table_overview(results).markdown(),
+            *(f"- {line}." for line in (*tasks, *findings(results))),
+            "",
+        ]
+    )
+
+
+def machine(results: Results) -> str:
+    """The machine in one line."""
+    found = results["machine"]
+    memory = f", {found['memory_gb']:.0f} GB" if found["memory_gb"] else ""
+    versions = ", ".join(f"{name} {version}" for name, version in found["versions"].items())
+    where = f"{found['processor']}, {found['cores']} cores{memory}, {found['system']}"
+    return f"{where}; {versions}; {found['blas']} with one thread"
+
+
+def findings(results: Results) -> list[str]:
+    """What the tables show, a line for each."""
+    return [
+        *_times(results),
+        *_trials(results),
+        _simulations(results),
+        *_workers(results),
+        _memory(results),
+        *_errors(results),
+        *_limits(results),
+    ]
+
+
+def _times(results: Results) -> Iterator[str]:
+    """Times behind the ratios at the largest number of samples with all of them."""
+    rows = [row for row in results["comparisons"] if row["mechanism"] == PENDULUM]
+    largest = max((row["samples"] for row in rows if row["task"] == identification.BASE_COLUMNS), default=0)
+    for row in rows:
+        if row["samples"] == largest and row["task"] in (identification.REGRESSOR, identification.ALL_COLUMNS):
+            ours, theirs = (1e6 * row[key] / largest for key in ("ours", "theirs"))
+            yield f"{row['task']}, {PENDULUM}, {largest:,} samples: {ours:.2f} µs a sample against {theirs:.2f} µs"
+
+
+def _trials(results: Results) -> Iterator[str]:
+    for row in results["comparisons"]:
+        if row["task"] in monte_carlo.TASKS:
+            yield (
+                f"{row['task']} ({monte_carlo.TASKS[row['task']]}): {row['ratio']:.1f} times as many trials, "
+                f"{1 / row['ours']:.0f} a second of {row['samples']} samples"
+            )
+
+
+def _simulations(results: Results) -> str:
+    rates = ", ".join(
+        f"{row['ratio']:.2f} of it with `{row['task']}` in {row['threads']} thread{'s' * (row['threads'] > 1)}"
+        for row in results["simulations"]
+    )
+    native = results["simulations"][0]["native"] / 1e3
+    return f"recorded simulations: a bare loop makes {native:.0f} thousand steps a second; {rates}"
+
+
+def _workers(results: Results) -> Iterator[str]:
+    for task in dict.fromkeys(row["task"] for row in results["shared"]):
+        rows = [row for row in results["shared"] if row["task"] == task]
+        gains = ", ".join(f"{row['speedup']:.2f} times as fast with {row['workers']}" for row in rows[1:])
+        if gains:
+            yield f"{task}, processes that share it: {gains} as with 1"
+
+
+def _memory(results: Results) -> str:
+    numbers = [row["samples"] for row in results["peaks"]]
+    most = max(max(row["streamed"], row["in_memory"]) for row in results["peaks"])
+    return f"peak memory from {min(numbers):,} to {max(numbers):,} samples: at most {most:.1f} MB above the inputs"
+
+
+def _errors(results: Results) -> Iterator[str]:
+    if results["accuracies"]:
+        worst = max(row["ours"] / row["qr"] for row in results["accuracies"])
+        condition = max(row["condition_number"] for row in results["accuracies"])
+        yield f"errors of ψ, condition numbers up to {condition:.0e}: at most {worst:.2f} of those of LAPACK's QR"
+
+
+def _limits(results: Results) -> Iterator[str]:
+    """How much of the time is what arithmetic and memory need at least."""
+    reached = results["limits"]
+    for row in results["distances"]:
+        if row["mechanism"] == PENDULUM:
+            arithmetic, old, new = (100 * row[key] for key in ("arithmetic", "writing", "first_writing"))
+            writing = (
+                f", and {old:.0f} % to write its {row['megabytes']:.0f} MB at {reached['write']:.0f} GB/s "
+                f"({new:.0f} % at the {reached['first_write']:.0f} GB/s of memory that was never touched)"
+            )
+            yield (
+                f"{row['task']}, limits: {arithmetic:.0f} % of the time would do for its arithmetic at the "
+                f"{reached['product']:.0f} GFlop/s of a product of matrices{writing if row['megabytes'] else ''}"
+            )

@@ -1,0 +1,61 @@
+"""How work that is handed to several processes grows faster."""
+
+import os
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from experiments.benchmark.mechanisms import double_pendulum
+from experiments.benchmark.monte_carlo import BLOCKS, Trials
+from experiments.benchmark.timing import Effort, alternating
+from experiments.workers import Crew, hired
+from ident.base_parameters import STANDARD_GRAVITY
+from ident.estimate import identify
+from ident.in_order import in_order
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Work that several processes share.
+
+    Attributes:
+        task: What they do.
+        workers: Number of processes.
+        seconds: Median time.
+        rate: Trials or samples a second.
+        speedup: Of the median, against one process.
+    """
+
+    task: str
+    workers: int
+    seconds: float
+    rate: float
+    speedup: float
+
+
+def shared(effort: Effort) -> list[Shared]:
+    """Monte Carlo trials, and the identification of one long recording, with 1, 2, 4, … processes up to the cores."""
+    numbers = [2**k for k in range((os.cpu_count() or 1).bit_length())]
+    trials, mechanism = Trials.of(effort.samples), double_pendulum()
+    samples, given = mechanism.samples(effort.streamed), mechanism.parameters
+    blocks = [range(k, k + effort.trials // BLOCKS) for k in range(0, effort.trials, effort.trials // BLOCKS)]
+
+    def monte_carlo(crew: Crew) -> None:
+        list(in_order(crew.executor, trials.identified, blocks, ahead=crew.ahead))
+
+    def identification(crew: Crew) -> None:
+        identify(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=given, executor=crew.executor)
+
+    found = []
+    with ExitStack() as stack:
+        crews = [stack.enter_context(hired(number)) for number in numbers]
+        for task, work, amount in (
+            ("Monte Carlo", monte_carlo, effort.trials),
+            ("identification of pieces", identification, effort.streamed),
+        ):
+            ways = [partial(work, crew) for crew in crews]
+            times = np.median(alternating(ways, effort.seconds, effort.least), axis=0).tolist()
+            found += [Shared(task, n, t, amount / t, times[0] / t) for n, t in zip(numbers, times, strict=True)]
+    return found
