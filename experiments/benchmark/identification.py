@@ -20,7 +20,7 @@ TASKS = {
     REGRESSOR: "the matrix Y of all columns (N, 6, 10 b), against the loop that fills such a matrix",
     ACCUMULATION: "all that least squares needs of the base columns (`accumulate`), against the same loop alone",
     ALL_COLUMNS: "from joint states and wrench to base parameters and their covariance (`identify`), the regrouping "
-    "found anew, against the loop and np.linalg.lstsq on all columns, without a covariance",
+    "found before, against the loop and np.linalg.lstsq on all columns, without a covariance",
     BASE_COLUMNS: "the same with the regrouping given, against the loop and np.linalg.lstsq on the base columns",
 }
 """What is timed. Before that models are built, equations recorded, and states laid out as each side takes them."""
