@@ -8,7 +8,7 @@ from itertools import chain
 from operator import add
 
 import numpy as np
-from scipy import linalg
+from scipy.linalg import lapack
 
 from ident.accumulator import PROBE, Accumulator, accumulate, inverse_of, square_root, triangle_of
 from ident.base_parameters import ZERO_COLUMN, BaseParameters, structural_base_parameters
@@ -142,8 +142,11 @@ def solve(found: Accumulator, parameters: BaseParameters, noise: np.ndarray | No
         noise: The regressor's own noise, as `check_excitation` takes it.
 
     Raises:
+        ValueError: The accumulator is of other parameters.
         ExcitationError: The motion does not separate the base parameters.
     """
+    if parameters.names != found.names:
+        raise ValueError(f"This was accumulated for {', '.join(found.names)}, not for {', '.join(parameters.names)}.")
     rank, gram = parameters.rank, found.gram
     P_b, p, scale = found.factor[:rank, :rank], found.factor[:rank, rank], found.factor[rank, rank]
     # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, and its Cholesky factor that of QR.
@@ -170,7 +173,7 @@ def solve(found: Accumulator, parameters: BaseParameters, noise: np.ndarray | No
         covariance = half @ np.tensordot(squares / freedoms, whitened, axes=1) @ half.T
     return Estimate(
         parameters=parameters,
-        psi=linalg.solve_triangular(P_b, p + shift),
+        psi=lapack.dtrtrs(P_b, p + shift)[0],
         std=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         triangle=R,
@@ -219,6 +222,6 @@ def huber_white(tree: Tree, estimate: Estimate, source: Source, *, gravity: np.n
             pulls = np.einsum("nir,ni->nr", Y, part.wrench - Y @ estimate.psi)
             middle += pulls.T @ pulls
     inverse = inverse_of(estimate.triangle)
-    half = inverse @ (inverse.T @ np.linalg.cholesky(middle))
-    covariance = half @ half.T * rows / max(rows - rank, 1)
-    return replace(estimate, covariance=covariance, std=np.sqrt(np.diag(covariance)))
+    bread = inverse @ inverse.T
+    covariance = bread @ middle @ bread * rows / max(rows - rank, 1)
+    return replace(estimate, covariance=covariance, std=np.sqrt(np.maximum(np.diag(covariance), 0)))

@@ -137,12 +137,15 @@ def test_what_does_not_belong_together_does_not_add():
     one = find_base_parameters(STRAIGHT, gravity=GRAVITY)
     samples = moved_by(1.0, 100)
     a = accumulate(STRAIGHT, samples, gravity=GRAVITY, parameters=one)
-    b = accumulate(TILTED, samples, gravity=GRAVITY, parameters=find_base_parameters(TILTED, gravity=GRAVITY))
+    apart = STRAIGHT.with_twists([[0, 0, 0, *tilted_axis(5, 120)], [0, 0, 0, *tilted_axis(9, 30)]])
+    b = accumulate(apart, samples, gravity=GRAVITY, parameters=find_base_parameters(apart, gravity=GRAVITY))
     weighted = Samples(samples.q, samples.dq, samples.ddq, samples.wrench, covariance=np.eye(6))
     with pytest.raises(ValueError, match="same base parameters and weighting"):
         a + b
     with pytest.raises(ValueError, match=r"weighted: False\) and .* \(True\)"):
         a + accumulate(STRAIGHT, weighted, gravity=GRAVITY, parameters=one)
+    with pytest.raises(ValueError, match=r"accumulated for m1, .*, not for m1, "):
+        solve(b, one)
     with pytest.raises(ValueError, match="no samples to accumulate"):
         accumulate(STRAIGHT, samples.part(slice(0)), gravity=GRAVITY, parameters=one)
 
