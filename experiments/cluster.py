@@ -38,13 +38,14 @@ def connected(address: str) -> Iterator[tuple[Executor, int]]:
             raise ValueError(f"There is no Dask scheduler with workers at {address} ({error}).") from None
         executor = stack.enter_context(_Watched(client))
         try:
-            threads = executor.submit(_threads_for_linear_algebra).result()
+            executor.submit(_threads_for_linear_algebra).result()
+            threads = set(client.run(_threads_for_linear_algebra).values())
         except Exception as error:
             raise ValueError(
                 f"The cluster at {address} cannot run this: its scheduler and workers need this package and the same "
                 f"versions as here ({str(error).partition(chr(10))[0]})."
             ) from None
-        if threads != "1":
+        if threads != {"1"}:
             raise ValueError(
                 f"The workers of the cluster at {address} need one thread for linear algebra: start them with "
                 "OPENBLAS_NUM_THREADS=1, as Dask's nanny does."

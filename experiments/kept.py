@@ -41,6 +41,8 @@ class Kept:
         try:
             with self.file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
                 kept, outcomes = json.loads(str(data["identity"])), list(data["outcomes"])
+            if (outcomes and outcomes[0].dtype.kind not in "fiU") or not all(map(_is_whole, outcomes)):
+                raise ValueError("damaged")
             wanted = json.loads(json.dumps(self.identity))
             different = [key for key in wanted if kept.get(key) != wanted[key]]
         except (OSError, ValueError, KeyError, TypeError, EOFError, AttributeError, BadZipFile) as error:
@@ -93,3 +95,8 @@ class Kept:
     def _save(self, outcomes: Sequence[Any]) -> None:
         with replacing(self.file) as temporary:
             np.savez(temporary, identity=json.dumps(self.identity), outcomes=np.array(outcomes))
+
+
+def _is_whole(outcome: np.ndarray) -> bool:
+    """Whether an outcome is a text or finite numbers."""
+    return outcome.dtype.kind == "U" or bool(np.isfinite(outcome).all())

@@ -143,7 +143,7 @@ def _address(text: str) -> str:
     """Type of an option: a scheduler's address."""
     with suppress(ValueError):
         parts = urlsplit(text)
-        if parts.scheme == "tcp" and parts.hostname and parts.port and not parts.path:
+        if text == f"tcp://{parts.netloc}" and parts.hostname and parts.port and not (parts.username or " " in text):
             return text
     raise argparse.ArgumentTypeError(f"needs an address as tcp://host:port, got '{text}'")
 

@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -26,9 +27,12 @@ from ident.estimate import PIECE, Estimate, solve
 from ident.in_order import in_order
 from ident.samples import Samples, pieces
 from ident.tree import Tree
+from ident.wrench import Contact, total_wrench
 from sim.atomic import replacing
-from sim.mujoco_model import compiled, gravity_in_base, tree_from_model
+from sim.mujoco_model import compiled, gravity_in_base, site_on_tree, tree_from_model
 from sim.recording import Recording
+
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 FILE = "accumulated.npz"
 """File in the output folder that keeps what has been read."""
@@ -50,8 +54,8 @@ class Progress:
     found: Accumulator | None = None
     done: int = 0
 
-    def resumed(self) -> "Progress":
-        """The progress of an earlier run.
+    def resumed(self, parameters: BaseParameters) -> "Progress":
+        """The progress of an earlier run on these parameters.
 
         Raises:
             ValueError: There is none, or it belongs to another run.
@@ -61,9 +65,14 @@ class Progress:
                 fields = dict(data)
             kept, done = json.loads(str(fields.pop("identity"))), int(fields.pop("done"))
             found = Accumulator(**fields)
-        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
+            different = [key for key, value in self.identity.items() if kept.get(key) != value]
+            columns = (parameters.rank + 1,) * 2
+            whole = (found.factor.shape, found.grams.shape) == (columns, (6, *columns)) and done > 0
+            whole = whole and bool(np.isfinite([*found.factor, *found.gram]).all())
+            if not different and not (whole and found.names == parameters.names):
+                raise ValueError("damaged")
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile) as error:
             raise ValueError(f"--resume needs what an earlier run left in {self.file} ({error}).") from None
-        different = [key for key, value in self.identity.items() if kept.get(key) != value]
         if different:
             raise ValueError(f"{self.file} is of another run: {', '.join(different)} differ; leave out --resume.")
         return Progress(self.file, self.identity, found, done)
@@ -79,28 +88,75 @@ class Progress:
             np.savez(temporary, identity=json.dumps(self.identity), done=self.done, **vars(self.found))
 
 
-def read(files: Sequence[Path], tree: Tree, samples: int) -> Iterator[Samples]:
-    """Pieces of recordings, one file after the other, checked against the mechanism and each other."""
-    return pieces((piece for file in files for piece in Recording.chunks(file, samples=samples)), tree)
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What is read, and how it becomes samples.
+
+    Attributes:
+        tree: The mechanism.
+        files: Recordings, one after the other.
+        piece: Samples read at a time.
+        contacts: Body and pose of the sensor of each wrench besides the ground's, by its name.
+        without: Names of wrenches to leave out.
+    """
+
+    tree: Tree
+    files: Sequence[Path]
+    piece: int
+    contacts: Mapping[str, tuple[str, np.ndarray]]
+    without: Sequence[str]
+
+    def __iter__(self) -> Iterator[Samples]:
+        """Pieces of all files, checked against the mechanism.
+
+        Raises:
+            ValueError: A file is no recording of this mechanism.
+        """
+        for file in self.files:
+            try:
+                yield from pieces(map(self._samples, Recording.chunks(file, samples=self.piece)), self.tree)
+            except ValueError as error:
+                raise ValueError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
+
+    def _samples(self, recording: Recording) -> Samples:
+        unknown = [name for name in recording.wrenches if name not in ("ground", *self.contacts, *self.without)]
+        if unknown:
+            raise ValueError(
+                f"the recording holds the wrench '{unknown[0]}' besides the ground's: say --contact {unknown[0]} if a "
+                f"site of that name holds its sensor, or --without {unknown[0]} to leave it out."
+            )
+        states = recording.joint_states(self.tree.joints)
+        held = [Contact(body, recording.wrench(name), pose) for name, (body, pose) in self.contacts.items()]
+        return Samples(*states, total_wrench(self.tree, states[0], recording.wrench("ground"), held).wrench)
 
 
 def accumulated(
-    progress: Progress, tree: Tree, gravity: np.ndarray, parameters: BaseParameters, args: argparse.Namespace
+    progress: Progress,
+    reading: Reading,
+    gravity: np.ndarray,
+    parameters: BaseParameters,
+    *,
+    executor: Executor,
+    ahead: int | None = None,
 ) -> Accumulator:
     """What all pieces give, those included that an earlier run has done.
 
+    Args:
+        progress: What is done, and where it is kept.
+        reading: What is read.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        parameters: Regrouping of the mechanism's parameters.
+        executor: Who works on the pieces.
+        ahead: Number of pieces to submit ahead, as for `in_order`.
+
     Raises:
-        ValueError: A piece does not fit, or a worker died; the pieces done before are in the file.
+        ValueError: A piece does not fit; the pieces done before are in the file.
     """
     start = progress.done
-    work = partial(_accumulated, tree, gravity, parameters)
-    rest = islice(read(args.recordings, tree, args.piece), start, None)
+    work = partial(_accumulated, reading.tree, gravity, parameters)
+    saved = time.monotonic()
     try:
-        with (
-            hired(args.workers, args.scheduler) as crew,
-            closing(in_order(crew.executor, work, rest, ahead=crew.ahead)) as parts,
-        ):
-            saved = time.monotonic()
+        with closing(in_order(executor, work, islice(reading, start, None), ahead=ahead)) as parts:
             for part in tqdm(parts, desc="Pieces", initial=start, file=sys.stderr):
                 progress = progress.and_piece(part)
                 if time.monotonic() - saved > SAVE_EVERY:
@@ -155,19 +211,25 @@ def run(args: argparse.Namespace) -> None:
     model = compiled(args.model)
     tree, gravity = tree_from_model(model, args.base, ignore=args.ignore), gravity_in_base(model, args.base)
     parameters = find_base_parameters(tree, gravity=gravity)
-    args.out.mkdir(parents=True, exist_ok=True)
+    contacts = {name: site_on_tree(model, name, args.base) for name in args.contact}
+    reading = Reading(tree, args.recordings, args.piece, contacts, args.without)
+    with report.results_folder(args.out):
+        pass  # Refused before the work if it cannot be written.
     progress = Progress(args.out / FILE, identity)
     if args.resume:
-        progress = progress.resumed()
-    estimate = solve(accumulated(progress, tree, gravity, parameters, args), parameters)
+        progress = progress.resumed(parameters)
+    with hired(args.workers, args.scheduler) as crew:
+        found = accumulated(progress, reading, gravity, parameters, executor=crew.executor, ahead=crew.ahead)
+    estimate = solve(found, parameters)
     with report.results_folder(args.out) as folder:
         table(estimate).write(folder, "base_parameters")
         origin = report.provenance({**identity, "ignore": args.ignore}, {})
         report.write_json(folder / "estimate.json", summary(estimate) | {"provenance": origin})
     print(table(estimate).text())
     rms = estimate.residual_norms / np.sqrt(estimate.samples)
-    print("RMS residuals: " + ", ".join(f"{x:.3g}" for x in rms[:3]) + " N, " + ", ".join(f"{x:.3g}" for x in rms[3:]))
-    print(f"N m. Condition number {estimate.condition_number:.1f}; {estimate.method}.")
+    residuals = ", ".join(f"{name} {x:.3g}" for name, x in zip(COMPONENTS, rms, strict=True))
+    print(f"RMS residuals in N and N m: {residuals}")
+    print(f"Condition number {estimate.condition_number:.1f}; {estimate.method}")
     print(f"Tables and estimate.json are in {args.out}.")
 
 
@@ -176,11 +238,11 @@ def _identity(args: argparse.Namespace) -> dict[str, Any]:
     for file in (args.model, *args.recordings):
         if not file.is_file():
             raise ValueError(f"There is no file '{file}'.")
+    stats = [(file.resolve(), file.stat()) for file in args.recordings]
     return {
         "model": hashlib.sha256(args.model.read_bytes()).hexdigest(),
-        "recordings": [f"{file.resolve()}, {file.stat().st_size} bytes" for file in args.recordings],
-        "base": args.base,
-        "piece": args.piece,
+        "recordings": [f"{file}, {stat.st_size} bytes, {stat.st_mtime_ns}" for file, stat in stats],
+        **{key: getattr(args, key) for key in ("base", "piece", "contact", "without")},
     }
 
 
@@ -197,7 +259,9 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument("--base", help="body whose frame is {0}, by default the world")
     out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
-    out.add_argument("--piece", type=options.whole_number(1), default=PIECE, help="samples read at a time")
+    out.add_argument("--contact", nargs="*", default=[], help="wrenches at the sites of the same names")
+    out.add_argument("--without", nargs="*", default=[], help="wrenches to leave out")
+    out.add_argument("--piece", type=options.whole_number(1, 10_000_000), default=PIECE, help="samples read at a time")
     options.add_workers(out.add_argument_group("workers"))
     return out
 

@@ -7,6 +7,7 @@ first ones did not, P is renewed by a QR of all that is known stacked on the chu
 """
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from scipy.linalg import lapack
@@ -14,13 +15,13 @@ from scipy.linalg import lapack
 from ident.base_parameters import BaseParameters
 from ident.dim import checked_gravity
 from ident.regressor import CHUNK, checked_states, program_inputs, regressor_program
-from ident.samples import Samples
+from ident.samples import Samples, check_samples, whitened
 from ident.tree import Tree
 
 PROBE = 64
 """Samples that the first coordinates are made of, at least as many as columns."""
 
-FLOOR = 1e-10
+FLOOR = 1e-7
 """Columns of the coordinates stick out of the span of others by this fraction at least, whether excited or not."""
 
 SMALL = 16
@@ -84,14 +85,15 @@ class Accumulator:
 
     def _in(self, factor: np.ndarray) -> "Accumulator":
         """The same in other coordinates."""
-        change = self.factor @ inverse_of(factor)
+        # Solved for, not multiplied with an inverse: coordinates of a joint at rest are far from orthogonal.
+        change = lapack.dtrtrs(factor, self.factor.T, trans=1)[0].T
         return replace(self, factor=factor, grams=change.T @ self.grams @ change)
 
     def with_rows(self, rows: np.ndarray) -> "Accumulator":
         """With the rows of another chunk, columns `[Y_b | Γ]` first (r + 1, 6, C)."""
         number = {"samples": self.samples + rows.shape[2], "chunks": self.chunks + 1}
         grams = self.grams + _grams(rows, self.factor)
-        if _is_orthogonal(grams[:, :-1, :-1].sum(axis=0)):
+        if _is_orthogonal(grams.sum(axis=0)):
             return replace(self, grams=grams, **number)
         known = square_root(self.gram) @ self.factor
         renewed = self._in(_factor(np.vstack([known, rows.reshape(len(rows), -1).T])))
@@ -107,7 +109,7 @@ def _first_factor(rows: np.ndarray) -> np.ndarray:
 
 def square_root(gram: np.ndarray) -> np.ndarray:
     """A square matrix T with `Tᵀ T = gram`, also of a singular one."""
-    scale = np.sqrt(np.diag(gram))
+    scale = np.sqrt(np.maximum(np.diag(gram), 0))
     scale = np.where(scale > 0, scale, 1)
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
     return np.sqrt(np.maximum(values, 0))[:, None] * vectors.T * scale
@@ -138,29 +140,32 @@ def accumulate(
     Raises:
         ValueError: Samples do not fit the mechanism, or a covariance is not positive definite.
     """
-    states = checked_states(tree, samples.q, samples.dq, samples.ddq, samples.base)
-    down = checked_gravity(gravity).astype(float)
+    check_samples(samples, tree)
+    if len(parameters.parameters) != 10 * len(tree.inertial):
+        raise ValueError(
+            f"A regrouping of {len(parameters.parameters)} parameters does not fit {len(tree.inertial)} bodies."
+        )
+    down, weighted = checked_gravity(gravity).astype(float), samples.covariance is not None
+    if start is not None and (start.names, start.weighted) != (parameters.names, weighted):
+        raise ValueError("Samples are added to an accumulator of the same base parameters and weighting only.")
     program = regressor_program(tree, down, parameters.kept, moving=samples.base is not None, torques=False)
     block = np.zeros((parameters.rank + 1, 6, min(CHUNK, len(samples))))
     flat = block.reshape(len(block) * 6, -1)
     program.fill(flat)
     found = start
     for first in range(0, len(samples), CHUNK):
-        part = slice(first, first + CHUNK)
-        inputs = program_inputs(states, down, samples.base, part)
-        program.run(inputs, flat[:, : inputs.shape[1]])
-        rows = block[:, :, : inputs.shape[1]]
-        rows[-1] = samples.wrench[part].T
-        covariance = samples.covariance_of(part)
-        if covariance is not None:
-            rows = _whitened(rows, covariance)
+        chunk = samples.part(slice(first, first + CHUNK))
+        states = checked_states(tree, chunk.q, chunk.dq, chunk.ddq, chunk.base)
+        program.run(program_inputs(states, down, chunk.base, slice(None)), flat[:, : len(chunk)])
+        rows = block[:, :, : len(chunk)]
+        rows[-1] = chunk.wrench.T
+        if chunk.covariance is not None:
+            rows = whitened(rows, chunk.covariance)
         if found is None:
             own = _first_factor(rows) if factor is None else factor
-            found = Accumulator(parameters.names, own, np.zeros((6, *own.shape)), 0, 0, 0, covariance is not None)
+            found = Accumulator(parameters.names, own, np.zeros((6, *own.shape)), 0, 0, 0, weighted)
         found = found.with_rows(rows)
-    if found is None:
-        raise ValueError("There are no samples to accumulate.")
-    return found
+    return cast(Accumulator, found)
 
 
 def _grams(rows: np.ndarray, factor: np.ndarray) -> np.ndarray:
@@ -179,10 +184,13 @@ def _factor(rows: np.ndarray) -> np.ndarray:
     size = rows.shape[1]
     triangle = triangle_of(np.vstack([rows, np.zeros((max(size - len(rows), 0), size))]))
     norms = np.linalg.norm(triangle, axis=0)
-    floor = FLOOR * np.where(norms > 0, norms, 1)
-    if (abs(np.diag(triangle)) > floor).all():
+    # A column that is nothing but an earlier floor is measured against the others.
+    floor = FLOOR * np.maximum(norms, FLOOR * norms.max() or 1)
+    weak = abs(np.diag(triangle)) <= floor
+    if not weak.any():
         return triangle
-    return triangle_of(np.vstack([triangle, np.diag(floor)]))
+    triangle = np.where(np.diag(weak), 0, triangle)
+    return triangle_of(np.vstack([triangle, np.diag(np.where(weak, floor, 0))]))
 
 
 def triangle_of(rows: np.ndarray) -> np.ndarray:
@@ -202,16 +210,3 @@ def _is_orthogonal(gram: np.ndarray) -> bool:
     except np.linalg.LinAlgError:
         return False
     return bool((np.diag(triangle) ** 2 * SPREAD > np.diag(gram)).all())
-
-
-def _whitened(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Rows (k, 6, C) times W, where `W C Wᵀ = 1` for the covariance C of a sample (6, 6) or of each (C, 6, 6)."""
-    if covariance.shape[-2:] != (6, 6) or not np.allclose(covariance, np.swapaxes(covariance, -1, -2)):
-        raise ValueError(
-            f"The wrench's covariance needs to be symmetric, (6, 6) or (N, 6, 6), got shape {covariance.shape}."
-        )
-    try:
-        W = np.linalg.inv(np.linalg.cholesky(covariance))
-    except np.linalg.LinAlgError:
-        raise ValueError("The wrench's covariance needs to be positive definite.") from None
-    return np.moveaxis(W @ np.moveaxis(rows, 2, 0).swapaxes(1, 2), (0, 1, 2), (2, 1, 0))

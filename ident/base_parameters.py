@@ -167,7 +167,9 @@ def structural_base_parameters(
         moving_base: Whether the base moves.
         kept: Names to use as base parameters.
     """
-    return find_base_parameters(tree, gravity=np.array(gravity), sensors=Sensors(moving_base=moving_base), kept=kept)
+    found = find_base_parameters(tree, gravity=np.array(gravity), sensors=Sensors(moving_base=moving_base), kept=kept)
+    found.beta.flags.writeable = False
+    return found
 
 
 def separating_sensors(

@@ -63,7 +63,7 @@ def base_wrench_rows(
         motions.append(_moved(parent, body, q_i, dq_i, ddq_i))
         if not body.massless:
             columns.append(_body_columns(motions[-1]))
-    return np.hstack(columns), motions
+    return np.hstack([np.zeros((6, 0)), *columns]), motions
 
 
 def joint_torque_rows(tree: Tree, motions: list[Motion], Y: np.ndarray) -> np.ndarray:

@@ -32,10 +32,12 @@ class Estimate:
         psi: Their estimates ψ, SI units (r,).
         std: Standard deviation of each estimate due to noise on the wrench (r,).
         covariance: Covariance behind `std` (r, r).
+        weighted: Whether a covariance weighted the samples. Then the base regressor, its rows, condition number and
+            residuals are those of the whitened rows.
         triangle: Triangular factor of the base regressor, `Y_bᵀ Y_b = Rᵀ R` (r, r).
         rows: Rows of the base regressor; wrench components that no parameter can produce are left out.
         samples: Number of samples N.
-        residual_norms: `‖Γ_i - Y_b,i ψ‖₂` of each wrench component, of the whitened one where weighted (6,).
+        residual_norms: `‖Γ_i - Y_b,i ψ‖₂` of each wrench component (6,).
         method: How it was solved.
     """
 
@@ -43,6 +45,7 @@ class Estimate:
     psi: np.ndarray
     std: np.ndarray
     covariance: np.ndarray
+    weighted: bool
     triangle: np.ndarray
     rows: int
     samples: int
@@ -79,14 +82,14 @@ def identify(
     parameters: BaseParameters | None = None,
     state_noise: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     executor: Executor | None = None,
+    ahead: int | None = None,
 ) -> Estimate:
     """Least-squares solution of `Y_b ψ = Γ` (Eq. 4), in one pass and in bounded memory.
 
     Without a covariance in the samples this is the ordinary least squares of the paper, and the noise of every wrench
-    component is taken from its residual, independent of the others' and from sample to sample (`huber_white` needs a
-    second pass and knows better). With one the rows are whitened, which
-    weights them, and the noise is taken as known. Noise on the joint states (errors in variables) is in neither: it
-    biases ψ.
+    component is taken from the residuals, independent of the others' and from sample to sample; `huber_white` needs a
+    second pass and knows better. With a covariance the rows are whitened, which weights them, and the noise is taken as
+    known. Noise on the joint states (errors in variables) is in neither: it biases ψ.
 
     Args:
         tree: The mechanism of b bodies.
@@ -95,7 +98,9 @@ def identify(
         parameters: Regrouping of the mechanism's parameters; by default its structural one.
         state_noise: Standard deviations of the noise on the columns of q, dq and ddq. With them a joint that rests but
             whose sensors are noisy does not pass for excited.
-        executor: Where pieces are worked on, by default here. Pieces in memory are split for it.
+        executor: Where pieces are worked on, by default here. Pieces in memory are split for it. Its workers are best
+            held to one thread for linear algebra (`OPENBLAS_NUM_THREADS=1`).
+        ahead: Number of pieces to submit ahead, more than there are workers; by default as `in_order`.
 
     Returns:
         The estimate, the same to rounding in whatever pieces the samples come.
@@ -118,7 +123,7 @@ def identify(
         # In common coordinates accumulators add without a change of them.
         factor = accumulate(tree, first.part(slice(PROBE)), gravity=gravity, parameters=parameters).factor
         work = partial(_accumulated, tree, gravity, parameters, factor)
-        found = reduce(add, in_order(executor, work, _split(chain([first], stream))))
+        found = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
     return solve(found, parameters, noise)
 
 
@@ -167,21 +172,35 @@ def solve(found: Accumulator, parameters: BaseParameters, noise: np.ndarray | No
     if found.weighted:
         covariance = half @ half.T
     else:
-        whitened = inverse.T @ own @ inverse
-        # What the parameters have taken of a component's noise is missing in its residual.
-        freedoms = np.maximum(found.samples - np.trace(whitened, axis1=1, axis2=2), 1)
-        covariance = half @ np.tensordot(squares / freedoms, whitened, axes=1) @ half.T
+        shares = inverse.T @ own @ inverse
+        covariance = half @ np.tensordot(_variances(squares, shares, found.samples), shares, axes=1) @ half.T
     return Estimate(
         parameters=parameters,
         psi=lapack.dtrtrs(P_b, p + shift)[0],
         std=np.sqrt(np.diag(covariance)),
         covariance=covariance,
+        weighted=found.weighted,
         triangle=R,
         rows=int(seen.sum()) * found.samples,
         samples=found.samples,
         residual_norms=np.sqrt(squares),
-        method=f"normal equations in QR coordinates, {found.factored} of {found.chunks} chunks by QR",
+        method=f"one pass in QR coordinates, {found.factored} of {found.chunks} chunks by stacked QR",
     )
+
+
+def _variances(squares: np.ndarray, shares: np.ndarray, samples: int) -> np.ndarray:
+    """Noise variance of each wrench component, unbiased where the components' noise is independent (6,).
+
+    Args:
+        squares: Sum of squared residuals of each component (6,).
+        shares: Part `W_c` of each component in the Gram matrix of orthonormal columns, `Σ W_c = 1` (6, r, r).
+        samples: Number of samples N.
+    """
+    # The fit takes part of a component's noise, and puts part of the others' in: E‖r_c‖² = N σ_c² - 2 tr(W_c) σ_c²
+    # + Σ_d tr(W_c W_d) σ_d².
+    own = np.diag(samples - 2 * np.trace(shares, axis1=1, axis2=2))
+    mixed = np.einsum("cij,dij->cd", shares, shares)
+    return np.maximum(np.linalg.lstsq(own + mixed, squares, rcond=None)[0], 0)
 
 
 def predicted_wrench(
@@ -202,15 +221,22 @@ def predicted_wrench(
 def huber_white(tree: Tree, estimate: Estimate, source: Source, *, gravity: np.ndarray) -> Estimate:
     """The estimate with standard deviations from the residuals of each sample (Huber and White's sandwich).
 
-    They hold whatever the noise of the components, the correlation between them and its change from sample to sample,
-    as a contact's lever makes it, but need a second pass over the samples.
+    In long recordings they hold whatever the noise of the components, the correlation between them and its change from
+    sample to sample, as a contact's lever makes it, but they need a second pass over the samples.
 
     Args:
         tree: The mechanism; arguments as for `identify`.
         estimate: Ordinary least-squares estimate.
         source: The samples it was made of.
         gravity: Acceleration of gravity, m/s² (3,).
+
+    Raises:
+        ValueError: The estimate is a weighted one, whose noise is known.
     """
+    if estimate.weighted:
+        raise ValueError(
+            "The noise of a weighted estimate is taken as known; only an ordinary one needs its residuals."
+        )
     rank = estimate.parameters.rank
     middle, rows = np.zeros((rank, rank)), estimate.rows
     for piece in pieces(source, tree):

@@ -1,10 +1,12 @@
 """Whether a motion separates the base parameters of a mechanism."""
 
+from functools import partial
+
 import numpy as np
 
 from ident.base_parameters import ZERO_COLUMN, BaseParameters
 from ident.regressor import base_wrench_regressor
-from ident.samples import Samples
+from ident.samples import Samples, whitened
 from ident.tree import Tree
 
 SINGULAR = 1e-10
@@ -38,17 +40,18 @@ def noise_rows(
         state_noise: Standard deviations of the noise on the columns of q, dq and ddq.
 
     Returns:
-        Difference between the base regressor at states with the noise added once more and as measured (rows, r).
+        Difference between the base regressor at states with the noise added once more and as measured, whitened where
+        the samples are weighted (rows, r).
     """
     few = samples.part(slice(None, None, max(1, len(samples) // FEW_SAMPLES)))
     rng = np.random.default_rng(0)
     states = (few.q, few.dq, few.ddq)
     noisy = [x + std * rng.normal(size=x.shape) for x, std in zip(states, state_noise, strict=True)]
-    Y, Y_noisy = (
-        base_wrench_regressor(tree, *x, gravity=gravity, base=few.base, columns=parameters.kept)
-        for x in (states, noisy)
-    )
-    return (Y_noisy - Y).reshape(-1, parameters.rank)
+    regressor = partial(base_wrench_regressor, tree, gravity=gravity, base=few.base, columns=parameters.kept)
+    noise = (regressor(*noisy) - regressor(*states)).transpose(2, 1, 0)
+    if few.covariance is not None:
+        noise = whitened(noise, few.covariance)
+    return noise.reshape(parameters.rank, -1).T
 
 
 def check_excitation(

@@ -5,6 +5,7 @@ columns need of them is carried out on a few thousand samples at a time, laid ou
 streams through the cache. `ident.dim` computes the same matrices term by term.
 """
 
+import operator
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -23,7 +24,7 @@ CHUNK = 4096
 """Samples worked on together: few enough for the intermediate results to stay in the cache, and enough to make the
 calls that work on them worth their while."""
 
-FEW = 20
+FEW = 5
 """Samples below which the equations are not recorded but evaluated one by one."""
 
 
@@ -88,8 +89,8 @@ def joint_torque_regressor(
     Raises:
         ValueError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
     """
-    own = _drive_columns(np.asarray(dq, float), np.asarray(ddq, float), drive)
     Y = _regressor(True, tree, (q, dq, ddq), gravity, base, columns)
+    own = _drive_columns(np.asarray(dq, float), np.asarray(ddq, float), drive)
     return np.concatenate([Y, *own], axis=2) if own else Y
 
 
@@ -162,11 +163,12 @@ def _regressor(
 
 
 def _checked_columns(tree: Tree, columns: Sequence[int] | None) -> tuple[int, ...]:
-    every = range(10 * len(tree.inertial))
-    missing = [k for k in columns or () if k not in every]
+    number = 10 * len(tree.inertial)
+    wanted = tuple(range(number)) if columns is None else tuple(map(operator.index, columns))
+    missing = [k for k in wanted if not 0 <= k < number]
     if missing:
-        raise ValueError(f"This mechanism has columns 0 to {every[-1]}, not {missing[0]}.")
-    return tuple(every if columns is None else columns)
+        raise ValueError(f"This mechanism has columns 0 to {number - 1}, not {missing[0]}.")
+    return wanted
 
 
 def regressor_program(

@@ -19,6 +19,10 @@ class Recorded(Protocol):
     def wrench(self, name: str) -> np.ndarray:
         """The wrench `[F; τ]` of that name (N, 6)."""
 
+    @property
+    def wrenches(self) -> tuple[str, ...]:
+        """Names of all wrenches."""
+
 
 @dataclass(frozen=True, eq=False)
 class Samples:
@@ -47,12 +51,27 @@ class Samples:
         """Some of the samples."""
         states = {key: getattr(self, key)[which] for key in ("q", "dq", "ddq", "wrench")}
         base = self.base and BaseMotion(self.base.T[which], self.base.V[which], self.base.dV[which])
-        return replace(self, **states, base=base, covariance=self.covariance_of(which))
+        each = self.covariance is not None and self.covariance.ndim == 3
+        return replace(self, **states, base=base, covariance=self.covariance[which] if each else self.covariance)  # type: ignore[index]
 
-    def covariance_of(self, which: slice) -> np.ndarray | None:
-        """Covariance of some of the samples."""
-        one = self.covariance is None or self.covariance.ndim == 2
-        return self.covariance if one else self.covariance[which]  # type: ignore[index]
+
+def whitened(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Rows times W, where `W C Wᵀ = 1` for the covariance C of the wrench.
+
+    Args:
+        rows: Columns first, samples last (k, 6, N).
+        covariance: C of all samples (6, 6), or of each (N, 6, 6).
+
+    Raises:
+        ValueError: It is not symmetric and positive definite.
+    """
+    if not np.allclose(covariance, np.swapaxes(covariance, -1, -2)):
+        raise ValueError("The wrench's covariance needs to be symmetric.")
+    try:
+        W = np.linalg.inv(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        raise ValueError("The wrench's covariance needs to be positive definite.") from None
+    return np.moveaxis(W @ np.moveaxis(rows, 2, 0).swapaxes(1, 2), (0, 1, 2), (2, 1, 0))
 
 
 Source = Samples | Recorded | Iterable[Samples | Recorded]
@@ -76,7 +95,7 @@ def pieces(source: Source, tree: Tree) -> Iterator[Samples]:
         if not isinstance(piece, Samples | Recorded):
             raise ValueError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
         samples = piece if isinstance(piece, Samples) else _of_recording(piece, tree)
-        _check(samples, tree, where)
+        check_samples(samples, tree, where)
         first = first or samples
         _compare(samples, first, where)
         yield samples
@@ -85,10 +104,17 @@ def pieces(source: Source, tree: Tree) -> Iterator[Samples]:
 
 
 def _of_recording(recording: Recorded, tree: Tree) -> Samples:
+    others = [name for name in recording.wrenches if name != "ground"]
+    if others:
+        raise ValueError(
+            f"The recording holds the wrench '{others[0]}' besides that of the ground; make Samples of the total "
+            "wrench, as ident.wrench.total_wrench gives it."
+        )
     return Samples(*recording.joint_states(tree.joints), recording.wrench("ground"))
 
 
-def _check(samples: Samples, tree: Tree, where: str) -> None:
+def check_samples(samples: Samples, tree: Tree, where: str = "The samples") -> None:
+    """Raises a ValueError unless samples fit a mechanism and are finite."""
     widths = {"q": sum(body.coordinates for body in tree.bodies), "wrench": 6}
     widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))
     for name, width in widths.items():
@@ -99,9 +125,16 @@ def _check(samples: Samples, tree: Tree, where: str) -> None:
             raise ValueError(
                 f"{where}: '{name}' needs a row for each of {len(samples)} samples and {width} columns, got {x.shape}."
             )
-        if not np.isfinite(x).all():
-            row = int(np.argmin(np.isfinite(x).all(axis=1)))
-            raise ValueError(f"{where}: '{name}' needs finite numbers; sample {row} has NaN or infinity.")
+        # A sum takes no memory; one that overflows is looked at closely.
+        with np.errstate(invalid="ignore", over="ignore"):
+            suspect = not np.isfinite(x.sum())
+        if suspect and not (finite := np.isfinite(x).all(axis=1)).all():
+            raise ValueError(
+                f"{where}: '{name}' needs finite numbers; sample {int(np.argmin(finite))} has NaN or infinity."
+            )
+    C = samples.covariance
+    if C is not None and np.shape(C) not in ((6, 6), (len(samples), 6, 6)):
+        raise ValueError(f"{where}: 'covariance' needs the shape (6, 6) or ({len(samples)}, 6, 6), got {np.shape(C)}.")
 
 
 def _compare(samples: Samples, first: Samples, where: str) -> None:

@@ -93,6 +93,12 @@ class Recording:
         """The wrench `[F; τ]` of a force and a torque channel, N and N m (N, 6)."""
         return np.hstack([self[f"{name}_force"], self[f"{name}_torque"]])
 
+    @property
+    def wrenches(self) -> tuple[str, ...]:
+        """Names of the wrenches that have both a force and a torque channel."""
+        forces = [name.removesuffix("_force") for name in self.measured if name.endswith("_force")]
+        return tuple(name for name in forces if f"{name}_torque" in self.measured)
+
     def wrench_covariance(self, name: str) -> np.ndarray:
         """Covariance of the noise on `wrench`, from the declared levels, N² and (N m)² (6, 6)."""
         force, torque = (self.noise.get(f"{name}_{kind}", 0.0) for kind in ("force", "torque"))

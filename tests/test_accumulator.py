@@ -96,14 +96,14 @@ def test_a_quiet_beginning_is_put_right_by_qr(quiet):
     rows = np.vstack([rows_of(STRAIGHT, part, base) for part in parts])
     target = np.concatenate([part.wrench.ravel() for part in parts])
     np.testing.assert_allclose(found.psi, np.linalg.lstsq(rows, target, rcond=None)[0], rtol=1e-10, atol=1e-11)
-    assert quiet or (" 1 of 3 chunks by QR" in found.method)
+    assert quiet or (" 1 of 3 chunks by stacked QR" in found.method)
     with ThreadPoolExecutor(2) as pool:
         shared = identify(STRAIGHT, parts, gravity=GRAVITY, parameters=base, executor=pool)
     np.testing.assert_allclose(shared.psi, found.psi, rtol=1e-10, atol=1e-11)
     backwards = identify(STRAIGHT, parts[::-1], gravity=GRAVITY, parameters=base)
     np.testing.assert_allclose(backwards.psi, found.psi, rtol=1e-10, atol=1e-11)
     np.testing.assert_allclose(backwards.covariance, found.covariance, rtol=1e-8, atol=1e-14)
-    assert " 0 of 3 chunks by QR" in backwards.method
+    assert " 0 of 3 chunks by stacked QR" in backwards.method
 
 
 def test_accumulators_add_in_any_order():
@@ -146,7 +146,7 @@ def test_what_does_not_belong_together_does_not_add():
         a + accumulate(STRAIGHT, weighted, gravity=GRAVITY, parameters=one)
     with pytest.raises(ValueError, match=r"accumulated for m1, .*, not for m1, "):
         solve(b, one)
-    with pytest.raises(ValueError, match="no samples to accumulate"):
+    with pytest.raises(ValueError, match="a row for each of 0 samples"):
         accumulate(STRAIGHT, samples.part(slice(0)), gravity=GRAVITY, parameters=one)
 
 
@@ -169,4 +169,56 @@ def test_memory_is_flat():
 
 def test_random_states_are_far_from_any_trouble():
     samples = Samples(*random_states(np.random.default_rng(0), STRAIGHT, 10 * CHUNK), np.ones((10 * CHUNK, 6)))
-    assert " 0 of 10 chunks by QR" in identify(STRAIGHT, samples, gravity=GRAVITY).method
+    assert " 0 of 10 chunks by stacked QR" in identify(STRAIGHT, samples, gravity=GRAVITY).method
+
+
+def at_rest(samples, seed, noise):
+    rng = np.random.default_rng(seed)
+    q, zero = np.full((samples, 2), 0.3), np.zeros((samples, 2))
+    phi = random_phi(np.random.default_rng(0), 3)
+    wrench = base_wrench_regressor(STRAIGHT, q, zero, zero, gravity=GRAVITY) @ phi
+    return Samples(q, zero, zero, wrench + noise * rng.normal(size=wrench.shape))
+
+
+def one_at_a_time(samples):
+    """A joint rests in each half of the recording."""
+    half = len(samples) // 2
+    q, dq, ddq = (x.copy() for x in (samples.q, samples.dq, samples.ddq))
+    for x, rest in ((q, 0.3), (dq, 0), (ddq, 0)):
+        x[:half, 0], x[half:, 1] = rest, rest
+    wrench = base_wrench_regressor(STRAIGHT, q, dq, ddq, gravity=GRAVITY) @ random_phi(np.random.default_rng(0), 3)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=wrench.shape)
+    return Samples(q, dq, ddq, wrench + noise)
+
+
+LONG_REST = [*(at_rest(400, k, 0.5) for k in range(60)), moved_by(1.0, 1000, seed=0, noise=0.5)]
+GROWING = [moved_by(10.0**k, 300, seed=0, noise=1e-3) for k in range(-7, 2)]
+HALVES = one_at_a_time(moved_by(1.0, 2000))
+
+
+@pytest.mark.parametrize("executor", [False, True])
+@pytest.mark.parametrize(
+    "parts",
+    [
+        LONG_REST,
+        LONG_REST[::-1],
+        GROWING,
+        GROWING[::-1],
+        [HALVES.part(slice(k, k + 50)) for k in range(0, 2000, 50)],
+        [HALVES.part(slice(k, k + 1)) for k in range(800, 1200)],
+    ],
+    ids=["long rest", "rest at the end", "growing", "shrinking", "one joint at a time", "single samples"],
+)
+def test_no_split_costs_digits(parts, executor):
+    base = find_base_parameters(STRAIGHT, gravity=GRAVITY)
+    rows = np.vstack([rows_of(STRAIGHT, part, base) for part in parts])
+    target = np.concatenate([part.wrench.ravel() for part in parts])
+    exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
+    with ThreadPoolExecutor(2) as pool:
+        found = identify(STRAIGHT, iter(parts), gravity=GRAVITY, parameters=base, executor=pool if executor else None)
+    Q, R = linalg.qr(rows, mode="economic")
+    householders = [linalg.solve_triangular(R, Q.T @ target), by_householder(rows, target)]
+    limit = 10 * max(np.linalg.norm(psi - exact) for psi in householders)
+    assert np.linalg.norm(found.psi - exact) <= max(limit, 1e-14 * np.linalg.norm(exact))
+    residual = (target - rows @ exact.astype(float)).reshape(-1, 6)
+    np.testing.assert_allclose(found.residual_norms, np.linalg.norm(residual, axis=0), rtol=1e-7)

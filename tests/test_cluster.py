@@ -3,6 +3,7 @@
 import logging
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -14,14 +15,22 @@ from itertools import count
 import numpy as np
 import pytest
 from commands import refusal
+from mechanisms import GRAVITY, double_pendulum, random_states
 from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
-from experiments import multicontact, sweep
+import scenes
+from experiments import multicontact, stream, sweep
 from experiments.workers import hired
+from ident.estimate import identify
 from ident.in_order import in_order
+from ident.samples import Samples
+from sim.excitation import DOUBLE_PENDULUM
+from sim.simulate import simulate
 
 distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 cluster_module = pytest.importorskip("experiments.cluster")
+
+TREE = double_pendulum()
 
 
 @contextmanager
@@ -103,6 +112,37 @@ def test_the_command_line_takes_a_cluster(address, tmp_path):
     assert multicontact.main([*command, "--out", str(tmp_path / "local")]) == 0
     assert multicontact.main([*command, "--out", str(tmp_path / "far"), "--scheduler", address]) == 0
     np.testing.assert_array_equal(kept(tmp_path / "far"), kept(tmp_path / "local"))
+
+
+def test_pieces_are_identified_while_a_worker_dies(cluster, address):
+    rng = np.random.default_rng(0)
+    states = random_states(rng, TREE, 1200)
+    whole = Samples(*states, rng.normal(size=(1200, 6)))
+
+    def read():
+        for k in range(0, 1200, 30):
+            if k == 600:
+                with distributed.Client(address, set_as_default=False) as client:
+                    victim = next(iter(client.run(os.getpid).values()))
+                os.kill(victim, signal.SIGKILL)
+            yield whole.part(slice(k, k + 30))
+
+    alone = identify(TREE, whole, gravity=GRAVITY)
+    with hired(1, address) as crew:
+        found = identify(TREE, read(), gravity=GRAVITY, executor=crew.executor, ahead=crew.ahead)
+    assert found.samples == 1200 and "of 40 chunks" in found.method
+    np.testing.assert_allclose(found.psi, alone.psi, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-8, atol=1e-12)
+
+
+def test_a_long_recording_is_read_for_a_cluster(address, tmp_path):
+    simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=400).save(tmp_path / "long.npz")
+    (tmp_path / "model.xml").write_text(scenes.load("double_pendulum").to_xml())
+    command = [str(tmp_path / "model.xml"), str(tmp_path / "long.npz"), "--base", "base", "--piece", "60", "--out"]
+    assert stream.main([*command, str(tmp_path / "local")]) == 0
+    assert stream.main([*command, str(tmp_path / "far"), "--scheduler", address]) == 0
+    local, far = (tmp_path / where / "base_parameters.csv" for where in ("local", "far"))
+    assert far.read_bytes() == local.read_bytes()
 
 
 def test_a_sweep_takes_a_cluster(address, tmp_path):

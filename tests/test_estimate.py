@@ -96,7 +96,7 @@ def test_weights_reduce_the_uncertainty():
 
 @pytest.mark.parametrize("covariance", [np.zeros((6, 6)), np.triu(np.ones((6, 6))), np.eye(5)])
 def test_a_covariance_must_be_one(covariance):
-    with pytest.raises(ValueError, match=r"covariance needs to be (positive definite|symmetric)"):
+    with pytest.raises(ValueError, match=r"covariance.* (positive definite|symmetric|shape)"):
         identified(Y @ PHI, covariance=covariance)
 
 
@@ -176,3 +176,39 @@ def test_too_few_samples_are_not_enough():
     states = random_states(np.random.default_rng(0), TREE, 2)
     with pytest.raises(ExcitationError, match="2 samples"):
         identified(base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI, states)
+
+
+@pytest.mark.parametrize("samples", [20, 100])
+def test_a_loud_component_does_not_hide_a_quiet_one(samples):
+    """Standard deviations in one pass where the noise of forces is twenty times that of moments, and few samples."""
+    rng, level = np.random.default_rng(0), np.array([1, 1, 1, 0.05, 0.05, 0.05])
+    states = random_states(rng, TREE, samples)
+    true = base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI
+    trials = [identified(true + level * rng.normal(size=true.shape), states, parameters=BASE) for _ in range(400)]
+    spread = np.std([trial.psi for trial in trials], axis=0)
+    predicted = np.sqrt(np.mean([trial.std**2 for trial in trials], axis=0))
+    np.testing.assert_allclose(predicted, spread, rtol=0.17)
+
+
+def test_the_scale_of_a_covariance_does_not_change_what_counts_as_excited():
+    noise = tuple(np.full(2, level) for level in (0.001, 0.01, 0.05))
+    resting = np.stack(STATES)
+    resting[:, :, 1] = 0
+    measured = resting + np.array([0.001, 0.01, 0.05])[:, None, None] * np.random.default_rng(0).normal(
+        size=resting.shape
+    )
+    for scale in (1e-4, 1.0, 1e6):
+        identified(Y @ PHI, covariance=scale * np.eye(6), state_noise=noise)
+        with pytest.raises(ExcitationError):
+            identified(Y @ PHI, measured, covariance=scale * np.eye(6), state_noise=noise)
+
+
+def test_few_samples_and_no_residual_have_standard_deviations():
+    few = Samples(*(x[:13] for x in STATES), (Y @ PHI)[:13])
+    for wrench in (few.wrench, 0 * few.wrench):
+        samples = Samples(few.q, few.dq, few.ddq, wrench)
+        found = huber_white(TREE, identify(TREE, samples, gravity=GRAVITY), samples, gravity=GRAVITY)
+        assert np.isfinite(found.std).all() and found.std.max() < 1e-9
+    weighted = identified(Y @ PHI, covariance=np.eye(6))
+    with pytest.raises(ValueError, match="noise of a weighted estimate is taken as known"):
+        huber_white(TREE, weighted, Samples(*STATES, Y @ PHI), gravity=GRAVITY)

@@ -86,7 +86,7 @@ def test_the_examples_run(capsys, tmp_path, monkeypatch):
     printed = capsys.readouterr().out
     assert "m2rz2 + 0.425 m3" in printed
     assert re.search(r"joint1 by [45]\.\d\d°", printed)
-    assert "3000 samples, normal equations in QR coordinates, 0 of 6 chunks by QR" in printed
+    assert "3000 samples, one pass in QR coordinates, 0 of 6 chunks by stacked QR" in printed
     assert re.search(r"sum of contacts - Y phi: \de-1[0-9]", printed)
 
 

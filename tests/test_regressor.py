@@ -81,6 +81,7 @@ def test_only_requested_columns_are_computed(of, samples):
     every = of(tree, *states, gravity=GRAVITY)
     np.testing.assert_array_equal(of(tree, *states, gravity=GRAVITY, columns=columns), every[:, :, columns])
     assert of(tree, *states, gravity=GRAVITY, columns=[]).shape == (*every.shape[:2], 0)
+    np.testing.assert_array_equal(of(tree, *states, gravity=GRAVITY, columns=iter(columns)), every[:, :, columns])
     with pytest.raises(ValueError, match="has columns 0 to 59, not 60"):
         of(tree, *states, gravity=GRAVITY, columns=[3, 60])
 

@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -88,3 +89,49 @@ def test_bad_input_is_named(folder, tmp_path, capsys):
     assert "no body named 'hip'" in refusal(stream.main, [model, good, "--base", "hip", *out], capsys)
     missing = refusal(stream.main, [model, good, "--base", "base", "--resume", "--out", str(tmp_path / "new")], capsys)
     assert "--resume needs what an earlier run left in" in missing
+
+
+def test_contacts_are_added_or_left_out_by_name(tmp_path, capsys):
+    spec = scenes.load("double_pendulum", contact="pad")
+    (tmp_path / "model.xml").write_text(spec.to_xml())
+    simulate(spec, DOUBLE_PENDULUM, samples=943).save(tmp_path / "pad.npz")
+    given = [str(tmp_path / "model.xml"), str(tmp_path / "pad.npz"), "--base", "base", "--out", str(tmp_path / "out")]
+    message = refusal(stream.main, given, capsys)
+    assert "pad.npz: the recording holds the wrench 'contact' besides the ground's: say --contact contact" in message
+    assert stream.main([*given, "--contact", "contact"]) == 0
+    truth = find_base_parameters(TREE, gravity=GRAVITY).regroup(parameters_from_model(MODEL, "base"))
+    np.testing.assert_allclose(estimate(tmp_path / "out")["psi"], truth, atol=0.1)
+    assert stream.main([*given, "--without", "contact"]) == 0
+    assert abs(np.array(estimate(tmp_path / "out")["psi"]) - truth).max() > 1
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"identity": "3"},
+        {"identity": "[]"},
+        {"done": -3},
+        {"names": np.array(["m1", "m2"])},
+        {"grams": np.array("text")},
+        {"grams": np.full((6, 14, 14), np.nan)},
+    ],
+    ids=str,
+)
+def test_a_damaged_file_is_not_resumed(folder, tmp_path, capsys, damage):
+    assert stream.main(arguments(folder, tmp_path)) == 0
+    with np.load(tmp_path / stream.FILE) as data:
+        fields = dict(data) | damage
+    np.savez(tmp_path / stream.FILE, **fields)
+    assert "--resume needs what an earlier run left in" in refusal(
+        stream.main, arguments(folder, tmp_path, "--resume"), capsys
+    )
+
+
+def test_a_changed_recording_is_not_resumed(folder, tmp_path, capsys):
+    copies = tmp_path / "copies"
+    shutil.copytree(folder, copies)
+    assert stream.main(arguments(copies, tmp_path / "out")) == 0
+    text = (copies / "a.csv").read_text()
+    (copies / "a.csv").write_text(text[:-3] + ("1" if text[-3] != "1" else "2") + text[-2:])
+    message = refusal(stream.main, arguments(copies, tmp_path / "out", "--resume"), capsys)
+    assert "is of another run: recordings differ" in message
