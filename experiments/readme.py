@@ -55,12 +55,16 @@ def benchmark_results(root: Path) -> dict[str, Any]:
     """The benchmark that README shows: that of `results/benchmark`, or the one it shows already.
 
     Raises:
-        ValueError: That one was made with `--quick`.
+        ValueError: That one was made with `--quick`, or of a checkout with changes that nobody has committed.
     """
     made, shown = root / "results" / "benchmark" / command.FILE, root / "docs" / command.FILE
     results = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
     if results["provenance"]["options"]["quick"]:
         raise ValueError(f"README shows a whole benchmark, but '{made}' is of a quick one: run it without --quick.")
+    if made.exists() and str(results["provenance"]["git_commit"]).endswith("-dirty"):
+        raise ValueError(
+            f"README shows the benchmark of a commit, but '{made}' is of a checkout with changes beyond one."
+        )
     return results
 
 

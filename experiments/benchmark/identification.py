@@ -75,7 +75,7 @@ def _compared(
     _check(mechanism, samples.part(slice(effort.sizes[0])), peer)
     ways = _ways(mechanism, samples, peer)
     for task in tasks:
-        if task == REGRESSOR or number * len(mechanism.tree.bodies) <= LARGEST:
+        if task in (REGRESSOR, ACCUMULATION) or number * len(mechanism.tree.bodies) <= LARGEST:
             yield _comparison(task, mechanism, number, name, alternating(ways[task], effort.seconds, effort.least))
 
 

@@ -50,6 +50,16 @@ def table_targets(results: Results) -> report.Table:
     return report.Table("Targets", ("what", "bound", "required", "better", "measured"), tuple(rows), decimals=2)
 
 
+def missed(results: Results) -> list[str]:
+    """Targets that were measured and missed, in words."""
+    found = []
+    for what, bound, required, _, measured in table_targets(results).rows:
+        if isinstance(required, float | int) and isinstance(measured, float | int):
+            fails = measured < required if bound == "at least" else measured > required
+            found += [f"Missed: {what}: {measured:.2f} where {bound} {required:g} is wanted"] * fails
+    return found
+
+
 def _ratio(results: Results, task: str, mechanism: str, number: int) -> float | None:
     which = (task, mechanism, number)
     found = (row for row in results["comparisons"] if (row["task"], row["mechanism"], row["samples"]) == which)

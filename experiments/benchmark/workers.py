@@ -46,7 +46,14 @@ def shared(effort: Effort) -> list[Shared]:
         list(in_order(crew.executor, trials.identified, blocks, ahead=crew.ahead))
 
     def identification(crew: Crew) -> None:
-        identify(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=given, executor=crew.executor)
+        identify(
+            mechanism.tree,
+            samples,
+            gravity=STANDARD_GRAVITY,
+            parameters=given,
+            executor=crew.executor,
+            ahead=crew.ahead,
+        )
 
     found = []
     with ExitStack() as stack:
