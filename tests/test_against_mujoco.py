@@ -98,7 +98,8 @@ def test_two_ways_to_the_motion_of_a_free_base(seed):
         assert_equal(getattr(by_model, key), getattr(direct, key), tolerance=1e-12)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+# Every fourth one, floating or not: to record the equations of a model for this alone takes its time.
+@pytest.mark.parametrize("seed", SEEDS[1::4])
 def test_structural_rank_is_the_numeric_rank(seed):
     model, _ = case(seed)
     floating = seed % 3 == 0

@@ -55,9 +55,12 @@ def test_the_benchmark_is_the_one_on_record():
 
 
 def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_one(tmp_path):
-    def record(folder, processor, quick):
+    def record(folder, processor, quick, commit="0123abc"):
         folder.mkdir(parents=True, exist_ok=True)
-        content = {"machine": {"processor": processor}, "provenance": {"options": {"quick": quick}}}
+        content = {
+            "machine": {"processor": processor},
+            "provenance": {"options": {"quick": quick}, "git_commit": commit},
+        }
         (folder / "benchmark.json").write_text(json.dumps(content))
 
     record(tmp_path / "docs", "shown", quick=False)
@@ -66,6 +69,9 @@ def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_o
     assert readme.benchmark_results(tmp_path)["machine"]["processor"] == "new"
     record(tmp_path / "results" / "benchmark", "new", quick=True)
     with pytest.raises(ValueError, match="without --quick"):
+        readme.benchmark_results(tmp_path)
+    record(tmp_path / "results" / "benchmark", "new", quick=False, commit="0123abc-dirty")
+    with pytest.raises(ValueError, match="of a checkout with changes"):
         readme.benchmark_results(tmp_path)
 
 
