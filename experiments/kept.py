@@ -12,7 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 from tqdm import tqdm
 
-from sim.atomic import replacing
+from sim.atomic import save_arrays
 
 SAVE_EVERY = 5.0
 """Seconds between two saves of what is done."""
@@ -93,8 +93,7 @@ class Kept:
                     saved = time.monotonic()
 
     def _save(self, outcomes: Sequence[Any]) -> None:
-        with replacing(self.file) as temporary:
-            np.savez(temporary, identity=json.dumps(self.identity), outcomes=np.array(outcomes))
+        save_arrays(self.file, {"identity": json.dumps(self.identity), "outcomes": np.array(outcomes)})
 
 
 def _is_whole(outcome: np.ndarray) -> bool:

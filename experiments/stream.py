@@ -28,7 +28,7 @@ from ident.in_order import in_order
 from ident.samples import Samples, pieces
 from ident.tree import Tree
 from ident.wrench import Contact, total_wrench
-from sim.atomic import replacing
+from sim.atomic import save_arrays
 from sim.mujoco_model import compiled, gravity_in_base, site_on_tree, tree_from_model
 from sim.recording import Recording
 
@@ -84,8 +84,7 @@ class Progress:
 
     def save(self) -> None:
         """Writes the file anew."""
-        with replacing(self.file) as temporary:
-            np.savez(temporary, identity=json.dumps(self.identity), done=self.done, **vars(self.found))
+        save_arrays(self.file, {"identity": json.dumps(self.identity), "done": self.done, **vars(self.found)})
 
 
 @dataclass(frozen=True, eq=False)

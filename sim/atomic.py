@@ -1,10 +1,14 @@
 """Files that appear whole or not at all."""
 
+import io
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 
 @contextmanager
@@ -51,3 +55,11 @@ def unwritten(path: Path) -> Iterator[None]:
             f"'{path}' could not be written ({reason.strerror or reason}) and is as it was; "
             "make room or write elsewhere, and run again."
         ) from reason
+
+
+def save_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Writes arrays as an npz file, whole or not at all."""
+    # In memory first: older versions of numpy leave an archive open when the disk is full.
+    with replacing(path) as temporary, io.BytesIO() as archive:
+        np.savez(archive, **arrays)
+        temporary.write_bytes(archive.getvalue())

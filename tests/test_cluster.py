@@ -136,8 +136,9 @@ def test_pieces_are_identified_while_a_worker_dies(cluster, address):
 
 
 def test_a_long_recording_is_read_for_a_cluster(address, tmp_path):
-    simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=400).save(tmp_path / "long.npz")
-    (tmp_path / "model.xml").write_text(scenes.load("double_pendulum").to_xml())
+    spec = scenes.load("double_pendulum")
+    simulate(spec, DOUBLE_PENDULUM, samples=400).save(tmp_path / "long.npz")
+    (tmp_path / "model.xml").write_text(spec.to_xml())
     command = [str(tmp_path / "model.xml"), str(tmp_path / "long.npz"), "--base", "base", "--piece", "60", "--out"]
     assert stream.main([*command, str(tmp_path / "local")]) == 0
     assert stream.main([*command, str(tmp_path / "far"), "--scheduler", address]) == 0

@@ -22,6 +22,7 @@ TREE, GRAVITY = tree_from_model(MODEL, "base"), gravity_in_base(MODEL, "base")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("recordings")
     spec = scenes.load("double_pendulum")
+    spec.compile()
     (out / "model.xml").write_text(spec.to_xml())
     for seed, name in ((0, "a.csv"), (1, "b.npz")):
         simulate(spec, DOUBLE_PENDULUM, samples=400, seed=seed).save(out / name)
@@ -93,6 +94,7 @@ def test_bad_input_is_named(folder, tmp_path, capsys):
 
 def test_contacts_are_added_or_left_out_by_name(tmp_path, capsys):
     spec = scenes.load("double_pendulum", contact="pad")
+    spec.compile()
     (tmp_path / "model.xml").write_text(spec.to_xml())
     simulate(spec, DOUBLE_PENDULUM, samples=943).save(tmp_path / "pad.npz")
     given = [str(tmp_path / "model.xml"), str(tmp_path / "pad.npz"), "--base", "base", "--out", str(tmp_path / "out")]
