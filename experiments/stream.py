@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from experiments import options, report
 from experiments.kept import SAVE_EVERY
+from experiments.preparation import COMPONENTS
 from experiments.workers import hired
 from ident.accumulator import Accumulator, accumulate
 from ident.base_parameters import BaseParameters, find_base_parameters
@@ -31,8 +32,6 @@ from ident.wrench import Contact, total_wrench
 from sim.atomic import save_arrays
 from sim.mujoco_model import compiled, gravity_in_base, site_on_tree, tree_from_model
 from sim.recording import Recording
-
-COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 FILE = "accumulated.npz"
 """File in the output folder that keeps what has been read."""
@@ -152,7 +151,7 @@ def accumulated(
         ValueError: A piece does not fit; the pieces done before are in the file.
     """
     start = progress.done
-    work = partial(_accumulated, reading.tree, gravity, parameters)
+    work = partial(accumulate, reading.tree, gravity=gravity, parameters=parameters)
     saved = time.monotonic()
     try:
         with closing(in_order(executor, work, islice(reading, start, None), ahead=ahead)) as parts:
@@ -171,10 +170,6 @@ def accumulated(
         raise ValueError("The recordings hold no samples.")
     progress.save()
     return progress.found
-
-
-def _accumulated(tree: Tree, gravity: np.ndarray, parameters: BaseParameters, piece: Samples) -> Accumulator:
-    return accumulate(tree, piece, gravity=gravity, parameters=parameters)
 
 
 def table(estimate: Estimate) -> report.Table:

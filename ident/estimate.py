@@ -122,15 +122,9 @@ def identify(
     else:
         # In common coordinates accumulators add without a change of them.
         factor = accumulate(tree, first.part(slice(PROBE)), gravity=gravity, parameters=parameters).factor
-        work = partial(_accumulated, tree, gravity, parameters, factor)
+        work = partial(accumulate, tree, gravity=gravity, parameters=parameters, factor=factor)
         found = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
     return solve(found, parameters, noise)
-
-
-def _accumulated(
-    tree: Tree, gravity: np.ndarray, parameters: BaseParameters, factor: np.ndarray, piece: Samples
-) -> Accumulator:
-    return accumulate(tree, piece, gravity=gravity, parameters=parameters, factor=factor)
 
 
 def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
