@@ -120,7 +120,7 @@ def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
         for ax, (name, title) in zip(panels, titles.items(), strict=True):
             numbers = found.numbers(name)
             mean = np.array([_statistics(column)[1] for column in numbers.T], dtype=float)
-            ax.plot(x[order], mean[order], "o-" if numeric else "o", color="tab:blue", ms=3, label="mean")
+            ax.plot(x[order], mean[order], "o-" if numeric else "o", color="tab:blue", ms=3, zorder=3, label="mean")
             for row in numbers:
                 ax.plot(x, row, "o", color="0.6", ms=1.5, label="seed")
             if np.nanmin(numbers) > 0 and np.nanmax(numbers) > 100 * np.nanmin(numbers):
