@@ -20,6 +20,9 @@ FORMATS = ("pdf", "png", "svg")
 COMPONENTS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
 """Symbol and unit of the components of a wrench."""
 
+PARAMETER = re.compile(r"\bm(\d+)(?:r([xyz])\1)?\b|\bI([xyz]{2})(\d+)\b")
+"""Names of the parameters of φ, as in `m2rz2 + 0.425 m3`: a mass and its moment, or axes and number of an inertia."""
+
 _STABLE_METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
@@ -37,6 +40,7 @@ class Line:
     color: str
     width: float = 0.8
     style: str = "-"
+    alpha: float = 1.0
 
 
 def wrench_panels(
@@ -64,18 +68,20 @@ def wrench_panels(
         axes = figure.subplots(3, 2, sharex=True)
         for component, ax in enumerate(axes.T.flat):
             for label, (wrench, line) in wrenches.items():
-                ax.plot(x, wrench[:, component], line.style, color=line.color, lw=line.width, label=label)
+                style = {"ls": line.style, "color": line.color, "lw": line.width, "alpha": line.alpha}
+                ax.plot(x, wrench[:, component], label=label, **style)
             variable, unit = COMPONENTS[component]
             ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
             ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-            ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
+            ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
             ax.set_xlim(x[0], x[-1])
-            _widen_flat(ax)
+            widen_flat(ax)
             ax.set_ylim(bottom=bottom)
         for ax in axes[-1]:
             ax.set_xlabel(xlabel, labelpad=2)
         figure.align_ylabels(axes)
-        legend = figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(wrenches))
+        ncols = len(wrenches) if len(wrenches) < 4 else 2
+        legend = figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=ncols)
         for handle in legend.get_lines():
             handle.set_linewidth(max(handle.get_linewidth(), 0.8))
     return figure
@@ -83,13 +89,13 @@ def wrench_panels(
 
 def parameter_symbol(name: str) -> str:
     """A parameter's name as the paper sets it, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
-    match = re.fullmatch(r"(m|I)([xyz]{2})?(\d+)(?:r([xyz])\d+)?", name)
+    match = PARAMETER.fullmatch(name)
     if match is None:
         return name
-    _, axes, body, moment = match.groups()
+    mass, moment, axes, inertia = match.groups()
     if axes:
-        return f"$I_{{{axes},{body}}}$"
-    return f"$m_{{{body}}}$" if moment is None else f"$m_{{{body}}}r_{{{moment},{body}}}$"
+        return f"$I_{{{axes},{inertia}}}$"
+    return f"$m_{{{mass}}}$" if moment is None else f"$m_{{{mass}}}r_{{{moment},{mass}}}$"
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
@@ -105,8 +111,10 @@ def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> Non
             (folder / f"{name}.{extension}").write_bytes(drawn.getvalue())
 
 
-def _widen_flat(ax: Axes) -> None:
-    """Keeps rounding noise in a vanishing component from filling its panel."""
+def widen_flat(ax: Axes) -> None:
+    """Keeps rounding noise on an ordinate that does not change from filling its panel."""
     low, high = ax.get_ylim()
-    if high - low < 1e-6:
-        ax.set_ylim((low + high) / 2 - 1, (low + high) / 2 + 1)
+    middle = (low + high) / 2
+    if high - low < max(1e-6, 1e-4 * abs(middle)):
+        half = 0.05 * abs(middle) if abs(middle) > 1e-6 else 1
+        ax.set_ylim(middle - half, middle + half)

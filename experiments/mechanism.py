@@ -59,7 +59,7 @@ def mechanism() -> tuple[Tree, Drawing]:
 def table_1() -> report.Table:
     """Table I as printed."""
     columns = ("frame", "inertia", "alpha", "d", "theta", "r")
-    return report.Table("Modified DH parameters of the double pendulum, as printed (Table I)", columns, paper.TABLE_1)
+    return report.Table("Modified DH parameters of the double pendulum, as printed", columns, paper.TABLE_1)
 
 
 def table_2(tree: Tree, base: np.ndarray) -> report.Table:
@@ -71,7 +71,7 @@ def table_2(tree: Tree, base: np.ndarray) -> report.Table:
         cells = (turned, _numbers(T[:3, 3] + base), _numbers(body.twist[:3]), _numbers(body.twist[3:]))
         rows.append((f"{body.name}, i = {i}", *cells))
     return report.Table(
-        "Geometric model of the double pendulum (Table II), m",
+        "Geometric model of the double pendulum, m",
         ("frame", "initial rotation", "initial position", "twist v", "twist omega"),
         tuple(rows),
     )

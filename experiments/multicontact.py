@@ -26,7 +26,7 @@ FOOTNOTE = (
 def table_4(result: Study) -> report.Table:
     """Errors with the contact's wrench, beside the paper's."""
     return report.Table(
-        "Base parameters with several contacts (Table IV), kg, kg m and kg m²",
+        "Base parameters with several contacts, kg, kg m and kg m²",
         *report.columns(
             parameter=result.fit.base.names,
             true_paper=[paper.TABLE_4[name][0] for name in result.fit.base.names],

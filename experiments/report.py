@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from experiments.figures import parameter_symbol
+from experiments.figures import PARAMETER, parameter_symbol
 from sim.atomic import unwritten
 
 Cell = str | float | None
@@ -29,7 +29,7 @@ class Table:
 
     Attributes:
         title: Caption.
-        columns: Column names, as in the CSV file.
+        columns: Column names of the CSV file; everywhere else they are `heading`s.
         rows: Cells: texts, numbers, or None for an empty one.
         decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits.
         marked: First cells of the rows that get an asterisk, everywhere but in the CSV file.
@@ -54,14 +54,15 @@ class Table:
     def markdown(self) -> str:
         """A Markdown table under its title, numbers right-aligned."""
         rule = ["---:" if numeric else "---" for numeric in self._numeric()]
-        table = "".join(f"| {' | '.join(row)} |\n" for row in [self.columns, rule, *self._texts()])
+        table = "".join(f"| {' | '.join(row)} |\n" for row in [self._headings(), rule, *self._texts()])
         title = f"**{self.title}**\n\n" if self.title else ""
         return title + table + (f"\n\\* {self.footnote}\n" if self.footnote else "")
 
     def tex(self) -> str:
         """A LaTeX table over both columns of a page; it needs no packages."""
         align = "".join("r" if numeric else "l" for numeric in self._numeric())
-        head, *body = [f"{' & '.join(map(_tex, row))} \\\\\n" for row in [self.columns, *self._texts()]]
+        rows = [map(_tex_heading, self._headings()), *(map(_tex, row) for row in self._texts())]
+        head, *body = [f"{' & '.join(row)} \\\\\n" for row in rows]
         note = f"\\par\\smallskip * {_tex(self.footnote)}\n" if self.footnote else ""
         return (
             f"\\begin{{table*}}\n\\caption{{{_tex(self.title)}}}\n\\centering\\footnotesize\n"
@@ -71,7 +72,7 @@ class Table:
 
     def text(self) -> str:
         """Aligned columns for the terminal."""
-        lines = [self.columns, *self._texts()]
+        lines = [self._headings(), *self._texts()]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         numeric = self._numeric()
         rows = (
@@ -86,6 +87,9 @@ class Table:
         for suffix, content in (("csv", self.csv()), ("md", self.markdown()), ("tex", self.tex())):
             (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
 
+    def _headings(self) -> list[str]:
+        return [heading(name) for name in self.columns]
+
     def _texts(self) -> list[list[str]]:
         return [[self._text(cell) for cell in row] for row in self.rows]
 
@@ -97,23 +101,56 @@ class Table:
         return self._number(cell)
 
     def _number(self, value: float) -> str:
-        # Adding zero turns a rounded -0.0 into 0.0.
-        return f"{round(value, self.decimals) + 0.0:.{self.decimals}f}"
+        return number(value, self.decimals)
 
     def _numeric(self) -> list[bool]:
         return [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
 
 
-_TEX = {"²": "$^2$", "π": r"$\pi$", "θ": r"$\theta$", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#"}
+UNITS = ("deg", "rad", "N", "s")
+"""Units that names of columns, options and other numbers end with."""
+
+_HEADINGS = {
+    rf"_({'|'.join(UNITS)})$": r" (\1)",
+    r"_(simplified|full|paper|scene|weighted|ignoring|relative|updated_model)$": r", \1",
+    "^paper_": "paper's ",
+    r"(?<![^_])std(?![^_, ])": "s.d.",
+    r"(?<![^_])rms(?![^_, ])": "RMS",
+    "_wrench_noise$": " (wrench noise)",
+    "_95$": ", 95 %",
+    "_": " ",
+}
+
+
+def heading(name: str) -> str:
+    """A column's name in words: `paper_error_full` becomes `paper's error, full`."""
+    for pattern, words in _HEADINGS.items():
+        name = re.sub(pattern, words, name)
+    return name
+
+
+def number(value: float, decimals: int = 3) -> str:
+    """A number for readers: with so many decimals, or as a power of ten from a million on, where no one counts them."""
+    # Adding zero turns a rounded -0.0 into 0.0.
+    return f"{round(value, decimals) + 0.0:.{decimals}f}" if abs(value) < 1e6 else f"{value:.2e}"
+
+
+_TEX = {"²": "$^2$", "π": r"$\pi$", "θ": r"$\theta$", "τ": r"$\tau$", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#"}
 
 
 def _tex(text: str) -> str:
     """Plain text as LaTeX, with parameters as symbols and minus signs as such."""
-    words = re.sub(r"\b(?:m\d+(?:r[xyz]\d+)?|I[xyz]{2}\d+)\b", lambda match: parameter_symbol(match[0]), text)
+    words = PARAMETER.sub(lambda match: parameter_symbol(match[0]), text)
     outside = [
         part if k % 2 else "".join(_TEX.get(c, c) for c in part) for k, part in enumerate(re.split(r"(\$.*?\$)", words))
     ]
     return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", "".join(outside))
+
+
+def _tex_heading(text: str) -> str:
+    """A heading in lines, broken before a remark."""
+    lines = _tex(text).replace(", ", ",\\\\").replace(" (", "\\\\(")
+    return f"\\shortstack{{{lines}}}" if "\\\\" in lines else lines
 
 
 OUTPUTS = ("table_*", "figure_*", "monte_carlo*")

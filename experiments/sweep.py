@@ -24,7 +24,7 @@ CHARTED = {
     "misaligned": {
         "condition_number_simplified": "Condition number, simplified model",
         "epsilon_simplified": "Residual ε, simplified model (N, N m)",
-        "condition_number_full": "Condition number, full model",
+        "condition_number_full": "Condition number, full model on its own columns",
         "axis_error_deg": "Error of the recovered axes (deg)",
     },
     "multicontact": {
@@ -35,9 +35,6 @@ CHARTED = {
     },
 }
 """Numbers of a study's summary that the chart shows if none are named, and their titles."""
-
-UNITS = ("deg", "rad", "N")
-"""Units that names of options and other numbers end with."""
 
 FILE = "runs.npz"
 """File in the output folder that keeps every run's summary."""
@@ -106,7 +103,7 @@ def table(found: Sweep, names: Sequence[str]) -> report.Table:
         for value, column in zip(found.values, found.numbers(name).T, strict=True)
     ]
     columns = ("number", found.option, "runs", "mean", "std")
-    return report.Table(f"Over {found.option}", columns, tuple(rows), decimals=4)
+    return report.Table(f"Over {report.heading(found.option)}", columns, tuple(rows), decimals=4)
 
 
 def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
@@ -125,6 +122,8 @@ def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
                 ax.plot(x, row, "o", color="0.6", ms=1.5, label="seed")
             if np.nanmin(numbers) > 0 and np.nanmax(numbers) > 100 * np.nanmin(numbers):
                 ax.set_yscale("log")
+            else:
+                figures.widen_flat(ax)
             ax.set_title(title, pad=3)
         if not numeric:
             panels[-1].set_xticks(x, found.values)
@@ -144,8 +143,7 @@ def _statistics(x: np.ndarray) -> tuple[str, float | None, float | None]:
 
 def _label(name: str) -> str:
     """A name as a label: `axis_error_deg` becomes `Axis error (deg)`."""
-    *words, last = name.split("_")
-    text = " ".join([*words, f"({last})" if words and last in UNITS else last])
+    text = report.heading(name)
     return text[0].upper() + text[1:]
 
 

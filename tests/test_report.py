@@ -29,6 +29,39 @@ def test_tex_is_escaped_and_complete():
     assert tex.count(r"\begin") == tex.count(r"\end") == 2
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("true_simplified", "true, simplified"),
+        ("paper_error_full", "paper's error, full"),
+        ("std_wrench_noise", "s.d. (wrench noise)"),
+        ("predicted_std", "predicted s.d."),
+        ("axis_std_deg", "axis s.d. (deg)"),
+        ("coverage_95", "coverage, 95 %"),
+        ("residual_rms", "residual RMS"),
+        ("standard", "standard"),
+        ("full", "full"),
+    ],
+)
+def test_headings_are_words_but_in_csv(name, words):
+    table = report.Table("t", ("parameter", name), (("m1rx1", 1.0),))
+    assert table.csv().startswith(f"parameter,{name}\n")
+    assert f"| parameter | {words} |" in table.markdown()
+    assert table.text().splitlines()[1].split(maxsplit=1) == ["parameter", words]
+    assert r"\_" not in table.tex() and "$m_{1}r_{x,1}$ & 1.000" in table.tex()
+
+
+def test_long_headings_break_into_lines_in_tex():
+    table = report.Table("t", ("std_wrench_noise", "error_full"), ((1.0, 2.0),))
+    assert r"\shortstack{s.d.\\(wrench noise)} & \shortstack{error,\\full} \\" in table.tex()
+
+
+def test_huge_numbers_are_powers_of_ten():
+    table = report.Table("t", ("a",), ((232976553.0,), (-1e6,), (999999.0,)))
+    assert table.text().split()[2:] == ["2.33e+08", "-1.00e+06", "999999.000"]
+    assert "232976553.0" in table.csv()
+
+
 def test_text_is_aligned():
     assert TABLE.text() == (
         "Errors, kg\nparameter  error   paper\nm_1        0.000   0.500\nIxx2       0.333  -2.000\n"

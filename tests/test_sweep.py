@@ -119,3 +119,13 @@ def test_the_chart_names_values_that_are_not_numbers():
     )
     (panel,) = sweep.chart(found, {"rank": "Rank"}).axes
     assert [tick.get_text() for tick in panel.get_xticklabels()] == ["pad", "handle"]
+
+
+def test_a_number_that_does_not_change_has_plain_ticks():
+    runs = [{"tilt_deg": v, "seed": 0, "condition": 37.7491 + 1e-6 * v} for v in (0.0, 5.0, 10.0)]
+    figure = sweep.chart(sweep.Sweep("tilt_deg", [0.0, 5.0, 10.0], runs), {"condition": "Condition number"})
+    figure.draw_without_rendering()
+    (panel,) = figure.axes
+    assert panel.yaxis.get_offset_text().get_text() == ""
+    assert np.diff(panel.get_ylim()) > 1
+    assert "36" in [tick.get_text() for tick in panel.get_yticklabels()]
