@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments import figures, monte_carlo, options, paper, report
+from experiments.fitting import Fit
 from experiments.misaligned_study import AZIMUTH_DEG, SCENE, Study, problem, study, trial
 from ident.screw import angle
 
@@ -18,13 +20,24 @@ TRUE_LINE = figures.Line("black", width=1.6)
 SIMPLIFIED_LINE = figures.Line("tab:red")
 FULL_LINE = figures.Line("tab:blue", style="--")
 
+X_AXIS = np.array([1.0, 0.0, 0.0])
+"""Joint axis of the simplified model."""
+
+CHANNELS = ("Fx", "Fy", "Fz", "τx", "τy", "τz")
+
+STILL = 1e-9
+"""Standard deviation, N or N m, up to which a channel only shows rounding."""
+
+WINDOW = 25
+"""Samples that a running mean of Figure 3 takes, a quarter of a second."""
+
 
 def table_3(result: Study) -> report.Table:
     """Both models on the table's 13 names, beside the paper's errors."""
     simplified, full = result.simplified, result.full_on_table
     published = [paper.TABLE_3[name] for name in simplified.base.names]
     return report.Table(
-        "Errors of the base parameters (Table III), kg, kg m and kg m²",
+        "True base parameters and errors of the simplified and of the full model, kg, kg m and kg m²",
         *report.columns(
             parameter=simplified.base.names,
             true_simplified=simplified.psi_true,
@@ -53,6 +66,26 @@ def table_3_full(result: Study) -> report.Table:
     )
 
 
+def table_wrench_errors(result: Study) -> report.Table:
+    """Root mean squares of both recovered wrenches' errors by channel, and their ratio to the channel's own s.d."""
+    std = result.recording.noise_free.wrench("ground").std(axis=0)
+    rms = [np.sqrt((wrench_error(result, model) ** 2).mean(axis=0)) for model in (result.simplified, result.full)]
+    rows = tuple(
+        (name, float(s), *map(float, x), *(float(r / s) if s > STILL else None for r in x))
+        for name, s, *x in zip(CHANNELS, std, *rms, strict=True)
+    )
+    return report.Table(
+        "RMS errors of the recovered wrench, N and N m, and their ratio to the s.d. of the true, noise-free one",
+        ("channel", "true_std", "rms_simplified", "rms_full", "ratio_simplified", "ratio_full"),
+        rows,
+    )
+
+
+def wrench_error(result: Study, model: Fit) -> np.ndarray:
+    """Recovered less true, noise-free wrench (N, 6)."""
+    return model.predicted - result.recording.noise_free.wrench("ground")
+
+
 def figure_2(result: Study) -> Figure:
     """Recovered wrenches against the true one, over time."""
     return figures.wrench_panels(
@@ -67,23 +100,34 @@ def figure_2(result: Study) -> Figure:
 
 
 def figure_3(result: Study) -> Figure:
-    """Absolute errors of the recovered wrenches against the true, noise-free one, over samples."""
-    true = result.recording.noise_free.wrench("ground")
-    return figures.wrench_panels(
-        np.arange(1, len(true) + 1),
-        {
-            "Simplified": (np.abs(result.simplified.predicted - true), figures.Line("tab:red", width=0.5)),
-            "Full": (np.abs(result.full.predicted - true), figures.Line("tab:blue", width=0.4)),
-        },
-        "Sample",
-        symbol=r"|\Delta {}|",
-        bottom=0,
-    )
+    """Absolute errors of the recovered wrenches over samples, faint, and their running root mean squares.
+
+    Where both models err alike, as joint noise makes them, samples hide one another; their means lie side by side.
+    """
+    drawn = {
+        "Simplified": (wrench_error(result, result.simplified), replace(SIMPLIFIED_LINE, width=1.4)),
+        "Full": (wrench_error(result, result.full), FULL_LINE),
+    }
+    samples = {
+        name: (np.abs(error), figures.Line(line.color, width=0.3, alpha=0.35)) for name, (error, line) in drawn.items()
+    }
+    means = {f"{name}, running RMS": (_running_rms(error), line) for name, (error, line) in drawn.items()}
+    number = np.arange(1, len(result.recording.time) + 1)
+    return figures.wrench_panels(number, samples | means, "Sample", symbol=r"|\Delta {}|", bottom=0)
+
+
+def _running_rms(x: np.ndarray) -> np.ndarray:
+    """Root mean square of up to `WINDOW` samples around each (N, 6)."""
+    sums = np.concatenate([np.zeros((1, 6)), np.cumsum(x**2, axis=0)])
+    middle = np.arange(len(x))
+    first, last = np.maximum(middle - WINDOW // 2, 0), np.minimum(middle + WINDOW // 2 + 1, len(x))
+    return np.sqrt((sums[last] - sums[first]) / (last - first)[:, None])
 
 
 def summary(result: Study) -> dict[str, Any]:
     """Key numbers for scripts."""
     recovered, recording = result.recovered, result.recording
+    errors = table_wrench_errors(result)
     fits = {"simplified": result.simplified, "full": result.full, "full_on_table": result.full_on_table}
     numbers: dict[str, Any] = {}
     for name, model in fits.items():
@@ -96,6 +140,8 @@ def summary(result: Study) -> dict[str, Any]:
     return numbers | {
         "paper_condition_number_simplified": paper.CONDITION_NUMBER_SIMPLIFIED,
         "paper_condition_number_full": paper.CONDITION_NUMBER_FULL,
+        "wrench_errors": {str(name): dict(zip(errors.columns[1:], row, strict=True)) for name, *row in errors.rows},
+        "tilt_recovered_deg": float(np.degrees(angle(recovered.axes[0].vector, X_AXIS))),
         "axis_error_deg": float(np.degrees(result.axis_error.max())),
         "axis_std_deg": float(np.degrees(max(axis.std for axis in recovered.axes))),
         "axis_difference_alone_deg": float(np.degrees(angle(*(axis.vector for axis in recovered.separate)))),
@@ -111,7 +157,7 @@ def report_text(result: Study) -> str:
     found = summary(result)
 
     def condition(name: str) -> str:
-        return f"{found[f'condition_number_{name}']:.1f} at {found[f'rows_{name}']}x{found[f'rank_{name}']}"
+        return f"{found[f'condition_number_{name}']:.4g} at {found[f'rows_{name}']}x{found[f'rank_{name}']}"
 
     def printed(number: float, shape: tuple[int, int]) -> str:
         return f" (paper: {number} at {shape[0]}x{shape[1]})"
@@ -119,10 +165,12 @@ def report_text(result: Study) -> str:
     lines = (
         table_3(result).text(),
         table_3_full(result).text(),
+        table_wrench_errors(result).text(),
         "Condition numbers",
         f"  simplified model: {condition('simplified')}"
         + printed(paper.CONDITION_NUMBER_SIMPLIFIED, paper.SHAPE_SIMPLIFIED),
         f"  full model, its own columns: {condition('full')}" + printed(paper.CONDITION_NUMBER_FULL, paper.SHAPE_FULL),
+        f"    (what tells these columns apart is the tilt alone, {found['tilt_recovered_deg']:.3g} deg as recovered)",
         f"  full model, the table's names: {condition('full_on_table')}",
         "Recovered axes",
         f"  {found['axis_error_deg']:.3f} deg from the true ones, predicted standard deviation "
@@ -138,6 +186,7 @@ def write(result: Study, folder: Path, formats: Iterable[str]) -> None:
     """Writes all tables, figures and the summary into a folder."""
     table_3(result).write(folder, "table_3")
     table_3_full(result).write(folder, "table_3_full")
+    table_wrench_errors(result).write(folder, "table_wrench_errors")
     figures.save(figure_2(result), folder, "figure_2", formats)
     figures.save(figure_3(result), folder, "figure_3", formats)
     report.write_json(folder / "summary.json", summary(result))

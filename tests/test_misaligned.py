@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -12,7 +13,8 @@ from commands import refusal
 
 from experiments import figures, misaligned, misaligned_study, paper
 
-TABLES = [f"{name}.{suffix}" for name in ("table_3", "table_3_full") for suffix in ("csv", "md", "tex")]
+NAMES = ("table_3", "table_3_full", "table_wrench_errors")
+TABLES = [f"{name}.{suffix}" for name in NAMES for suffix in ("csv", "md", "tex")]
 COLUMNS = [
     "parameter",
     "true_simplified",
@@ -88,6 +90,21 @@ def test_summary_is_for_scripts(results):
     assert summary["noise"]["ground_force"] == 0.5
 
 
+def test_errors_of_the_wrench_are_told_channel_by_channel(results):
+    summary = json.loads((results / "summary.json").read_text())["wrench_errors"]
+    study = misaligned.study(seed=3)
+    true = study.recording.noise_free.wrench("ground")
+    assert list(summary) == ["Fx", "Fy", "Fz", "τx", "τy", "τz"]
+    for k, channel in enumerate(summary.values()):
+        assert channel["true_std"] == pytest.approx(true[:, k].std())
+        for name, model in (("simplified", study.simplified), ("full", study.full)):
+            rms = np.sqrt(((model.predicted - true)[:, k] ** 2).mean())
+            assert channel[f"rms_{name}"] == pytest.approx(rms)
+            assert channel[f"ratio_{name}"] == pytest.approx(rms / true[:, k].std())
+    rows = list(csv.DictReader((results / "table_wrench_errors.csv").read_text(encoding="utf-8").splitlines()))
+    assert {row["channel"]: float(row["rms_full"]) for row in rows} == {c: x["rms_full"] for c, x in summary.items()}
+
+
 def test_provenance_says_how_to_run_it_again(results):
     origin = json.loads((results / "provenance.json").read_text())
     assert origin["options"] == {
@@ -137,6 +154,13 @@ def test_figures_show_what_their_captions_say():
         np.testing.assert_array_equal(errors["Full"].get_xdata(), np.arange(1, 944))
         expected = abs(study.full.predicted[:, k] - truth)
         np.testing.assert_array_equal(errors["Full"].get_ydata(), expected)
+        # Both models' running means show where they are equal: the later one is thinner, and dashed.
+        under, over = (errors[f"{name}, running RMS"] for name in ("Simplified", "Full"))
+        assert under.get_linewidth() > over.get_linewidth() and over.get_linestyle() == "--"
+        assert errors["Full"].get_alpha() < 0.5
+        window = slice(500 - misaligned.WINDOW // 2, 501 + misaligned.WINDOW // 2)
+        assert over.get_ydata()[500] == pytest.approx(np.sqrt((expected[window] ** 2).mean()), rel=1e-9)
+        assert over.get_ydata()[0] == pytest.approx(np.sqrt((expected[: misaligned.WINDOW // 2 + 1] ** 2).mean()))
 
 
 @pytest.mark.parametrize("seed", ["0", "1", "2"])
@@ -148,7 +172,17 @@ def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
     assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--noise-scale", "0", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
     assert max(abs(float(row["error_simplified"])) for row in rows) < 1e-9
-    assert json.loads((tmp_path / "summary.json").read_text())["rows_full"] == 4715
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["rows_full"] == 4715
+    assert summary["wrench_errors"]["Fx"]["ratio_full"] is None  # There is nothing to compare with.
+
+
+def test_huge_condition_numbers_are_said_with_their_reason(tmp_path, capsys):
+    assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png"]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"its own columns: \d\.\d+e\+0\d at 5658x13", printed)
+    assert re.search(r"the tilt alone, 0\.00\d+ deg as recovered", printed)
+    assert not re.search(r"\d{7}\.", printed)
 
 
 @pytest.mark.parametrize(
