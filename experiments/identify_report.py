@@ -78,14 +78,18 @@ def quality_table(result: Identification, full: ConsistentParameters) -> report.
 
 def full_table(result: Identification, full: ConsistentParameters) -> report.Table:
     """A physically consistent φ of every body beside the model's."""
-    rows = []
-    bodies = [result.prepared.tree.bodies[i].name for i in result.prepared.tree.inertial]
-    new, old = full.phi.reshape(-1, 10), result.prepared.prior.reshape(-1, 10)
-    for body, phi, before in zip(bodies, new, old, strict=True):
-        rows += [(body, name, float(x), float(y)) for name, x, y in zip(PARAMETERS, phi, before, strict=True)]
+    bodies = [name for name in _bodies(result) for _ in PARAMETERS]
     return report.Table(
-        "Full, physically consistent parameters", ("body", "parameter", "estimate", "model"), tuple(rows)
+        "Full, physically consistent parameters, SI units",
+        *report.columns(
+            body=bodies, parameter=result.prepared.base.parameters, estimate=full.phi, model=result.prepared.prior
+        ),
     )
+
+
+def _bodies(result: Identification) -> list[str]:
+    """Names of the bodies with a φ, in the order in which the parameters' names number them from 1."""
+    return [result.prepared.tree.bodies[i].name for i in result.prepared.tree.inertial]
 
 
 def data_lines(result: Identification) -> list[str]:
@@ -96,6 +100,7 @@ def data_lines(result: Identification) -> list[str]:
     lines = [
         f"{samples} samples at {prepared.rate:.4g} Hz, {filtered}; "
         f"{result.part.stop - result.part.start} fitted, {len(result.held_out.time)} held out.",
+        f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(_bodies(result), start=1))}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(prepared.channels)}.",
         f"Excitation: condition number {result.condition_number:.1f} of the unit-norm columns, singular values "
         f"{singular[0]:.2g} to {singular[-1]:.2g}.",
@@ -162,7 +167,7 @@ def held_out_figure(result: Identification) -> Figure:
         for k, ax in enumerate(axes):
             ax.plot(held.time, held.measured[:, k], color="black", lw=1.2, label="Measured")
             ax.plot(held.time, held.measured[:, k] - held.residual[:, k], color="tab:blue", lw=0.8, label="Predicted")
-            ax.set_ylabel(_label(result.prepared.channels[k]), labelpad=2)
+            ax.set_ylabel(_label(result, k), labelpad=2)
             ax.margins(x=0)
         _finish(figure, axes, "Time (s)")
     return figure
@@ -179,7 +184,7 @@ def spectra_figure(result: Identification) -> Figure:
                 frequency, power = amplitude_spectrum(x[:, k], prepared.rate)
                 shown = (frequency > 0) & (frequency <= highest)
                 ax.loglog(frequency[shown], np.maximum(power[shown], 1e-12), color=color, lw=0.8, label=label)
-            ax.set_ylabel(_label(prepared.channels[k], "/√Hz"), labelpad=2)
+            ax.set_ylabel(_label(result, k, "/√Hz"), labelpad=2)
             ax.xaxis.set_minor_formatter(NullFormatter())
             ax.margins(x=0)
         _finish(figure, axes, "Frequency (Hz)")
@@ -237,16 +242,18 @@ def parameters_figure(result: Identification) -> Figure:
     return figure
 
 
-def _label(channel: str, per: str = "") -> str:
-    if channel not in COMPONENTS:
-        return channel
-    return f"${channel[0]}_{channel[1]}$ ({'N' if channel[0] == 'F' else 'N m'}{per})"
+def _label(result: Identification, k: int, per: str = "") -> str:
+    """Symbol or joint of a channel, and its unit; `per` what the unit is divided by."""
+    channel, tree = result.prepared.channels[k], result.prepared.tree
+    if channel in COMPONENTS:
+        return f"${channel[0]}_{channel[1]}$ ({'N' if channel[0] == 'F' else 'N m'}{per})"
+    motion = np.hstack([body.motions for body in tree.bodies])[:, tree.freedoms.index(channel)]
+    return f"{channel}\n({'N m' if motion[3:].any() else 'N'}{per})"
 
 
 def estimate(result: Identification, full: ConsistentParameters, found: list[Finding]) -> dict[str, Any]:
     """Everything for scripts."""
     held, base = result.held_out, result.prepared.base
-    bodies = [result.prepared.tree.bodies[i].name for i in result.prepared.tree.inertial]
     return {
         "verdict": verdict(result, found),
         "findings": [{"text": finding.text, "doubt": finding.doubt} for finding in found],
@@ -270,7 +277,7 @@ def estimate(result: Identification, full: ConsistentParameters, found: list[Fin
         "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in result.offsets.items()},
         "bodies": {
             body: dict(zip(PARAMETERS, map(float, phi), strict=True))
-            for body, phi in zip(bodies, full.phi.reshape(-1, 10), strict=True)
+            for body, phi in zip(_bodies(result), full.phi.reshape(-1, 10), strict=True)
         },
     }
 
@@ -280,6 +287,7 @@ def write(
     full: ConsistentParameters,
     folder: Path,
     model: Path,
+    log: Path,
     base: str | None,
     provenance: dict[str, Any],
     formats: Iterable[str] = ("pdf", "png"),
@@ -291,11 +299,13 @@ def write(
         full: Its full parameters.
         folder: Where to.
         model: The model file that is updated.
+        log: The log it was identified from.
         base: Name of the base body.
         provenance: Where the results come from.
         formats: Formats of the figures; the page needs PNG.
     """
     found = [*findings(result), consistency_finding(full)]
+    title = f"{model.name}, identified from {log.name}"
     tables = {
         "table_base_parameters": parameters_table(result),
         "table_held_out": quality_table(result, full),
@@ -314,15 +324,15 @@ def write(
     report.write_json(folder / "provenance.json", provenance)
     write_model(folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}", model, full.phi, base)
     parts = [
-        f"<h1>{html.escape(model.name)}</h1>",
-        f"<p><strong>{html.escape(verdict(result, found))}</strong></p>",
-        "<ul>" + "".join(f"<li>{html.escape(finding.text)}</li>" for finding in found) + "</ul>",
+        f"<h1>{html.escape(title)}</h1>",
+        f"<p><strong>{page.prose(verdict(result, found))}</strong></p>",
+        "<ul>" + "".join(f"<li>{page.prose(finding.text)}</li>" for finding in found) + "</ul>",
         "<h2>The recording</h2>",
-        "<ul>" + "".join(f"<li>{html.escape(line)}</li>" for line in data_lines(result)) + "</ul>",
+        "<ul>" + "".join(f"<li>{page.prose(line)}</li>" for line in data_lines(result)) + "</ul>",
         "<h2>The estimate</h2>",
-        *(page.table(folder / f"{name}.csv", table.title) for name, table in tables.items()),
-        *(page.figure(folder / f"{name}.png", caption) for name, (_, caption) in drawn.items()),
+        *(page.table(folder / f"{name}.csv", table.title, root=folder) for name, table in tables.items()),
+        *(page.figure(folder / f"{name}.png", caption, root=folder) for name, (_, caption) in drawn.items()),
         "<h2>Provenance</h2>",
         f"<pre>{html.escape(json.dumps(provenance, indent=1, ensure_ascii=False))}</pre>",
     ]
-    (folder / "report.html").write_text(page.document(model.name, parts), encoding="utf-8")
+    (folder / "report.html").write_text(page.document(title, parts), encoding="utf-8")

@@ -54,7 +54,12 @@ def test_everything_on_one_page(tmp_path):
     page = (out / "index.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 7
     targets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)|url\(([^)]*)""", page)
-    assert targets and all(link.startswith("data:") for pair in targets for link in pair if link)
+    links = {link for pair in targets for link in pair if link and not link.startswith("data:")}
+    sections = {link for link in links if link.startswith("#")}
+    assert len(sections) == page.count("<h2 ") and all(f'id="{link[1:]}"' in page for link in sections)
+    # Whatever a study wrote lies beside the page, and all tables and figures are linked.
+    written = {path.relative_to(out).as_posix() for path in out.glob("*/*")}
+    assert links - sections == {name for name in written if re.search(r"(csv|md|tex|svg|png)$", name)}
     assert "http-equiv" not in page and "<script" not in page
     for number in ("Figure 1", "Figure 2", "Figure 3", "Figure 4", "Figure 5", "Table I,", "Table II,", "Table III"):
         assert number in page
@@ -62,7 +67,9 @@ def test_everything_on_one_page(tmp_path):
         assert f"{float(row['true_scene']):.3f}" in page
     assert f"{paper.CONDITION_NUMBER_MULTICONTACT:g}" in page
     assert "scene_sha256" in page
-    assert 'name="viewport"' in page and "@media print" in page
+    assert 'name="viewport"' in page and "@media print" in page and "prefers-color-scheme: dark" in page
+    assert "<var>m</var><sub>2</sub><var>r</var><sub>z,2</sub>" in page and "m2rz2" not in page
+    assert "true, simplified" in page and "kg m². The entries" in page
 
 
 def test_everything_resumes_what_was_interrupted(tmp_path):
