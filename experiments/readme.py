@@ -36,6 +36,18 @@ def table_3(result: misaligned_study.Study) -> report.Table:
     return report.Table("", *report.columns(**columns), decimals=2)
 
 
+def table_wrench_errors(result: misaligned_study.Study) -> report.Table:
+    """Errors of the recovered wrenches by channel, in brackets over what there is to recover."""
+    rows = []
+    for (channel, found), (_, unit) in zip(
+        misaligned.summary(result)["wrench_errors"].items(), figures.COMPONENTS, strict=True
+    ):
+        shown = (f"{found[f'rms_{m}']:.2f} ({100 * found[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
+        rows.append((f"{channel}, {unit}", found["true_std"], *shown))
+    columns = ("channel", "s.d. of the true wrench", "error, simplified", "error, full")
+    return report.Table("", columns, tuple(rows), decimals=2)
+
+
 def table_4(result: multicontact_study.Study) -> report.Table:
     """Table IV with our errors beside the paper's."""
     name, true_paper, true_scene, error, paper_error = zip(*multicontact.table_4(result).rows, strict=True)
@@ -84,6 +96,7 @@ def run(args: argparse.Namespace) -> None:
     measured = benchmark_results(args.root)
     tilted, touching = misaligned_study.study(), multicontact_study.study()
     text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted).markdown())
+    text = with_block(text, "wrench errors", table_wrench_errors(tilted).markdown())
     text = with_block(text, "table 4", table_4(touching).markdown())
     text = with_block(text, "benchmark", words.readme_block(measured))
     with report.results_folder(figure) as folder:

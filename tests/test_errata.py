@@ -1,10 +1,25 @@
 """The equations as printed fail where the corrected ones hold; REPRODUCTION.md numbers these tests."""
 
+import mujoco
 import numpy as np
-from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_twist
+from mechanisms import (
+    GRAVITY,
+    LENGTH_1,
+    double_pendulum,
+    random_phi,
+    random_pose,
+    random_states,
+    random_twist,
+    tilted_axis,
+)
 
+import scenes
+from experiments import paper
 from ident import dim, se3
+from ident.base_parameters import find_base_parameters
 from ident.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
+from ident.wrench import Contact, total_wrench
+from sim.mujoco_model import parameters_from_model, tree_from_model
 
 RNG = np.random.default_rng(0)
 TREE = double_pendulum(axis_1=(0.6, 0.8, 0), axis_2=(0, 0, 1))
@@ -27,6 +42,17 @@ def forward(carry, gravity_sign, bracket_sign):
 
 def inverse_adjoint(T):
     return se3.Ad(se3.inverse(T))
+
+
+def test_section_2_v_is_no_unit_vector():
+    # A revolute joint about an axis through q has v = -ω × q, Table II's own joints v = 0.
+    twist = random_twist(RNG, "revolute")
+    q = np.cross(twist[3:], twist[:3])
+    v = -np.cross(twist[3:], q)
+    T = se3.exp(np.concatenate([v, twist[3:]]), 0.7)
+    np.testing.assert_allclose((T @ [*q, 1])[:3], q, atol=1e-13)
+    assert abs(np.linalg.norm(v) - 1) > 0.1
+    assert all(not body.twist[:3].any() for body in double_pendulum().bodies)
 
 
 def test_equation_8_the_printed_transform_moves_another_way():
@@ -97,3 +123,62 @@ def test_equations_11_13_14_wrenches_move_by_the_inverse_transpose():
     np.testing.assert_allclose(sum(se3.coAd(T) @ w for T, w in zip(poses, bodies, strict=True)), wrench, atol=1e-11)
     np.testing.assert_allclose(Y @ PHI, wrench, atol=1e-11)
     assert abs(sum(se3.Ad(T).T @ w for T, w in zip(poses, bodies, strict=True)) - wrench).max() > 1
+
+
+def test_equation_16_the_last_adjoint_is_that_of_the_links_own_joint():
+    # The wrench that goes through joint i reaches the base over g_{i-1,i}; the printed chain goes on to link i + 1.
+    base, first, second = (
+        dim.relative_pose(body, q) for body, q in zip(TREE.bodies, TREE.body_coordinates(Q), strict=True)
+    )
+    wrench = RNG.normal(size=6)
+    to_base = se3.coAd(base) @ se3.coAd(first)
+    np.testing.assert_allclose(to_base @ wrench, se3.coAd(TREE.poses(Q)[1]) @ wrench, atol=1e-12)
+    assert abs(to_base @ se3.coAd(second) @ wrench - to_base @ wrench).max() > 0.1
+
+
+def test_section_7_a_wrench_exerted_on_the_link_has_the_other_sign():
+    # MuJoCo exerts a wrench on link 2, in world axes at its centre of mass, and reads what the ground exerts.
+    model = scenes.load("double_pendulum").compile()
+    data = mujoco.MjData(model)
+    data.qpos, data.qvel, on_link = Q, DQ, RNG.normal(size=6)
+    data.body("link2").xfrc_applied = on_link
+    mujoco.mj_forward(model, data)
+    ground = np.concatenate([data.sensor(f"ground_{kind}").data for kind in ("force", "torque")])
+    tree = tree_from_model(model, "base")
+    Y = dim.base_wrench_regressor(tree, data.qpos, data.qvel, data.qacc, gravity=GRAVITY)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = data.body("link2").xmat.reshape(3, 3).T, model.body("link2").ipos
+    moved = se3.coAd(tree.poses(Q)[2] @ pose) @ on_link
+    expected = Y @ parameters_from_model(model, "base")
+    np.testing.assert_allclose(ground + moved, expected, atol=1e-9)
+    assert abs(ground - moved - expected).max() > 0.1
+
+
+def test_equation_17_the_sum_is_over_contacts_and_not_over_links():
+    # One contact, on the last of three bodies: the printed g_{0,i} with i = 1 … N_c is another body's.
+    contact, poses = RNG.normal(size=6), TREE.poses(Q)
+    ground = dim.base_wrench_regressor(TREE, Q, DQ, DDQ, gravity=GRAVITY) @ PHI + se3.coAd(poses[2]) @ contact
+    measured = total_wrench(TREE, Q[None], ground[None], [Contact(TREE.names[2], contact[None], np.eye(4))]).wrench[0]
+    np.testing.assert_allclose(measured, ground - se3.coAd(poses[2]) @ contact, atol=1e-11)
+    for other in poses[:2]:
+        assert abs(measured - (ground - se3.coAd(other) @ contact)).max() > 0.1
+
+
+def test_tables_2_to_4_number_bodies_from_one_and_equations_from_zero():
+    # Tables III and IV: m_3 is the body with l_1 in its home pose, the second link, which Section VII calls 2.
+    tree, base = double_pendulum(), find_base_parameters(double_pendulum())
+    assert tree.bodies[2].home[2, 3] == LENGTH_1 and not tree.bodies[1].home[:3, 3].any()
+    assert base.expressions()[base.names.index("m2rz2")] == f"m2rz2 + {LENGTH_1} m3"
+
+
+def test_tables_3_and_4_mark_other_parameters_as_regrouped():
+    # Marked are these six; with axes along X five of them are regrouped, with parallel tilted axes all thirteen.
+    marked = {"m1", "m1rx1", "m1ry1", "m2rz2", "Ixx2", "Ixz2"}
+
+    def regrouped(base):
+        return {name for name, words in zip(base.names, base.expressions(), strict=True) if name != words}
+
+    along_x, axis = find_base_parameters(double_pendulum()), tilted_axis(5, 120)
+    assert regrouped(along_x) == marked - {"m1ry1"}
+    tilted = find_base_parameters(double_pendulum(axis, axis), kept=along_x.names)
+    assert regrouped(tilted) == {*along_x.names} == {*paper.TABLE_3}

@@ -7,7 +7,7 @@ import pytest
 from mechanisms import GRAVITY, double_pendulum
 
 import scenes
-from experiments import misaligned, paper
+from experiments import misaligned, misaligned_study, paper
 from experiments.fitting import fit
 from ident.base_parameters import find_base_parameters
 from ident.inertia import pseudo_inertia
@@ -44,19 +44,93 @@ def test_a_larger_condition_number_is_only_a_choice_of_columns(study):
     np.testing.assert_allclose(study.full_on_table.predicted, study.full.predicted, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["m1rx1", "Ixy2", "Ixz2", "Ixy3", "Ixz3"])
-def test_neglecting_the_tilt_gives_the_papers_errors(study, name):
-    published, _ = paper.TABLE_3[name]
-    found = error(study.simplified, name)
-    assert np.sign(found) == np.sign(published)
-    assert abs(found - published) <= 0.35
+@pytest.fixture(scope="module")
+def spread():
+    """Errors of the simplified and of the full model over twelve seeds (12, 13), by parameter."""
+    found = [misaligned.study(seed=seed) for seed in range(12)]
+    errors = ([study.simplified.error for study in found], [study.full_on_table.error for study in found])
+    return tuple(dict(zip(paper.TABLE_3, np.transpose(e), strict=True)) for e in errors)
 
 
-def test_the_full_model_is_right(study):
+LARGE = {"m1rx1": 1.67, "Ixy2": 1.04, "Ixz2": 0.98, "Ixy3": 0.895, "Ixz3": 0.895}
+"""The simplified model's large errors over the paper's: fitted, but the first is not reached."""
+
+OPPOSITE = ("m2ry2", "m2rz2", "Ixx2", "m3ry3", "Ixx3")
+"""Its small errors whose sign is not the paper's."""
+
+
+def test_neglecting_the_tilt_gives_the_papers_errors(spread):
+    # Signs in every run, sizes in the mean to 2 %, and each run within four standard deviations of noise.
+    for name, ratio in LARGE.items():
+        published, errors = paper.TABLE_3[name][0], spread[0][name]
+        assert (np.sign(errors) == np.sign(published)).all()
+        assert errors.mean() / published == pytest.approx(ratio, abs=0.02)
+        assert abs(errors - ratio * published).max() < 4 * max(errors.std(ddof=1), 0.02 * abs(published))
+        assert abs(errors / published - 1).max() < (0.75 if name == "m1rx1" else 0.13)
+
+
+def test_five_of_the_eight_small_errors_have_the_opposite_sign(spread, noise_free):
+    small = [name for name in paper.TABLE_3 if name not in LARGE]
+    for name in small:
+        (published, _), errors = paper.TABLE_3[name], spread[0][name]
+        assert abs(published) <= 0.10 and abs(errors.mean()) < 0.12 and abs(errors.mean() - published) < 0.17
+        assert (errors.mean() * published < 0) == (name in OPPOSITE)
+        assert (error(noise_free.simplified, name) * published < 0) == (name in OPPOSITE)
+    # The sign of m2ry2 is one of noise; the others have theirs in every run.
+    certain = {name for name in OPPOSITE if (spread[0][name] * paper.TABLE_3[name][0] < 0).all()}
+    assert certain == {*OPPOSITE} - {"m2ry2"}
+    assert abs(spread[0]["m2ry2"].mean()) < spread[0]["m2ry2"].std(ddof=1)
+
+
+def test_the_full_model_is_right(study, spread):
     assert study.full_on_table.base.names == tuple(paper.TABLE_3)
-    assert abs(study.full_on_table.error).max() <= 0.16
     for name in ("Ixy2", "Ixz2"):
-        assert abs(error(study.full_on_table, name)) * 5 <= abs(error(study.simplified, name))
+        assert abs(error(study.full_on_table, name)) * 100 <= abs(error(study.simplified, name))
+    for name, errors in spread[1].items():
+        assert abs(errors.mean()) < (0.06 if name == "Ixx2" else 0.015), name
+        assert abs(errors).max() < (0.12 if name == "Ixx2" else 0.03), name
+
+
+def test_the_papers_full_column_is_not_reproduced(spread):
+    # Six of its errors are 0.10 to 0.16; ours of those are a tenth at most but for m2ry2, a fifth.
+    large = [name for name, (_, published) in paper.TABLE_3.items() if abs(published) >= 0.10]
+    assert large == ["m1rx1", "m2ry2", "Ixy2", "Ixz2", "Ixy3", "Ixz3"]
+    for name in large:
+        assert abs(spread[1][name]).max() < (0.2 if name == "m2ry2" else 0.1) * abs(paper.TABLE_3[name][1])
+
+
+def test_no_common_error_of_the_axes_gives_the_papers_full_column(noise_free):
+    # The pattern that the simplified model has, smaller: what tilts the recovered axes the same small way leaves.
+    known, names = misaligned_study.problem(paper.TILT_DEG, misaligned_study.AZIMUTH_DEG), tuple(paper.TABLE_3)
+    axis, step = known.truth.bodies[1].twist[3:], np.radians(0.5)
+
+    def turned(shift):
+        moved = axis + np.array([0, *shift])
+        return moved / np.linalg.norm(moved)
+
+    def errors(shift):
+        tree = known.design.with_twists(np.tile([0, 0, 0, *turned(shift)], (2, 1)))
+        return fit(tree, noise_free.recording, known.phi_true, known.gravity, kept=names).error
+
+    slopes = np.stack([(errors(d) - errors(-d)) / (2 * step) for d in step * np.eye(2)], axis=1)
+    published = np.array([paper.TABLE_3[name][1] for name in names])
+    five = [names.index(name) for name in LARGE]
+    shift, (left,), _, _ = np.linalg.lstsq(slopes[five], published[five])
+    assert 1 - left / (published[five] ** 2).sum() == pytest.approx(0.58, abs=0.01)
+    assert np.degrees(np.arccos(turned(shift) @ axis)) == pytest.approx(0.75, abs=0.02)
+    given = dict(zip(names, slopes @ shift, strict=True))
+    for name in ("m2ry2", "Ixy3", "Ixz3"):
+        assert abs(given[name] - paper.TABLE_3[name][1]) > 0.1
+
+
+def test_errors_of_the_wrench_are_far_lower_in_three_channels_only(study):
+    errors = misaligned.summary(study)["wrench_errors"]
+    gain = {channel: x["rms_simplified"] / x["rms_full"] for channel, x in errors.items()}
+    assert all(28 < gain[channel] < 56 for channel in ("Fx", "τy", "τz"))
+    assert all(0.99 < gain[channel] < 1.02 for channel in ("Fy", "Fz")) and 1.04 < gain["τx"] < 1.10
+    seen = {channel: x["ratio_simplified"] for channel, x in errors.items()}
+    expected = {"Fx": 1.007, "Fy": 0.044, "Fz": 0.034, "τx": 0.007, "τy": 0.446, "τz": 1.893}
+    assert seen == pytest.approx(expected, rel=0.02, abs=0.003)
 
 
 def test_the_axes_are_recovered_and_not_given(study):

@@ -9,7 +9,7 @@ import pytest
 
 import experiments
 import scenes
-from experiments import misaligned_study, multicontact_study, readme
+from experiments import misaligned, misaligned_study, multicontact_study, readme
 from experiments.benchmark import words
 
 README = Path(experiments.__file__).parents[1] / "README.md"
@@ -44,6 +44,27 @@ def test_condition_numbers_are_not_stale():
     tilted, touching = misaligned_study.study(), multicontact_study.study()
     for fit, published in ((tilted.simplified, "38.1"), (tilted.full, "334.2"), (touching.fit, "36.5")):
         assert f"{fit.estimate.condition_number:.1f} (paper {published})" in text.replace("\n", " ")
+
+
+def test_errors_of_the_wrench_are_not_stale():
+    study = misaligned_study.study()
+    text = README.read_text(encoding="utf-8")
+    printed = re.search(r"<!-- wrench errors -->\n(.*?)<!-- end wrench errors -->", text, re.DOTALL)[1]
+    found, fresh = cells(printed), cells(readme.table_wrench_errors(study).markdown())
+    assert [re.sub(r"[\d.]+", "#", cell) for row in found for cell in row] == [
+        re.sub(r"[\d.]+", "#", cell) for row in fresh for cell in row
+    ]
+    for row, expected in zip(found[2:], misaligned.table_wrench_errors(study).rows, strict=True):
+        std, simplified, full = (np.array(re.findall(r"[\d.]+", cell), float) for cell in row[1:])
+        np.testing.assert_allclose([*std, simplified[0], full[0]], expected[1:4], atol=0.0051)
+        np.testing.assert_allclose([simplified[1], full[1]], 100 * np.array(expected[4:]), atol=0.51)
+    share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in misaligned.table_wrench_errors(study).rows}
+    share["epsilon"] = f"{study.simplified.estimate.epsilon / np.linalg.norm(study.recording.wrench('ground')):.1%}"
+    assert share["epsilon"] == "1.5%"
+    for file in (README, README.parent / "REPRODUCTION.md"):
+        quoted = file.read_text(encoding="utf-8").replace("\n", " ")
+        words = f"{share['Fx']} of F_x's standard deviation, {share['τy']} of τ_y's and {share['τz']} of τ_z's"
+        assert words in quoted and "1.5 % of the wrench" in quoted
 
 
 def test_the_benchmark_is_the_one_on_record():
