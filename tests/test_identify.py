@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -269,6 +270,10 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys)
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "me" / "model.xml")).nu == 2
     page = (tmp_path / "me" / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64") == 3 and "http" not in page.replace("http-equiv", "")
+    assert "<h1>double_pendulum.xml, identified from log.csv</h1>" in page and "2 is link1, 3 is link2" in page
+    links = {link for link in re.findall(r'href="([^#"]*)"', page) if link}
+    assert {"table_base_parameters.csv", "figure_held_out.pdf"} <= links
+    assert all((tmp_path / "me" / link).is_file() for link in links)
     assert "Usable: held-out residuals are at most" in capsys.readouterr().out
 
 

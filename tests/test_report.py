@@ -1,8 +1,11 @@
 import json
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from mechanisms import random_tree
 
-from experiments import report
+from experiments import identify_report, report
 
 TABLE = report.Table(
     "Errors, kg",
@@ -27,6 +30,16 @@ def test_tex_is_escaped_and_complete():
     assert r"\caption{Errors, kg}" in tex
     assert r"\begin{tabular}{lrr}" in tex
     assert tex.count(r"\begin") == tex.count(r"\end") == 2
+
+
+def test_axes_of_joint_torques_have_units():
+    tree = random_tree(np.random.default_rng(0), 12, kinds=("revolute", "prismatic", "ball"))
+    result = SimpleNamespace(prepared=SimpleNamespace(tree=tree, channels=("Mz", *tree.freedoms)))
+    labels = [identify_report._label(result, k, "/√Hz") for k in range(len(tree.freedoms) + 1)]
+    units = ["N m" if body.twist[3:].any() else "N" for body in tree.bodies for _ in body.motions.T]
+    assert {*units} == {"N", "N m"} and any(name.endswith(".z") for name in tree.freedoms)
+    expected = [f"{name}\n({unit}/√Hz)" for name, unit in zip(tree.freedoms, units, strict=True)]
+    assert labels == ["$M_z$ (N m/√Hz)", *expected]
 
 
 @pytest.mark.parametrize(
