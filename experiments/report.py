@@ -148,9 +148,9 @@ def _tex(text: str) -> str:
 
 
 def _tex_heading(text: str) -> str:
-    """A heading in lines, broken before a remark."""
+    """A heading in lines, broken before a remark and with some room above."""
     lines = _tex(text).replace(", ", ",\\\\").replace(" (", "\\\\(")
-    return f"\\shortstack{{{lines}}}" if "\\\\" in lines else lines
+    return f"\\shortstack{{\\rule{{0pt}}{{2.3ex}}{lines}}}" if "\\\\" in lines else lines
 
 
 OUTPUTS = ("table_*", "figure_*", "monte_carlo*")

@@ -66,7 +66,7 @@ def test_headings_are_words_but_in_csv(name, words):
 
 def test_long_headings_break_into_lines_in_tex():
     table = report.Table("t", ("std_wrench_noise", "error_full"), ((1.0, 2.0),))
-    assert r"\shortstack{s.d.\\(wrench noise)} & \shortstack{error,\\full} \\" in table.tex()
+    assert r"2.3ex}s.d.\\(wrench noise)} & \shortstack{\rule{0pt}{2.3ex}error,\\full} \\" in table.tex()
 
 
 def test_huge_numbers_are_powers_of_ten():
