@@ -157,17 +157,17 @@ def find_base_parameters(
 
 @lru_cache(maxsize=64)
 def structural_base_parameters(
-    tree: Tree, gravity: tuple[float, ...], *, moving_base: bool = False, kept: tuple[str, ...] | None = None
+    tree: Tree, gravity: tuple[float, ...], *, sensors: Sensors | None = None, kept: tuple[str, ...] | None = None
 ) -> BaseParameters:
-    """`find_base_parameters` of a mechanism whose base wrench is measured, found once and remembered.
+    """`find_base_parameters` of a mechanism, found once and remembered.
 
     Args:
         tree: The mechanism.
         gravity: Acceleration of gravity in the base frame, m/s² (3 numbers).
-        moving_base: Whether the base moves.
+        sensors: What is measured, by default the base wrench of a resting base.
         kept: Names to use as base parameters.
     """
-    found = find_base_parameters(tree, gravity=np.array(gravity), sensors=Sensors(moving_base=moving_base), kept=kept)
+    found = find_base_parameters(tree, gravity=np.array(gravity), sensors=sensors, kept=kept)
     found.beta.flags.writeable = False
     return found
 
@@ -193,7 +193,7 @@ def separating_sensors(
             turn = exp(np.array([0.0, 0, 0, *np.roll([0.6, 0.64, 0.48], k)]), 0.3 + 0.1 * k)
             skewed[i] = replace(skewed[i], twist=Ad(turn) @ skewed[i].twist)
     others = {
-        "base wrench": (tree, replace(now, base_wrench=True)),
+        "base wrench": (tree, replace(now, base_wrench=True, channels=None)),
         "joint torques": (tree, replace(now, joint_torques=True)),
         "moving base": (tree, replace(now, moving_base=True)),
         "not parallel": (Tree(tuple(skewed)), now),

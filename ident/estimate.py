@@ -17,6 +17,7 @@ from ident.excitation import check_excitation, noise_rows
 from ident.in_order import in_order
 from ident.regressor import CHUNK, base_wrench_regressor
 from ident.samples import Samples, Source, pieces
+from ident.structure import Sensors
 from ident.tree import BaseMotion, Tree
 
 PIECE = 65536
@@ -113,7 +114,7 @@ def identify(
     first = next(stream)
     if parameters is None:
         down = tuple(checked_gravity(gravity).tolist())
-        parameters = structural_base_parameters(tree, down, moving_base=first.base is not None)
+        parameters = structural_base_parameters(tree, down, sensors=Sensors(moving_base=first.base is not None))
     noise = None if state_noise is None else noise_rows(tree, first, gravity, parameters, state_noise)
     if executor is None:
         found = accumulate(tree, first, gravity=gravity, parameters=parameters)

@@ -37,15 +37,25 @@ class Sensors:
         base_wrench: The total wrench at the base.
         joint_torques: The torques of all joints.
         moving_base: Whether the base moves freely (and is tracked), instead of resting.
+        channels: Which components of the base wrench are measured: rows w, fixed in the base frame, of which each
+            channel reads `w · Γ_0` (k, 6), such as some rows of `coAd(inverse(frame))` for a sensor at a pose `frame`;
+            by default all six.
     """
 
     base_wrench: bool = True
     joint_torques: bool = False
     moving_base: bool = False
+    channels: np.ndarray | tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         if not (self.base_wrench or self.joint_torques):
             raise ValueError("Sensors need the base wrench, joint torques, or both.")
+        if self.channels is not None:
+            rows = np.asarray(self.channels, dtype=float)
+            fits = rows.ndim == 2 and rows.shape[1] == 6 and rows.size and np.isfinite(rows).all()
+            if not (self.base_wrench and fits and rows.any(axis=1).all()):
+                raise ValueError(f"Channels of a base wrench are finite rows (k, 6) other than zero, got {rows}.")
+            object.__setattr__(self, "channels", tuple(map(tuple, rows.tolist())))
 
 
 def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None = None) -> np.ndarray:
@@ -68,9 +78,10 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
     moving = np.eye(6, dtype=int) if sensors.moving_base else np.zeros((0, 6), dtype=int)
     composite = _composites(tree)
 
-    # For {0} and every body: rows on its composite, and the twists and gravity's accelerations that it can have.
-    on_base = [momentum_regressor(V) for V in (*weight, *moving)] if sensors.base_wrench else []
-    rows, twists, weights = {BASE: _span(on_base, 10)}, {BASE: moving}, {BASE: weight}
+    # For {0} and every body: rows on its composite, and what it can have there: twists, gravity's accelerations, and
+    # the directions in which the base wrench is measured, which change frames as twists do.
+    on_base, measured = _base_rows(_channels(sensors), weight, moving)
+    rows, twists, weights, directions = {BASE: _span(on_base, 10)}, {BASE: moving}, {BASE: weight}, {BASE: measured}
     # Joint torques feel how the energy of the base's own motion varies with posture, but not that energy itself.
     energy = {BASE: np.eye(10 if sensors.moving_base and sensors.joint_torques else 0, 10, dtype=int)}
     constraints = [rows[BASE] @ composite[BASE]]
@@ -78,10 +89,12 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
         constant, varying = _transfer(body)
         twists[i] = _span([_carried(twists[body.parent], body), body.motions.T], 6)
         weights[i] = _span([_carried(weights[body.parent], body)], 6)
+        directions[i] = _span([_carried(directions[body.parent], body)], 6)
         fresh = [felt[body.parent] @ K for K in varying for felt in (rows, energy)]
         energy[i] = _span([energy[body.parent] @ constant], 10)
         if body.moves:
-            fresh += _joint_rows(body.twist, twists[i], weights[i], sensors)
+            fresh.append(directions[i] @ momentum_regressor(body.twist))
+            fresh += _torque_rows(body.twist, twists[i], weights[i]) if sensors.joint_torques else []
         required = _span(fresh, 10)
         constraints.append(required @ composite[i])
         rows[i] = _span([required, rows[body.parent] @ constant], 10)
@@ -105,14 +118,33 @@ def _one_axis_each(tree: Tree) -> Tree:
     return Tree(tuple(bodies))
 
 
-def _joint_rows(twist: np.ndarray, twists: np.ndarray, weights: np.ndarray, sensors: Sensors) -> list[np.ndarray]:
-    """Rows on a joint's composite: what its motion does to the base, and what its torque feels."""
-    momentum = momentum_regressor(twist)
-    rows = [momentum] if sensors.base_wrench else []
-    if sensors.joint_torques:
-        rows.append(twists @ momentum)
-        rows += [twist[None] @ momentum_regressor(weight) for weight in weights]
-    return rows
+def _channels(sensors: Sensors) -> np.ndarray:
+    """Independent rows that span the measured channels of the base wrench (k, 6)."""
+    if sensors.channels is None:
+        return np.eye(6 if sensors.base_wrench else 0, 6, dtype=int)
+    return _span([np.array(sensors.channels)], 6)
+
+
+def _base_rows(channels: np.ndarray, weight: np.ndarray, moving: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """Rows on the whole mechanism's composite that channels feel, and all directions of its momentum that they feel.
+
+    With the momentum h a channel reads `w · (ḣ - ad(V)ᵀ h)` and the weight. Where it sees nothing, `w · h` vanishes
+    for all velocities and so does `(ad(V) w) · h`: of second degree in the base's twist V for the momentum `M V` that
+    V gives the whole, of first degree for that of each joint's own motion.
+    """
+    turned = [channels @ ad(V).T for V in moving]
+    rows = [channels @ momentum_regressor(V) for V in (*weight, *moving)]
+    rows += [
+        turned[a] @ momentum_regressor(moving[b]) + turned[b] @ momentum_regressor(moving[a])
+        for a in range(len(moving))
+        for b in range(a + 1)
+    ]
+    return rows, channels if len(channels) == 6 else _span([channels, *turned], 6)
+
+
+def _torque_rows(twist: np.ndarray, twists: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
+    """Rows on a joint's composite that its torque feels."""
+    return [twists @ momentum_regressor(twist), *(twist[None] @ momentum_regressor(weight) for weight in weights)]
 
 
 def _composites(tree: Tree) -> dict[int, np.ndarray]:
@@ -159,14 +191,15 @@ def _matrix(rotation: np.ndarray, translation: np.ndarray, corner: float) -> np.
 
 
 def _carried(vectors: np.ndarray, body: Body) -> np.ndarray:
-    """Rows that span a parent's twists, written in a body's frame at every posture of the joint between them (k, 6).
+    """Rows that span a parent's independent twists, written in a body's frame at every posture of the joint between.
 
-    That frame turns by `exp(-ad(ξ) θ)`, whose values span with the powers of `ad(ξ)`.
+    That frame turns by `exp(-ad(ξ) θ)`, whose values span what the powers of `ad(ξ)` below the degree of its minimal
+    polynomial do: `x (x² + 1)²` for a helix, of which `x (x² + 1)` for an axis and `x²` for a slide need fewer.
     """
     powers = [vectors @ Ad(inverse(body.home)).T]
-    if body.moves:
+    if body.moves and len(vectors) < 6:
         bracket = ad(body.twist).T
-        for _ in range(5):
+        for _ in range(4):
             powers.append(powers[-1] @ bracket)
     return np.vstack(powers)
 

@@ -84,6 +84,11 @@ def random_phi(rng, bodies):
     return np.concatenate(phi)
 
 
+def regrouping_error(base, Y):
+    """Largest error of the dependent columns of a regressor (…, P) made of the kept ones, over its largest entry."""
+    return abs(Y[..., base.dependent] - base.reduce(Y) @ base.beta).max(initial=0) / abs(Y).max()
+
+
 def double_pendulum(axis_1=(1, 0, 0), axis_2=(1, 0, 0), base=(0, 0, 0)):
     """Table II with T = base and l_1 = 0.425 m."""
     T = np.tile(np.eye(4), (3, 1, 1))

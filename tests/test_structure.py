@@ -6,14 +6,27 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree, tilted_axis
+from mechanisms import (
+    GRAVITY,
+    JOINTS,
+    double_pendulum,
+    random_phi,
+    random_pose,
+    random_states,
+    random_tree,
+    random_twist,
+    regrouping_error,
+    tilted_axis,
+)
 from test_against_opensymoro import DATA, tree_of
 
 from ident.base_parameters import find_base_parameters, separating_sensors
+from ident.body import BASE, Body
 from ident.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.se3 import coAd, inverse
 from ident.structure import Sensors, structure_matrix
-from ident.tree import Tree
+from ident.tree import BaseMotion, Tree
 
 BASE_WRENCH, TORQUES, BOTH = Sensors(), Sensors(False, True), Sensors(True, True)
 
@@ -128,3 +141,45 @@ def test_exact_numbers_give_exact_coefficients():
 def test_pseudo_inertia_and_back():
     phi = random_phi(np.random.default_rng(0), 4).reshape(4, 10)
     np.testing.assert_allclose(parameters_from_pseudo_inertia(pseudo_inertia(phi)), phi, atol=1e-14)
+
+
+@pytest.mark.parametrize("moving_base", [False, True], ids=["resting", "moving"])
+def test_channels_of_the_base_wrench_see_what_their_regressor_shows(moving_base):
+    """Ranks and regroupings of some rows of the regressor, in frames at any pose and along frame axes, 40 trees."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        kinds = ("helical", "revolute") if seed % 4 == 0 else JOINTS
+        tree = random_tree(rng, int(rng.integers(2, 6)), kinds=kinds, massless=0.1)
+        pose = random_pose(rng) if seed % 2 else np.eye(4)
+        rows = coAd(inverse(pose))[rng.choice(6, int(rng.integers(1, 6)), replace=False)]
+        samples = 40 * len(tree.bodies)
+        states = random_states(rng, tree, samples)
+        free = rng.normal(size=(samples, 7)), *rng.normal(size=(2, samples, 6))
+        motion = BaseMotion.from_free_joint(*free) if moving_base else None
+        Y = rows @ base_wrench_regressor(tree, *states, gravity=GRAVITY, base=motion)
+        if not Y.any():
+            continue
+        sensors = Sensors(moving_base=moving_base, channels=rows)
+        exact = find_base_parameters(tree, gravity=GRAVITY, sensors=sensors)
+        assert find_base_parameters(Y).rank == exact.rank, seed
+        assert regrouping_error(exact, Y) <= 1e-9, seed
+
+
+def test_one_moment_of_a_helix_needs_every_power_of_its_bracket():
+    """Without gravity one moment sees a helix through 1, sin θ, cos θ, θ sin θ and θ cos θ."""
+    rng = np.random.default_rng(0)
+    tree = Tree((Body("b", BASE, random_pose(rng), random_twist(rng, "helical"), "j"),))
+    moment = Sensors(channels=np.eye(6)[[3]])
+    base = find_base_parameters(tree, gravity=np.zeros(3), sensors=moment)
+    Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=np.zeros(3))[:, [3]]
+    assert base.rank == find_base_parameters(Y).rank == 5
+    assert regrouping_error(base, Y) <= 1e-12
+
+
+def test_channels_that_are_no_rows_of_a_wrench_are_refused():
+    for channels in (np.eye(5), np.zeros((1, 6)), np.full((1, 6), np.nan), np.zeros((0, 6)), [1, 0, 0, 0, 0, 0]):
+        with pytest.raises(ValueError, match=r"rows \(k, 6\)"):
+            Sensors(channels=channels)
+    with pytest.raises(ValueError, match=r"rows \(k, 6\)"):
+        Sensors(False, True, channels=np.eye(6))
+    assert hash(Sensors(channels=np.eye(6))) == hash(Sensors(channels=tuple(map(tuple, np.eye(6)))))
