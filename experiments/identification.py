@@ -1,10 +1,13 @@
 """What a model and a log give: base parameters, how well they predict, and whether to believe them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from scipy import linalg
 
-from experiments.preparation import Prepared
+from experiments.preparation import COMPONENTS, Prepared
 from ident import diagnosis
 from ident.diagnosis import ContactCheck, FrameCheck
 from ident.excitation import ExcitationError
@@ -18,11 +21,21 @@ from sim.log import GROUND, Wrench
 HOLDOUT = 0.4
 """Fraction of a recording, its end, that is kept to judge by."""
 
+LEAST_HELD_OUT = 2
+"""Samples that a held-out part needs: a signal's standard deviation takes two."""
+
 UNEXPLAINED = 0.9
 """Held-out residual over standard deviation from which a channel counts as not explained."""
 
 CONDITION_LIMIT = 1e4
 """Condition number of the unit-norm columns from which parameters are not separated."""
+
+
+Found = TypeVar("Found")
+
+
+class _NotCheckedError(Exception):
+    """Something cannot be checked; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +93,12 @@ class Identification:
         part: Samples that were fitted.
         held_out: Those that were not: the end of the recording, or another one.
         singular_values: Of the unit-norm columns of base parameters and drives, each channel weighted.
-        weight: Static check; None without a vertical force.
+        weight: Static check; None where it cannot be made.
         frames: Check of each wrench's sign and axes by its name.
         contact: What an unmeasured contact would explain, None where not all six components are there.
-        misalignment: Tilts of the axes, None where no joint turns or no wrench is there.
+        misalignment: Tilts of the axes, None where no joint turns or no wrench is there, or they were not looked for.
         correlation: Correlation time of each channel's residual, s (C,).
+        unchecked: Sentences on what could not be checked, and why.
     """
 
     prepared: Prepared
@@ -100,6 +114,7 @@ class Identification:
     contact: ContactCheck | None
     misalignment: Misalignment | None
     correlation: np.ndarray
+    unchecked: tuple[str, ...]
 
     @property
     def psi(self) -> np.ndarray:
@@ -130,6 +145,7 @@ def identify_log(
     weighted: bool = True,
     holdout: float = HOLDOUT,
     other: Prepared | None = None,
+    axes: bool = True,
 ) -> Identification:
     """Fits one part of a recording, judges the fit on another, and checks everything that can be checked.
 
@@ -138,7 +154,8 @@ def identify_log(
         offsets: Whether to fit a constant offset of every channel that can be told from the parameters.
         weighted: Whether to weight channels by their residuals and outliers down; else ordinary least squares.
         holdout: Fraction of the recording, its end, that is not fitted.
-        other: Another log of the same channels to judge by; then the whole recording is fitted.
+        other: Another log of the same channels to judge by, of any length; then the whole recording is fitted.
+        axes: Whether to look for joint axes that are off.
 
     Raises:
         ExcitationError: The motion does not separate the base parameters.
@@ -159,11 +176,14 @@ def identify_log(
             f"A cut-off of {prepared.cutoff:g} Hz settles in {edge} samples at either end, more than half of the "
             f"{samples} recorded; take a higher one."
         )
-    if other is not None and len(other.time) - 2 * other.edge < needed:
-        raise ValueError(f"The log to judge by has {len(other.time)} samples, too few for {needed} coefficients.")
+    if other is not None and len(other.time) - 2 * other.edge < LEAST_HELD_OUT:
+        raise ValueError(
+            f"The log to judge by has {len(other.time)} samples; with {other.edge} left out at either end, where the "
+            "filter settles, nothing remains."
+        )
     if not np.ptp(prepared.measured[part], axis=0).any():
         raise ValueError("Every measured channel is constant; there is nothing to fit.")
-    if split - edge < needed or (other is None and samples - edge - split < needed):
+    if split - edge < needed or (other is None and samples - edge - split < LEAST_HELD_OUT):
         raise ValueError(
             f"{samples} samples, {edge} left out at either end and {holdout:.0%} held out, are too few for "
             f"{columns.shape[2]} parameters."
@@ -175,6 +195,7 @@ def identify_log(
     fit = full if offsets else robust_fit(columns[part], prepared.measured[part], weighted=weighted)
     named = [f"offset({prepared.channels[k]})" for k in separable]
     found = slice(columns.shape[2], None)
+    unchecked: list[str] = [] if axes else ["Joint axes were not checked (--no-axes)."]
     return Identification(
         prepared=prepared,
         fit=fit,
@@ -187,12 +208,22 @@ def identify_log(
         part=part,
         held_out=_held_out(other or prepared, 0 if other else split, fit.values, separable if offsets else []),
         singular_values=singular_values,
-        weight=_weight(prepared, fit),
+        weight=_checked("The weight", lambda: _weight(prepared, fit, part), unchecked),
         frames=_frames(prepared),
-        contact=_contact(prepared, fit.residual, part),
-        misalignment=_misalignment(prepared, fit, part),
+        contact=_checked("A contact left out", lambda: _contact(prepared, fit.residual, part), unchecked),
+        misalignment=_checked("Joint axes", lambda: _misalignment(prepared, fit, part), unchecked) if axes else None,
         correlation=diagnosis.correlation_time(fit.residual, prepared.rate),
+        unchecked=tuple(unchecked),
     )
+
+
+def _checked(what: str, check: Callable[[], Found], unchecked: list[str]) -> Found | None:
+    """What a check finds; if it cannot be made, None and a sentence more."""
+    try:
+        return check()
+    except (_NotCheckedError, np.linalg.LinAlgError) as error:
+        unchecked.append(f"{what} could not be checked: {error}.")
+        return None
 
 
 def _held_out(prepared: Prepared, start: int, values: np.ndarray, offsets: list[int]) -> HeldOut:
@@ -208,36 +239,41 @@ def _singular_values(prepared: Prepared, columns: np.ndarray) -> np.ndarray:
     weighted = columns / np.maximum(prepared.measured.std(axis=0), 1e-300)[:, None]
     rows = weighted.reshape(-1, columns.shape[2])
     norms = np.linalg.norm(rows, axis=0)
-    _, s, directions = np.linalg.svd(rows / np.where(norms > 0, norms, 1), full_matrices=False)
+    triangle = linalg.qr(rows / np.where(norms > 0, norms, 1), mode="r")[0][: rows.shape[1]]
+    _, s, directions = linalg.svd(triangle, lapack_driver="gesvd")
     hidden = directions[s <= s[0] / CONDITION_LIMIT]
     if len(hidden):
         size = np.linalg.norm(hidden, axis=0)
         names = [*prepared.base.names, *prepared.drives]
         blamed = [name for name, part in zip(names, size, strict=True) if part > 0.1 * size.max()]
         raise ExcitationError(
-            f"The recorded motion excites {len(s) - len(hidden)} of {len(s)} parameters; it does not separate "
-            f"{', '.join(blamed)}. Move the joints further (experiments.excite designs a motion), or measure more than "
-            f"{', '.join(prepared.channels)}."
+            f"In {', '.join(prepared.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
+            f"parameters; it does not separate {', '.join(blamed)}. Move the joints further (experiments.excite "
+            "designs a motion), or measure more."
         )
     return s
 
 
-def _weight(prepared: Prepared, fit: RobustFit) -> Weight | None:
-    down = (
-        prepared.gravity if prepared.motion is None else prepared.motion.T[:, :3, :3].swapaxes(1, 2) @ prepared.gravity
-    )
-    force = prepared.wrench[:, :3] @ prepared.frame[:3, :3].T
+def _weight(prepared: Prepared, fit: RobustFit, part: slice) -> Weight:
+    """Mass that the forces along gravity carry; the sensor's other axes may be missing."""
     g = np.linalg.norm(prepared.gravity)
-    along = -(np.where(np.isfinite(force), force, 0) * down).sum(axis=-1) / g**2
-    vertical = np.abs(np.broadcast_to(down, force.shape)).max(axis=0) > 0.1 * g
-    if g == 0 or not np.isfinite(force[:, vertical]).all():
-        return None
     known = np.isfinite(prepared.wrench[:, :3]).all(axis=0)
-    left = np.zeros((len(fit.residual), 3))
-    left[:, known] = fit.residual[:, : known.sum()]
-    down = np.broadcast_to(down, force.shape)[: len(left)]
-    beyond = -((left @ prepared.frame[:3, :3].T) * down).sum(axis=1) / g**2
-    slope = np.polyfit(np.arange(len(beyond)), beyond, 1)[0]
+    if g == 0:
+        raise _NotCheckedError("the model has no gravity")
+    if not known.any():
+        raise _NotCheckedError("no force is measured")
+    motion = prepared.motion
+    in_base = prepared.gravity if motion is None else motion.T[:, :3, :3].swapaxes(1, 2) @ prepared.gravity
+    down = np.broadcast_to(in_base @ prepared.frame[:3, :3], prepared.wrench[:, :3].shape)
+    missing = [
+        c for c, k, d in zip(COMPONENTS[:3], known, np.abs(down).max(axis=0), strict=True) if d > 0.1 * g and not k
+    ]
+    if missing:
+        raise _NotCheckedError(f"it shows in {', '.join(missing)} of the sensor, not measured here")
+    along = -(prepared.wrench[:, :3] * down)[:, known].sum(axis=1) / g**2
+    beyond = -(fit.residual[:, : known.sum()] * down[part][:, known]).sum(axis=1) / g**2
+    time = np.arange(len(beyond)) - (len(beyond) - 1) / 2
+    slope = (time @ beyond) / (time @ time)
     model = float(prepared.prior.reshape(-1, 10)[:, 0].sum())
     return Weight(float(along.mean()), model, float(slope * len(beyond)))
 

@@ -17,7 +17,14 @@ def run(args: argparse.Namespace) -> None:
     known |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore)}
     prepared = prepare(args.model, args.log, **known)
     other = None if args.held_out is None else prepare(args.model, args.held_out, **known)
-    result = identify_log(prepared, offsets=args.offsets, weighted=not args.ordinary, holdout=args.holdout, other=other)
+    result = identify_log(
+        prepared,
+        offsets=args.offsets,
+        weighted=not args.ordinary,
+        holdout=args.holdout,
+        other=other,
+        axes=args.axes,
+    )
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     full = identify_report.full_parameters(result)
     with report.results_folder(out, stale=identify_report.OUTPUTS) as folder:
@@ -55,6 +62,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--holdout", type=_fraction, default=HOLDOUT, help="fraction of the recording kept to judge by")
     out.add_argument("--held-out", type=Path, help="another log to judge by, instead of a part of this one")
     out.add_argument("--offsets", action=argparse.BooleanOptionalAction, default=True, help="fit constant offsets")
+    out.add_argument("--axes", action=argparse.BooleanOptionalAction, default=True, help="look for axes that are off")
     out.add_argument("--ordinary", action="store_true", help="ordinary least squares: no weights, outliers count fully")
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
     out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")

@@ -14,7 +14,7 @@ from matplotlib.ticker import NullFormatter
 from experiments import figures, page, report
 from experiments.identification import Identification
 from experiments.preparation import COMPONENTS
-from experiments.verdict import Finding, findings, verdict
+from experiments.verdict import SIGNIFICANT, Finding, findings, verdict
 from ident.base_parameters import separating_sensors
 from ident.consistency import ConsistentParameters, consistent_parameters
 from ident.diagnosis import amplitude_spectrum
@@ -113,11 +113,10 @@ def data_lines(result: Identification) -> list[str]:
         )
     for name, check in result.frames.items():
         lines.append(f"Wrench '{name}' against the model's prediction: relative error {check.error:.2f}.")
-    if result.misalignment is not None:
-        lines.append(
-            f"Residuals: alike over {result.correlation.min():.2g} to {result.correlation.max():.2g} s; parameters "
-            f"that show only with tilted axes would explain {result.misalignment.explained:.0%} of them."
-        )
+    lines.append(f"Residuals: alike over {result.correlation.min():.2g} to {result.correlation.max():.2g} s.")
+    if (axes := result.misalignment) is not None:
+        chance = ", no more than by chance" if axes.chance > SIGNIFICANT else ""
+        lines.append(f"Axes: tilted ones would explain {axes.explained:.0%} of the residuals{chance}.")
     more = separating_sensors(prepared.tree, gravity=prepared.gravity, sensors=prepared.sensors)
     for what, gained in more.items():
         if gained:

@@ -1,5 +1,6 @@
 """A user's model and log made ready to be fitted: one set of samples, channels and columns."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from ident.tree import BaseMotion, Tree
 from ident.wrench import Contact, total_wrench
 from sim.despike import despiked
 from sim.log import GROUND, Log, read_log
+from sim.log_suggestion import suggested_mapping
 from sim.mujoco_model import compiled, gravity_in_base, parameters_from_model, tree_from_model
 from sim.smoothing import chosen_cutoff, low_pass, settling, smoothed
 
@@ -47,6 +49,7 @@ class Prepared:
         cutoff: Cut-off of the low-pass, Hz; None where the log's own derivatives were taken.
         edge: Samples left out at either end, where the filter settles.
         notes: What was detected and done.
+        stuck: Channels left out because they never change, though the model says that they do, with their values.
     """
 
     tree: Tree
@@ -68,6 +71,7 @@ class Prepared:
     cutoff: float | None
     edge: int
     notes: tuple[str, ...]
+    stuck: tuple[str, ...]
 
     @property
     def reduced(self) -> np.ndarray:
@@ -115,6 +119,7 @@ def prepare(
     )
     rate = log.rate
     log, notes = _without_spikes(log)
+    log, constant = _without_constant(log, tree.joints)
     cutoff = _cutoff(log, rate, cutoff)
     states = _states(log, rate, cutoff)
     motion = None if log.base is None else base_motion_from_poses(log.base, rate, cutoff)
@@ -122,23 +127,37 @@ def prepare(
     torques = None if log.torques is None else log.torques if cutoff is None else low_pass(log.torques, rate, cutoff)
 
     known = np.isfinite(wrench).all(axis=0)
-    Y = base_wrench_regressor(tree, *states, gravity=gravity, base=motion)
-    Y = (coAd(inverse(frame)) @ Y)[:, known]
+    to_sensor = coAd(inverse(frame))
+    Y = to_sensor @ base_wrench_regressor(tree, *states, gravity=gravity, base=motion)
+    predicted = dict(zip(COMPONENTS, (Y @ prior).T, strict=True))
+    Y = Y[:, known]
     measured, names = wrench[:, known], [c for c, k in zip(COMPONENTS, known, strict=True) if k]
     drives: tuple[str, ...] = ()
     if drive and torques is None:
         notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
-    if torques is not None and np.isfinite(torques).all(axis=0).any():
-        there = np.isfinite(torques).all(axis=0)
-        Y_joint = joint_torque_regressor(tree, *states, gravity=gravity, base=motion, drive=drive)[:, there]
+    there = np.zeros(0, dtype=bool) if torques is None else np.isfinite(torques).all(axis=0)
+    if torques is not None:
+        Y_joint = joint_torque_regressor(tree, *states, gravity=gravity, base=motion, drive=drive)
+        predicted |= dict(zip(tree.freedoms, (Y_joint[..., : len(prior)] @ prior).T, strict=True))
+    if torques is not None and there.any():
+        Y_joint = Y_joint[:, there]
         drives = drive_names(tree, drive)
         Y = np.concatenate([np.pad(Y, ((0, 0), (0, 0), (0, len(drives)))), Y_joint], axis=1)
         measured = np.concatenate([measured, torques[:, there]], axis=1)
         names += [name for name, k in zip(tree.freedoms, there, strict=True) if k]
+    if not names and constant:
+        raise ValueError(
+            f"Every measured channel of {log_path} is constant ({', '.join(constant)}); nothing is to fit."
+        )
     if not names:
-        raise ValueError(f"{log_path} has neither a wrench nor a joint torque to fit.")
-    sensors = Sensors(bool(known.any()), len(names) > known.sum(), motion is not None)
+        raise ValueError(
+            f"{log_path} has neither a wrench nor a joint torque to fit. {suggested_mapping(log.unused, tree.joints)}"
+        )
+    stuck = _stuck(constant, predicted, notes)
+    seen = to_sensor[known] if known.any() else None
+    sensors = Sensors(bool(known.any()), len(names) > known.sum(), motion is not None, seen)
     found = find_base_parameters(tree, gravity=gravity, sensors=sensors)
+    notes += _hidden(tree, gravity, sensors, found, names)
     P = len(found.parameters)
     separable = independent(found.reduce(Y[..., :P]), Y[..., P:])
     if len(separable) < len(drives):
@@ -166,6 +185,7 @@ def prepare(
         cutoff=cutoff,
         edge=0 if cutoff is None else settling(rate, cutoff),
         notes=(*log.notes, *notes),
+        stuck=stuck,
     )
 
 
@@ -214,6 +234,48 @@ def _without_spikes(log: Log) -> tuple[Log, list[str]]:
             parts = ", ".join(f"{n} in {c}" for n, c in zip(counts, COMPONENTS, strict=True) if n)
             notes.append(f"Gross outliers of the wrench '{name}' were interpolated: {parts}.")
     return replace(log, wrenches=wrenches, **changes), notes
+
+
+def _without_constant(log: Log, joints: Sequence[str]) -> tuple[Log, dict[str, float]]:
+    """The log without the ground's components and the joints' torques that never change, and these with their values.
+
+    The noise of such a channel, by which others would be weighted, is zero.
+    """
+    constant: dict[str, float] = {}
+
+    def kept(values: np.ndarray, names: Sequence[str]) -> np.ndarray:
+        still = np.ptp(values, axis=0) == 0
+        constant.update((name, float(x)) for name, x, s in zip(names, values[0], still, strict=True) if s)
+        return np.where(still, np.nan, values)
+
+    wrenches = dict(log.wrenches)
+    if GROUND in wrenches:
+        wrenches[GROUND] = replace(wrenches[GROUND], values=kept(wrenches[GROUND].values, COMPONENTS))
+    torques = None if log.torques is None else kept(log.torques, joints)
+    return replace(log, wrenches=wrenches, torques=torques), constant
+
+
+def _stuck(constant: dict[str, float], predicted: dict[str, np.ndarray], notes: list[str]) -> tuple[str, ...]:
+    """Those of the constant channels that the model says change; a note on the others."""
+    largest = max((np.abs(x).max() for x in predicted.values()), default=0.0)
+    stuck = [name for name in constant if np.ptp(predicted[name]) > 1e-6 * largest]
+    still = [name for name in constant if name not in stuck]
+    if still:
+        notes.append(f"{', '.join(still)} never change, nor do they by the model, and are left out.")
+    return tuple(f"{name} ({constant[name]:g})" for name in stuck)
+
+
+def _hidden(tree: Tree, gravity: np.ndarray, sensors: Sensors, found: BaseParameters, channels: list[str]) -> list[str]:
+    """A note on what the missing components of the wrench keep out of sight."""
+    if not sensors.base_wrench:
+        return []
+    every = find_base_parameters(tree, gravity=gravity, sensors=replace(sensors, channels=None)).rank
+    if every == found.rank:
+        return []
+    return [
+        f"{every - found.rank} of {every} base parameters cannot be seen in {', '.join(channels)}, whatever the "
+        "motion; they take the other components of the wrench."
+    ]
 
 
 def _cutoff(log: Log, rate: float, cutoff: str | float | None) -> float | None:

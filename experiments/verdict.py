@@ -6,6 +6,7 @@ import numpy as np
 
 from experiments.identification import Identification
 from experiments.preparation import COMPONENTS
+from ident.base_parameters import STANDARD_GRAVITY
 
 SIGNIFICANT = 1e-3
 """Chance of a false alarm in the tests."""
@@ -27,6 +28,9 @@ HEAVY = 0.05
 
 FAR_OFF = 0.3
 """The same from which it is a doubt."""
+
+OFFSET = 0.1
+"""Constant offset from which it is a doubt, of the weight, or for moments of the weight at the mechanism's reach."""
 
 DRIFT = 0.02
 """Drift of the weighed mass worth a remark, of the model's."""
@@ -68,6 +72,8 @@ def findings(result: Identification) -> list[Finding]:
         *_weight(result),
         *_offsets(result),
         *_quality(result),
+        *_stuck(result),
+        *(Finding(sentence, False) for sentence in result.unchecked),
         *_caveats(result),
     ]
     return sorted(found, key=lambda finding: not finding.doubt)
@@ -127,12 +133,14 @@ def _axis(direction: np.ndarray) -> str:
 
 def _axes(result: Identification) -> list[Finding]:
     check = result.misalignment
-    if check is None or check.explained < GAIN:
+    if check is None or check.explained < GAIN or check.chance > SIGNIFICANT:
         return []
     off = [
         f"that of {joint} by {np.degrees(angle):.2f}° ± {np.degrees(std):.2f}°"
-        for joint, angle, std, p in zip(check.joints, check.angle, check.std, check.p_value, strict=True)
-        if p < SIGNIFICANT and angle > max(TILT, 3 * std)
+        for joint, angle, std, p, bound in zip(
+            check.joints, check.angle, check.std, check.p_value, check.at_bound, strict=True
+        )
+        if p < SIGNIFICANT and angle > max(TILT, 3 * std) and not bound
     ]
     if not off:
         return []
@@ -186,18 +194,58 @@ def _weight(result: Identification) -> list[Finding]:
 def _offsets(result: Identification) -> list[Finding]:
     fitted = any(name.startswith("offset(") for name in result.names)
     large = {
-        channel: (value, std)
+        channel: f"{channel} {value:.3g} ± {std:.2g} {_unit(channel)}".rstrip()
         for channel, (value, std) in result.offsets.items()
         if abs(value) > 4 * std and abs(value) > 0.3 * result.fit.scale[result.prepared.channels.index(channel)]
     }
     if not large:
         return []
-    listed = ", ".join(
-        f"{channel} {value:.3g} ± {std:.2g} {_unit(channel)}".rstrip() for channel, (value, std) in large.items()
-    )
+    found = []
+    weights = _weights(result)
+    huge = [
+        f"{text} ({abs(result.offsets[channel][0]) / weights[channel[0]]:.0%})"
+        for channel, text in large.items()
+        if channel in COMPONENTS and abs(result.offsets[channel][0]) > OFFSET * weights[channel[0]]
+    ]
+    if huge:
+        found.append(
+            Finding(
+                f"Constant offsets are large beside the model's weight, of which or of whose moment at the mechanism's "
+                f"reach they are so much: {', '.join(huge)}: a sensor may not be tared, gravity or mass of the model "
+                "may be wrong, or a support is not measured.",
+                True,
+            )
+        )
+    listed = ", ".join(large.values())
     if fitted:
-        return [Finding(f"Constant offsets were found and taken out: {listed}.", False)]
-    return [Finding(f"Constant offsets are in the measurements and were not fitted (--offsets does): {listed}.", True)]
+        return [*found, Finding(f"Constant offsets were found and taken out: {listed}.", False)]
+    return [
+        *found,
+        Finding(f"Constant offsets are in the measurements and were not fitted (--offsets does): {listed}.", True),
+    ]
+
+
+def _weights(result: Identification) -> dict[str, float]:
+    """What offsets of forces, N, and of moments, N m, are held against; without gravity the weight on Earth."""
+    prepared = result.prepared
+    g = np.linalg.norm(prepared.gravity) or np.linalg.norm(STANDARD_GRAVITY)
+    weight = max(float(prepared.prior.reshape(-1, 10)[:, 0].sum() * g), 1e-12)
+    origins = prepared.tree.poses(prepared.states[0][:: max(1, len(prepared.time) // 100)])[..., :3, 3]
+    reach = float(np.linalg.norm(origins - prepared.frame[:3, 3], axis=-1).max())
+    return {"F": weight, "M": weight * reach if reach > 0 else np.inf}
+
+
+def _stuck(result: Identification) -> list[Finding]:
+    stuck = result.prepared.stuck
+    if not stuck:
+        return []
+    return [
+        Finding(
+            f"Stuck at one value over the whole log, though the model says that they change, and so left out: "
+            f'{", ".join(stuck)}. Mend the sensor, or map what is not connected as missing, by "" in --columns.',
+            True,
+        )
+    ]
 
 
 def _unit(channel: str) -> str:

@@ -6,6 +6,7 @@ from itertools import permutations, product
 import numpy as np
 from scipy import linalg, signal
 
+from ident.robust import least_squares
 from ident.se3 import hat
 from ident.tree import Tree
 
@@ -118,7 +119,7 @@ def check_contact(tree: Tree, q: np.ndarray, residual: np.ndarray) -> ContactChe
         R, p = poses[:, i, :3, :3], poses[:, i, :3, 3]
         rows = (-hat(force) @ R).reshape(-1, 3)
         target = (moment - np.cross(p, force)).ravel()
-        point, *_ = linalg.lstsq(rows, target)
+        point, _ = least_squares(rows, target)
         left = ((target - rows @ point) ** 2).sum()
         found.append(ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0))
     return max(found, key=lambda check: check.explained)

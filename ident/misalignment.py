@@ -126,7 +126,7 @@ def estimate_misalignment(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """All parameters fitted with given axes: what the columns span (N C, r), φ with zeros for what is regrouped, rest."""
+    """All parameters fitted with given axes: what the columns span (N C, r), φ, zero where regrouped, and the rest."""
 
     tilts: np.ndarray
     basis: np.ndarray

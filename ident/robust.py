@@ -103,7 +103,10 @@ def independent(columns: np.ndarray, candidates: np.ndarray) -> list[int]:
     """
     if not candidates.shape[-1]:
         return []
-    basis = linalg.orth(columns.reshape(-1, columns.shape[-1]) / _norms(columns))
+    basis, triangle, _ = linalg.qr(
+        columns.reshape(-1, columns.shape[-1]) / _norms(columns), mode="economic", pivoting=True
+    )
+    basis = basis[:, np.abs(np.diag(triangle)) > 1e-12]
     kept = []
     for k, column in enumerate((candidates.reshape(-1, candidates.shape[-1]) / _norms(candidates)).T):
         # Twice is enough: the second pass takes away what rounding left of the first.
@@ -128,11 +131,17 @@ def _spread(residual: np.ndarray) -> np.ndarray:
     return np.where(spread > 1e-3 * usual, spread, np.maximum(usual, floor))
 
 
+def least_squares(rows: np.ndarray, target: np.ndarray, cond: float = 1e-12) -> tuple[np.ndarray, int]:
+    """Solution of `rows x = target` and rank, by a QR with pivots: LAPACK's SVD can fail to converge on finite data."""
+    solution, _, rank, _ = linalg.lstsq(rows, target, cond=cond, lapack_driver="gelsy")
+    return solution, int(rank)
+
+
 def _solve(columns: np.ndarray, measured: np.ndarray, factors: np.ndarray) -> np.ndarray:
     rows = (columns * factors[..., None]).reshape(-1, columns.shape[2])
     norms = np.linalg.norm(rows, axis=0)
     norms = np.where(norms > 0, norms, 1)
-    solution, _, rank, _ = linalg.lstsq(rows / norms, (measured * factors).ravel(), cond=1e-12)
+    solution, rank = least_squares(rows / norms, (measured * factors).ravel())
     if rank < columns.shape[2]:
         raise ValueError(f"The recording separates {rank} of {columns.shape[2]} parameters.")
     return solution / norms

@@ -46,6 +46,7 @@ class Log:
         wrenches: Measured wrenches by name; `ground` is the one at the base.
         base: Pose of a moving base frame in an inertial frame (N, 4, 4), None for a base that rests.
         notes: Sentences on what was detected and repaired.
+        unused: Names of the columns that nothing was taken from.
     """
 
     time: np.ndarray
@@ -56,6 +57,7 @@ class Log:
     wrenches: Mapping[str, Wrench]
     base: np.ndarray | None
     notes: tuple[str, ...]
+    unused: tuple[str, ...] = ()
 
     @property
     def rate(self) -> float:
@@ -138,6 +140,7 @@ def _log(
         wrenches,
         _poses(channels["base.position"], channels["base.quaternion"]) if mapping.has_base else None,
         tuple(notes),
+        tuple(name for name in table.cells if name not in mapping.used),
     )
 
 

@@ -68,8 +68,7 @@ def read_channels(table: Table, mapping: ColumnMapping, notes: list[str]) -> dic
         ValueError: A column has no numbers, not all of them, or numbers out of range.
     """
     channels = {key: _read(table, key, columns, notes) for key, columns in mapping.columns.items() if key != "time"}
-    used = {name for columns in mapping.columns.values() for name in columns.names}
-    others = [n for n in table.cells if n not in used and re.fullmatch(r".+_(force\.[xyz]|f[xyz])", n)]
+    others = [n for n in table.cells if n not in mapping.used and re.fullmatch(r".+_(force\.[xyz]|f[xyz])", n)]
     if others:
         notes.append(
             f"Columns {', '.join(others)} look like a wrench; without an entry under [wrenches] it is not used."

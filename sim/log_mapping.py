@@ -84,6 +84,11 @@ class ColumnMapping:
         """Whether the base moves."""
         return "base.position" in self.columns
 
+    @property
+    def used(self) -> set[str]:
+        """Names of all columns that are mapped."""
+        return {name for columns in self.columns.values() for name in columns.names}
+
 
 def read_mapping(path: Path, joints: Sequence[str], bodies: Sequence[str], slides: Sequence[str]) -> ColumnMapping:
     """Reads a mapping file.

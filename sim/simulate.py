@@ -147,12 +147,17 @@ def _runs(
     qpos[:, driven.qpos], qvel[:, driven.dof] = [q[0] for q, _, _ in desired], [dq[0] for _, dq, _ in desired]
     commands = np.stack([driven.commands(time, motion) for motion in desired])
     read = play(model, qpos, qvel, commands, instants, threads=threads)
-    error = abs(read.qpos[..., driven.qpos] - [q[instants] for q, _, _ in desired]).max(axis=-1)
+    errors = abs(read.qpos[..., driven.qpos] - [q[instants] for q, _, _ in desired])
+    error = errors.max(axis=-1)
     if not (error <= LOST).all():
         run, k = np.argwhere(~(error <= LOST))[0]
+        # Where the simulation diverges all errors are NaN.
+        joint = model.joint(model.actuator_trnid[int(errors[run, k].argmax()), 0]).name
+        who = f"The servo of joint '{joint}'" if np.isfinite(error[run, k]) else "The servos"
         raise ValueError(
-            f"The servos lost the excitation after {time[instants[k]]:.2f} s by {error[run, k]:.2f} rad: it must stay "
-            "within the joint and torque limits; noise on its acceleration drifts off in long recordings."
+            f"{who} lost the excitation after {time[instants[k]]:.2f} s by {error[run, k]:.2f} "
+            "rad: it must stay within the joint and torque limits; noise on its acceleration drifts off in long "
+            "recordings."
         )
     for sensor in sensors(model):
         if sensor.dof is not None:

@@ -362,7 +362,7 @@ def test_nothing_is_left_where_nothing_was_found(tmp_path, capsys):
     replace(log, time=log.time[:15], measured=short, true={}, noise={}).save(path)
     log.save(other)
     arguments = [str(PENDULUM), str(other), "--base", "base", "--held-out", str(path), "--out", str(tmp_path / "out")]
-    assert "log to judge by has 15 samples" in refusal(identify.main, arguments, capsys)
+    assert "log to judge by has 15 samples" in refusal(identify.main, [*arguments, "--cutoff", "1"], capsys)
     assert not (tmp_path / "out").exists()
 
 
@@ -372,3 +372,123 @@ def test_recordings_of_the_project_are_logs(tmp_path):
     prepared = prepare(PENDULUM, path, base="base")
     original = Recording.load(path)
     np.testing.assert_array_equal(prepared.measured, original.wrench("ground"))
+
+
+def board(**missing):
+    """Mapping of the ground wrench without some channels."""
+    columns = {c: f"ground_{'force' if c[0] == 'F' else 'torque'}.{c[1]}" for c in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
+    names = [missing.get(c, name) for c, name in columns.items()]
+    return f"[wrenches.ground]\nforce = {json.dumps(names[:3])}\ntorque = {json.dumps(names[3:])}\n"
+
+
+def remarks(result):
+    return " ".join(finding.text for finding in verdict.findings(result) if not finding.doubt)
+
+
+def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
+    log = recording()
+    _, result = found(tmp_path, log, board(Fx="", Fy=""), axes=False)
+    assert abs(result.weight.measured - 20.99) < 0.1 and abs(result.weight.drift) < 0.1
+    _, result = found(tmp_path, log, board(Fz=""), axes=False)
+    assert result.weight is None
+    assert "The weight could not be checked: it shows in Fz of the sensor, not measured here." in remarks(result)
+    _, result = found(tmp_path, log, board(Fx="", Fy="", Fz=""), axes=False)
+    assert "The weight could not be checked: no force is measured." in remarks(result)
+
+
+def test_the_weight_in_a_turned_sensor_takes_all_axes_that_carry_it(tmp_path):
+    R = Rotation.from_euler("y", 30, degrees=True).as_matrix()
+    log = recording()
+    turned = with_channels(log, **{name: log.measured[name] @ R for name in ("ground_force", "ground_torque")})
+    quaternion = f"quaternion = {Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()}\n"
+    _, result = found(tmp_path, turned, board(Fy="") + quaternion, axes=False)
+    assert abs(result.weight.measured - 20.99) < 0.1
+    _, result = found(tmp_path, turned, board(Fx="") + quaternion, axes=False)
+    assert "it shows in Fx of the sensor, not measured here" in remarks(result)
+
+
+def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
+    model, path = tmp_path / "model.xml", tmp_path / "log.csv"
+    spec = scenes.load("double_pendulum")
+    spec.option.gravity = [0, 0, 0]
+    model.write_text(spec.to_xml(), encoding="utf-8")
+    recording().save(path)
+    result = identify_log(prepare(model, path, base="base"), axes=False)
+    assert "The weight could not be checked: the model has no gravity." in remarks(result)
+    doubts = " ".join(finding.text for finding in verdict.findings(result) if finding.doubt)
+    assert "Constant offsets are large beside the model's weight" in doubts and "Fz 206 ±" in doubts
+    assert "(100%)" in doubts
+
+
+@pytest.mark.parametrize(("size", "doubted"), [(15.0, False), (30.0, True)])
+def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
+    log = recording()
+    shifted = with_channels(log, ground_force=log.measured["ground_force"] + [0, size, 0])
+    doubts, result = found(tmp_path, shifted, axes=False)
+    assert ("Constant offsets are large" in doubts) == doubted
+    assert "Constant offsets were found and taken out: Fy" in remarks(result)
+
+
+def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
+    log = recording()
+    force = log.measured["ground_force"].copy()
+    force[:, 2] = 0
+    path = tmp_path / "log.csv"
+    with_channels(log, ground_force=force).save(path)
+    arguments = [str(PENDULUM), str(path), "--base", "base", "--no-axes", "--name", "stuck", "--out", str(tmp_path)]
+    assert identify.main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "Stuck at one value over the whole log" in printed and "Fz (0)" in printed
+    assert "channels Fx, Fy, Mx, My, Mz." in printed and "Joint axes were not checked (--no-axes)." in printed
+    assert "The weight could not be checked: it shows in Fz of the sensor" in printed
+    constant = {name: 0 * log.measured[name] + 7 for name in ("ground_force", "ground_torque")}
+    with_channels(log, **constant).save(path)
+    message = refusal(identify.main, arguments, capsys)
+    assert "Every measured channel of" in message and "is constant (Fx, Fy, Fz, Mx, My, Mz)" in message
+
+
+def test_a_few_samples_are_enough_to_judge_by(tmp_path):
+    """Judging needs no coefficients; the log that is fitted does."""
+    path, other = tmp_path / "short.csv", tmp_path / "log.csv"
+    log = recording()
+    short = {name: x[100:110] for name, x in log.measured.items()}
+    replace(log, time=log.time[:10], measured=short, true={}, noise={}).save(path)
+    log.save(other)
+    result = identify_log(prepare(PENDULUM, other, base="base"), other=prepare(PENDULUM, path, base="base"), axes=False)
+    assert len(result.held_out.time) == 10 and result.part.stop == len(log.time)
+    rms = np.sqrt((result.held_out.residual**2).mean(axis=0))
+    assert (rms < 3 * result.fit.scale).all()
+
+
+def test_axes_that_cannot_be_checked_do_not_end_the_command(tmp_path, monkeypatch):
+    def fails(*_, **__):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr("experiments.identification.estimate_misalignment", fails)
+    doubts, result = found(tmp_path, recording())
+    assert not doubts and result.misalignment is None
+    assert "Joint axes could not be checked: SVD did not converge." in remarks(result)
+    assert not identify.parser().parse_args(["model", "log", "--no-axes"]).axes
+
+
+def test_axes_are_blamed_only_for_more_than_chance_and_within_the_search(tmp_path):
+    _, result = found(tmp_path, recording(tilt_deg=5.0))
+    assert "Joint axes are probably off" in " ".join(f.text for f in verdict.findings(result))
+    for change in ({"chance": 0.01}, {"at_bound": np.array([True, True])}):
+        other = replace(result, misalignment=replace(result.misalignment, **change))
+        assert "axes" not in " ".join(f.text for f in verdict.findings(other) if f.doubt)
+
+
+def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
+    log, path, columns = recording(), tmp_path / "log.csv", tmp_path / "columns.toml"
+    kept = {name: x for name, x in log.measured.items() if name.startswith("joint")}
+    plate = {f"Plate F{a}": log.measured["ground_force"][:, k] for k, a in enumerate("xyz")}
+    plate |= {f"Plate M{a}": log.measured["ground_torque"][:, k] for k, a in enumerate("xyz")}
+    Recording(log.time, kept | plate).save(path)
+    arguments = [str(PENDULUM), str(path), "--base", "base", "--out", str(tmp_path / "out")]
+    message, *lines = refusal(identify.main, arguments, capsys).splitlines()
+    assert "neither a wrench nor a joint torque to fit" in message and "Plate Fx, Plate Fy" in message
+    assert "--columns" in message and len(lines) == 3
+    columns.write_text("\n".join(lines), encoding="utf-8")
+    prepared = prepare(PENDULUM, path, base="base", columns=columns)
+    np.testing.assert_array_equal(prepared.measured, log.wrench("ground"))

@@ -1,4 +1,5 @@
 import os
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from malformed_logs import (
 from scipy.spatial.transform import Rotation
 
 from sim.log import GROUND, UNITS, Log, read_log
+from sim.log_suggestion import suggested_mapping
 from sim.recording import Recording
 
 BODIES = ("leg", "torso")
@@ -306,6 +308,49 @@ def test_files_that_are_no_logs(tmp_path):
         read_log(tmp_path / "log.csv", JOINTS, columns=tmp_path / "no.toml")
     with pytest.raises(ValueError, match="but not the ball joint 'hip'"):
         read_log(tmp_path / "log.csv", JOINTS, balls=("hip",))
+
+
+@pytest.mark.parametrize(
+    ("columns", "lines"),
+    [
+        (
+            ("Fx", "Fy", "Fz", "Mx", "My", "Mz", "remark"),
+            ["[wrenches.ground]", 'force = ["Fx", "Fy", "Fz"]', 'torque = ["Mx", "My", "Mz"]'],
+        ),
+        (
+            ("1_ground_force_vx", "1_ground_force_vy", "1_ground_force_vz", "1_ground_force_px", "1_ground_torque_y"),
+            [
+                "[wrenches.ground]",
+                'force = ["1_ground_force_vx", "1_ground_force_vy", "1_ground_force_vz"]',
+                'torque = ["", "1_ground_torque_y", ""]',
+            ],
+        ),
+        (("grf z", "COPx", "Fz2", "Mx2"), ["[wrenches.ground]", 'force = ["", "", "Fz2"]', 'torque = ["Mx2", "", ""]']),
+        (("grf z",), ["[wrenches.ground]", 'force = ["", "", "grf z"]', 'torque = ["", "", ""]']),
+        (("Hip Moment (Nm)", "emg"), ["[joints.hip]", 'torque = "Hip Moment (Nm)"']),
+        (("tau1", "tau2"), ["[joints.ankle]", 'torque = "tau1"', "[joints.hip]", 'torque = "tau2"']),
+        (("emg", "theta", "temperature_x"), []),
+        ((), []),
+    ],
+)
+def test_what_looks_like_a_wrench_or_a_torque_is_suggested(columns, lines):
+    sentence, *suggested = suggested_mapping(columns, JOINTS).split("\n")
+    assert suggested == lines
+    assert all(name in sentence for name in columns)
+
+
+@settings(max_examples=100, derandomize=True, deadline=None, database=None)
+@given(st.lists(st.text(max_size=4), max_size=3), st.text(min_size=1, max_size=4))
+def test_what_is_suggested_can_be_read(texts, joint):
+    """Any names of columns and joints: the lines are TOML, and name these columns."""
+    columns = [f"{text}{end}" for text in texts for end in ("_fx", ".Torque.Z", f" tau {joint}")]
+    for given_columns in (columns, columns[2::3]):
+        lines = suggested_mapping(given_columns, [joint]).split("\n")[1:]
+        entries = tomllib.loads("\n".join(lines))
+        ground, joints = entries.get("wrenches", {}).get("ground", {}), entries.get("joints", {})
+        named = [*ground.get("force", []), *ground.get("torque", []), *(j["torque"] for j in joints.values())]
+        assert set(filter(None, named)) <= set(given_columns)
+        assert set(joints) <= {joint}
 
 
 def test_units_start_with_those_of_the_si():

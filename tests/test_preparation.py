@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.identification import identify_log
 from experiments.preparation import base_motion_from_poses, prepare
+from ident.base_parameters import find_base_parameters
 from ident.tree import BaseMotion
 from sim.mujoco_model import parameters_from_model
 
@@ -39,6 +40,25 @@ FLYER = """
       </body>
     </body>
   </worldbody>
+</mujoco>
+"""
+LEG = """
+<mujoco>
+  <worldbody>
+    <body name="plate">
+      <site name="ground" pos=".1 0 -.05" euler="0 20 0"/><geom size=".05" density="500"/>
+      <body name="shank" pos="0 0 .1">
+        <joint name="ankle" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .02 0 .4" size=".05"/>
+        <body name="thigh" pos=".02 0 .4">
+          <joint name="knee" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 -.03 0 .4" size=".07"/>
+          <body name="trunk" pos="-.03 0 .4">
+            <joint name="hip" axis="0 1 0"/><geom type="capsule" fromto="0 .03 0 .02 0 .5" size=".12"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <sensor><force site="ground"/><torque site="ground"/></sensor>
 </mujoco>
 """
 RATE, SECONDS = 200.0, 10.0
@@ -146,3 +166,36 @@ def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
     truth = prepared.base.regroup(parameters_from_model(model, "trunk"))
     assert (result.held_out.ratio < 0.02).all()
     np.testing.assert_allclose(result.psi, truth, atol=0.02 * abs(truth).max())
+
+
+def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
+    """Fx, Fz and My of a plate that is turned and off the ankle: noise-free data give the truth of what they show."""
+    model = mujoco.MjModel.from_xml_string(LEG)
+    states = waves(np.random.default_rng(0), 3)
+    _, ground = inverse_dynamics(model, *states)
+    columns = {"time": TIME}
+    for k, joint in enumerate(("ankle", "knee", "hip")):
+        named = zip(("position", "velocity", "acceleration"), states, strict=True)
+        columns |= {f"{joint}_{kind}": x[:, k] for kind, x in named}
+    columns |= {name: ground[:, k] for name, k in (("ground_fx", 0), ("ground_fz", 2), ("ground_my", 4))}
+    path, log, mapping = tmp_path / "leg.xml", tmp_path / "log.csv", tmp_path / "columns.toml"
+    path.write_text(LEG, encoding="utf-8")
+    write(log, columns)
+    mapping.write_text(
+        '[wrenches.ground]\nforce = ["ground_fx", "", "ground_fz"]\ntorque = ["", "ground_my", ""]\n'
+        "position = [0.1, 0, -0.05]\nrpy_deg = [0, 20, 0]\n",
+        encoding="utf-8",
+    )
+    prepared = prepare(path, log, base="plate", columns=mapping)
+    assert prepared.channels == ("Fx", "Fz", "My")
+    every = find_base_parameters(prepared.tree, gravity=prepared.gravity).rank
+    rank = prepared.base.rank
+    hidden = f"{every - rank} of {every} base parameters cannot be seen in Fx, Fz, My, whatever the motion"
+    assert rank < every and any(hidden in note for note in prepared.notes)
+    result = identify_log(prepared, axes=False)
+    truth = prepared.base.regroup(parameters_from_model(model, "plate"))
+    np.testing.assert_allclose(result.psi, truth, atol=1e-8 * abs(truth).max())
+    still = dict.fromkeys((f"ankle_{kind}" for kind in ("position", "velocity", "acceleration")), 0 * TIME)
+    write(log, columns | still)
+    with pytest.raises(ValueError, match=rf"In Fx, Fz, My the recorded motion excites \d+ of {rank} parameters"):
+        identify_log(prepare(path, log, base="plate", columns=mapping))
