@@ -133,9 +133,9 @@ def prepare(
     Y = Y[:, known]
     measured, names = wrench[:, known], [c for c, k in zip(COMPONENTS, known, strict=True) if k]
     drives: tuple[str, ...] = ()
-    if drive and torques is None:
-        notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
     there = np.zeros(0, dtype=bool) if torques is None else np.isfinite(torques).all(axis=0)
+    if drive and not there.any():
+        notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
     if torques is not None:
         Y_joint = joint_torque_regressor(tree, *states, gravity=gravity, base=motion, drive=drive)
         predicted |= dict(zip(tree.freedoms, (Y_joint[..., : len(prior)] @ prior).T, strict=True))
@@ -245,7 +245,7 @@ def _without_constant(log: Log, joints: Sequence[str]) -> tuple[Log, dict[str, f
 
     def kept(values: np.ndarray, names: Sequence[str]) -> np.ndarray:
         still = np.ptp(values, axis=0) == 0
-        constant.update((name, float(x)) for name, x, s in zip(names, values[0], still, strict=True) if s)
+        constant.update((name, float(x) + 0.0) for name, x, s in zip(names, values[0], still, strict=True) if s)
         return np.where(still, np.nan, values)
 
     wrenches = dict(log.wrenches)
