@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from sim.mujoco_model import body_name
+from sim.names import body_name
 
 
 class Collisions:

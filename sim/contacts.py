@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim.mujoco_model import body_name, mechanism_bodies
+from sim.mujoco_model import mechanism_bodies
+from sim.names import body_name
 from sim.rollout import steps_per_sample
 from sim.simulate import RATE
 

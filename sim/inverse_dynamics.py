@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from sim.mujoco_model import gravity_of
+
 
 @dataclass(frozen=True, eq=False)
 class Link:
@@ -126,7 +128,7 @@ def chain(model: mujoco.MjModel, joints: Sequence[int]) -> Chain:
                 carrier[body] = len(links) - 1
         if carrier[body] >= 0:
             links[carrier[body]].inertia[:] += _inertia(model, data, body)
-    return Chain(tuple(links), tuple(carrier), data.xpos.copy(), data.xquat.copy(), model.opt.gravity.copy())
+    return Chain(tuple(links), tuple(carrier), data.xpos.copy(), data.xquat.copy(), gravity_of(model))
 
 
 def _twist(model: mujoco.MjModel, data: mujoco.MjData, joint: int) -> np.ndarray:

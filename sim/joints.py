@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim.mujoco_model import BEYOND, mechanism_bodies
+from sim.mujoco_model import BEYOND, gravity_of, mechanism_bodies
+from sim.names import body_id, body_name, joint_name
 
 _ONE_DOF = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
@@ -39,7 +40,7 @@ def joints_of(model: mujoco.MjModel, base: str | None) -> tuple[Joint, ...]:
     Raises:
         ValueError: The base does not exist.
     """
-    members = [b for b in mechanism_bodies(model, base, BEYOND) if base is None or b != model.body(base).id]
+    members = [b for b in mechanism_bodies(model, base, BEYOND) if base is None or body_name(model, b) != base]
     ids = [j for j in range(model.njnt) if model.jnt_bodyid[j] in members and model.jnt_type[j] in _ONE_DOF]
     return tuple(_joint(model, j) for j in ids)
 
@@ -47,7 +48,7 @@ def joints_of(model: mujoco.MjModel, base: str | None) -> tuple[Joint, ...]:
 def _joint(model: mujoco.MjModel, j: int) -> Joint:
     low, high = model.jnt_range[j].tolist()
     return Joint(
-        name=mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j) or f"joint{j}",
+        name=joint_name(model, j),
         id=j,
         unit="m" if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE else "rad",
         rest=float(model.qpos0[model.jnt_qposadr[j]]),
@@ -59,5 +60,5 @@ def gravity_at_rest(model: mujoco.MjModel, base: str | None) -> np.ndarray:
     """Acceleration of gravity in the axes of a base that stands still in the reference configuration, m/s² (3,)."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    b = 0 if base is None else model.body(base).id
-    return data.xmat[b].reshape(3, 3).T @ model.opt.gravity
+    b = 0 if base is None else body_id(model, base)
+    return data.xmat[b].reshape(3, 3).T @ gravity_of(model)

@@ -11,7 +11,8 @@ import numpy as np
 from ident.inertia import com_from_parameters, pseudo_inertia
 from sim.atomic import replacing
 from sim.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
-from sim.mujoco_model import BEYOND, body_name, mechanism_bodies, parameters_from_model
+from sim.mujoco_model import BEYOND, mechanism_bodies, parameters_from_model
+from sim.names import body_name
 from sim.urdf import model_from_urdf, parsed, sentence
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path

@@ -12,6 +12,8 @@ from ident.body import BASE, Body, ball_twist, free_joint
 from ident.inertia import parameters_from_com
 from ident.tree import BaseMotion, Tree
 from sim.couplings import check_couplings
+from sim.inertials import compiled_as_stated, note_inertias
+from sim.names import body_id, body_name, id_of, joint_name
 from sim.urdf import model_from_urdf, parsed
 
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
@@ -26,24 +28,35 @@ _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind 
 def compiled(source: Source) -> mujoco.MjModel:
     """The compiled model of any source.
 
+    Inertias that a URDF file or a specification states stay as they are, also where MuJoCo's own compiler refuses them.
+
+    Warns:
+        ModelNote: No rigid body has such an inertia, or a moving body has none.
+
     Raises:
         ValueError: The file does not exist, or MuJoCo cannot read or compile it.
     """
     if isinstance(source, mujoco.MjModel):
         return source
     if isinstance(source, mujoco.MjSpec):
-        return source.compile()
-    if not Path(source).is_file():
-        raise ValueError(f"A model is an MJCF or URDF file that exists, got '{source}'.")
-    if Path(source).suffix.lower() not in (".xml", ".urdf"):
-        raise ValueError(f"A model file ends in .xml or .urdf, got '{source}'.")
+        model = compiled_as_stated(source)
+    else:
+        model = _compiled_file(Path(source))
+    note_inertias(model)
+    return model
+
+
+def _compiled_file(path: Path) -> mujoco.MjModel:
+    root = parsed(path)
+    if path.suffix.lower() not in (".xml", ".urdf"):
+        raise ValueError(f"A model file ends in .xml or .urdf, got '{path}'.")
     try:
-        if parsed(Path(source)).tag == "robot":
-            return model_from_urdf(source).compile()
-        return mujoco.MjModel.from_xml_path(str(source))
+        if root.tag == "robot":
+            return compiled_as_stated(model_from_urdf(path))
+        return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         text = " ".join(str(error).split())
-        raise ValueError(text if text.startswith(str(source)) else f"{source}: {text}") from None
+        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
 
 
 def tree_from_model(
@@ -131,10 +144,10 @@ def base_motion(source: Source, base: str, qpos: np.ndarray, qvel: np.ndarray, q
         N samples, in the world's frame.
     """
     model = compiled(source)
-    b = _body_id(model, base)
+    b = body_id(model, base)
     data = mujoco.MjData(model)
     T, V, dV = np.tile(np.eye(4), (len(qpos), 1, 1)), np.empty((len(qpos), 6)), np.empty((len(qpos), 6))
-    turning_first = np.empty(6)
+    gravity, turning_first = gravity_of(model), np.empty(6)
     for k, (q, dq, ddq) in enumerate(zip(qpos, qvel, qacc, strict=True)):
         data.qpos, data.qvel, data.qacc = q, dq, ddq
         for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel, mujoco.mj_rnePostConstraint):
@@ -145,21 +158,27 @@ def base_motion(source: Source, base: str, qpos: np.ndarray, qvel: np.ndarray, q
         mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_XBODY, b, turning_first, 1)
         dV[k] = np.roll(turning_first, 3)
         # MuJoCo's acceleration is that of a point, and an accelerometer's: gravity is in it.
-        dV[k, :3] += T[k, :3, :3].T @ model.opt.gravity - np.cross(V[k, 3:], V[k, :3])
+        dV[k, :3] += T[k, :3, :3].T @ gravity - np.cross(V[k, 3:], V[k, :3])
     return BaseMotion(T, V, dV)
+
+
+def gravity_of(model: mujoco.MjModel) -> np.ndarray:
+    """Acceleration of gravity in the world's axes, zero where the model switches it off, m/s² (3,)."""
+    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    return np.zeros(3) if off else model.opt.gravity.copy()
 
 
 def gravity_in_base(source: Source, base: str | None = None) -> np.ndarray:
     """Acceleration of gravity in the axes of a base at rest; for one that moves, in the world's, m/s² (3,)."""
     model = compiled(source)
     R = np.eye(3)
-    b = 0 if base is None else _body_id(model, base)
+    b = 0 if base is None else body_id(model, base)
     while b != 0:
         if model.body_jntnum[b]:
-            return model.opt.gravity.copy()
+            return gravity_of(model)
         R = _rotation(model.body_quat[b]) @ R
         b = model.body_parentid[b]
-    return R.T @ model.opt.gravity
+    return R.T @ gravity_of(model)
 
 
 def site_on_tree(
@@ -180,10 +199,7 @@ def site_on_tree(
         ValueError: The site does not exist, or is not fixed to a body of the mechanism.
     """
     model = compiled(source)
-    s = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
-    if s < 0:
-        names = ", ".join(model.site(k).name for k in range(model.nsite))
-        raise ValueError(f"The model has no site named '{site}'; its sites are {names}.")
+    s = id_of(model, mujoco.mjtObj.mjOBJ_SITE, site)
     members = mechanism_bodies(model, base, beyond)
     b, pose = model.site_bodyid[s], _pose(model.site_pos[s], model.site_quat[s])
     while b not in members:
@@ -202,7 +218,7 @@ def mechanism_bodies(model: mujoco.MjModel, base: str | None, beyond: Sequence[s
         base: Name of the body that carries the others, first in the list; without a name all bodies, but not the world.
         beyond: Names of bodies that, with all they carry, are not part of the mechanism.
     """
-    members = [0] if base is None else [_body_id(model, base)]
+    members = [0] if base is None else [body_id(model, base)]
     for b in range(members[0] + 1, model.nbody):
         outside = model.body_mocapid[b] >= 0 or body_name(model, b) in beyond
         if model.body_parentid[b] in members and not outside:
@@ -233,7 +249,7 @@ def _links(model: mujoco.MjModel, b: int, parent: int, index: int) -> list[Body]
         return [Body(name, parent, home, np.zeros(6))]
     links: list[Body] = []
     for k, j in enumerate(joints):
-        joint = _name(model, mujoco.mjtObj.mjOBJ_JOINT, j, "joint")
+        joint = joint_name(model, j)
         if model.jnt_type[j] == _FREE:
             return list(free_joint(joint, name, parent, index))
         twist, reference = _joint(model, j)
@@ -251,29 +267,6 @@ def _joint(model: mujoco.MjModel, j: int) -> tuple[np.ndarray, np.ndarray]:
     slide = model.jnt_type[j] == _SLIDE
     twist = np.concatenate([axis, np.zeros(3)] if slide else [np.cross(model.jnt_pos[j], axis), axis])
     return twist, se3.exp(twist, -model.qpos0[model.jnt_qposadr[j]])
-
-
-def _body_id(model: mujoco.MjModel, name: str) -> int:
-    names = [body_name(model, b) for b in range(1, model.nbody)]
-    if name not in names:
-        raise ValueError(f"The model has no body named '{name}'; its bodies are {', '.join(names)}.")
-    return 1 + names.index(name)
-
-
-def body_name(model: mujoco.MjModel, b: int) -> str:
-    """Name of a body, made up from its id where the model gives none."""
-    return _name(model, mujoco.mjtObj.mjOBJ_BODY, b, "body")
-
-
-def _name(model: mujoco.MjModel, kind: int, index: int, stem: str) -> str:
-    """A name of its own for every element."""
-    name = mujoco.mj_id2name(model, kind, index)
-    if name:
-        return name
-    name = f"{stem}{index}"
-    while mujoco.mj_name2id(model, kind, name) >= 0:
-        name += "_"
-    return name
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:

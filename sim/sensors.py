@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import mujoco
 
+from sim.names import name_of
+
 QUATERNION = "quaternion"
 """Unit of a channel that is an orientation, w, x, y, z."""
 
@@ -59,7 +61,7 @@ def sensors(model: mujoco.MjModel) -> list[Sensor]:
 
 
 def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
-    name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_SENSOR, i) or f"sensor{i}"
+    name = name_of(model, mujoco.mjtObj.mjOBJ_SENSOR, i)
     kind = mujoco.mjtSensor(model.sensor_type[i])
     dof = None
     if kind == mujoco.mjtSensor.mjSENS_USER:

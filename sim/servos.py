@@ -7,6 +7,7 @@ import numpy as np
 
 from sim.hand import Hand
 from sim.inverse_dynamics import Chain, chain
+from sim.names import body_name
 from sim.sensors import ONE_DOF
 
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -89,6 +90,6 @@ def _held(model: mujoco.MjModel) -> tuple[int, ...]:
     for mocap in range(model.nmocap):
         body = int(np.flatnonzero(model.body_mocapid == mocap)[0])
         if body not in ties:
-            raise ValueError(f"Mocap body '{model.body(body).name}' needs a weld whose body1 is what it holds.")
+            raise ValueError(f"Mocap body '{body_name(model, body)}' needs a weld whose body1 is what it holds.")
         held.append(ties[body])
     return tuple(held)
