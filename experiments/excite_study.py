@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -13,10 +13,11 @@ from ident.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.structure import Sensors
 from ident.tree import Tree
 from sim.collisions import Collisions
+from sim.couplings import check_torques
 from sim.excitation_design import Cost, Limits, design, random_start, scaled_into
 from sim.fourier import FourierTrajectory
 from sim.joints import Joint, gravity_at_rest, joints_of
-from sim.mujoco_model import state_columns, tree_from_model
+from sim.mujoco_model import mechanism_bodies, rest_coordinates, tree_from_model
 
 CRITERIA = {
     "condition": "the smallest condition number of the base regressor",
@@ -96,7 +97,10 @@ def problem(
     joints = joints_of(model, base)
     chosen = _chosen(joints, tree, names)
     resting = tuple(joint for joint in joints if joint not in chosen)
-    locked = _locked(model, tree, chosen, base)
+    moving = [joint.name for joint in chosen]
+    check_torques(model, mechanism_bodies(model, base), ignore, moving)
+    rest = rest_coordinates(model, base)
+    locked = tree.fixed({name: q for name, q in rest.items() if name not in moving})
     gravity = gravity_at_rest(model, base)
     found = find_base_parameters(locked, gravity=gravity, sensors=SENSORS[sensors])
     return Problem(model, chosen, resting, locked, gravity, sensors, noise, found)
@@ -112,24 +116,6 @@ def _chosen(joints: tuple[Joint, ...], tree: Tree, names: Sequence[str] | None) 
             what = "is neither hinge nor slide" if name in tree.joints else "does not exist"
             raise ValueError(f"Joint '{name}' {what}; the joints to choose from are {', '.join(known)}.")
     return tuple(joint for joint in joints if names is None or joint.name in names)
-
-
-def _locked(model: mujoco.MjModel, tree: Tree, chosen: tuple[Joint, ...], base: str | None) -> Tree:
-    """The tree with all but some joints welded where they rest."""
-    moving = {joint.name for joint in chosen}
-    coordinates = tree.body_coordinates(tree_rest(model, base)[None])
-    bodies = []
-    for body, q in zip(tree.bodies, coordinates, strict=True):
-        if not body.moves or body.joint in moving:
-            bodies.append(body)
-        else:
-            bodies.append(replace(body, home=body.home @ body.joint_pose(q)[0], twist=np.zeros(6), joint=""))
-    return Tree(tuple(bodies))
-
-
-def tree_rest(model: mujoco.MjModel, base: str | None) -> np.ndarray:
-    """Coordinates of the whole tree in the reference configuration (n_q,)."""
-    return model.qpos0[state_columns(model, base)[0]]
 
 
 def information(problem: Problem, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray) -> np.ndarray:

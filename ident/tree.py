@@ -1,6 +1,6 @@
 """A mechanism as Table II writes it: for every body its home pose and the twist of the joint that carries it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,6 +104,30 @@ class Tree:
             if not np.any(twist):
                 raise ValueError(f"Joint '{bodies[i].joint}' needs a twist that moves, got zeros.")
             bodies[i] = replace(bodies[i], twist=twist)
+        return Tree(tuple(bodies))
+
+    def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Tree":
+        """The same tree with some joints welded where they stand.
+
+        Args:
+            coordinates: Coordinates of these joints by their names, rad, m or a quaternion, each (1,) or (4,).
+
+        Raises:
+            ValueError: There is no such joint, or it has another number of coordinates.
+        """
+        unknown = [joint for joint in coordinates if joint not in self.joints]
+        if unknown:
+            raise ValueError(f"There is no joint '{unknown[0]}' to fix; the joints are {', '.join(self.joints)}.")
+        bodies = list(self.bodies)
+        for i in self.moving:
+            body = bodies[i]
+            if body.joint in coordinates:
+                q = np.asarray(coordinates[body.joint], float)
+                if q.shape != (body.coordinates,) or not np.isfinite(q).all() or (body.is_ball and not q.any()):
+                    raise ValueError(
+                        f"Joint '{body.joint}' is fixed at {body.coordinates} finite coordinates, got {q.tolist()}."
+                    )
+                bodies[i] = replace(body, home=body.home @ body.joint_pose(q), twist=np.zeros(6), joint="")
         return Tree(tuple(bodies))
 
     def without_welds(self) -> tuple["Tree", np.ndarray]:

@@ -10,8 +10,16 @@ import numpy as np
 
 from ident.inertia import com_from_parameters, pseudo_inertia
 from sim.atomic import replacing
-from sim.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
-from sim.mujoco_model import BEYOND, mechanism_bodies, parameters_from_model
+from sim.inertials import (
+    OVERRIDING,
+    Inertial,
+    bodies_in_order,
+    compiled_as_stated,
+    inertial_of,
+    overrides,
+    set_inertials,
+)
+from sim.mujoco_model import BEYOND, body_parameters, mechanism_bodies, parameters_from_model
 from sim.names import body_name
 from sim.urdf import model_from_urdf, parsed, sentence
 
@@ -20,9 +28,6 @@ Editable: TypeAlias = mujoco.MjSpec | str | Path
 
 EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 """Elements of MJCF that make bodies which are not written in the file itself."""
-
-OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
-"""Compiler settings, besides inertiafromgeom, that change inertias which a file states."""
 
 
 def updated_spec(
@@ -46,8 +51,7 @@ def updated_spec(
         ValueError: MuJoCo cannot read or compile the model, φ does not fit its bodies, or a body is not physical.
     """
     spec = _specification(source)
-    model = _compiled(spec, source)
-    _write_into(spec, _inertials(spec, model, phi, base, beyond))
+    _write_into(spec, _inertials(spec, source, phi, base, beyond))
     _check(_compiled(spec, source), "The model", phi, base, beyond)
     return spec
 
@@ -77,7 +81,7 @@ def write_model(
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise ValueError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
     spec = _specification(source)
-    inertials = _inertials(spec, _compiled(spec, source), phi, base, beyond)
+    inertials = _inertials(spec, source, phi, base, beyond, unchanged=urdf)
     if urdf:
         root = _urdf(parsed(Path(str(source))), inertials, spec)
     else:
@@ -90,7 +94,7 @@ def write_model(
         _keep_files(root, spec, path.parent, source)
     with replacing(path) as temporary:
         temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
-        _check(_compiled(_specification(temporary), path), path, phi, base, beyond)
+        _check(_compiled(_specification(temporary), path, as_stated=urdf), path, phi, base, beyond)
 
 
 def _specification(source: Editable) -> mujoco.MjSpec:
@@ -107,35 +111,41 @@ def _specification(source: Editable) -> mujoco.MjSpec:
 
 
 def _inertials(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, phi: np.ndarray, base: str | None, beyond: Sequence[str]
+    spec: mujoco.MjSpec,
+    source: Editable,
+    phi: np.ndarray,
+    base: str | None,
+    beyond: Sequence[str],
+    *,
+    unchanged: bool = False,
 ) -> dict[int, Inertial]:
-    """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change."""
+    """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change.
+
+    With `unchanged`, bodies that are not physical may stay as they are.
+    """
+    model = _compiled(spec, source, as_stated=True)
     members = mechanism_bodies(model, base, beyond)
     phi = np.asarray(phi, float)
     if phi.shape != (10 * len(members),) or not np.isfinite(phi).all():
         names = ", ".join(body_name(model, b) for b in members)
         raise ValueError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
     inertials = {}
-    if _overrides(spec):
+    if overrides(spec):
         for b in set(range(1, model.nbody)) - set(members):
             body = model.body(b)
             inertials[b] = Inertial(body.mass[0], body.ipos.copy(), body.iquat.copy(), body.inertia.copy())
     for b, own in zip(members, phi.reshape(-1, 10), strict=True):
         eigenvalues = np.linalg.eigvalsh(pseudo_inertia(own))
         if own.any() and (eigenvalues[0] < -1e-12 * eigenvalues[-1] or own[0] <= 0):
+            if unchanged and np.allclose(own, body_parameters(model, b), rtol=1e-12, atol=0):
+                continue
             raise ValueError(f"The parameters of '{body_name(model, b)}' are not those of a physical body.")
         inertials[b] = inertial_of(*(com_from_parameters(own) if own[0] else (0.0, np.zeros(3), np.zeros((3, 3)))))
     return inertials
 
 
-def _overrides(spec: mujoco.MjSpec) -> bool:
-    compiler = spec.compiler
-    from_geoms = compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    return bool(from_geoms or any(getattr(compiler, key) > 0 for key in OVERRIDING))
-
-
 def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
-    if _overrides(spec):
+    if overrides(spec):
         spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
         spec.compiler.settotalmass, spec.compiler.balanceinertia = -1, False
         spec.compiler.boundmass = spec.compiler.boundinertia = 0
@@ -206,9 +216,9 @@ def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, base: str | Non
     raise ValueError(f"{what}: MuJoCo does not read the parameters back as they were written.")
 
 
-def _compiled(spec: mujoco.MjSpec, source: Editable) -> mujoco.MjModel:
+def _compiled(spec: mujoco.MjSpec, source: Editable, *, as_stated: bool = False) -> mujoco.MjModel:
     try:
-        return spec.compile()
+        return compiled_as_stated(spec) if as_stated else spec.compile()
     except ValueError as error:
         raise sentence("The model" if isinstance(source, mujoco.MjSpec) else source, error) from None
 

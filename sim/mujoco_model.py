@@ -1,6 +1,6 @@
 """Mechanisms read from compiled MuJoCo models: the only place where MuJoCo's conventions are converted to ours."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -38,10 +38,7 @@ def compiled(source: Source) -> mujoco.MjModel:
     """
     if isinstance(source, mujoco.MjModel):
         return source
-    if isinstance(source, mujoco.MjSpec):
-        model = compiled_as_stated(source)
-    else:
-        model = _compiled_file(Path(source))
+    model = compiled_as_stated(source) if isinstance(source, mujoco.MjSpec) else _compiled_file(Path(source))
     note_inertias(model)
     return model
 
@@ -65,7 +62,8 @@ def tree_from_model(
     beyond: Sequence[str] = BEYOND,
     *,
     merge_welds: bool = False,
-    ignore: Sequence[str] = (),
+    ignore: Collection[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
 ) -> Tree:
     """The kinematic tree of a body and everything on it.
 
@@ -77,18 +75,28 @@ def tree_from_model(
         beyond: Names of bodies that, with all they carry, are not part of the mechanism.
         merge_welds: Make welded bodies one with what carries them.
         ignore: Names of equality constraints and tendons to leave out of the equations.
+        fix: Names of the tree's joints that do not move, with their coordinates, rad, m or a quaternion; an empty
+            sequence for those of the reference configuration.
 
     Returns:
         Bodies in MuJoCo's order, which puts parents first; the joints' coordinates and velocities are MuJoCo's own. Of
         several joints on one body, all but the last carry massless links.
 
+    Warns:
+        ModelNote: Equality constraints or tendons that nobody ignores act between bodies of the tree, which changes
+            its joint torques, but neither the base wrench nor contact wrenches.
+
     Raises:
-        ValueError: The base does not exist, or equality constraints or tendons that nobody ignores act on the tree.
+        ValueError: The base or a joint to fix does not exist, or equality constraints or tendons that nobody ignores
+            reach outside the tree.
     """
     model = compiled(source)
     members = mechanism_bodies(model, base, beyond)
-    check_couplings(model, members, ignore)
+    check_couplings(model, base, members, ignore, fix or ())
     tree = _tree(model, members, base)
+    if fix:
+        rest = rest_coordinates(model, base, beyond)
+        tree = tree.fixed({joint: q if len(q) else rest.get(joint, ()) for joint, q in fix.items()})
     return tree.without_welds()[0] if merge_welds else tree
 
 
@@ -106,13 +114,14 @@ def parameters_from_model(
     members = mechanism_bodies(model, base, beyond)
     if not model.body_mass[members].any():
         raise ValueError(f"A mechanism needs mass; {', '.join(body_name(model, b) for b in members)} have none.")
-    phi = []
-    for b in members:
-        R = _rotation(model.body_iquat[b])
-        inertia = R @ np.diag(model.body_inertia[b]) @ R.T
-        phi.append(parameters_from_com(model.body_mass[b], model.body_ipos[b], inertia))
-    stacked = np.concatenate(phi)
+    stacked = np.concatenate([body_parameters(model, b) for b in members])
     return _tree(model, members, base).without_welds()[1] @ stacked if merge_welds else stacked
+
+
+def body_parameters(model: mujoco.MjModel, b: int) -> np.ndarray:
+    """φ of one body about its body frame (10,)."""
+    R = _rotation(model.body_iquat[b])
+    return parameters_from_com(model.body_mass[b], model.body_ipos[b], R @ np.diag(model.body_inertia[b]) @ R.T)
 
 
 def state_columns(
@@ -130,6 +139,14 @@ def state_columns(
     sizes = {_FREE: 7, _BALL: 4}
     qpos = [model.jnt_qposadr[j] + np.arange(sizes.get(int(model.jnt_type[j]), 1)) for j in joints]
     return np.concatenate([np.zeros(0, int), *qpos]), dofs
+
+
+def rest_coordinates(source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND) -> dict[str, np.ndarray]:
+    """Coordinates of the tree's joints in the reference configuration, by their names, each (1,) or (4,)."""
+    model = compiled(source)
+    tree = _tree(model, mechanism_bodies(model, base, beyond), base)
+    coordinates = tree.body_coordinates(model.qpos0[state_columns(model, base, beyond)[0]])
+    return {tree.bodies[i].joint: coordinates[i] for i in tree.moving}
 
 
 def base_motion(source: Source, base: str, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray) -> BaseMotion:

@@ -9,4 +9,4 @@ class ModelNote(UserWarning):
 
 def note(text: str) -> None:
     """Tells the user about a model."""
-    warnings.warn(text, ModelNote, stacklevel=3)
+    warnings.warn(text, ModelNote, stacklevel=4)

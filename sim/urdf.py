@@ -29,6 +29,8 @@ def model_from_urdf(path: str | Path) -> mujoco.MjSpec:
     root = parsed(Path(path))
     if root.tag != "robot":
         raise ValueError(f"{path}: a URDF file has a <robot>, this one a <{root.tag}>.")
+    if root.find("link") is None:
+        raise ValueError(f"{path}: a URDF file has a <link> for every body, this one has none.")
     for link in root.iter("link"):
         for part in link.findall("visual") + link.findall("collision"):
             if part.find(".//mesh") is not None:
@@ -43,14 +45,14 @@ def model_from_urdf(path: str | Path) -> mujoco.MjSpec:
     compiler.attrib.setdefault("inertiafromgeom", "false")
     # MuJoCo would merge the root link into the world, which has no mass, and links with their welded carriers.
     compiler.set("fusestatic", "false")
+    links = {link.get("name"): link for link in root.findall("link") if link.find("inertial") is not None}
     try:
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+        # MuJoCo 3.3 leaves the inertia's rpy out, and finds principal axes to six digits only.
+        ids = {body.name: b for b, body in enumerate(bodies_in_order(spec.worldbody))}
+        set_inertials(spec, {ids[name]: _stated(link) for name, link in links.items() if name in ids})
     except ValueError as error:
         raise sentence(path, error) from None
-    # MuJoCo 3.3 leaves the inertia's rpy out, and finds principal axes to six digits only.
-    links = {link.get("name"): link for link in root.findall("link") if link.find("inertial") is not None}
-    ids = {body.name: b for b, body in enumerate(bodies_in_order(spec.worldbody))}
-    set_inertials(spec, {ids[name]: _stated(link) for name, link in links.items() if name in ids})
     return spec
 
 
@@ -60,7 +62,12 @@ def _stated(link: ET.Element) -> Inertial:
     def numbers(element: str, keys: str, otherwise: str) -> np.ndarray:
         found = link.find(f"inertial/{element}")
         attributes = {} if found is None else found.attrib
-        return np.array(" ".join(attributes.get(key) or otherwise for key in keys.split()).split(), float)
+        values = np.array(" ".join(attributes.get(key) or otherwise for key in keys.split()).split(), float)
+        if not np.isfinite(values).all() or (element == "mass" and values[0] < 0):
+            raise ValueError(
+                f"link '{link.get('name')}' needs finite numbers and no negative mass; its {element} is {values}."
+            )
+        return values
 
     R = Rotation.from_euler("xyz", numbers("origin", "rpy", "0 0 0")).as_matrix()
     inertia = symmetric(numbers("inertia", "ixx iyy izz ixy ixz iyz", "0"))
@@ -68,12 +75,19 @@ def _stated(link: ET.Element) -> Inertial:
 
 
 def parsed(path: Path) -> ET.Element:
-    """Root element of an MJCF or URDF file, comments kept."""
+    """Root element of an MJCF or URDF file, comments kept.
+
+    Raises:
+        ValueError: The file does not exist, is no XML, or has a name that MuJoCo cannot be told.
+    """
     if not path.is_file():
         raise ValueError(f"A model is an MJCF or URDF file that exists, got '{path}'.")
+    if str(path).encode(errors="replace").decode() != str(path):
+        raise ValueError(f"The name of a model file has to be text in UTF-8, got {str(path)!r}; rename it.")
     try:
         return ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot()
-    except ET.ParseError as error:
+    except (ET.ParseError, LookupError, ValueError) as error:
+        # The last two are of encodings that are unknown, no text, or of several bytes.
         raise ValueError(f"{path}: no XML that can be read: {error}.") from None
 
 
