@@ -14,7 +14,7 @@ def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
     out = _folder(args)
     known = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
-    known |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore)}
+    known |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
     prepared = prepare(args.model, args.log, **known)
     other = None if args.held_out is None else prepare(args.model, args.held_out, **known)
     result = identify_log(
@@ -54,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("model", type=Path, help="MJCF or URDF file")
     out.add_argument("log", type=Path, help="CSV or npz file")
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
-    out.add_argument("--base", help="body whose frame is {0}, by default the world")
+    options.add_mechanism(out)
     out.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
     out.add_argument(
         "--cutoff", help="cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if it has any"
@@ -65,7 +65,6 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--axes", action=argparse.BooleanOptionalAction, default=True, help="look for axes that are off")
     out.add_argument("--ordinary", action="store_true", help="ordinary least squares: no weights, outliers count fully")
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
-    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
     return out
 
 

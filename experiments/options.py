@@ -5,13 +5,16 @@ import io
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from experiments.figures import FORMATS
 from experiments.trials import REDRAWN
+from sim.notes import ModelNote
 from sim.simulate import SAMPLES
 
 
@@ -78,6 +81,32 @@ def add_workers(group: argparse._ActionsContainer) -> None:
     group.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
 
 
+def add_mechanism(parser: argparse.ArgumentParser) -> None:
+    """Adds what is said of a user's model."""
+    parser.add_argument("--base", help="body whose frame is {0}, by default the world")
+    parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    parser.add_argument(
+        "--fix",
+        nargs="+",
+        action="append",
+        default=[],
+        metavar=("JOINT", "VALUE"),
+        help="a joint that does not move and need not be recorded, as of a finger, and where it stands in rad or m, by "
+        "default as the model draws it; once for each",
+    )
+
+
+def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
+    """Coordinates of fixed joints by their names, as `tree_from_model` takes them."""
+    coordinates = {}
+    for joint, *values in given:
+        try:
+            coordinates[joint] = [float(value) for value in values]
+        except ValueError:
+            raise ValueError(f"--fix takes a joint and where it stands, got {' '.join((joint, *values))}.") from None
+    return coordinates
+
+
 def run(
     study: Callable[[argparse.Namespace], None], parser: argparse.ArgumentParser, argv: Sequence[str] | None
 ) -> int:
@@ -95,7 +124,7 @@ def run(
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     options = parser.parse_args(argv)
-    with _interruptible_once():
+    with _interruptible_once(), _notes_printed_once():
         try:
             study(options)
         except (ValueError, OSError, MemoryError) as error:
@@ -116,6 +145,25 @@ def extra(name: str) -> Iterator[None]:
         raise ValueError(
             f"This needs the package '{error.name}', which the extra '{name}' brings: pip install -e '.[{name}]'."
         ) from None
+
+
+@contextmanager
+def _notes_printed_once() -> Iterator[None]:
+    """Prints remarks on models, which are read several times, as a line each."""
+    printed: set[str] = set()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelNote)
+        others = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if not issubclass(category, ModelNote):
+                others(message, category, *where, **more)
+            elif str(message) not in printed:
+                printed.add(str(message))
+                print(f"Note: {message}", file=sys.stderr)
+
+        warnings.showwarning = show
+        yield
 
 
 @contextmanager

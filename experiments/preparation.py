@@ -1,6 +1,6 @@
 """A user's model and log made ready to be fitted: one set of samples, channels and columns."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,11 @@ from ident.se3 import coAd, inverse
 from ident.structure import Sensors
 from ident.tree import BaseMotion, Tree
 from ident.wrench import Contact, total_wrench
+from sim.couplings import check_torques
 from sim.despike import despiked
 from sim.log import GROUND, Log, read_log
 from sim.log_suggestion import suggested_mapping
-from sim.mujoco_model import compiled, gravity_in_base, parameters_from_model, tree_from_model
+from sim.mujoco_model import compiled, gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 from sim.smoothing import chosen_cutoff, low_pass, settling, smoothed
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -89,6 +90,7 @@ def prepare(
     cutoff: str | float | None = None,
     drive: tuple[str, ...] = (),
     ignore: tuple[str, ...] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
 ) -> Prepared:
     """Reads a model and a log.
 
@@ -100,12 +102,13 @@ def prepare(
         cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the log's own velocities and accelerations.
         drive: Friction and rotor columns for joint torques.
         ignore: Equality constraints and tendons to leave out.
+        fix: Joints that do not move and are not in the log, as for `tree_from_model`.
 
     Raises:
         ValueError: Something is missing or does not fit; the message names it.
     """
     model = compiled(source)
-    tree = tree_from_model(model, base, ignore=ignore)
+    tree = tree_from_model(model, base, ignore=ignore, fix=fix)
     prior, gravity = parameters_from_model(model, base), gravity_in_base(model, base)
     joints = [tree.bodies[i] for i in tree.moving]
     log = read_log(
@@ -141,6 +144,7 @@ def prepare(
         predicted |= dict(zip(tree.freedoms, (Y_joint[..., : len(prior)] @ prior).T, strict=True))
     if torques is not None and there.any():
         Y_joint = Y_joint[:, there]
+        check_torques(model, mechanism_bodies(model, base), ignore, np.array(tree.joints)[there].tolist())
         drives = drive_names(tree, drive)
         Y = np.concatenate([np.pad(Y, ((0, 0), (0, 0), (0, len(drives)))), Y_joint], axis=1)
         measured = np.concatenate([measured, torques[:, there]], axis=1)

@@ -123,6 +123,12 @@ class Reading:
                 f"the recording holds the wrench '{unknown[0]}' besides the ground's: say --contact {unknown[0]} if a "
                 f"site of that name holds its sensor, or --without {unknown[0]} to leave it out."
             )
+        for joint in self.tree.joints:
+            if f"{joint}_position" not in recording.measured:
+                raise ValueError(
+                    f"the recording has no channel '{joint}_position'; it has {', '.join(sorted(recording.measured))}. "
+                    f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
+                )
         states = recording.joint_states(self.tree.joints)
         held = [Contact(body, recording.wrench(name), pose) for name, (body, pose) in self.contacts.items()]
         return Samples(*states, total_wrench(self.tree, states[0], recording.wrench("ground"), held).wrench)
@@ -203,7 +209,8 @@ def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints what was found."""
     identity = _identity(args)
     model = compiled(args.model)
-    tree, gravity = tree_from_model(model, args.base, ignore=args.ignore), gravity_in_base(model, args.base)
+    tree = tree_from_model(model, args.base, ignore=args.ignore, fix=options.fixed(args.fix))
+    gravity = gravity_in_base(model, args.base)
     parameters = find_base_parameters(tree, gravity=gravity)
     contacts = {name: site_on_tree(model, name, args.base) for name in args.contact}
     reading = Reading(tree, args.recordings, args.piece, contacts, args.without)
@@ -236,7 +243,7 @@ def _identity(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "model": hashlib.sha256(args.model.read_bytes()).hexdigest(),
         "recordings": [f"{file}, {stat.st_size} bytes, {stat.st_mtime_ns}" for file, stat in stats],
-        **{key: getattr(args, key) for key in ("base", "piece", "contact", "without")},
+        **{key: getattr(args, key) for key in ("base", "fix", "piece", "contact", "without")},
     }
 
 
@@ -251,8 +258,7 @@ def parser() -> argparse.ArgumentParser:
         help="CSV or npz files with the channels JOINT_position, JOINT_velocity, JOINT_acceleration of every joint, "
         "ground_force and ground_torque",
     )
-    out.add_argument("--base", help="body whose frame is {0}, by default the world")
-    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    options.add_mechanism(out)
     out.add_argument("--contact", nargs="*", default=[], help="wrenches at the sites of the same names")
     out.add_argument("--without", nargs="*", default=[], help="wrenches to leave out")
     out.add_argument("--piece", type=options.whole_number(1, 10_000_000), default=PIECE, help="samples read at a time")

@@ -27,7 +27,8 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> C
         if not columns[f"joints.{joint}.position"].names[0]:
             names = ", ".join(p.format(joint) for p in KINDS["position"])
             raise ValueError(
-                f"joint '{joint}' needs a column of its positions, named {names} or mapped; {table.available()}."
+                f"joint '{joint}' needs a column of its positions, named {names} or mapped; {table.available()}. "
+                f"Where it does not move, --fix {joint} [VALUE] leaves it out."
             )
     if not columns["time"].names[0]:
         raise ValueError(f"a log needs a column of times, named time or t or mapped; {table.available()}.")
