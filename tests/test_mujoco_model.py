@@ -3,7 +3,16 @@ import numpy as np
 import pytest
 
 from ident.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
-from sim.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
+from sim.couplings import check_torques
+from sim.mujoco_model import (
+    base_motion,
+    gravity_in_base,
+    mechanism_bodies,
+    parameters_from_model,
+    state_columns,
+    tree_from_model,
+)
+from sim.notes import ModelNote
 
 
 def xml(body, before="", after=""):
@@ -122,6 +131,7 @@ GEAR = '<equality><joint name="gear" joint1="u" joint2="w"/></equality>'
 CABLE = '<tendon><fixed name="cable"><joint joint="elbow" coef="1"/></fixed></tendon>'
 ROPE = '<tendon><spatial><site site="tip"/><site site="nail"/></spatial></tendon>'
 NAIL = '<site name="nail"/>'
+ON_BASE = '<site name="nail" pos="0 0 1"/>'
 
 
 @pytest.mark.parametrize(
@@ -129,17 +139,55 @@ NAIL = '<site name="nail"/>'
     [
         (model(ARM, after=LOOP), "loop", r"equality \(connect\)"),
         (model(SITES, NAIL, WELD), "grip", r"equality \(weld\)"),
-        (model(HINGES, after=GEAR), "gear", r"equality \(joint\)"),
-        (model(ARM, after=CABLE), "cable", "tendon"),
         (model(SITES, NAIL, ROPE), "tendon0", "tendon"),
     ],
 )
-def test_loops_and_tendons_are_refused_by_name_or_ignored_by_name(m, name, kind):
-    with pytest.raises(ValueError, match=f"do not hold the forces of {kind} '{name}'. Name them in `ignore`"):
-        tree_from_model(m)
+def test_couplings_with_the_surroundings_are_refused_by_name_or_ignored_by_name(m, name, kind):
+    message = f"do not hold the forces of {kind} '{name}', which reach outside the mechanism. .*--ignore {name} "
+    for base in (None, "base"):
+        with pytest.raises(ValueError, match=message):
+            tree_from_model(m, base)
     assert "arm" in tree_from_model(m, ignore=(name,)).names
     with pytest.raises(ValueError, match=f"no active equality constraint, tendon or flex named nothing; it has {name}"):
         tree_from_model(m, ignore=("nothing",))
+
+
+@pytest.mark.parametrize(
+    ("m", "name", "what", "joints"),
+    [
+        (model(HINGES, after=GEAR), "gear", r"equality \(joint\) 'gear' of u, w", ("u", "w")),
+        (model(ARM, after=CABLE), "cable", "tendon 'cable' of elbow", ("elbow",)),
+        (model(ON_BASE + SITES, after=ROPE), "tendon0", "tendon 'tendon0'", ("elbow",)),
+    ],
+)
+def test_couplings_between_bodies_are_noted_and_refused_for_the_torques_of_their_joints(m, name, what, joints):
+    with pytest.warns(ModelNote, match=f"leave out {what}; .* changes joint torques, but no wrench"):
+        tree = tree_from_model(m, "base")
+    assert tree == tree_from_model(m, "base", ignore=(name,))
+    members = mechanism_bodies(m, "base")
+    check_torques(m, members, (), ())
+    check_torques(m, members, (name,), joints)
+    for joint in joints:
+        with pytest.raises(ValueError, match=f"the forces of {what}, which act on its joints. .*--ignore {name} "):
+            check_torques(m, members, (), (joint,))
+
+
+def test_couplings_of_joints_matter_to_no_others_and_not_where_these_are_fixed():
+    m = model(HINGES + ARM.replace("arm", "leg"), after=GEAR)
+    check_torques(m, mechanism_bodies(m, "base"), (), ("elbow",))
+    assert tree_from_model(m, "base", fix={"u": [], "w": [0.3]}).joints == ("elbow",)
+    with pytest.warns(ModelNote, match="gear"):
+        tree_from_model(m, "base", fix={"w": []})
+
+
+def test_a_joint_of_the_base_couples_it_with_what_carries_it():
+    rails = '<body name="base"><joint name="rail" type="slide"/><geom size=".1"/>' + ARM + "</body>"
+    drive = '<equality><joint name="drive" joint1="rail" joint2="elbow"/></equality>'
+    m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{rails}</worldbody>{drive}</mujoco>")
+    with pytest.raises(ValueError, match="'drive' of elbow, rail, which reach outside"):
+        tree_from_model(m, "base")
+    with pytest.warns(ModelNote, match="drive"):
+        tree_from_model(m)
 
 
 WRAPPED = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
@@ -151,7 +199,7 @@ def test_a_tendon_around_a_body_and_a_flex_on_it_are_couplings():
     m = model(around, '<site name="nail" pos="1 0 0"/><site name="nail2" pos="-1 0 0"/>', WRAPPED)
     with pytest.raises(ValueError, match="tendon 'belt'"):
         tree_from_model(m, "base")
-    with pytest.raises(ValueError, match="flex 'cloth'"):
+    with pytest.warns(ModelNote, match="flex 'cloth'"):
         tree_from_model(model(FLEX))
 
 
@@ -165,6 +213,41 @@ def test_bodies_without_names_get_names_of_their_own():
     assert tree.names == ("body1_", "body1")
     assert len(set(tree.joints)) == 2
     assert tree_from_model(m, "body1_").names == ("body1_",)
+
+
+BETWEEN = """<mujoco><option gravity="1 2 -9"/><worldbody><site name="nail" pos="0 0 2"/><body name="base">
+<geom size=".2"/><site name="ground"/>
+<body name="a" pos=".3 0 .1"><joint name="u" axis="0 1 0"/><geom type="box" size=".1 .2 .3" pos=".1 0 .3"/>
+<site name="tip" pos=".1 .2 .3"/></body>
+<body name="b" pos="-.3 0 0"><joint name="w" axis="1 0 0"/><geom type="box" size=".3 .2 .1" pos=".1 0 .3"/>
+<body name="c" pos="0 0 .5"><joint name="k" type="slide" axis="0 .6 .8"/><geom size=".1"/></body></body>
+</body></worldbody><sensor><force site="ground"/><torque site="ground"/></sensor>{}</mujoco>"""
+INSIDE = (
+    '<connect body1="a" body2="c" anchor="0 0 .2"/>',
+    '<weld body1="a" body2="c"/>',
+    '<joint joint1="u" joint2="k" polycoef=".3 2 0 0 0"/>',
+)
+OUTSIDE = ('<connect body1="a" anchor="0 0 .2"/>', '<weld site1="tip" site2="nail"/>')
+
+
+@pytest.mark.parametrize("equality", INSIDE + OUTSIDE)
+def test_only_couplings_with_the_surroundings_show_in_the_base_wrench(equality):
+    """In MuJoCo's own constrained motion, against the sensors below the base, where all is in place at first."""
+    m = mujoco.MjModel.from_xml_string(BETWEEN.format(f"<equality>{equality}</equality>"))
+    m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    tree, phi = tree_from_model(m, "base", ignore=("equality0",)), parameters_from_model(m, "base")
+    states, readings, data = np.random.default_rng(0).normal(size=(3, 10, 3)), np.empty((10, 6)), mujoco.MjData(m)
+    pulls, states[0] = np.empty((10, 3)), m.qpos0
+    for k in range(10):
+        data.qpos, data.qvel = states[0][k], states[1][k]
+        mujoco.mj_forward(m, data)
+        states[2][k], readings[k], pulls[k] = data.qacc, data.sensordata, data.qfrc_constraint
+    wrench = base_wrench_regressor(tree, *states, gravity=gravity_in_base(m, "base")) @ phi
+    torque = joint_torque_regressor(tree, *states, gravity=gravity_in_base(m, "base")) @ phi
+    np.testing.assert_allclose(torque, pulls, atol=1e-9 * abs(pulls).max())
+    assert (abs(pulls).max(axis=1) > 0.1).all()
+    apart = abs(wrench - readings).max(axis=1) / abs(wrench).max(axis=1)
+    assert (apart < 1e-10).all() if equality in INSIDE else (apart > 0.01).all()
 
 
 def test_a_world_without_bodies_is_refused():
