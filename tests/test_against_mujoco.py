@@ -1,5 +1,6 @@
 """MuJoCo's inverse dynamics and its base sensor against the regressors, on random models."""
 
+import mujoco
 import numpy as np
 import pytest
 from random_models import inverse_dynamics, random_model, random_model_states
@@ -9,6 +10,7 @@ from ident.base_parameters import find_base_parameters
 from ident.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.structure import Sensors
 from ident.tree import BaseMotion
+from sim.joints import gravity_at_rest
 from sim.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
 MODELS, STATES = 300, 5
@@ -36,9 +38,23 @@ def external_wrench(states, forces):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_base_wrench_and_joint_torques(seed):
-    model, states = case(seed)
+    check_base_wrench_and_joint_torques(*case(seed), seed % 3 == 0)
+
+
+@pytest.mark.parametrize("gravity", ["switched off", "zero"])
+def test_gravity_is_the_models(gravity):
+    for seed in range(0, MODELS, 20):
+        model, states = case(seed)
+        if gravity == "zero":
+            model.opt.gravity[:] = 0
+        else:
+            model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        check_base_wrench_and_joint_torques(model, states, seed % 3 == 0)
+        assert not gravity_in_base(model, "b0").any() and not gravity_at_rest(model, "b0").any()
+
+
+def check_base_wrench_and_joint_torques(model, states, floating):
     forces, readings = inverse_dynamics(model, *states)
-    floating = seed % 3 == 0
     wrench = external_wrench(states, forces) if floating else readings
     tree, phi = tree_from_model(model, "b0"), parameters_from_model(model, "b0")
     coordinates, dofs = state_columns(model, "b0")

@@ -40,9 +40,10 @@ def test_a_command_makes_the_servo_give_the_torque_that_the_desired_motion_needs
         np.testing.assert_allclose(data.qfrc_actuator[driven.dof], needed[k, driven.dof], rtol=0, atol=1e-10)
 
 
-def test_rotors_dampers_and_springs_take_torque_too(model):
+@pytest.mark.parametrize("gravity", [0, int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)])
+def test_rotors_dampers_and_springs_take_torque_too(model, gravity):
     rng = np.random.default_rng(0)
-    free(model)
+    free(model).opt.disableflags |= gravity
     model.dof_armature[:], model.dof_damping[:] = rng.uniform(0.1, 2, size=(2, model.nv))
     model.jnt_stiffness[:], model.qpos_spring[:] = rng.uniform(0.1, 2, size=(2, model.nq))
     driven, desired = servos(model, 2), DOUBLE_PENDULUM.trajectory(TIME)
