@@ -155,3 +155,39 @@ def test_trees_of_the_same_values_are_equal():
     assert copy == tree and hash(copy) == hash(tree) and copy is not tree
     turned = Tree((*tree.bodies[:-1], replace(tree.bodies[-1], home=random_pose(rng))))
     assert turned != tree and tree != "tree" and tree.bodies[0] != "body"
+
+
+def test_fixed_joints_stand_still():
+    """Regressors of the tree with constant coordinates and no rates of these joints."""
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        tree = random_tree(rng, massless=0.2)
+        if not tree.moving:
+            continue
+        states = random_states(rng, tree, 4)
+        still = [tree.bodies[i] for i in tree.moving if rng.uniform() < 0.5]
+        names = {body.joint for body in still}
+        coordinates = {}
+        dealt = [tree.body_coordinates(states[0]), *(tree.body_velocities(x) for x in states[1:])]
+        for body, q, dq, ddq in zip(tree.bodies, *dealt, strict=True):
+            if body.joint in names:
+                q[:], dq[:], ddq[:] = q[0], 0, 0
+                coordinates[body.joint] = q[0]
+        fixed = tree.fixed(coordinates)
+        assert set(fixed.joints) == set(tree.joints) - names
+        moves = [body.joint not in names for body in tree.bodies]
+        less = [np.hstack([x for x, k in zip(part, moves, strict=True) if k] or [np.empty((4, 0))]) for part in dealt]
+        np.testing.assert_allclose(fixed.poses(less[0]), tree.poses(states[0]), atol=1e-12)
+        expected = base_wrench_regressor(tree, *states, gravity=GRAVITY)
+        found = base_wrench_regressor(fixed, *less, gravity=GRAVITY)
+        np.testing.assert_allclose(found, expected, atol=1e-11 * abs(expected).max())
+
+
+def test_what_cannot_be_fixed_is_refused():
+    tree = double_pendulum()
+    for coordinates, message in {
+        "knee": "no joint 'knee' to fix; the joints are link1, link2",
+        "link1": r"'link1' is fixed at 1 finite coordinates, got \[1.0, 2.0\]",
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            tree.fixed({coordinates: [1, 2]})
