@@ -127,7 +127,7 @@ def body_parameters(model: mujoco.MjModel, b: int) -> np.ndarray:
 def state_columns(
     source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the tree's states stand in MuJoCo's.
+    """Where the states of the tree, its fixed joints included, stand in MuJoCo's.
 
     Returns:
         Indices into qpos (n_q,), and into qvel and qacc (n,).
