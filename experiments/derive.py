@@ -52,6 +52,8 @@ def run(args: argparse.Namespace) -> None:
     if not model.exact:
         print(f"The coefficients are decimals, because {model.reason}.")
     print(f"Not seen at all: {', '.join(model.base.unseen) or 'nothing'}.")
+    if model.base.remark:
+        print(model.base.remark)
     for what, gained in separating_sensors(symbolic.with_values(tree, lengths)).items():
         print(f"Seen apart besides, {GAINS[what]}: {', '.join(gained) or 'nothing'}.")
     print(f"LaTeX, Python and C are in {out}.")

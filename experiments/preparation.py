@@ -162,6 +162,7 @@ def prepare(
     sensors = Sensors(bool(known.any()), len(names) > known.sum(), motion is not None, seen)
     found = find_base_parameters(tree, gravity=gravity, sensors=sensors)
     notes += _hidden(tree, gravity, sensors, found, names)
+    notes += [found.remark] if found.remark else []
     P = len(found.parameters)
     separable = independent(found.reduce(Y[..., :P]), Y[..., P:])
     if len(separable) < len(drives):

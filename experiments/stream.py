@@ -231,6 +231,8 @@ def run(args: argparse.Namespace) -> None:
     residuals = ", ".join(f"{name} {x:.3g}" for name, x in zip(COMPONENTS, rms, strict=True))
     print(f"RMS residuals in N and N m: {residuals}")
     print(f"Condition number {estimate.condition_number:.1f}; {estimate.method}")
+    if parameters.remark:
+        print(parameters.remark)
     print(f"Tables and estimate.json are in {args.out}.")
 
 

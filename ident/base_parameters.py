@@ -10,7 +10,7 @@ from scipy import linalg
 from ident.echelon import reduced_rows
 from ident.inertia import parameter_names
 from ident.se3 import Ad, exp
-from ident.structure import Sensors, structure_matrix
+from ident.structure import Sensors, scaled_structure
 from ident.tree import Tree
 
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -25,9 +25,15 @@ SMALL_COLUMN = 1e-5
 SINGULAR = 1e-9
 """Singular values of the unit-norm columns below this fraction of the largest are zero but for rounding."""
 
-THRESHOLDS = 10.0 ** -np.arange(4, 11)
-"""Fractions of a column that must stick out of the span of the kept ones, tried in turn until those span all columns.
-Starting high keeps the choice well-conditioned where columns are nearly dependent."""
+COEFFICIENTS = 1e5, 1e3
+"""Largest coefficients between unit-norm columns. With the first no column is lost to rounding; where the first
+independent columns need larger ones, as along chains of many joints in general position, the second."""
+
+NEGLIGIBLE = 1e-11
+"""Parts of a unit column that a regrouping may leave out."""
+
+WRONG = 1e-9
+"""A regrouping that misses columns by more than this fraction of the largest is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +46,9 @@ class BaseParameters:
         dependent: Indices of the other P - r columns.
         beta: How each dependent column is made of the kept ones, `Y[:, dependent] = Y[:, kept] beta` (r, P - r).
         gap: Smallest singular value of the unit-norm columns that counted, and the largest taken for zero.
+        passed_over: Names of columns that are independent of those before them, but so nearly dependent that rounding
+            would show; others further right are kept in their stead. Without any, and without pins, the kept columns
+            are the first independent ones, left to right.
     """
 
     parameters: tuple[str, ...]
@@ -47,6 +56,7 @@ class BaseParameters:
     dependent: tuple[int, ...]
     beta: np.ndarray
     gap: tuple[float, float]
+    passed_over: tuple[str, ...] = ()
 
     @property
     def rank(self) -> int:
@@ -63,6 +73,16 @@ class BaseParameters:
         """Names of the parameters with no effect on the wrench."""
         return tuple(
             self.parameters[d] for d, column in zip(self.dependent, self.beta.T, strict=True) if not column.any()
+        )
+
+    @property
+    def remark(self) -> str:
+        """A sentence on the columns passed over, empty without any."""
+        if not self.passed_over:
+            return ""
+        return (
+            "So nearly dependent on the parameters before them that others further on are base parameters in their "
+            f"stead: {', '.join(self.passed_over)}."
         )
 
     def reduce(self, Y: np.ndarray) -> np.ndarray:
@@ -99,10 +119,9 @@ def find_base_parameters(
 ) -> BaseParameters:
     """Rank and regrouping of a mechanism, from its structure, or of a regressor, from its numbers.
 
-    The rank is that of the unit-norm columns, by singular values. Columns are then taken from left to right and kept
-    when more than a threshold of them sticks out of the span of those kept before, the rule behind the names in the
-    paper's tables. The threshold is the first of `THRESHOLDS` that finds as many columns as the rank, so of nearly
-    dependent columns a later, better one is preferred.
+    The rank is that of the unit-norm columns, by singular values. The first independent columns, left to right, are
+    kept, the rule behind the names in the paper's tables, as far as no coefficient between unit-norm columns gets
+    larger than `COEFFICIENTS`: of nearly dependent columns a later, better one is preferred.
 
     Args:
         source: A tree, which needs no data and gives coefficients to rounding; or a regressor at well-spread states
@@ -115,14 +134,17 @@ def find_base_parameters(
 
     Returns:
         The regrouping. Its coefficients carry rounding times the condition number of the kept columns: 1e-15 where axes
-        are at right angles, more in general positions, where the first independent columns are nearly dependent. Below
-        1e-9 they are set to zero. Those of a tree of exact numbers (dtype object) are exact.
+        are at right angles, more in general positions, where the first independent columns are nearly dependent. Those
+        that do not matter are set to zero. Those of a tree of exact numbers (dtype object) are exact.
 
     Raises:
-        ValueError: The regressor is not finite or all zero, names do not fit its columns, or a pinned name is unknown
-            or the pinned set no basis of them.
+        ValueError: The regressor is not finite or all zero, names do not fit its columns, a pinned name is unknown or
+            the pinned set no basis of them, or the kept columns do not make up the others.
     """
-    Y = structure_matrix(source, gravity=gravity, sensors=sensors) if isinstance(source, Tree) else source
+    if isinstance(source, Tree):
+        Y, units = scaled_structure(source, gravity=gravity, sensors=sensors)
+    else:
+        Y, units = source, np.ones(source.shape[-1])
     if Y.dtype == object:
         if kept is not None:
             raise ValueError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
@@ -135,24 +157,24 @@ def find_base_parameters(
     names = tuple(parameter_names(columns.shape[1] // 10) if parameters is None else parameters)
     if columns.shape[1] != len(names):
         raise ValueError(f"A regressor of {columns.shape[1]} columns needs as many names, got {len(names)}.")
-    # Dependencies between columns survive the QR's rotation of the rows, which leaves at most P of them.
-    triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
-    norms = np.linalg.norm(triangle, axis=0)
-    seen = norms > ZERO_COLUMN * norms.max()
-    # Small columns are left small: scaled to unit length their rounding would count as rank.
-    norms = np.maximum(norms, SMALL_COLUMN * norms.max())
-    unit = np.where(seen, triangle / norms, 0)
-
+    unit, norms = _unit_columns(columns)
     s = np.linalg.svd(unit, compute_uv=False)
     rank = _rank(s)
-    first = _first_independent(unit, rank)
-    chosen = first if kept is None else _basis(kept, names, unit, first)
-    others = [k for k in range(len(names)) if k not in chosen]
-    scaled = np.linalg.lstsq(unit[:, chosen], unit[:, others], rcond=None)[0]
-    beta = np.where(seen[others], scaled * norms[others] / norms[chosen][:, None], 0)
-    beta[np.abs(beta) < 1e-9] = 0
     gap = (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
-    return BaseParameters(names, tuple(chosen), tuple(others), beta, gap)
+    chosen, passed = _first_independent(unit, rank)
+    if kept is not None:
+        chosen, passed = _basis(kept, names, unit, chosen), []
+    others = [k for k in range(len(names)) if k not in chosen]
+    scaled = _coefficients(unit[:, chosen], unit[:, others])
+    missed = (abs(unit[:, others] - unit[:, chosen] @ scaled) * norms[others]).max(initial=0) / norms.max()
+    if missed > WRONG + 10 * gap[1]:
+        raise ValueError(
+            f"The {rank} columns {names[chosen[0]]} … {names[chosen[-1]]} are so nearly dependent that they make up "
+            f"the others only to {missed:.0e} of the largest column, which is no regrouping."
+        )
+    in_si = norms * units
+    beta = scaled * in_si[others] / in_si[chosen][:, None]
+    return BaseParameters(names, tuple(chosen), tuple(others), beta, gap, tuple(names[k] for k in passed))
 
 
 @lru_cache(maxsize=64)
@@ -211,25 +233,68 @@ def _exact(rows: np.ndarray, parameters: Sequence[str] | None) -> BaseParameters
     return BaseParameters(names, tuple(kept), tuple(dependent), reduced[:, dependent], (np.inf, 0.0))
 
 
+def _unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of unit length (or zero), their rows rotated into P at most, and the lengths that they had (P,)."""
+    # Dependencies between columns survive the QR's rotation of the rows.
+    triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
+    norms = np.linalg.norm(triangle, axis=0)
+    seen = norms > ZERO_COLUMN * norms.max()
+    # Small columns are left small: scaled to unit length their rounding would count as rank.
+    norms = np.maximum(norms, SMALL_COLUMN * norms.max())
+    return np.where(seen, triangle / norms, 0), norms
+
+
 def _rank(singular_values: np.ndarray) -> int:
     """Number of singular values that are more than rounding."""
     return int(np.sum(singular_values > SINGULAR * singular_values.max(initial=0)))
 
 
-def _first_independent(unit: np.ndarray, rank: int) -> list[int]:
-    """Indices of the first `rank` independent ones of unit (or zero) columns, left to right."""
-    for threshold in THRESHOLDS:
-        kept: list[int] = []
-        basis = np.zeros((len(unit), 0))
-        for k, column in enumerate(unit.T):
-            rest = column - basis @ (basis.T @ column)
-            size = np.linalg.norm(rest)
-            if size > threshold and len(kept) < rank:
-                kept.append(k)
-                basis = np.column_stack([basis, rest / size])
-        if len(kept) == rank:
+def _first_independent(unit: np.ndarray, rank: int) -> tuple[list[int], list[int]]:
+    """Indices of the first `rank` independent ones of unit (or zero) columns, left to right, and of those passed over.
+
+    The columns that a pivoted QR takes are exchanged, each for the first that can be: column j for a kept one further
+    right that it is made of. Without a bound on the coefficients this ends at the first independent columns.
+    """
+    triangle, order = linalg.qr(unit, mode="r", pivoting=True)
+    made = np.empty((rank, len(order)))
+    made[:, order] = linalg.solve_triangular(triangle[:rank, :rank], triangle[:rank])
+    for largest in COEFFICIENTS:
+        kept, passed = _exchanged(order[:rank], made, largest)
+        if not passed:
             break
-    return kept
+    return sorted(kept), passed
+
+
+def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[list[int], list[int]]:
+    """Kept columns after exchanges to the left, and columns passed over as coefficients would become too large.
+
+    Args:
+        start: Indices of the kept columns (r,).
+        made: How all columns are made of them (r, P).
+        largest: Bound on the coefficients.
+    """
+    kept, passed = start.copy(), []
+    for j in range(made.shape[1]):
+        share = np.where(kept > j, abs(made[:, j]), 0)
+        i = int(share.argmax())
+        if j in kept or share[i] <= SINGULAR:
+            continue
+        row = made[i] / made[i, j]
+        after = made - np.outer(made[:, j], row)
+        after[i] = row
+        if abs(after).max() <= largest:
+            made, kept[i] = after, j
+        else:
+            passed.append(j)
+    return kept.tolist(), passed
+
+
+def _coefficients(kept: np.ndarray, dependent: np.ndarray) -> np.ndarray:
+    """How unit columns are made of others, with zeros where less is only rounding."""
+    made = np.linalg.lstsq(kept, dependent, rcond=None)[0]
+    short = np.where(abs(made) < SINGULAR, 0, made)
+    rounding = np.linalg.norm(dependent - kept @ short, axis=0) < NEGLIGIBLE
+    return np.where(rounding, short, made)
 
 
 def _basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first: list[int]) -> list[int]:

@@ -2,16 +2,16 @@
 
 Seen from joint j, all bodies beyond it are one composite body, whose φ in frame j is `φᶜ_j = φ_j + Σ_c X_c(θ_c) φᶜ_c`
 over the children c. Some φ has no effect on a sensor in any motion exactly when, at every joint and for every posture
-beyond it, certain rows vanish on φᶜ_j: those of the momentum regressor (Eq. 12) for the joint's twist, and for gravity.
-Each X_c is a sum of linearly independent functions of θ_c with constant matrices; what multiplies the constant function
-stays with the row, what multiplies any other function must vanish on its own and becomes a row on the child. Walking
-outward once collects them all. Wensing, Niemeyer and Slotine (Observability in Inertial Parameter Identification, 2017)
-have the same idea for joint torques.
+beyond it, certain rows vanish on φᶜ_j: those of the momentum regressor (Eq. 12) for the joint's twist, in the
+directions that the sensor feels, and for gravity. Each X_c is a sum of linearly independent functions of θ_c with
+constant matrices; what multiplies the constant function stays with the row, what multiplies any other function must
+vanish on its own and becomes a row on the child. Walking outward once collects them all. Wensing, Niemeyer and Slotine
+(Observability in Inertial Parameter Identification, 2017) have the same idea for joint torques.
 
 Exact numbers (dtype object) go through it without rounding, such as lengths that are symbols.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,6 +99,50 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
         constraints.append(required @ composite[i])
         rows[i] = _span([required, rows[body.parent] @ constant], 10)
     return np.vstack(constraints)
+
+
+def scaled_structure(
+    tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """`structure_matrix` with a mechanism's longest length as unit where it is above 1 m.
+
+    The squares of long lengths, of millimetres say, would hide what stands beside them.
+
+    Args:
+        tree: The mechanism; arguments as for `structure_matrix`.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        sensors: The measurements; by default the base wrench of a resting base.
+
+    Returns:
+        The matrix (rows, 10 b), and what its columns are multiplied by for parameters in SI units (10 b,).
+    """
+    sensors, length = sensors or Sensors(), _longest(tree)
+    if sensors.channels is not None:
+        sensors = replace(sensors, channels=np.array(sensors.channels) * [*3 * [1], *3 * [length]])
+    rows = structure_matrix(_shrunk(tree, length), gravity=gravity, sensors=sensors)
+    return rows, np.resize([1, *3 * [1 / length], *6 * [1 / length**2]], rows.shape[1])
+
+
+def _longest(tree: Tree) -> float:
+    """A mechanism's longest length in m, up to a power of two, which rounds nothing, or 1; 1 for exact numbers."""
+    if any(body.home.dtype == object or body.twist.dtype == object for body in tree.bodies):
+        return 1.0
+    lengths = [body.home[:3, 3] for body in tree.bodies] + [b.twist[:3] for b in tree.bodies if b.twist[3:].any()]
+    longest = max(abs(x).max() for x in lengths)
+    return float(2 ** np.ceil(np.log2(max(longest, 1))))
+
+
+def _shrunk(tree: Tree, length: float) -> Tree:
+    """A mechanism with all lengths in another unit."""
+    if length == 1:
+        return tree
+    bodies = []
+    for body in tree.bodies:
+        home, twist = body.home.copy(), body.twist.copy()
+        home[:3, 3] /= length
+        twist[:3] /= length if twist[3:].any() else 1
+        bodies.append(replace(body, home=home, twist=twist))
+    return Tree(tuple(bodies))
 
 
 def _one_axis_each(tree: Tree) -> Tree:

@@ -35,13 +35,13 @@ JOINTS = ("revolute", "prismatic", "helical", "ball", "free", "welded")
 SCREWS = ("revolute", "prismatic", "helical", "welded")
 
 
-def random_tree(rng, bodies=None, kinds=JOINTS, massless=0.0):
-    """A base and bodies on it; `massless` is the chance that a body is a mere link."""
+def random_tree(rng, bodies=None, kinds=JOINTS, massless=0.0, chain=False):
+    """A base and bodies on it, each on the one before it in a `chain`; `massless` is the chance of a mere link."""
     bodies = bodies or rng.integers(2, 9)
     tree, ends = [], [-1]
     for i in range(bodies):
         kind = str(rng.choice(kinds)) if i else "welded"
-        parent = int(rng.choice(ends))
+        parent = ends[-1] if chain else int(rng.choice(ends))
         if kind == "free":
             tree += free_joint(f"j{i}", f"b{i}", parent, len(tree))
         else:
