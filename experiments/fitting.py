@@ -69,8 +69,7 @@ def fit(
     base = structural_base_parameters(tree, tuple(gravity.tolist()), kept=None if kept is None else tuple(kept))
     noise = recording.joint_noise(tree.joints)
     estimate = identify(tree, samples, gravity=gravity, parameters=base, state_noise=noise)
-    if covariance is None:
-        estimate = huber_white(tree, estimate, samples, gravity=gravity)
+    estimate = huber_white(tree, estimate, samples, gravity=gravity)
     predicted = predicted_wrench(tree, estimate, *states, gravity=gravity)
     return Fit(estimate, base.regroup(phi_true), predicted)
 

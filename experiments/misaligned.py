@@ -54,7 +54,7 @@ def table_3_full(result: Study) -> report.Table:
     """The full model on its own first independent columns."""
     full = result.full
     return report.Table(
-        "The full model on its own base parameters, kg, kg m and kg m²",
+        f"The full model on its own base parameters, kg, kg m and kg m²; std of wrench noise, {full.estimate.noise}",
         *report.columns(
             parameter=full.base.names,
             true=full.psi_true,

@@ -42,7 +42,8 @@ def table_4(result: Study) -> report.Table:
 def table_4_ignoring(result: Study) -> report.Table:
     """What the ground wrench alone gives, beside the estimate from both wrenches."""
     return report.Table(
-        "Ordinary and weighted least squares, and the contact ignored, kg, kg m and kg m²",
+        "Ordinary and weighted least squares, and the contact ignored, kg, kg m and kg m²; "
+        f"std of wrench noise, {result.fit.estimate.noise}",
         *report.columns(
             parameter=result.fit.base.names,
             true=result.fit.psi_true,

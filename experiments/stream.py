@@ -179,13 +179,13 @@ def accumulated(
 
 
 def table(estimate: Estimate) -> report.Table:
-    """Base parameters with their standard deviations."""
+    """Base parameters with their standard deviations, one pass knowing those of white noise only."""
     return report.Table(
-        f"Base parameters from {estimate.samples} samples, kg, kg m and kg m²",
+        f"Base parameters from {estimate.samples} samples, kg, kg m and kg m²; std of wrench noise, {estimate.noise}",
         *report.columns(
             parameter=estimate.names,
             estimated=estimate.psi,
-            std_wrench_noise=estimate.std,
+            std_white_noise=estimate.std,
             regrouping=estimate.parameters.expressions(digits=4),
         ),
         decimals=4,
@@ -202,6 +202,7 @@ def summary(estimate: Estimate) -> dict[str, Any]:
         "samples": estimate.samples,
         "rows": estimate.rows,
         "method": estimate.method,
+        "noise": estimate.noise,
     }
 
 

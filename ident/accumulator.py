@@ -6,6 +6,7 @@ number is not squared, and the sum is as accurate as a Householder QR of all row
 first ones did not, P is renewed by a QR of all that is known stacked on the chunk.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -141,31 +142,51 @@ def accumulate(
         ValueError: Samples do not fit the mechanism, or a covariance is not positive definite.
     """
     check_samples(samples, tree)
+    weighted = samples.covariance is not None
+    if start is not None and (start.names, start.weighted) != (parameters.names, weighted):
+        raise ValueError("Samples are added to an accumulator of the same base parameters and weighting only.")
+    found = start
+    for rows in chunk_rows(tree, samples, gravity=gravity, parameters=parameters):
+        if found is None:
+            own = _first_factor(rows) if factor is None else factor
+            found = Accumulator(parameters.names, own, np.zeros((6, *own.shape)), 0, 0, 0, weighted)
+        found = found.with_rows(rows)
+    return cast(Accumulator, found)
+
+
+def chunk_rows(
+    tree: Tree, samples: Samples, *, gravity: np.ndarray, parameters: BaseParameters
+) -> Iterator[np.ndarray]:
+    """The rows `[Y_b | Γ]` of samples, chunk by chunk in the same memory, whitened where there is a covariance.
+
+    Args:
+        tree: The mechanism; arguments as for `accumulate`.
+        samples: Samples that fit it.
+        gravity: Acceleration of gravity, m/s² (3,).
+        parameters: Regrouping of the mechanism's 10 b parameters.
+
+    Yields:
+        Columns first (r + 1, 6, C).
+
+    Raises:
+        ValueError: The regrouping is another mechanism's, or a covariance is not positive definite.
+    """
     if len(parameters.parameters) != 10 * len(tree.inertial):
         raise ValueError(
             f"A regrouping of {len(parameters.parameters)} parameters does not fit {len(tree.inertial)} bodies."
         )
-    down, weighted = checked_gravity(gravity).astype(float), samples.covariance is not None
-    if start is not None and (start.names, start.weighted) != (parameters.names, weighted):
-        raise ValueError("Samples are added to an accumulator of the same base parameters and weighting only.")
+    down = checked_gravity(gravity).astype(float)
     program = regressor_program(tree, down, parameters.kept, moving=samples.base is not None, torques=False)
     block = np.zeros((parameters.rank + 1, 6, min(CHUNK, len(samples))))
     flat = block.reshape(len(block) * 6, -1)
     program.fill(flat)
-    found = start
     for first in range(0, len(samples), CHUNK):
         chunk = samples.part(slice(first, first + CHUNK))
         states = checked_states(tree, chunk.q, chunk.dq, chunk.ddq, chunk.base)
         program.run(program_inputs(states, down, chunk.base, slice(None)), flat[:, : len(chunk)])
         rows = block[:, :, : len(chunk)]
         rows[-1] = chunk.wrench.T
-        if chunk.covariance is not None:
-            rows = whitened(rows, chunk.covariance)
-        if found is None:
-            own = _first_factor(rows) if factor is None else factor
-            found = Accumulator(parameters.names, own, np.zeros((6, *own.shape)), 0, 0, 0, weighted)
-        found = found.with_rows(rows)
-    return cast(Accumulator, found)
+        yield rows if chunk.covariance is None else whitened(rows, chunk.covariance)
 
 
 def _grams(rows: np.ndarray, factor: np.ndarray) -> np.ndarray:

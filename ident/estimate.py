@@ -5,18 +5,20 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from itertools import chain
+from math import ceil
 from operator import add
 
 import numpy as np
 from scipy.linalg import lapack
 
-from ident.accumulator import PROBE, Accumulator, accumulate, inverse_of, square_root, triangle_of
+from ident.accumulator import PROBE, Accumulator, accumulate, chunk_rows, inverse_of, square_root, triangle_of
 from ident.base_parameters import ZERO_COLUMN, BaseParameters, structural_base_parameters
 from ident.dim import checked_gravity
 from ident.excitation import check_excitation, noise_rows
 from ident.in_order import in_order
 from ident.regressor import CHUNK, base_wrench_regressor
-from ident.samples import Samples, Source, pieces
+from ident.robust import innovations, remembered
+from ident.samples import Samples, Source, even, pieces
 from ident.structure import Sensors
 from ident.tree import BaseMotion, Tree
 
@@ -40,6 +42,7 @@ class Estimate:
         samples: Number of samples N.
         residual_norms: `‖Γ_i - Y_b,i ψ‖₂` of each wrench component (6,).
         method: How it was solved.
+        noise: Which noise `std` holds for: "white from sample to sample", or "correlated over time or not".
     """
 
     parameters: BaseParameters
@@ -52,6 +55,7 @@ class Estimate:
     samples: int
     residual_norms: np.ndarray
     method: str
+    noise: str
 
     @property
     def singular_values(self) -> np.ndarray:
@@ -88,9 +92,11 @@ def identify(
     """Least-squares solution of `Y_b ψ = Γ` (Eq. 4), in one pass and in bounded memory.
 
     Without a covariance in the samples this is the ordinary least squares of the paper, and the noise of every wrench
-    component is taken from the residuals, independent of the others' and from sample to sample; `huber_white` needs a
-    second pass and knows better. With a covariance the rows are whitened, which weights them, and the noise is taken as
-    known. Noise on the joint states (errors in variables) is in neither: it biases ψ.
+    component is taken from the residuals, independent of the others'. With a covariance the rows are whitened, which
+    weights them, and the noise is taken as known. Either way the standard deviations are those of white noise,
+    independent from sample to sample, and far too small for noise that is correlated over time, as what a model leaves
+    unexplained mostly is; `huber_white` needs a second pass and knows better. Noise on the joint states (errors in
+    variables) is in neither: it biases ψ.
 
     Args:
         tree: The mechanism of b bodies.
@@ -180,6 +186,7 @@ def solve(found: Accumulator, parameters: BaseParameters, noise: np.ndarray | No
         samples=found.samples,
         residual_norms=np.sqrt(squares),
         method=f"one pass in QR coordinates, {found.factored} of {found.chunks} chunks by stacked QR",
+        noise="white from sample to sample",
     )
 
 
@@ -216,33 +223,47 @@ def predicted_wrench(
 def huber_white(tree: Tree, estimate: Estimate, source: Source, *, gravity: np.ndarray) -> Estimate:
     """The estimate with standard deviations from the residuals of each sample (Huber and White's sandwich).
 
-    In long recordings they hold whatever the noise of the components, the correlation between them and its change from
-    sample to sample, as a contact's lever makes it, but they need a second pass over the samples.
+    In long recordings they hold whatever the noise of the components, the correlation between them, its change from
+    sample to sample, as a contact's lever makes it, and its correlation over time, of which each component's residuals
+    tell (`innovations`); but they need a second pass over the samples.
 
     Args:
         tree: The mechanism; arguments as for `identify`.
-        estimate: Ordinary least-squares estimate.
-        source: The samples it was made of.
+        estimate: Ordinary estimate, or a weighted one: its residuals are those of the whitened rows, so that only the
+            proportions of the covariance need to be right.
+        source: The samples it was made of. Pieces are taken to follow one another without a gap; a border between two
+            recordings counts as many samples wrongly as the noise remembers.
         gravity: Acceleration of gravity, m/s² (3,).
 
+    Returns:
+        The estimate with another covariance, the same to rounding in whatever pieces the samples come.
+
     Raises:
-        ValueError: The estimate is a weighted one, whose noise is known.
+        ValueError: These are not as many samples as the estimate was made of, or they are weighted otherwise.
     """
-    if estimate.weighted:
-        raise ValueError(
-            "The noise of a weighted estimate is taken as known; only an ordinary one needs its residuals."
-        )
-    rank = estimate.parameters.rank
-    middle, rows = np.zeros((rank, rank)), estimate.rows
-    for piece in pieces(source, tree):
-        for k in range(0, len(piece), CHUNK):
-            part = piece.part(slice(k, k + CHUNK))
-            states = part.q, part.dq, part.ddq
-            Y = base_wrench_regressor(tree, *states, gravity=gravity, base=part.base, columns=estimate.parameters.kept)
+    rank, channels, samples = estimate.parameters.rank, estimate.rows / estimate.samples, 0
+    middle, before = np.zeros((rank, rank)), np.zeros((6, rank))
+    # Parts of one size, so that each is long enough to tell of the correlation.
+    for part in even(pieces(source, tree), ceil(estimate.samples / ceil(estimate.samples / PIECE))):
+        samples += len(part)
+        if (part.covariance is not None) != estimate.weighted:
+            raise ValueError(
+                "The noise of a weighted estimate is taken as known for its weights, so its samples need their "
+                "covariance; those of an ordinary one have none."
+            )
+        chunks = partial(chunk_rows, tree, part, gravity=gravity, parameters=estimate.parameters)
+        residual = np.hstack([rows[-1] - np.tensordot(estimate.psi, rows[:-1], axes=1) for rows in chunks()])
+        decay, size = innovations(residual, rank / channels * len(part) / estimate.samples)
+        for rows, u in zip(chunks(), np.split(size, range(CHUNK, len(part), CHUNK), axis=1), strict=True):
+            z = [remembered(rows[:-1, c], decay[c], before[c]) for c in range(6)]
+            before = np.array([each[:, -1] for each in z])
             # Each sample pulls at ψ by its residual.
-            pulls = np.einsum("nir,ni->nr", Y, part.wrench - Y @ estimate.psi)
-            middle += pulls.T @ pulls
+            pulls = sum(each * pull for each, pull in zip(z, u, strict=True))
+            middle += pulls @ pulls.T
+    if samples != estimate.samples:
+        raise ValueError(f"The estimate was made of {estimate.samples} samples, these are {samples}.")
     inverse = inverse_of(estimate.triangle)
     bread = inverse @ inverse.T
-    covariance = bread @ middle @ bread * rows / max(rows - rank, 1)
-    return replace(estimate, covariance=covariance, std=np.sqrt(np.maximum(np.diag(covariance), 0)))
+    covariance = bread @ middle @ bread
+    std = np.sqrt(np.maximum(np.diag(covariance), 0))
+    return replace(estimate, covariance=covariance, std=std, noise="correlated over time or not")

@@ -17,6 +17,9 @@ INDEPENDENT = 1e-6
 STRETCH = 1.2
 """By how much the noise's correlation time is taken to exceed that of the residuals."""
 
+CHANCE = 2.0
+"""Autocorrelation, in standard deviations of that of white noise, up to which a residual passes for white."""
+
 LEAST_LEFT = 0.3
 """Smallest share of the noise's variance that a fit is taken to leave in the residuals."""
 
@@ -150,9 +153,8 @@ def _solve(columns: np.ndarray, measured: np.ndarray, factors: np.ndarray) -> np
 def sandwich(columns: np.ndarray, pull: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, int]:
     """Covariance of coefficients when residuals are correlated over time.
 
-    The middle of the sandwich, `Σ_nm X_nᵀ Γ(n - m) X_m`, takes each channel's residual for stationary, with an
-    autocovariance that decays exponentially, as fast as that of the fit's own residuals does at first. The fit has
-    taken part of the noise, and of slow noise most: variance and time are raised accordingly.
+    The middle of the sandwich, `Σ_nm X_nᵀ Γ(n - m) X_m`, takes each channel's residual for a stationary process as
+    `innovations` finds it.
 
     Args:
         columns: Columns of all channels (N, C, k).
@@ -162,25 +164,65 @@ def sandwich(columns: np.ndarray, pull: np.ndarray, slope: np.ndarray) -> tuple[
     Returns:
         The covariance (k, k) and the longest correlation time, in samples.
     """
-    samples, channels, count = columns.shape
+    channels, count = columns.shape[1:]
     bread = np.einsum("nck,nc,ncl->kl", columns, slope, columns)
-    middle, longest = np.zeros((count, count)), 0.0
-    for c in range(channels):
-        time, variance = _memory(pull[:, c])
-        taken = count / channels * min(2 * time + 1, samples) / samples
-        decay = variance / max(1 - taken, LEAST_LEFT) * np.exp(-np.arange(samples) / time)
-        middle += columns[:, c].T @ linalg.matmul_toeplitz(decay, columns[:, c])
-        longest = max(longest, time)
+    decay, size = innovations(pull.T, count / channels)
+    middle = np.zeros((count, count))
+    for rows, rho, innovation in zip(columns.transpose(1, 2, 0), decay, size, strict=True):
+        pulls = remembered(rows, rho, np.zeros(count))
+        # After the last sample the process goes on: what is still to come adds up to a stationary one's variance.
+        pulls[:, -1] /= np.sqrt(1 - rho**2)
+        middle += (innovation**2).mean() * pulls @ pulls.T
     inverse = linalg.pinvh(bread)
-    return inverse @ middle @ inverse * samples / max(samples - count / channels, 1), round(longest)
+    return inverse @ middle @ inverse, round(-1 / np.log(max(decay.max(), 1e-9)))
 
 
-def _memory(x: np.ndarray) -> tuple[float, float]:
-    """Correlation time of a residual in samples, and its mean square."""
+def innovations(residual: np.ndarray, parameters: float) -> tuple[np.ndarray, np.ndarray]:
+    """Noise that is correlated over time, as the autoregressive process `x_n = ρ x_n-1 + u_n` that residuals look like.
+
+    Its autocovariance decays exponentially. The fit has taken part of the noise, and of slow noise most: variance and
+    time are raised accordingly.
+
+    Args:
+        residual: Residuals of each channel (C, N).
+        parameters: Parameters that a channel's samples determine on average.
+
+    Returns:
+        ρ of each channel (C,), and the size of u that its residual tells of at each sample (C, N).
+    """
+    decay = np.array([_decay(x) for x in residual])
+    taken = parameters * (1 + decay) / (1 - decay) / residual.shape[1]
+    return decay, np.sqrt((1 - decay**2) / np.maximum(1 - taken, LEAST_LEFT))[:, None] * residual
+
+
+def _decay(x: np.ndarray) -> float:
+    """The ρ whose autocorrelation sums up to that of a residual, its time stretched."""
     # Padded to twice its length a spectrum does not wrap around.
-    covariance = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * len(x))) ** 2)[: len(x)] / len(x)
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * len(x))) ** 2)[: len(x) + 1]
     if covariance[0] == 0:
-        return 1.0, 0.0
-    below = np.flatnonzero(covariance < covariance[0] / np.e)
-    lag = below[0] if len(below) else len(x) - 1
-    return STRETCH * -lag / np.log(np.clip(covariance[lag] / covariance[0], 1e-4, 0.99)), float(covariance[0])
+        return 0.0
+    correlation = covariance / covariance[0]
+    lag = int(np.argmax(correlation < 1 / np.e))
+    # Later lags are mostly chance; an exponential goes on from here.
+    here = correlation[lag] if correlation[lag] > CHANCE / np.sqrt(len(x)) else 0.0
+    total = correlation[1:lag].sum() + here / (1 - here ** (1 / lag))
+    return float((total / (1 + total)) ** (1 / STRETCH))
+
+
+def remembered(rows: np.ndarray, decay: float, before: np.ndarray) -> np.ndarray:
+    """What innovations pull at: `z_n = y_n + ρ z_n-1`, so that `Σ z_n u_n` has the covariance of `Σ y_n x_n`.
+
+    In reversed time x has the same autocovariance, therefore z needs no samples to come.
+
+    Args:
+        rows: Columns y of one channel (k, N).
+        decay: ρ of its noise.
+        before: z at the sample before the first, zero where nothing was (k,).
+
+    Returns:
+        z (k, N).
+    """
+    y, band = rows.T.copy(), np.ones((2, rows.shape[1]))
+    y[0] += decay * before
+    band[1] = -decay
+    return np.asarray(linalg.lapack.dtbtrs(band, y, uplo="L")[0].T)

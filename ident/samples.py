@@ -103,6 +103,35 @@ def pieces(source: Source, tree: Tree) -> Iterator[Samples]:
         raise ValueError("Identification needs at least one piece of samples, got none.")
 
 
+def even(stream: Iterable[Samples], size: int) -> Iterator[Samples]:
+    """The same samples, one after the other, in pieces of one size; only the last may be shorter."""
+    held: list[Samples] = []
+    room = size
+    for piece in stream:
+        while len(piece):
+            held.append(piece.part(slice(room)))
+            piece = piece.part(slice(room, None))
+            room -= len(held[-1])
+            if not room:
+                yield joined(held)
+                held, room = [], size
+    if held:
+        yield joined(held)
+
+
+def joined(parts: Sequence[Samples]) -> Samples:
+    """Pieces that follow one another, as one."""
+    if len(parts) == 1:
+        return parts[0]
+    fields = {key: np.concatenate([getattr(part, key) for part in parts]) for key in ("q", "dq", "ddq", "wrench")}
+    base, covariance = parts[0].base, parts[0].covariance
+    if base is not None:
+        base = BaseMotion(*(np.concatenate([getattr(part.base, key) for part in parts]) for key in ("T", "V", "dV")))
+    if covariance is not None:
+        covariance = np.concatenate([np.broadcast_to(part.covariance, (len(part), 6, 6)) for part in parts])  # type: ignore[arg-type]
+    return Samples(**fields, base=base, covariance=covariance)
+
+
 def _of_recording(recording: Recorded, tree: Tree) -> Samples:
     others = [name for name in recording.wrenches if name != "ground"]
     if others:

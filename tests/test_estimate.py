@@ -5,6 +5,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree
+from scipy.signal import lfilter
 
 from ident import estimate as module
 from ident.base_parameters import find_base_parameters
@@ -212,3 +213,104 @@ def test_few_samples_and_no_residual_have_standard_deviations():
     weighted = identified(Y @ PHI, covariance=np.eye(6))
     with pytest.raises(ValueError, match="noise of a weighted estimate is taken as known"):
         huber_white(TREE, weighted, Samples(*STATES, Y @ PHI), gravity=GRAVITY)
+
+
+def smooth_states(samples=600):
+    """A double pendulum that swings, recorded at 100 Hz."""
+    t = np.arange(samples)[:, None] / 100
+    waves = [(0.8, 2 * np.pi * np.array([0.31, 0.47])), (0.5, 2 * np.pi * np.array([0.83, 1.1]))]
+    q = sum(size * np.sin(rate * t + rate) for size, rate in waves)
+    dq = sum(size * rate * np.cos(rate * t + rate) for size, rate in waves)
+    return q, dq, -sum(size * rate**2 * np.sin(rate * t + rate) for size, rate in waves)
+
+
+def autoregressive(rng, correlation, samples=600):
+    """Noise of the levels above that has a correlation from one sample to the next."""
+    u = rng.normal(size=(samples + 300, 6))
+    return STD * np.sqrt(1 - correlation**2) * lfilter([1], [1, -correlation], u, axis=0)[300:]
+
+
+SMOOTH = smooth_states()
+SWING = base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY) @ PHI
+
+
+def both_passes(samples, parameters=BASE):
+    found = identify(TREE, samples, gravity=GRAVITY, parameters=parameters)
+    return found, huber_white(TREE, found, samples, gravity=GRAVITY)
+
+
+@pytest.mark.parametrize(
+    ("correlation", "weighted", "one_pass", "two_passes"),
+    [
+        (0, False, (0.93, 0.97), (0.93, 0.97)),
+        (0.5, False, (0, 0.85), (0.92, 0.985)),
+        (0.9, False, (0, 0.5), (0.92, 0.985)),
+        (0.9, True, (0, 0.5), (0.92, 0.985)),
+    ],
+)
+def test_intervals_hold_for_noise_that_is_correlated_over_time(correlation, weighted, one_pass, two_passes):
+    """Two passes cover the truth of every parameter; one pass takes all noise for white."""
+    rng, covered = np.random.default_rng(1), []
+    covariance = CONSTANT if weighted else None
+    for _ in range(200):
+        wrench = SWING + autoregressive(rng, correlation)
+        trials = both_passes(Samples(*SMOOTH, wrench, covariance=covariance))
+        covered.append([abs(trial.psi - BASE.regroup(PHI)) < 1.96 * trial.std for trial in trials])
+    for (low, high), share in zip((one_pass, two_passes), np.mean(covered, axis=0), strict=True):
+        assert low < share.mean() < high, share
+    # 200 trials know a share of 0.95 to 0.015.
+    assert share.min() >= 0.9, share
+
+
+def test_white_noise_leaves_huber_and_whites_formula():
+    wrench = SWING + autoregressive(np.random.default_rng(3), 0)
+    _, found = both_passes(Samples(*SMOOTH, wrench))
+    columns = BASE.reduce(base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY))
+    rows, residual = columns.reshape(-1, 13), wrench - columns @ found.psi
+    pulls, bread = np.einsum("ncr,nc->nr", columns, residual), np.linalg.inv(rows.T @ rows)
+    usual = bread @ pulls.T @ pulls @ bread * 3000 / (3000 - 13)
+    np.testing.assert_allclose(found.std, np.sqrt(np.diag(usual)), rtol=0.03)
+    # Of a covariance only the proportions are needed.
+    one, nine = (both_passes(Samples(*SMOOTH, wrench, covariance=scale * CONSTANT))[1] for scale in (1, 9))
+    np.testing.assert_allclose(nine.std, one.std, rtol=1e-9)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, weighted):
+    """Also where a part is longer than the pieces, or they are longer than a part, and it remembers across borders."""
+    wrench = SWING + autoregressive(np.random.default_rng(0), 0.9)
+    covariance = np.tile(CONSTANT, (600, 1, 1)) if weighted else None
+    samples = Samples(*SMOOTH, wrench, covariance=covariance)
+    first, whole = both_passes(samples)
+    cuts = [0, *range(1, 60), 61, 300, 555, 600]
+    parts = [samples.part(slice(a, b)) for a, b in pairwise(cuts)]
+    ways = [huber_white(TREE, first, source, gravity=GRAVITY) for source in (parts, iter(parts))]
+    with monkeypatch.context() as patched:
+        for name in ("ident.accumulator.CHUNK", "ident.estimate.CHUNK"):
+            patched.setattr(name, 64)
+        ways.append(huber_white(TREE, first, iter(parts), gravity=GRAVITY))
+    for found in ways:
+        np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-9, atol=1e-15)
+    monkeypatch.setattr(module, "PIECE", 250)
+    for source in (samples, parts):
+        halves = huber_white(TREE, first, source, gravity=GRAVITY)
+        # Either half knows its own correlation, and what the other leaves to it.
+        np.testing.assert_allclose(halves.std, whole.std, rtol=0.3)
+    np.testing.assert_allclose(halves.std, huber_white(TREE, first, samples, gravity=GRAVITY).std, rtol=1e-9)
+
+
+def test_a_second_pass_takes_the_samples_of_the_first():
+    samples = Samples(*SMOOTH, SWING)
+    found = identify(TREE, samples, gravity=GRAVITY)
+    for other in (samples.part(slice(599)), [samples, samples.part(slice(1))]):
+        with pytest.raises(ValueError, match=r"made of 600 samples, these are (599|601)"):
+            huber_white(TREE, found, other, gravity=GRAVITY)
+    with pytest.raises(ValueError, match="covariance; those of an ordinary one have none"):
+        huber_white(TREE, found, Samples(*SMOOTH, SWING, covariance=CONSTANT), gravity=GRAVITY)
+
+
+def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():
+    one, two = both_passes(Samples(*SMOOTH, SWING + autoregressive(np.random.default_rng(0), 0.9)))
+    assert (one.noise, two.noise) == ("white from sample to sample", "correlated over time or not")
+    assert (two.std > 2 * one.std).all()
+    np.testing.assert_array_equal(two.psi, one.psi)

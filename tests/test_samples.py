@@ -1,10 +1,12 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from mechanisms import GRAVITY, double_pendulum, random_states
 
 import scenes
 from ident.estimate import identify
-from ident.samples import Samples, pieces
+from ident.samples import Samples, even, pieces
 from ident.tree import BaseMotion
 from sim.excitation import DOUBLE_PENDULUM
 from sim.mujoco_model import tree_from_model
@@ -33,6 +35,28 @@ def test_parts_take_everything_along():
     part = with_arrays(base=MOTION, covariance=covariance).part(slice(10, 30))
     assert len(part) == len(part.q) == len(part.base.T) == len(part.covariance) == 20
     assert with_arrays(covariance=np.eye(6)).part(slice(3)).covariance.shape == (6, 6)
+
+
+@pytest.mark.parametrize("size", [1, 7, 30, 90, 200])
+def test_even_pieces_are_the_same_samples(size):
+    rng = np.random.default_rng(0)
+    motion = BaseMotion(np.tile(np.eye(4), (90, 1, 1)), *rng.normal(size=(2, 90, 6)))
+    whole = with_arrays(base=motion, covariance=rng.normal(size=(90, 6, 6)))
+    cuts = [0, 1, 2, 33, 34, 90]
+    found = list(even((whole.part(slice(a, b)) for a, b in pairwise(cuts)), size))
+    assert [len(part) for part in found] == [*[size] * (90 // size), *[90 % size] * (90 % size > 0)]
+    first = 0
+    for part in found:
+        expected = whole.part(slice(first, first + len(part)))
+        for name in ("q", "dq", "ddq", "wrench", "covariance"):
+            np.testing.assert_array_equal(getattr(part, name), getattr(expected, name))
+        for name in ("T", "V", "dV"):
+            np.testing.assert_array_equal(getattr(part.base, name), getattr(expected.base, name))
+        first += len(part)
+    constant = with_arrays(covariance=np.eye(6))
+    both = next(even([constant.part(slice(40)), constant.part(slice(40, None))], 90))
+    np.testing.assert_array_equal(both.covariance, np.tile(np.eye(6), (90, 1, 1)))
+    assert both.base is None
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz"])
