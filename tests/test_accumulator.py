@@ -9,7 +9,7 @@ import pytest
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, tilted_axis
 from scipy import linalg
 
-from ident.accumulator import Accumulator, accumulate
+from ident.accumulator import Accumulator, _factor, accumulate
 from ident.base_parameters import find_base_parameters
 from ident.estimate import identify, solve
 from ident.regressor import CHUNK, base_wrench_regressor
@@ -222,3 +222,19 @@ def test_no_split_costs_digits(parts, executor):
     assert np.linalg.norm(found.psi - exact) <= max(limit, 1e-14 * np.linalg.norm(exact))
     residual = (target - rows @ exact.astype(float)).reshape(-1, 6)
     np.testing.assert_allclose(found.residual_norms, np.linalg.norm(residual, axis=0), rtol=1e-7)
+
+
+@pytest.mark.parametrize(("out", "least"), [(0, 1e-7), (1e-12, 1e-7), (1e-6, 1e-6), (0.1, 0.1)])
+def test_coordinates_are_regular_and_leave_what_is_excited(out, least):
+    """A column sticks out of the span of others by 1e-7 of itself at least, and by what it does where that is more."""
+    rng = np.random.default_rng(0)
+    Q = linalg.qr(rng.normal(size=(50, 4)), mode="economic")[0]
+    rows = np.column_stack([Q[:, 0], Q[:, 1], Q[:, :2] @ [0.6, 0.8] + out * Q[:, 2], Q[:, 3]]) * [1, 10, 0.1, 100]
+    P = _factor(rows)
+    sizes = abs(np.diag(P)) / np.linalg.norm(P, axis=0)
+    np.testing.assert_allclose(sizes, [1, 1, least / np.hypot(1, out), 1], rtol=0.01)
+    np.testing.assert_allclose(np.linalg.norm(P, axis=0), np.linalg.norm(rows, axis=0), rtol=1e-9)
+    # One that is nothing but zeros, or rounding, is measured against the others.
+    still = np.column_stack([Q[:, 0], 1e-20 * out * Q[:, 1], Q[:, 2]])
+    np.testing.assert_allclose(abs(np.diag(_factor(still))), [1, 1e-14, 1], rtol=0.01)
+    np.testing.assert_allclose(abs(np.diag(_factor(np.zeros((3, 2))))), 1e-7, rtol=0.01)

@@ -193,3 +193,15 @@ def test_gross_outliers_are_interpolated_and_nothing_else():
     untouched, none = despiked(clean)
     assert not none.any()
     np.testing.assert_array_equal(untouched, clean)
+
+
+def test_a_turn_is_blamed_only_if_it_fits_better_than_a_tie():
+    """Part of the way to a quarter turn a wrench has errors in proportion to the ways; in a tie nothing is blamed."""
+    R = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    for share, named in ((0.54, False), (0.57, True)):
+        between = (1 - share) * WRENCH + share * turned(WRENCH, R.T)
+        check = diagnosis.check_frame(between, WRENCH, np.eye(3))
+        expected = R if named else np.eye(3)
+        np.testing.assert_allclose(check.rotation, expected, atol=1e-12)
+    exact = diagnosis.check_frame(WRENCH, WRENCH, np.eye(3))
+    assert (exact.sign, exact.error, exact.error_turned, exact.suspicious) == (1, 0, 0, False)

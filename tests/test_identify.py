@@ -492,3 +492,12 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     columns.write_text("\n".join(lines), encoding="utf-8")
     prepared = prepare(PENDULUM, path, base="base", columns=columns)
     np.testing.assert_array_equal(prepared.measured, log.wrench("ground"))
+
+
+@pytest.mark.parametrize(("share", "doubt"), [(0.65, True), (0.75, False), (1.25, False), (1.35, True)])
+def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
+    log = recording()
+    scaled = {name: share * log[name] for name in ("ground_force", "ground_torque")}
+    _, result = found(tmp_path, with_channels(log, **scaled))
+    (weight,) = (finding for finding in verdict.findings(result) if "weigh" in finding.text)
+    assert weight.doubt == doubt

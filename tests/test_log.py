@@ -416,3 +416,26 @@ def test_a_person_bowing(tmp_path):
     assert np.isclose(log.rate, 100)
     assert 590 < log.wrenches[GROUND].values[:, 2].mean() < 620
     assert ["plate_fx" in note for note in log.notes] == [True]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_largest_time_and_the_largest_number(tmp_path, sign):
+    """No clock shows more than 1e12 s, and no channel more than 1e8 of its SI unit, whatever unit it is in."""
+    read(tmp_path, retimed(9e11 * sign + 10 * T), 'time = { column = "time", unit = "s" }')
+    with pytest.raises(ValueError, match=r"row 2, column 'time' needs numbers below 1e\+12"):
+        read(tmp_path, retimed(1.1e12 * sign + 10 * T), 'time = { column = "time", unit = "s" }')
+    kilo = '[wrenches.ground]\nforce = ["", "", "ground_fz"]\nunit = "kN"'
+    for mapping, limit in ((None, 1e8), (kilo, 1e5)):
+        force = text(PLAIN | {"ground_fz": 0.9 * sign * limit + T})
+        np.testing.assert_allclose(read(tmp_path, force, mapping).wrenches[GROUND].values[0, 2], 0.9e8 * sign)
+        with pytest.raises(ValueError, match=r"row 2, column 'ground_fz' needs numbers below"):
+            read(tmp_path, text(PLAIN | {"ground_fz": 1.1 * sign * limit + T}), mapping)
+
+
+def test_positions_in_degrees_with_rates_in_radians_are_refused(tmp_path):
+    time = np.arange(400) / 100
+    columns = {"time": time, "ankle": np.sin(time), "dq_ankle": np.cos(time)}
+    swing = {"hip": np.rad2deg(0.1 * np.sin(time)), "dq_hip": 0.1 * np.cos(time)}
+    with pytest.raises(ValueError, match=r"velocity of joint 'hip' is 0\.0175 times the derivative of its position"):
+        read(tmp_path, text(columns | swing))
+    assert read(tmp_path, text(columns | swing), slides=("hip",)).dq is not None
