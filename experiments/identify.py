@@ -15,6 +15,7 @@ def run(args: argparse.Namespace) -> None:
     out = _folder(args)
     known = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     known |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
+    known |= {"limit": 1_000_000 * args.max_size}
     prepared = prepare(args.model, args.log, **known)
     other = None if args.held_out is None else prepare(args.model, args.held_out, **known)
     result = identify_log(
@@ -65,6 +66,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--axes", action=argparse.BooleanOptionalAction, default=True, help="look for axes that are off")
     out.add_argument("--ordinary", action="store_true", help="ordinary least squares: no weights, outliers count fully")
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
+    options.add_max_size(out)
     return out
 
 

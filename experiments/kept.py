@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from tqdm import tqdm
 
+from sim import npz
 from sim.atomic import save_arrays
 
 SAVE_EVERY = 5.0
@@ -39,13 +39,13 @@ class Kept:
             ValueError: There are none, or they belong to another run.
         """
         try:
-            with self.file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-                kept, outcomes = json.loads(str(data["identity"])), list(data["outcomes"])
+            data = npz.arrays(self.file)
+            kept, outcomes = json.loads(str(data["identity"])), list(data["outcomes"])
             if (outcomes and outcomes[0].dtype.kind not in "fiU") or not all(map(_is_whole, outcomes)):
                 raise ValueError("damaged")
             wanted = json.loads(json.dumps(self.identity))
             different = [key for key in wanted if kept.get(key) != wanted[key]]
-        except (OSError, ValueError, KeyError, TypeError, EOFError, AttributeError, BadZipFile) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise ValueError(f"--resume needs the {self.what} of an earlier run in {self.file} ({error}).") from None
         if different:
             raise ValueError(

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 from experiments.figures import FORMATS
 from experiments.trials import REDRAWN
 from sim.notes import ModelNote
+from sim.npz import LIMIT
 from sim.simulate import SAMPLES
 
 
@@ -105,6 +106,17 @@ def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
         except ValueError:
             raise ValueError(f"--fix takes a joint and where it stands, got {' '.join((joint, *values))}.") from None
     return coordinates
+
+
+def add_max_size(parser: argparse.ArgumentParser) -> None:
+    """Adds the option of what reads npz files."""
+    parser.add_argument(
+        "--max-size",
+        type=whole_number(1, 1_000_000),
+        default=LIMIT // 1_000_000,
+        metavar="MB",
+        help="memory that an npz file may take at once; a small one can unpack to more than there is",
+    )
 
 
 def run(

@@ -20,6 +20,7 @@ from sim.despike import despiked
 from sim.log import GROUND, Log, read_log
 from sim.log_suggestion import suggested_mapping
 from sim.mujoco_model import compiled, gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
+from sim.npz import LIMIT
 from sim.smoothing import chosen_cutoff, low_pass, settling, smoothed
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -91,6 +92,7 @@ def prepare(
     drive: tuple[str, ...] = (),
     ignore: tuple[str, ...] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
+    limit: int = LIMIT,
 ) -> Prepared:
     """Reads a model and a log.
 
@@ -103,6 +105,7 @@ def prepare(
         drive: Friction and rotor columns for joint torques.
         ignore: Equality constraints and tendons to leave out.
         fix: Joints that do not move and are not in the log, as for `tree_from_model`.
+        limit: Bytes that a npz file may take in memory.
 
     Raises:
         ValueError: Something is missing or does not fit; the message names it.
@@ -119,6 +122,7 @@ def prepare(
         slides=[body.joint for body in joints if not (body.is_ball or body.twist[3:].any())],
         balls=[body.joint for body in joints if body.is_ball],
         weight=float(prior.reshape(-1, 10)[:, 0].sum() * np.linalg.norm(gravity)),
+        limit=limit,
     )
     rate = log.rate
     log, notes = _without_spikes(log)

@@ -13,7 +13,6 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from tqdm import tqdm
@@ -29,6 +28,7 @@ from ident.in_order import in_order
 from ident.samples import Samples, pieces
 from ident.tree import Tree
 from ident.wrench import Contact, total_wrench
+from sim import npz
 from sim.atomic import save_arrays
 from sim.mujoco_model import compiled, gravity_in_base, site_on_tree, tree_from_model
 from sim.recording import Recording
@@ -60,8 +60,7 @@ class Progress:
             ValueError: There is none, or it belongs to another run.
         """
         try:
-            with self.file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
-                fields = dict(data)
+            fields: dict[str, Any] = npz.arrays(self.file)
             kept, done = json.loads(str(fields.pop("identity"))), int(fields.pop("done"))
             found = Accumulator(**fields)
             different = [key for key, value in self.identity.items() if kept.get(key) != value]
@@ -70,7 +69,7 @@ class Progress:
             whole = whole and bool(np.isfinite([*found.factor, *found.gram]).all())
             if not different and not (whole and found.names == parameters.names):
                 raise ValueError("damaged")
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, BadZipFile) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise ValueError(f"--resume needs what an earlier run left in {self.file} ({error}).") from None
         if different:
             raise ValueError(f"{self.file} is of another run: {', '.join(different)} differ; leave out --resume.")
@@ -96,6 +95,7 @@ class Reading:
         piece: Samples read at a time.
         contacts: Body and pose of the sensor of each wrench besides the ground's, by its name.
         without: Names of wrenches to leave out.
+        limit: Bytes that a piece of a npz file may take in memory.
     """
 
     tree: Tree
@@ -103,6 +103,7 @@ class Reading:
     piece: int
     contacts: Mapping[str, tuple[str, np.ndarray]]
     without: Sequence[str]
+    limit: int
 
     def __iter__(self) -> Iterator[Samples]:
         """Pieces of all files, checked against the mechanism.
@@ -112,7 +113,8 @@ class Reading:
         """
         for file in self.files:
             try:
-                yield from pieces(map(self._samples, Recording.chunks(file, samples=self.piece)), self.tree)
+                recordings = Recording.chunks(file, samples=self.piece, limit=self.limit)
+                yield from pieces(map(self._samples, recordings), self.tree)
             except ValueError as error:
                 raise ValueError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
 
@@ -214,7 +216,7 @@ def run(args: argparse.Namespace) -> None:
     gravity = gravity_in_base(model, args.base)
     parameters = find_base_parameters(tree, gravity=gravity)
     contacts = {name: site_on_tree(model, name, args.base) for name in args.contact}
-    reading = Reading(tree, args.recordings, args.piece, contacts, args.without)
+    reading = Reading(tree, args.recordings, args.piece, contacts, args.without, 1_000_000 * args.max_size)
     with report.results_folder(args.out):
         pass  # Refused before the work if it cannot be written.
     progress = Progress(args.out / FILE, identity)
@@ -265,6 +267,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--contact", nargs="*", default=[], help="wrenches at the sites of the same names")
     out.add_argument("--without", nargs="*", default=[], help="wrenches to leave out")
     out.add_argument("--piece", type=options.whole_number(1, 10_000_000), default=PIECE, help="samples read at a time")
+    options.add_max_size(out)
     options.add_workers(out.add_argument_group("workers"))
     return out
 

@@ -12,6 +12,7 @@ from sim.log_mapping import GROUND, KINDS, UNITS, ColumnMapping, read_mapping
 from sim.log_plausibility import check_angles, check_rates, unit_of_force
 from sim.log_table import SAMPLES, Table, read_table
 from sim.log_time import repaired
+from sim.npz import LIMIT
 
 __all__ = ["GROUND", "KINDS", "SAMPLES", "UNITS", "Log", "Wrench", "read_log"]
 
@@ -74,6 +75,7 @@ def read_log(
     slides: Sequence[str] = (),
     balls: Sequence[str] = (),
     weight: float | None = None,
+    limit: int = LIMIT,
 ) -> Log:
     """Reads a log of joint states and wrenches.
 
@@ -86,6 +88,7 @@ def read_log(
         slides: Those of the joints that slide: lengths, not angles.
         balls: Those of the joints that are balls; logs cannot hold them.
         weight: Weight of the mechanism, N, to judge the units of the ground wrench by.
+        limit: Bytes that a npz file may take in memory.
 
     Returns:
         The log.
@@ -101,7 +104,7 @@ def read_log(
         )
     mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), joints, bodies, slides)
     try:
-        return _log(read_table(Path(path)), mapping, joints, slides, weight)
+        return _log(read_table(Path(path), limit), mapping, joints, slides, weight)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

@@ -2,15 +2,15 @@
 
 import codecs
 import csv
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
+from sim import npz
 from sim.recording_csv import COMPONENTS, TRUE
 
 SAMPLES = 10
@@ -91,13 +91,17 @@ class Table:
             raise ValueError(f"{self.row(i)}, column '{name}' needs a number, got '{short(cell)}'.") from None
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, limit: int = npz.LIMIT) -> Table:
     """Reads a file into named columns.
 
+    Args:
+        path: A CSV or npz file.
+        limit: Bytes that an archive may take in memory, as for `npz.check_size`.
+
     Raises:
-        ValueError: The file is missing, malformed or too short.
+        ValueError: The file is missing, malformed, too short or too large.
     """
-    readers = {".csv": _read_csv, ".txt": _read_csv, ".tsv": _read_csv, ".npz": _read_npz}
+    readers = {".csv": _read_csv, ".txt": _read_csv, ".tsv": _read_csv, ".npz": partial(_read_npz, limit=limit)}
     if path.suffix.lower() not in readers or not path.is_file():
         raise ValueError("a log is a .csv, .tsv, .txt or .npz file that exists.")
     table = readers[path.suffix.lower()](path)
@@ -167,21 +171,8 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _read_npz(path: Path) -> Table:
-    try:
-        # A file handle of our own: numpy leaves its own open when the archive is broken.
-        with path.open("rb") as stream:
-            if stream.read(2) != b"PK":
-                raise ValueError("not a zip archive")
-            stream.seek(0)
-            with np.load(stream, allow_pickle=False) as data:
-                arrays = {name: data[name] for name in data.files if not name.startswith("true/")}
-    except ValueError as error:
-        if "allow_pickle" in str(error):
-            raise ValueError("an npz file needs arrays of numbers; pickled objects are not read.") from None
-        raise ValueError(f"the file needs to be an npz archive of arrays ({error}).") from None
-    except (OSError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, BadZipFile, zlib.error) as error:
-        raise ValueError(f"the file needs to be an npz archive of arrays ({error}).") from None
+def _read_npz(path: Path, limit: int) -> Table:
+    arrays = npz.arrays(path, without="true/", limit=limit)
     cells: dict[str, np.ndarray] = {}
     for key, array in arrays.items():
         if np.issubdtype(array.dtype, np.number) and not np.iscomplexobj(array) and array.ndim in (1, 2):

@@ -4,6 +4,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.atomic import replacing
+from sim.npz import LIMIT
 from sim.recording_csv import TRUE, csv_pieces, write_csv
 from sim.recording_npz import npz_pieces, write_npz
 
@@ -123,28 +125,29 @@ class Recording:
             writers[path.suffix](temporary, channels, metadata)
 
     @classmethod
-    def load(cls, path: str | Path) -> "Recording":
-        """Reads what `save` wrote.
+    def load(cls, path: str | Path, *, limit: int = LIMIT) -> "Recording":
+        """Reads what `save` wrote, an archive that takes at most so many bytes in memory (`npz.check_size`).
 
         Raises:
             ValueError: The file is missing or not a recording; the message names file, row and column.
         """
-        (recording,) = cls.chunks(path, sys.maxsize)
+        (recording,) = cls.chunks(path, sys.maxsize, limit=limit)
         return recording
 
     @classmethod
-    def chunks(cls, path: str | Path, samples: int = 10_000) -> Iterator["Recording"]:
+    def chunks(cls, path: str | Path, samples: int = 10_000, *, limit: int = LIMIT) -> Iterator["Recording"]:
         """Reads what `save` wrote piece by piece, for files that are larger than memory.
 
         Args:
             path: A `.npz` or `.csv` file.
             samples: Samples of each piece, of the last one perhaps fewer.
+            limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
 
         Raises:
             ValueError: The file is missing or not a recording, as for `load`; a fault is found when its piece is due.
         """
         path = Path(path)
-        readers = {".npz": npz_pieces, ".csv": csv_pieces}
+        readers = {".npz": partial(npz_pieces, limit=limit), ".csv": csv_pieces}
         if path.suffix not in readers or not path.is_file():
             raise ValueError(f"A recording is a .npz or .csv file that exists, got '{path}'.")
         if samples < 1:

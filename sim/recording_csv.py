@@ -80,7 +80,7 @@ def _comment(line: str, row: int) -> tuple[str, Any]:
     key, _, value = line[1:].partition(":")
     try:
         return key.strip(), json.loads(value)
-    except json.JSONDecodeError as error:
+    except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"row {row} needs '# units', noise or provenance in JSON ({error}).") from None
 
 

@@ -2,17 +2,16 @@
 
 import json
 import math
-import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from tokenize import TokenError
 from typing import IO, Any
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
+from sim.npz import LIMIT, NUMBER, check_size, member_of, opened, reading
 from sim.recording_csv import TRUE
 
 HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
@@ -29,19 +28,27 @@ def write_npz(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[
                 np.lib.format.write_array(stream, np.asarray(x, order="C"), allow_pickle=False)
 
 
-def npz_pieces(path: Path, samples: int) -> Iterator[tuple[dict[str, np.ndarray], dict[str, Any]]]:
+def npz_pieces(path: Path, samples: int, limit: int = LIMIT) -> Iterator[tuple[dict[str, np.ndarray], dict[str, Any]]]:
     """Channels of at most so many samples at a time, each time with the metadata.
 
+    Args:
+        path: The archive.
+        samples: Samples of each piece.
+        limit: Bytes that a piece may take, as for `check_size`.
+
     Raises:
-        ValueError: The file is no archive; or a member is missing, damaged or no channel, the message names it.
+        ValueError: The file is no archive, or a piece of it is too large; or a member is missing, damaged or no
+            channel, the message names it.
     """
     with ExitStack() as streams:
-        archive = streams.enter_context(_archive(streams.enter_context(path.open("rb"))))
+        archive = streams.enter_context(opened(path))
         names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
         for name in ("time", "metadata"):
             if name not in names:
                 raise ValueError(f"a recording needs a member '{name}'; it has {', '.join(names) or 'none'}.")
-        with _named("metadata"), archive.open("metadata.npy") as stream:
+        text = archive.getinfo("metadata.npy")
+        check_size(path, text.file_size, limit)
+        with reading("metadata"), member_of(archive, text) as stream:
             metadata = json.loads(str(np.lib.format.read_array(stream, allow_pickle=False)))
             if not isinstance(metadata, dict):
                 raise ValueError(f"a JSON object is needed, it holds {metadata!r}")
@@ -49,17 +56,11 @@ def npz_pieces(path: Path, samples: int) -> Iterator[tuple[dict[str, np.ndarray]
         members = [_opened(archive, name, streams) for name in names]
         length = members[0].shape[0]
         for member in members:
-            with _named(member.name):
+            with reading(member.name):
                 member.check(length, samples)
+        check_size(path, sum(NUMBER * math.prod((min(samples, length), *x.shape[1:])) for x in members), limit)
         for first in range(0, length, samples):
             yield {_channel(x.name): x.read(min(samples, length - first)) for x in members}, metadata
-
-
-def _archive(stream: IO[bytes]) -> ZipFile:
-    try:
-        return ZipFile(stream)
-    except (OSError, RuntimeError, BadZipFile) as error:
-        raise ValueError(f"the file is no whole npz archive ({error}).") from error
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class _Member:
         """The next samples (rows,) or (rows, d)."""
         shape = (rows, *self.shape[1:])
         size = math.prod(shape) * self.dtype.itemsize
-        with _named(self.name):
+        with reading(self.name):
             data = self.stream.read(size)
             if len(data) < size:
                 raise ValueError(f"it ends {size - len(data)} bytes early")
@@ -97,9 +98,9 @@ class _Member:
 
 def _opened(archive: ZipFile, name: str, streams: ExitStack) -> _Member:
     """A member of an archive after its header."""
-    with _named(name):
+    with reading(name):
         information = archive.getinfo(f"{name}.npy")
-        stream = streams.enter_context(archive.open(information))
+        stream = streams.enter_context(member_of(archive, information))
         version = np.lib.format.read_magic(stream)
         if version not in HEADERS:
             raise ValueError(f"a channel has a header of version 1 or 2, it has version {version[0]}")
@@ -107,15 +108,6 @@ def _opened(archive: ZipFile, name: str, streams: ExitStack) -> _Member:
         if len(shape) not in (1, 2):
             raise ValueError(f"a channel has one or two dimensions, it has {len(shape)}")
         return _Member(name, stream, information.file_size - stream.tell(), shape, by_columns, dtype)
-
-
-@contextmanager
-def _named(member: str) -> Iterator[None]:
-    """Says which member cannot be read."""
-    try:
-        yield
-    except (ValueError, OSError, EOFError, RuntimeError, SyntaxError, TokenError, BadZipFile, zlib.error) as error:
-        raise ValueError(f"member '{member}' cannot be read ({error}).") from error
 
 
 def _member(channel: str) -> str:

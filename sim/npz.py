@@ -1,0 +1,107 @@
+"""Npz archives of whatever origin: what is damaged, pickled or unpacks to too much is refused in one sentence."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
+
+import numpy as np
+
+LIMIT = 500_000_000
+"""Bytes that arrays may take in memory if nobody says otherwise: a million samples of sixty channels."""
+
+NUMBER = 8
+"""Bytes of a number in memory, which in the file may have been one."""
+
+
+def arrays(path: Path, *, without: str | None = None, limit: int = LIMIT) -> dict[str, np.ndarray]:
+    """All arrays of an archive by name.
+
+    Args:
+        path: The archive.
+        without: Beginning of the names of those to leave out.
+        limit: As for `check_size`.
+
+    Raises:
+        ValueError: The file is no archive or too large, or a member is damaged or no array; the message names it.
+    """
+    with opened(path) as archive:
+        members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
+        wanted = {name: m for name, m in members.items() if without is None or not name.startswith(without)}
+        check_size(path, sum(m.file_size for m in wanted.values()), limit)
+        found = {name: _array(archive, name, m) for name, m in wanted.items()}
+    check_size(path, sum(NUMBER * x.size for x in found.values()), limit)
+    return found
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[ZipFile]:
+    """An archive for the duration of a block.
+
+    Raises:
+        ValueError: The file is no archive.
+    """
+    # A file handle of our own: an archive that is broken would leave its own open.
+    with path.open("rb") as stream:
+        try:
+            if stream.read(2) != b"PK":
+                raise ValueError("not a zip archive")
+            archive = ZipFile(stream)
+        except Exception as error:
+            raise ValueError(f"the file needs to be an npz archive of arrays ({_reason(error)}).") from error
+        with archive:
+            yield archive
+
+
+def member_of(archive: ZipFile, member: ZipInfo) -> IO[bytes]:
+    """A member to read, which gives no more than the bytes it says it has."""
+    # Of LZMA and bzip2 `zipfile` unpacks all that it has read, of what numpy writes as much as was asked for.
+    if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+        raise ValueError("it is compressed in another way than by numpy.savez_compressed")
+    return archive.open(member)
+
+
+def check_size(path: Path, size: int, limit: int) -> None:
+    """Refuses bytes in memory above a limit, unless the file has them as well.
+
+    Raises:
+        ValueError: There are more than the limit, and than numbers in a file of that size.
+    """
+    if size > max(limit, NUMBER * path.stat().st_size):
+        raise ValueError(
+            f"the file takes {size / 1e6:.0f} MB in memory where at most {limit / 1e6:.0f} MB are expected of it; if "
+            "it may be so large, say so (--max-size)."
+        )
+
+
+@contextmanager
+def reading(member: str) -> Iterator[None]:
+    """Says which member cannot be read, whatever is wrong with it.
+
+    Raises:
+        ValueError: The block failed.
+    """
+    try:
+        yield
+    # Zip, its decompressors and numpy's parser of headers have a dozen classes of errors for damage.
+    except Exception as error:
+        raise ValueError(f"member '{member}' cannot be read ({_reason(error)}).") from error
+
+
+def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:
+    with reading(name), member_of(archive, member) as stream:
+        array = np.lib.format.read_array(stream, allow_pickle=False)
+        # Without numbers a shape may be anything.
+        if math.prod(max(1, n) for n in array.shape) * array.itemsize > member.file_size:
+            raise ValueError(f"an array of {array.shape} is none")
+        return array
+
+
+def _reason(error: Exception) -> str:
+    """An error as one line that fits a message."""
+    if "allow_pickle" in str(error):
+        return "pickled objects are not read"
+    line = " ".join(str(error).split()) or type(error).__name__
+    return line if len(line) <= 200 else f"{line[:197]}..."
