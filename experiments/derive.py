@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
         "regressor.c": codegen.c_source(model, name),
         "base_parameters.csv": table.csv(),
     }
-    with report.results_folder(out) as folder:
+    with report.results_folder(out, inputs=[Path(args.mechanism)]) as folder:
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
         given = {"mechanism": args.mechanism, "base": args.base, "ignore": args.ignore}

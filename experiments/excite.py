@@ -7,6 +7,7 @@ are those of the paper's excitation, which is also what the design is compared w
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -168,7 +169,7 @@ def _write(
         "coefficients": trajectory.coefficients.tolist(),
     }
     source = report.provenance(given, {"series": series, "base_parameters": list(problem.base.names)})
-    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
+    with report.results_folder(args.out, stale=report.OUTPUTS, inputs=[Path(args.model)]) as folder:
         figures.save(drawing, folder, "figure_excitation", args.formats)
         for name, table in tables.items():
             table.write(folder, name)

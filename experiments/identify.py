@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     )
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     full = identify_report.full_parameters(result)
-    with report.results_folder(out, stale=identify_report.OUTPUTS) as folder:
+    with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=_inputs(args)) as folder:
         identify_report.write(result, full, folder, args.model, args.log, args.base, report.provenance(given, {}))
     print(identify_report.text(result, full))
     print(f"Everything is in {out}; open report.html.")
@@ -40,12 +40,16 @@ def _folder(args: argparse.Namespace) -> Path:
     if not name.isprintable() or Path(name).name != name or name in (".", ".."):
         raise ValueError(f"--name is the name of one folder under --out, got {name!r}.")
     out = args.out / name
-    for given in (args.model, args.log, args.held_out, args.columns):
-        if given is not None and given.resolve().parent == out.resolve():
+    for given in _inputs(args):
+        if given.resolve().parent == out.resolve():
             raise ValueError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
     if args.held_out is not None and args.held_out.resolve() == args.log.resolve():
         raise ValueError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
     return out
+
+
+def _inputs(args: argparse.Namespace) -> list[Path]:
+    return [given for given in (args.model, args.log, args.held_out, args.columns) if given is not None]
 
 
 def parser() -> argparse.ArgumentParser:

@@ -153,7 +153,7 @@ def text(result: Identification, full: ConsistentParameters) -> str:
             parameters_table(result).text(),
             quality_table(result, full).text(),
             f"Verdict: {verdict(result, found)}",
-            *(f"  {'!' if finding.doubt else '-'} {finding.text}" for finding in found),
+            *(finding.line for finding in found),
         ]
     )
 

@@ -291,6 +291,8 @@ def _cutoff(log: Log, rate: float, cutoff: str | float | None) -> float | None:
     if cutoff is None and log.dq is not None and log.ddq is not None:
         return None
     if cutoff is None or cutoff == "auto":
+        if not log.q.shape[1]:
+            raise ValueError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
         return chosen_cutoff(log.q, rate)
     try:
         value = float(cutoff)

@@ -12,13 +12,14 @@ import signal
 import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 from experiments.figures import PARAMETER, parameter_symbol
-from sim.atomic import unwritten
+from sim.atomic import PARTIAL, claimed, unwritten
 
 Cell = str | float | None
 
@@ -163,23 +164,30 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 
 @contextmanager
-def results_folder(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
+def results_folder(out: Path, stale: Sequence[str] = (), inputs: Sequence[Path] = ()) -> Iterator[Path]:
     """A temporary folder whose files move to `out` together when the block ends well; else `out` stays as it was.
 
     Args:
         out: Folder for the results, made if missing; files of others in it are left alone.
         stale: Patterns of files of an earlier run that go when they are not written anew.
+        inputs: Files that were read, and are never replaced.
 
     Raises:
-        ValueError: `out` is a file, cannot be written, or a folder stands where a file has to go.
+        ValueError: `out` is a file, cannot be written, or a folder or an input stands where a file has to go.
         OSError: The results could not be written, as when the disk is full; the sentence names `out`.
     """
+    with unused_vanish(out), unwritten(out), _scratch(out) as (new, old):
+        yield new
+        with _undisturbed():
+            _exchange(new, old, out, stale, inputs)
+
+
+@contextmanager
+def unused_vanish(out: Path) -> Iterator[None]:
+    """Removes the folders that a block has made, `out` and those it is in, if the block fails and leaves them empty."""
     made = [folder for folder in (out, *out.parents) if not folder.exists()]
     try:
-        with unwritten(out), _scratch(out) as (new, old):
-            yield new
-            with _undisturbed():
-                _exchange(new, old, out, stale)
+        yield
     except BaseException:
         for folder in made:
             with suppress(OSError):
@@ -187,33 +195,60 @@ def results_folder(out: Path, stale: Sequence[str] = ()) -> Iterator[Path]:
         raise
 
 
+def check_inputs(written: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Refuses to write over what was read, by whatever name.
+
+    Raises:
+        ValueError: One of the files to write is an input.
+    """
+    for path, given in product(written, inputs):
+        if path.exists() and given.exists() and path.samefile(given):
+            raise ValueError(f"The results would replace '{path}', which is the input '{given}'; choose another --out.")
+
+
 @contextmanager
 def _scratch(out: Path) -> Iterator[tuple[Path, Path]]:
     """Folders in `out` for the new files and for those they replace, which vanish when the block ends."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=".partial-", dir=out))
-    except OSError as error:
-        raise ValueError(f"The output path needs to be a writable folder, got '{out}' ({error.strerror}).") from error
-    new, old = scratch / "new", scratch / "old"
-    try:
-        new.mkdir()
-        old.mkdir()
-        yield new, old
-    except BaseException:
-        # Files that could not be put back stay where they are.
-        shutil.rmtree(new, ignore_errors=True)
-        for folder in (old, scratch):
-            with suppress(OSError):
-                folder.rmdir()
-        raise
-    shutil.rmtree(scratch, ignore_errors=True)
+    with ExitStack() as stack:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            scratch = stack.enter_context(
+                claimed(out, lambda: Path(tempfile.mkdtemp(prefix=PARTIAL, dir=out)), _cleared)
+            )
+        except OSError as error:
+            raise ValueError(
+                f"The output path needs to be a writable folder, got '{out}' ({error.strerror})."
+            ) from error
+        new, old = scratch / "new", scratch / "old"
+        try:
+            new.mkdir()
+            old.mkdir()
+            yield new, old
+        except BaseException:
+            # Files that could not be put back stay where they are.
+            shutil.rmtree(new, ignore_errors=True)
+            for folder in (old, scratch):
+                with suppress(OSError):
+                    folder.rmdir()
+            raise
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str]) -> None:
+def _cleared(left: Path) -> None:
+    """Removes what a killed run has left, after earlier files that it was replacing are back in their place."""
+    if not left.is_dir():
+        left.unlink()
+        return
+    for file in (left / "old").glob("*"):
+        file.replace(left.parent / file.name)
+    shutil.rmtree(left)
+
+
+def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str], inputs: Sequence[Path]) -> None:
     """Moves all files of `new` to `out`, and what they replace to `old`; all of them or none."""
     names = {file.name for file in new.iterdir()}
     gone = {file.name for pattern in stale for file in out.glob(pattern)} | {n for n in names if (out / n).exists()}
+    check_inputs((out / name for name in gone), inputs)
     for name in gone:
         if (out / name).is_dir():
             raise ValueError(f"The output path needs room for a file '{name}', but '{out / name}' is a folder.")
@@ -222,6 +257,8 @@ def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str]) -> None:
         for name, source, target in [(n, out, old) for n in gone] + [(n, new, out) for n in names]:
             (source / name).replace(target / name)
             moved.append((source / name, target / name))
+        # Whoever finds `old` takes these moves for unfinished.
+        old.replace(old.with_name("replaced"))
     except OSError as error:
         for source, target in reversed(moved):
             with suppress(OSError):

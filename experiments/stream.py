@@ -19,6 +19,7 @@ from tqdm import tqdm
 
 from experiments import options, report
 from experiments.kept import SAVE_EVERY
+from experiments.one_pass import Judged, Seen, judged
 from experiments.preparation import COMPONENTS
 from experiments.workers import hired
 from ident.accumulator import Accumulator, accumulate
@@ -30,11 +31,14 @@ from ident.tree import Tree
 from ident.wrench import Contact, total_wrench
 from sim import npz
 from sim.atomic import save_arrays
-from sim.mujoco_model import compiled, gravity_in_base, site_on_tree, tree_from_model
+from sim.mujoco_model import compiled, gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
 from sim.recording import Recording
 
 FILE = "accumulated.npz"
 """File in the output folder that keeps what has been read."""
+
+OUTPUTS = (FILE, "estimate.json", *(f"base_parameters.{suffix}" for suffix in ("csv", "md", "tex")))
+"""All files that are written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +66,8 @@ class Progress:
         try:
             fields: dict[str, Any] = npz.arrays(self.file)
             kept, done = json.loads(str(fields.pop("identity"))), int(fields.pop("done"))
+            if fields.keys() != Accumulator.__dataclass_fields__.keys():
+                raise ValueError("another version of this package wrote it")
             found = Accumulator(**fields)
             different = [key for key, value in self.identity.items() if kept.get(key) != value]
             columns = (parameters.rank + 1,) * 2
@@ -96,6 +102,7 @@ class Reading:
         contacts: Body and pose of the sensor of each wrench besides the ground's, by its name.
         without: Names of wrenches to leave out.
         limit: Bytes that a piece of a npz file may take in memory.
+        seen: What has been seen of the channels.
     """
 
     tree: Tree
@@ -104,6 +111,7 @@ class Reading:
     contacts: Mapping[str, tuple[str, np.ndarray]]
     without: Sequence[str]
     limit: int
+    seen: Seen
 
     def __iter__(self) -> Iterator[Samples]:
         """Pieces of all files, checked against the mechanism.
@@ -133,7 +141,9 @@ class Reading:
                 )
         states = recording.joint_states(self.tree.joints)
         held = [Contact(body, recording.wrench(name), pose) for name, (body, pose) in self.contacts.items()]
-        return Samples(*states, total_wrench(self.tree, states[0], recording.wrench("ground"), held).wrench)
+        total = total_wrench(self.tree, states[0], recording.wrench("ground"), held).wrench
+        self.seen.add(recording, total)
+        return Samples(*states, total)
 
 
 def accumulated(
@@ -194,10 +204,13 @@ def table(estimate: Estimate) -> report.Table:
     )
 
 
-def summary(estimate: Estimate) -> dict[str, Any]:
+def summary(estimate: Estimate, judged: Judged) -> dict[str, Any]:
     """Everything about the estimate for scripts."""
     arrays = ("psi", "std", "covariance", "singular_values", "residual_norms")
     return {
+        "verdict": judged.verdict,
+        "findings": [vars(finding) for finding in judged.findings],
+        "residual_ratio": dict(judged.ratio),
         "names": list(estimate.names),
         **{key: getattr(estimate, key).tolist() for key in arrays},
         "condition_number": estimate.condition_number,
@@ -214,29 +227,51 @@ def run(args: argparse.Namespace) -> None:
     model = compiled(args.model)
     tree = tree_from_model(model, args.base, ignore=args.ignore, fix=options.fixed(args.fix))
     gravity = gravity_in_base(model, args.base)
-    parameters = find_base_parameters(tree, gravity=gravity)
+    if not tree.joints:
+        raise ValueError(
+            f"Nothing moves on this base: {', '.join(tree.names)} have no joints; name another one (--base)."
+        )
+    prior, parameters = parameters_from_model(model, args.base), find_base_parameters(tree, gravity=gravity)
     contacts = {name: site_on_tree(model, name, args.base) for name in args.contact}
-    reading = Reading(tree, args.recordings, args.piece, contacts, args.without, 1_000_000 * args.max_size)
-    with report.results_folder(args.out):
-        pass  # Refused before the work if it cannot be written.
-    progress = Progress(args.out / FILE, identity)
-    if args.resume:
-        progress = progress.resumed(parameters)
-    with hired(args.workers, args.scheduler) as crew:
-        found = accumulated(progress, reading, gravity, parameters, executor=crew.executor, ahead=crew.ahead)
-    estimate = solve(found, parameters)
-    with report.results_folder(args.out) as folder:
-        table(estimate).write(folder, "base_parameters")
-        origin = report.provenance({**identity, "ignore": args.ignore}, {})
-        report.write_json(folder / "estimate.json", summary(estimate) | {"provenance": origin})
-    print(table(estimate).text())
+    seen = Seen.of(tree, ["ground", *contacts])
+    limit = 1_000_000 * args.max_size
+    reading = Reading(tree, args.recordings, args.piece, contacts, args.without, limit, seen)
+    inputs = (args.model, *args.recordings)
+    report.check_inputs((args.out / name for name in OUTPUTS), inputs)
+    with report.unused_vanish(args.out):
+        with report.results_folder(args.out):
+            pass  # Refused before the work if it cannot be written.
+        progress = Progress(args.out / FILE, identity)
+        if args.resume:
+            progress = progress.resumed(parameters)
+        with hired(args.workers, args.scheduler) as crew:
+            found = accumulated(progress, reading, gravity, parameters, executor=crew.executor, ahead=crew.ahead)
+        estimate = solve(found, parameters)
+        judgement = judged(seen, found, estimate, prior, gravity)
+        with report.results_folder(args.out, inputs=inputs) as folder:
+            table(estimate).write(folder, "base_parameters")
+            origin = report.provenance({**identity, "ignore": args.ignore}, {})
+            report.write_json(folder / "estimate.json", summary(estimate, judgement) | {"provenance": origin})
+    print(text(estimate, judgement))
+    print(f"Tables and estimate.json are in {args.out}.")
+
+
+def text(estimate: Estimate, judged: Judged) -> str:
+    """What the terminal shows."""
     rms = estimate.residual_norms / np.sqrt(estimate.samples)
     residuals = ", ".join(f"{name} {x:.3g}" for name, x in zip(COMPONENTS, rms, strict=True))
-    print(f"RMS residuals in N and N m: {residuals}")
-    print(f"Condition number {estimate.condition_number:.1f}; {estimate.method}")
-    if parameters.remark:
-        print(parameters.remark)
-    print(f"Tables and estimate.json are in {args.out}.")
+    ratios = ", ".join(f"{name} {x:.2g}" for name, x in judged.ratio.items())
+    return "\n".join(
+        [
+            table(estimate).text(),
+            f"RMS residuals in N and N m: {residuals}",
+            f"RMS residuals over the channels' standard deviations: {ratios}",
+            f"Condition number {estimate.condition_number:.1f}; {estimate.method}",
+            *filter(None, [estimate.parameters.remark]),
+            f"Verdict: {judged.verdict}",
+            *(finding.line for finding in judged.findings),
+        ]
+    )
 
 
 def _identity(args: argparse.Namespace) -> dict[str, Any]:

@@ -176,9 +176,10 @@ def run(args: argparse.Namespace) -> None:
     option, *texts = args.over
     values = values_of(args.study, option, texts)
     args.out = args.out / args.study / option
-    with report.results_folder(args.out):
-        pass  # Refused before the work if it cannot be written.
-    found = swept(args, option, values)
+    with report.unused_vanish(args.out):
+        with report.results_folder(args.out):
+            pass  # Refused before the work if it cannot be written.
+        found = swept(args, option, values)
     titles = CHARTED[args.study]
     charted = {name: titles.get(name, _label(name)) for name in args.numbers or titles}
     for name in charted:

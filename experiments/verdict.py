@@ -1,10 +1,11 @@
 """Whether to believe an identification, with reasons in plain words."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.identification import Identification
+from experiments.identification import UNEXPLAINED, Identification, Weight
 from experiments.preparation import COMPONENTS
 from ident.base_parameters import STANDARD_GRAVITY
 
@@ -48,19 +49,28 @@ class Finding:
     text: str
     doubt: bool
 
+    @property
+    def line(self) -> str:
+        """A line of a list in the terminal."""
+        return f"  {'!' if self.doubt else '-'} {self.text}"
+
 
 def verdict(result: Identification, findings: list[Finding]) -> str:
     """One sentence."""
-    doubts = [finding for finding in findings if finding.doubt]
-    ratios = dict(zip(result.prepared.channels, result.held_out.ratio, strict=True))
-    explained = [channel for channel in ratios if channel not in result.unexplained]
+    return sentence(dict(zip(result.prepared.channels, result.held_out.ratio, strict=True)), findings, "held-out")
+
+
+def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str) -> str:
+    """The verdict on channels whose residuals on some part have these ratios to their signals."""
+    explained = [ratio for ratio in ratios.values() if ratio <= UNEXPLAINED]
     if not explained:
-        return "Do not use it: the model predicts none of the channels on the held-out part."
+        return f"Do not use it: the model predicts none of the channels on the {part} part."
+    doubts = [finding for finding in findings if finding.doubt]
     if doubts:
         count = "one finding below speaks" if len(doubts) == 1 else f"{len(doubts)} findings below speak"
         return f"Do not use it as it is: {count} against it."
-    worst = max(ratios[channel] for channel in explained)
-    return f"Usable: held-out residuals are at most {worst:.2f} of the signal in {', '.join(explained)}."
+    names = ", ".join(channel for channel, ratio in ratios.items() if ratio <= UNEXPLAINED)
+    return f"Usable: {part} residuals are at most {max(explained):.2f} of the signal in {names}."
 
 
 def findings(result: Identification) -> list[Finding]:
@@ -69,7 +79,7 @@ def findings(result: Identification) -> list[Finding]:
         *_frames(result),
         *_axes(result),
         *_contact(result),
-        *_weight(result),
+        *weight_findings(result.weight),
         *_offsets(result),
         *_quality(result),
         *_stuck(result),
@@ -167,8 +177,8 @@ def _contact(result: Identification) -> list[Finding]:
     ]
 
 
-def _weight(result: Identification) -> list[Finding]:
-    weight = result.weight
+def weight_findings(weight: Weight | None) -> list[Finding]:
+    """What the weighed mass says."""
     if weight is None:
         return []
     found = []

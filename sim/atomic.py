@@ -1,14 +1,22 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and what runs that were killed have left of them."""
 
 import io
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+try:
+    import fcntl
+except ImportError:  # Not on Windows.
+    fcntl = None  # type: ignore[assignment]
+
+PARTIAL = ".partial-"
+"""How names of files and folders begin that are not whole yet."""
 
 
 @contextmanager
@@ -21,10 +29,13 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OSError: The file could not be written, see `unwritten`; the one that was there is whole.
     """
-    with unwritten(path):
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+
+    def made() -> Path:
+        handle, name = tempfile.mkstemp(prefix=f"{PARTIAL}{path.stem}-", suffix=path.suffix, dir=path.parent)
         os.close(handle)
-        temporary = Path(name)
+        return Path(name)
+
+    with unwritten(path), claimed(path.parent, made, Path.unlink) as temporary:
         try:
             yield temporary
             mask = os.umask(0)
@@ -33,6 +44,47 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def claimed(folder: Path, make: Callable[[], Path], remove: Callable[[Path], None]) -> Iterator[Path]:
+    """A new file or folder that is not whole yet, after those that killed runs have left there are gone.
+
+    As long as the block lasts it is locked, and the system gives locks back when a process dies. Where there are no
+    locks, nothing is removed.
+
+    Args:
+        folder: Where it is made.
+        make: Makes it, under a name that begins with `PARTIAL`.
+        remove: Removes one that was left.
+    """
+    with ExitStack() as stack:
+        # Nobody looks for what was left while there is something without a lock.
+        with _locked(folder):
+            for path in folder.glob(f"{PARTIAL}*"):
+                with _locked(path, wait=False) as left, suppress(OSError):
+                    if left:
+                        remove(path)
+            path = make()
+            stack.enter_context(_locked(path, wait=False))
+        yield path
+
+
+@contextmanager
+def _locked(path: Path, *, wait: bool = True) -> Iterator[bool]:
+    """Whether a file or folder could be locked for the duration of a block."""
+    if fcntl is None:
+        yield False
+        return
+    with ExitStack() as stack:
+        try:
+            handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+            stack.callback(os.close, handle)
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except OSError:
+            yield False
+        else:
+            yield True
 
 
 @contextmanager

@@ -9,6 +9,9 @@ from sim.log_mapping import GROUND, ColumnMapping
 TURNS = 20.0
 """Range of a hinge's angles, rad, beyond which they are suspected to be degrees."""
 
+KILONEWTONS = 500.0
+"""How many times a force falls short of the weight if it is suspected to be in kilonewtons."""
+
 
 def check_angles(mapping: ColumnMapping, q: np.ndarray, joints: Sequence[str], slides: Sequence[str]) -> None:
     """Refuses positions of hinges that look like degrees, unless their unit is stated."""
@@ -54,7 +57,7 @@ def unit_of_force(mapping: ColumnMapping, force: np.ndarray, weight: float) -> l
     """A note if the ground's force (N, 3) is so far below the weight, N, that it may be in kilonewtons."""
     force = force[:, ~np.isnan(force[0])]
     largest = float(np.linalg.norm(force, axis=1).max())
-    if not force.shape[1] or largest >= weight / 500 or mapping.columns[f"wrenches.{GROUND}.force"].unit_stated:
+    if not force.shape[1] or largest >= weight / KILONEWTONS or mapping.columns[f"wrenches.{GROUND}.force"].unit_stated:
         return []
     return [
         f"The ground's force is at most {largest:.3g} N where the mechanism weighs {weight:.4g} N: its unit may be "

@@ -4,7 +4,6 @@ import codecs
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -101,10 +100,10 @@ def read_table(path: Path, limit: int = npz.LIMIT) -> Table:
     Raises:
         ValueError: The file is missing, malformed, too short or too large.
     """
-    readers = {".csv": _read_csv, ".txt": _read_csv, ".tsv": _read_csv, ".npz": partial(_read_npz, limit=limit)}
-    if path.suffix.lower() not in readers or not path.is_file():
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", ".txt", ".tsv", ".npz") or not path.is_file():
         raise ValueError("a log is a .csv, .tsv, .txt or .npz file that exists.")
-    table = readers[path.suffix.lower()](path)
+    table = _read_npz(path, limit) if suffix == ".npz" else _read_csv(path)
     if len(table.rows) < SAMPLES:
         raise ValueError(f"a log needs at least {SAMPLES} samples, it has {len(table.rows)}.")
     return table

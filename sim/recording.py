@@ -4,7 +4,6 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -147,14 +146,14 @@ class Recording:
             ValueError: The file is missing or not a recording, as for `load`; a fault is found when its piece is due.
         """
         path = Path(path)
-        readers = {".npz": partial(npz_pieces, limit=limit), ".csv": csv_pieces}
-        if path.suffix not in readers or not path.is_file():
+        if path.suffix not in (".npz", ".csv") or not path.is_file():
             raise ValueError(f"A recording is a .npz or .csv file that exists, got '{path}'.")
         if samples < 1:
             raise ValueError(f"A piece of a recording needs at least one sample, got {samples}.")
         first, last = 0, np.empty(0)
         try:
-            for channels, metadata in readers[path.suffix](path, samples):
+            pieces = npz_pieces(path, samples, limit) if path.suffix == ".npz" else csv_pieces(path, samples)
+            for channels, metadata in pieces:
                 for name, x in channels.items():
                     _check_finite(name, x, first)
                 time = channels.pop("time")

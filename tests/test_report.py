@@ -1,4 +1,7 @@
 import json
+import subprocess
+import sys
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -6,6 +9,7 @@ import pytest
 from mechanisms import random_tree
 
 from experiments import identify_report, report
+from sim.atomic import replacing
 
 TABLE = report.Table(
     "Errors, kg",
@@ -194,3 +198,88 @@ def test_provenance_is_of_this_repository_only(monkeypatch, tmp_path):
     monkeypatch.delenv("GIT_DIR")
     monkeypatch.setattr(report, "__file__", str(tmp_path / "experiments" / "report.py"))
     assert report.provenance({}, {})["git_commit"] is None
+
+
+def test_an_input_is_neither_replaced_nor_cleared_away(tmp_path):
+    for name in ("a", "table_mine"):
+        (tmp_path / name).write_text("input")
+        with (
+            pytest.raises(ValueError, match=f"would replace '{tmp_path / name}', which is the input"),
+            report.results_folder(tmp_path, stale=["table_*"], inputs=[tmp_path / name]) as folder,
+        ):
+            (folder / "a").write_text("result")
+        assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {name: "input"}
+        (tmp_path / name).unlink()
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from experiments import report
+from sim.atomic import replacing
+
+def stop(*_, **__):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def run(out, where):
+    if where == "file":
+        with replacing(out / "a") as temporary:
+            temporary.write_text("half")
+            stop()
+    with report.results_folder(out) as folder:
+        for name in "ab":
+            (folder / name).write_text("second")
+        if where == "waiting":
+            print("ready", flush=True)
+            input()
+        if where == "writing":
+            stop()
+        replace, calls = Path.replace, []
+        def until(path, target):
+            calls.append(path)
+            return stop() if len(calls) > int(where) else replace(path, target)
+        Path.replace, report.shutil.rmtree = until, stop
+
+for out in map(Path, sys.argv[1:]):
+    if out.name == "waiting" or os.fork() == 0:
+        run(out, out.name)
+    _, status = os.wait()
+    assert os.waitstatus_to_exitcode(status) == -signal.SIGKILL
+"""
+
+needs_locks = pytest.mark.skipif(sys.platform == "win32", reason="this system has no locks on folders")
+
+
+@needs_locks
+def test_what_killed_runs_left_goes_with_the_next_one(tmp_path):
+    folders = [tmp_path / where for where in ("file", "writing", *"012345")]
+    for folder, name in product(folders, "ab"):
+        folder.mkdir(exist_ok=True)
+        (folder / name).write_text("first")
+    subprocess.run([sys.executable, "-c", KILLED, *map(str, folders)], check=True)
+    for out in folders:
+        assert len(list(out.glob(".partial-*"))) == 1
+        with report.results_folder(out) as folder:
+            # The fifth move ends all others.
+            expected = dict.fromkeys("ab", "second" if out.name == "5" else "first")
+            assert {name: (out / name).read_text() for name in "ab"} == expected
+            (folder / "c").write_text("third")
+        assert {path.name for path in out.iterdir()} == set("abc")
+
+
+@needs_locks
+def test_what_belongs_to_a_run_that_is_alive_stays(tmp_path):
+    out = tmp_path / "waiting"
+    command = [sys.executable, "-c", KILLED, str(out)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as alive:
+        assert alive.stdout.readline() == b"ready\n"
+        with report.results_folder(out) as folder, replacing(out / "d") as temporary:
+            (folder / "c").write_text("third")
+            temporary.write_text("fourth")
+        assert len(list(out.glob(".partial-*"))) == 1
+        alive.kill()
+    with replacing(out / "d") as temporary:
+        temporary.write_text("fifth")
+    with report.results_folder(out):
+        pass
+    assert {path.name for path in out.iterdir()} == set("cd")

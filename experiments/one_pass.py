@@ -1,0 +1,188 @@
+"""What one pass over a recording tells of its channels, and whether to believe the estimate that it gives."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from experiments.identification import UNEXPLAINED, Weight
+from experiments.preparation import COMPONENTS
+from experiments.verdict import Finding, sentence, weight_findings
+from ident.accumulator import Accumulator
+from ident.diagnosis import FrameCheck
+from ident.estimate import Estimate
+from ident.tree import Tree
+from sim.log_mapping import UNITS
+from sim.log_plausibility import KILONEWTONS, TURNS
+from sim.recording import Recording
+
+KINDS = ("position", "velocity", "acceleration")
+
+MOVES = 0.01
+"""Range, in SI units, from which a joint or its velocity changes."""
+
+STUCK = 0.1
+"""Fraction of the predicted wrench from which a constant channel differs from it."""
+
+POOR = 0.5
+"""Residual over signal from which a channel is predicted poorly."""
+
+
+@dataclass(eq=False)
+class Seen:
+    """Extremes of all channels that are used, and the sum of the total wrench, of the samples seen so far.
+
+    Attributes:
+        kinds: Quantity of each channel, as `UNITS` has them.
+        samples: Number of samples.
+        total: Sum of the total wrench (6,).
+        low: Smallest value of each column of the total wrench, and of each channel by its name.
+        high: Largest.
+    """
+
+    kinds: Mapping[str, str]
+    samples: int = 0
+    total: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    low: dict[str, np.ndarray] = field(default_factory=dict)
+    high: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, tree: Tree, wrenches: Sequence[str]) -> "Seen":
+        """Nothing yet of a mechanism's joints and of wrenches."""
+        bodies = [tree.bodies[i] for i in tree.moving]
+        hinges = {body.joint: "hinge" if body.twist[3:].any() else "slide" for body in bodies if not body.is_ball}
+        joints = {f"{joint}_{kind}": f"{hinge} {kind}" for joint, hinge in hinges.items() for kind in KINDS}
+        return cls(joints | {f"{name}_{kind}": kind for name in wrenches for kind in ("force", "torque")})
+
+    def add(self, recording: Recording, wrench: np.ndarray) -> None:
+        """Looks at more samples and their total wrench (N, 6).
+
+        Raises:
+            ValueError: A unit is none of the SI, or angles look like degrees.
+        """
+        self.samples += len(wrench)
+        self.total += wrench.sum(axis=0)
+        for name, x in {"wrench": wrench, **{name: recording[name] for name in self.kinds}}.items():
+            low, high = x.min(axis=0), x.max(axis=0)
+            self.low[name] = np.minimum(self.low.get(name, low), low)
+            self.high[name] = np.maximum(self.high.get(name, high), high)
+        for name, kind in self.kinds.items():
+            unit = recording.units.get(name)
+            if UNITS[kind].get(str(unit), 1.0) != 1:
+                raise ValueError(f"channel '{name}' is in {unit}, but a recording needs {next(iter(UNITS[kind]))}.")
+            if kind == "hinge position" and unit is None and self.extent(name) > TURNS:
+                raise ValueError(
+                    f"channel '{name}' ranges over {self.extent(name):.3g} rad, which looks like degrees; convert it, "
+                    "or state its unit, rad, in the recording's 'units'."
+                )
+
+    def resting(self) -> list[str]:
+        """Rates that are zero throughout although what they are the rates of changes."""
+        joints = [name.removesuffix("_position") for name in self.kinds if name.endswith("_position")]
+        pairs = [(f"{joint}_{x}", f"{joint}_{rate}") for joint in joints for x, rate in pairwise(KINDS)]
+        return [rate for x, rate in pairs if not (self.low[rate] or self.high[rate]) and self.extent(x) > MOVES]
+
+    def extent(self, name: str) -> np.ndarray:
+        """Range of a channel, of each of its columns."""
+        return self.high[name] - self.low[name]
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What an estimate of one pass is judged by.
+
+    Attributes:
+        ratio: RMS residual over the signal's standard deviation, of each channel that changes.
+        findings: Findings, the doubts first.
+    """
+
+    ratio: Mapping[str, float]
+    findings: Sequence[Finding]
+
+    @property
+    def verdict(self) -> str:
+        """One sentence."""
+        return sentence(self.ratio, self.findings, "fitted")
+
+
+def judged(seen: Seen, found: Accumulator, estimate: Estimate, prior: np.ndarray, gravity: np.ndarray) -> Judged:
+    """Judges an estimate without another pass.
+
+    Args:
+        seen: What was seen of the channels.
+        found: What was accumulated of them.
+        estimate: The estimate.
+        prior: φ of the model (10 b,).
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+
+    Raises:
+        ValueError: No channel of the wrench changes.
+    """
+    changes = seen.extent("wrench") > 0
+    if not changes.any():
+        raise ValueError("Every channel of the total wrench is constant; there is nothing to fit.")
+    model = estimate.parameters.regroup(prior)
+    zero = np.zeros_like(model)
+    signal, predicted, straight, opposite = (
+        _squares(found, np.append(psi, sign)) for psi, sign in ((zero, 1), (model, 0), (-model, 1), (-model, -1))
+    )
+    std = np.sqrt(np.maximum(signal / seen.samples - (seen.total / seen.samples) ** 2, 1e-300))
+    ratio = estimate.residual_norms / np.sqrt(seen.samples) / std
+    ratios = {c: float(r) for c, r, changing in zip(COMPONENTS, ratio, changes, strict=True) if changing}
+    stuck = [*seen.resting(), *np.array(COMPONENTS)[~changes & (straight > STUCK**2 * predicted)]]
+    found_so = [
+        *_sign(predicted, straight, opposite),
+        *_weight(seen, float(prior.reshape(-1, 10)[:, 0].sum()), gravity),
+        *_listed("Constant, though the motion would change it", stuck, doubt=True),
+        *_listed(
+            "Not explained by this motion, residual over standard deviation in brackets",
+            [f"{c} ({r:.2f})" for c, r in ratios.items() if r > UNEXPLAINED],
+            doubt=False,
+        ),
+        *_listed(
+            "Predicted poorly",
+            [f"{c} ({r:.2f})" for c, r in ratios.items() if POOR < r <= UNEXPLAINED],
+            doubt=True,
+        ),
+    ]
+    return Judged(ratios, sorted(found_so, key=lambda finding: not finding.doubt))
+
+
+def _squares(found: Accumulator, combination: np.ndarray) -> np.ndarray:
+    """Sum of squares of a combination of base columns and wrench, of each component (6,)."""
+    x = found.factor @ combination
+    return np.maximum(x @ found.grams @ x, 0)
+
+
+def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> list[Finding]:
+    """Whether the wrench fits the model far better with the opposite sign, from sums of squares (6,)."""
+    size = predicted.reshape(2, 3).sum(axis=1)
+    scale = np.repeat(np.maximum(size, 1e-6 * size.max(initial=1e-24)), 3)
+    error, turned = (float(np.sqrt((left / scale).sum() / 2)) for left in (straight, opposite))
+    if not FrameCheck(-1, np.eye(3), error, turned).suspicious:
+        return []
+    return [
+        Finding(
+            "The total wrench looks as if it had the opposite sign: against the model's own prediction its relative "
+            f"error would fall from {error:.2f} to {turned:.2f}.",
+            True,
+        )
+    ]
+
+
+def _weight(seen: Seen, mass: float, gravity: np.ndarray) -> list[Finding]:
+    g = float(np.linalg.norm(gravity))
+    if g == 0:
+        return [Finding("The model has no gravity, so nothing could be weighed.", False)]
+    weighed = float(-seen.total[:3] @ gravity) / (seen.samples * g**2)
+    found = weight_findings(Weight(weighed, mass, 0.0))
+    largest = float(np.linalg.norm(np.maximum(-seen.low["wrench"], seen.high["wrench"])[:3]))
+    if 0 < largest < mass * g / KILONEWTONS:
+        text = f"The force is at most {largest:.3g} N where the mechanism weighs {mass * g:.4g} N: its unit may be kN."
+        found.append(Finding(text, True))
+    return found
+
+
+def _listed(what: str, names: Sequence[str], *, doubt: bool) -> list[Finding]:
+    return [Finding(f"{what}: {', '.join(names)}.", doubt)] if names else []
