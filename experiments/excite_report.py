@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from experiments import excite_study, figures, report
+from experiments import escape, excite_study, figures, report
 from experiments.excite_study import Problem
 from sim.excitation_design import Limits
 from sim.recording import Recording
@@ -88,7 +88,7 @@ def figure(problem: Problem, limits: Limits, before: Motion, after: Motion) -> F
         for (k, column), ax in np.ndenumerate(axes):
             joint, (low, high) = problem.joints[k], bounds[column]
             lines = _panel(ax, before, after, (column, k), (float(low[k]), float(high[k])))
-            name = f"{joint.name}\n" if column == 0 else ""
+            name = f"{escape.label(joint.name)}\n" if column == 0 else ""
             ax.set_ylabel(f"{name}{KINDS[column]} ({joint.unit}{PER[column]})", labelpad=2)
         for ax in axes[-1]:
             ax.set_xlabel("time (s)", labelpad=2)

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from experiments import figures, page, report
+from experiments import escape, figures, page, report
 from experiments.identification import Identification
 from experiments.preparation import COMPONENTS
 from experiments.verdict import SIGNIFICANT, Finding, findings, verdict
@@ -247,7 +247,7 @@ def _label(result: Identification, k: int, per: str = "") -> str:
     if channel in COMPONENTS:
         return f"${channel[0]}_{channel[1]}$ ({'N' if channel[0] == 'F' else 'N m'}{per})"
     motion = np.hstack([body.motions for body in tree.bodies])[:, tree.freedoms.index(channel)]
-    return f"{channel}\n({'N m' if motion[3:].any() else 'N'}{per})"
+    return f"{escape.label(channel)}\n({'N m' if motion[3:].any() else 'N'}{per})"
 
 
 def estimate(result: Identification, full: ConsistentParameters, found: list[Finding]) -> dict[str, Any]:

@@ -11,13 +11,14 @@ import shutil
 import signal
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
+from experiments import escape
 from experiments.figures import PARAMETER, parameter_symbol
 from sim.atomic import PARTIAL, claimed, unwritten
 
@@ -55,14 +56,15 @@ class Table:
     def markdown(self) -> str:
         """A Markdown table under its title, numbers right-aligned."""
         rule = ["---:" if numeric else "---" for numeric in self._numeric()]
-        table = "".join(f"| {' | '.join(row)} |\n" for row in [self._headings(), rule, *self._texts()])
-        title = f"**{self.title}**\n\n" if self.title else ""
-        return title + table + (f"\n\\* {self.footnote}\n" if self.footnote else "")
+        head = list(map(escape.markdown, self._headings()))
+        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *self._texts(escape.markdown)])
+        title = f"**{escape.markdown(self.title)}**\n\n" if self.title else ""
+        return title + table + (f"\n\\* {escape.markdown(self.footnote)}\n" if self.footnote else "")
 
     def tex(self) -> str:
         """A LaTeX table over both columns of a page; it needs no packages."""
         align = "".join("r" if numeric else "l" for numeric in self._numeric())
-        rows = [map(_tex_heading, self._headings()), *(map(_tex, row) for row in self._texts())]
+        rows = [list(map(_tex_heading, self._headings())), *self._texts(_tex)]
         head, *body = [f"{' & '.join(row)} \\\\\n" for row in rows]
         note = f"\\par\\smallskip * {_tex(self.footnote)}\n" if self.footnote else ""
         return (
@@ -91,15 +93,15 @@ class Table:
     def _headings(self) -> list[str]:
         return [heading(name) for name in self.columns]
 
-    def _texts(self) -> list[list[str]]:
-        return [[self._text(cell) for cell in row] for row in self.rows]
+    def _texts(self, escaped: Callable[[str], str] = str) -> list[list[str]]:
+        return [[self._text(cell, escaped) for cell in row] for row in self.rows]
 
-    def _text(self, cell: Cell) -> str:
+    def _text(self, cell: Cell, escaped: Callable[[str], str]) -> str:
         if cell is None:
             return ""
         if isinstance(cell, str):
-            return f"{cell}*" if cell in self.marked else cell
-        return self._number(cell)
+            return escaped(cell) + ("*" if cell in self.marked else "")
+        return escaped(self._number(cell))
 
     def _number(self, value: float) -> str:
         return number(value, self.decimals)
@@ -136,16 +138,12 @@ def number(value: float, decimals: int = 3) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}" if abs(value) < 1e6 else f"{value:.2e}"
 
 
-_TEX = {"²": "$^2$", "π": r"$\pi$", "θ": r"$\theta$", "τ": r"$\tau$", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#"}
-
-
 def _tex(text: str) -> str:
     """Plain text as LaTeX, with parameters as symbols and minus signs as such."""
-    words = PARAMETER.sub(lambda match: parameter_symbol(match[0]), text)
-    outside = [
-        part if k % 2 else "".join(_TEX.get(c, c) for c in part) for k, part in enumerate(re.split(r"(\$.*?\$)", words))
-    ]
-    return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", "".join(outside))
+    edges = [0, *(edge for match in PARAMETER.finditer(text) for edge in match.span()), len(text)]
+    parts = [text[start:end] for start, end in pairwise(edges)]
+    symbols = "".join(parameter_symbol(part) if k % 2 else escape.tex(part) for k, part in enumerate(parts))
+    return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", symbols)
 
 
 def _tex_heading(text: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments import figures, misaligned, multicontact, options, report
+from experiments import escape, figures, misaligned, multicontact, options, report
 from experiments.kept import Kept
 from experiments.workers import hired
 from ident.in_order import in_order
@@ -126,7 +126,7 @@ def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
                 figures.widen_flat(ax)
             ax.set_title(title, pad=3)
         if not numeric:
-            panels[-1].set_xticks(x, found.values)
+            panels[-1].set_xticks(x, [escape.label(str(value)) for value in found.values])
             panels[-1].margins(x=0.2)
         panels[-1].set_xlabel(_label(found.option))
         handles, labels = panels[0].get_legend_handles_labels()

@@ -1,0 +1,42 @@
+"""Names and texts of whatever origin, so written that TeX, Markdown and matplotlib show them letter by letter.
+
+Pages in HTML have the standard library's `html.escape`.
+"""
+
+import re
+
+_TEX = {
+    **{letter: f"\\{letter}" for letter in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    "²": "$^2$",
+    "π": r"$\pi$",
+    "θ": r"$\theta$",
+    "τ": r"$\tau$",
+}
+
+
+def tex(text: str) -> str:
+    """A text in one line of a LaTeX document that needs no packages."""
+    escaped = re.sub("-(?=-)", "-{}", "".join(_TEX.get(letter, letter) for letter in _line(text)))
+    # At the beginning of a row these would be read as arguments of the end of the row before.
+    return re.sub(r"^( *)([*\[])", r"\1{\2}", escaped)
+
+
+def markdown(text: str) -> str:
+    """A text in a cell of a Markdown table; underscores within words stay as they are, they mean nothing."""
+    return re.sub(r"[\\`*{}\[\]<>|~$&#!]|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", _line(text))
+
+
+def label(text: str) -> str:
+    """A text in a figure of matplotlib's, which takes what is between dollars for formulas."""
+    return _line(text).replace("$", r"\$")
+
+
+def _line(text: str) -> str:
+    """The text in one line, without control characters."""
+    return re.sub(r"[\x00-\x1f\x7f\x85\u2028\u2029]+", " ", text)
