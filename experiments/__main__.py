@@ -17,6 +17,7 @@ def run(args: argparse.Namespace) -> None:
     formats = ["--formats", *dict.fromkeys(["png", *args.formats])]
     trials = ["--trials", str(args.trials), "--workers", str(args.workers), "--redraw", args.redraw]
     trials += ["--scheduler", args.scheduler] if args.scheduler else []
+    trials += ["--tls", *args.tls] if args.tls else []
     for study, more in ((mechanism, []), (misaligned, trials), (multicontact, trials)):
         out = args.out / study.__name__.rpartition(".")[2]
         # A study that the interrupted run had not reached starts from the beginning.

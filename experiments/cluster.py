@@ -2,39 +2,44 @@
 
 import logging
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, InvalidStateError
 from contextlib import ExitStack, contextmanager, suppress
 from threading import Event, Thread
 from typing import Any
 
 from distributed import Client, KilledWorker
+from distributed.security import Security
 
 ANSWER = 5.0
 """Seconds within which a scheduler must answer and have a worker."""
 
 
 @contextmanager
-def connected(address: str) -> Iterator[tuple[Executor, int]]:
+def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[Executor, int]]:
     """An executor whose tasks a cluster does for the duration of a block, and how many at once.
 
     The scheduler redoes the tasks of workers that die.
 
     Args:
-        address: Address of the scheduler, `tcp://host:port`.
+        address: Address of the scheduler, `tcp://host:port` or `tls://host:port`.
+        tls: PEM files for the latter: certificate authority, own certificate and its key; by default those of Dask's
+            configuration.
 
     Raises:
-        ValueError: The scheduler cannot be reached, has no workers or unfit ones, or was lost; or one task has killed
-            several workers.
+        ValueError: The scheduler cannot be reached, with these files, has no workers or unfit ones, or was lost; or one
+            task has killed several workers.
     """
     # What matters of its logs is raised, also after the client is closed.
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with ExitStack() as stack:
         try:
-            client = stack.enter_context(Client(address, timeout=ANSWER, set_as_default=False))
+            security = _security(tls) if address.startswith("tls://") else None
+            client = stack.enter_context(Client(address, timeout=ANSWER, set_as_default=False, security=security))
             client.wait_for_workers(1, timeout=ANSWER)
-        except (OSError, ValueError) as error:
+        # Without files for TLS Dask has a TypeError.
+        except (OSError, ValueError, TypeError, RuntimeError) as error:
             raise ValueError(f"There is no Dask scheduler with workers at {address} ({error}).") from None
         executor = stack.enter_context(_Watched(client))
         try:
@@ -58,6 +63,13 @@ def connected(address: str) -> Iterator[tuple[Executor, int]]:
             ) from None
         except CancelledError:
             raise ValueError(f"The connection to the Dask scheduler at {address} was lost.") from None
+
+
+def _security(tls: Sequence[str] | None) -> Any:
+    if tls is None:
+        return Security(require_encryption=True)
+    authority, certificate, key = tls
+    return Security(require_encryption=True, tls_ca_file=authority, tls_client_cert=certificate, tls_client_key=key)
 
 
 class _Watched(Executor):

@@ -162,7 +162,7 @@ def conclude(
 def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespace) -> None:
     """Runs the trials, and writes and prints how their errors are distributed."""
     left = args.trials - len(done)
-    with hired(max(1, min(args.workers, left)), args.scheduler) as crew:
+    with hired(max(1, min(args.workers, left)), args.scheduler, args.tls) as crew:
         outcomes = run_trials(
             draw,
             plan.analyse,

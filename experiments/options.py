@@ -76,8 +76,15 @@ def add_workers(group: argparse._ActionsContainer) -> None:
         "--scheduler",
         type=_address,
         metavar="tcp://HOST:PORT",
-        help="Dask scheduler whose workers share the work instead (extra 'cluster'); they need this package in the "
-        "same version and one thread each for linear algebra, as `dask worker --nthreads 1` starts them with its nanny",
+        help="Dask scheduler, also tls://, whose workers share the work instead (extra 'cluster'); they need this "
+        "package in the same version and one thread each for linear algebra, as `dask worker --nthreads 1` starts them "
+        "with its nanny",
+    )
+    group.add_argument(
+        "--tls",
+        nargs=3,
+        metavar=("CA", "CERT", "KEY"),
+        help="PEM files for tls://, if Dask's own configuration has none: the authority's certificate, yours, its key",
     )
     group.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
 
@@ -203,9 +210,10 @@ def _address(text: str) -> str:
     """Type of an option: a scheduler's address."""
     with suppress(ValueError):
         parts = urlsplit(text)
-        if text == f"tcp://{parts.netloc}" and parts.hostname and parts.port and not (parts.username or " " in text):
+        whole = text in (f"tcp://{parts.netloc}", f"tls://{parts.netloc}")
+        if whole and parts.hostname and parts.port and not (parts.username or " " in text):
             return text
-    raise argparse.ArgumentTypeError(f"needs an address as tcp://host:port, got '{text}'")
+    raise argparse.ArgumentTypeError(f"needs an address as tcp://host:port, got '{text}'; tls:// will do as well")
 
 
 def whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:

@@ -244,7 +244,7 @@ def run(args: argparse.Namespace) -> None:
         progress = Progress(args.out / FILE, identity)
         if args.resume:
             progress = progress.resumed(parameters)
-        with hired(args.workers, args.scheduler) as crew:
+        with hired(args.workers, args.scheduler, args.tls) as crew:
             found = accumulated(progress, reading, gravity, parameters, executor=crew.executor, ahead=crew.ahead)
         estimate = solve(found, parameters)
         judgement = judged(seen, found, estimate, prior, gravity)

@@ -156,7 +156,7 @@ def swept(args: argparse.Namespace, option: str, values: Sequence[str | float]) 
     runs = [(value, seed) for seed in range(args.seeds) for value in values]
     kept = Kept("runs", args.out / FILE, {"study": args.study, "option": option, "values": values})
     done = kept.done()[: len(runs)] if args.resume else []
-    with hired(max(1, min(args.workers, len(runs) - len(done))), args.scheduler) as crew:
+    with hired(max(1, min(args.workers, len(runs) - len(done))), args.scheduler, args.tls) as crew:
         work = partial(run_of, args.study, option)
         with closing(in_order(crew.executor, work, runs[len(done) :], ahead=crew.ahead)) as batches:
             outcomes = kept.collect(batches, len(runs), done)

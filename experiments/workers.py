@@ -3,7 +3,7 @@
 import os
 import pickle
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -32,23 +32,26 @@ class Crew:
 
 
 @contextmanager
-def hired(workers: int, scheduler: str | None = None) -> Iterator[Crew]:
+def hired(workers: int, scheduler: str | None = None, tls: Sequence[str] | None = None) -> Iterator[Crew]:
     """Workers with one thread each for linear algebra, so that sums are taken in the same order everywhere.
 
     Args:
         workers: Number of local processes.
-        scheduler: Address of a Dask scheduler, `tcp://host:port`, whose workers are taken instead.
+        scheduler: Address of a Dask scheduler, `tcp://host:port` or `tls://host:port`, whose workers are taken instead.
+        tls: Files for the latter, as for `cluster.connected`.
 
     Raises:
         ValueError: A worker died, or the scheduler cannot be reached, has no workers or was lost.
     """
+    if tls is not None and not (scheduler or "").startswith("tls://"):
+        raise ValueError("The files of --tls are for a --scheduler at tls://HOST:PORT.")
     if scheduler is None:
         with _local(workers) as executor:
             yield Crew(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
     else:
         with options.extra("cluster"):
             from experiments import cluster
-        with cluster.connected(scheduler) as (executor, number):
+        with cluster.connected(scheduler, tls) as (executor, number):
             yield Crew(executor, 2 * number, 1)
 
 

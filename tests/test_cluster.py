@@ -3,6 +3,7 @@
 import logging
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -31,6 +32,7 @@ distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is 
 cluster_module = pytest.importorskip("experiments.cluster")
 
 TREE = double_pendulum()
+ONE = {"OPENBLAS_NUM_THREADS": "1"}
 
 
 @contextmanager
@@ -50,12 +52,12 @@ def started(said, *command, **environment):
             process.terminate()
 
 
-def started_scheduler():
-    return started(rb"Scheduler at:\s+(tcp://\S+)", "scheduler", "--host", "127.0.0.1", "--port", "0")
+def started_scheduler(*more):
+    return started(rb"Scheduler at:\s+(t\w\w://\S+)", "scheduler", "--host", "127.0.0.1", "--port", "0", *more)
 
 
 def started_worker(address, *more, **environment):
-    return started(rb"Registered to:\s+(tcp://\S+)", "worker", address, "--nthreads", "1", *more, **environment)
+    return started(rb"Registered to:\s+(t\w\w://\S+)", "worker", address, "--nthreads", "1", *more, **environment)
 
 
 @pytest.fixture(scope="module")
@@ -208,3 +210,38 @@ def test_a_scheduler_that_dies_is_one_sentence(ahead):
         for found in in_order(crew.executor, abs, count(), ahead=ahead):
             if found == 10:
                 scheduler.kill()
+
+
+def certificate(folder, name):
+    """Files of a certificate that is its own authority, and of its key."""
+    files = [str(folder / f"{name}.{kind}") for kind in ("pem", "key")]
+    request = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}"]
+    subprocess.run([*request, "-out", files[0], "-keyout", files[1]], check=True, capture_output=True)
+    return files[0], *files
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificates")
+def test_an_encrypted_cluster_is_taken_with_the_right_files_only(tmp_path, monkeypatch):
+    ours, others = certificate(tmp_path, "ours"), certificate(tmp_path, "others")
+    names = ("--tls-ca-file", "--tls-cert", "--tls-key")
+    files = [x for pair in zip(names, ours, strict=True) for x in pair]
+    with started_scheduler("--protocol", "tls", *files) as (_, at), started_worker(at, "--no-nanny", *files, **ONE):
+        assert at.startswith("tls://")
+        with hired(1, at, ours) as crew:
+            assert list(in_order(crew.executor, abs, range(5))) == list(range(5))
+        monkeypatch.setattr(cluster_module, "ANSWER", 2.0)
+        for wrong in (None, others, [*ours[:2], str(tmp_path / "none")]):
+            with (
+                pytest.raises(ValueError, match=f"There is no Dask scheduler with workers at {at}"),
+                hired(1, at, wrong),
+            ):
+                pass
+
+
+def test_files_for_tls_need_an_address_with_it():
+    for address in (None, "tcp://127.0.0.1:8786"):
+        with (
+            pytest.raises(ValueError, match="--tls are for a --scheduler at tls://"),
+            hired(1, address, ("a", "b", "c")),
+        ):
+            pass
