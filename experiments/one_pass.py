@@ -31,17 +31,19 @@ POOR = 0.5
 
 @dataclass(eq=False)
 class Seen:
-    """Extremes of all channels that are used, and the sum of the total wrench, of the samples seen so far.
+    """Extremes of the joints' channels and of the total wrench, and the latter's sum, of the samples seen so far.
 
     Attributes:
-        kinds: Quantity of each channel, as `UNITS` has them.
+        joints: Quantity of each joint's channels, position, velocity and acceleration, as `UNITS` has them.
+        wrenches: Quantity of each wrench's channels.
         samples: Number of samples.
         total: Sum of the total wrench (6,).
-        low: Smallest value of each column of the total wrench, and of each channel by its name.
+        low: Smallest value of each joint's channel, and of the total wrench (6,) by the name `wrench`.
         high: Largest.
     """
 
-    kinds: Mapping[str, str]
+    joints: Mapping[str, str]
+    wrenches: Mapping[str, str]
     samples: int = 0
     total: np.ndarray = field(default_factory=lambda: np.zeros(6))
     low: dict[str, np.ndarray] = field(default_factory=dict)
@@ -49,29 +51,50 @@ class Seen:
 
     @classmethod
     def of(cls, tree: Tree, wrenches: Sequence[str]) -> "Seen":
-        """Nothing yet of a mechanism's joints and of wrenches."""
+        """Nothing yet of a mechanism's joints and of wrenches.
+
+        Raises:
+            ValueError: Nothing moves, or a joint is a ball.
+        """
         bodies = [tree.bodies[i] for i in tree.moving]
-        hinges = {body.joint: "hinge" if body.twist[3:].any() else "slide" for body in bodies if not body.is_ball}
+        if not bodies:
+            raise ValueError(f"Nothing moves on this base: {', '.join(tree.names)} without joints; see --base.")
+        if balls := [body.joint for body in bodies if body.is_ball]:
+            raise ValueError(f"A recording holds hinges and slides, but not the ball joint '{balls[0]}'; see --base.")
+        hinges = {body.joint: "hinge" if body.twist[3:].any() else "slide" for body in bodies}
         joints = {f"{joint}_{kind}": f"{hinge} {kind}" for joint, hinge in hinges.items() for kind in KINDS}
-        return cls(joints | {f"{name}_{kind}": kind for name in wrenches for kind in ("force", "torque")})
+        return cls(joints, {f"{name}_{kind}": kind for name in wrenches for kind in ("force", "torque")})
+
+    def check(self, recording: Recording) -> None:
+        """Refuses channels of another shape or unit.
+
+        Raises:
+            ValueError: A channel is missing, has another number of components, or is in no unit of the SI.
+        """
+        for name, kind in {**self.joints, **self.wrenches}.items():
+            components, unit = (3,) if kind in ("force", "torque") else (), str(recording.units.get(name))
+            if recording[name].shape[1:] != components:
+                needed = "three numbers" if components else "one number"
+                raise ValueError(f"channel '{name}' needs {needed} a sample, got shape {recording[name].shape}.")
+            if UNITS[kind].get(unit, 1.0) != 1:
+                raise ValueError(f"channel '{name}' is in {unit}, but a recording needs {next(iter(UNITS[kind]))}.")
 
     def add(self, recording: Recording, wrench: np.ndarray) -> None:
         """Looks at more samples and their total wrench (N, 6).
 
         Raises:
-            ValueError: A unit is none of the SI, or angles look like degrees.
+            ValueError: Angles look like degrees.
         """
+        # Numpy is ten times faster along rows.
+        rows = np.ascontiguousarray(wrench.T)
         self.samples += len(wrench)
-        self.total += wrench.sum(axis=0)
-        for name, x in {"wrench": wrench, **{name: recording[name] for name in self.kinds}}.items():
-            low, high = x.min(axis=0), x.max(axis=0)
+        self.total += rows.sum(axis=1)
+        for name, x in {"wrench": rows, **{name: recording[name] for name in self.joints}}.items():
+            low, high = x.min(axis=-1), x.max(axis=-1)
             self.low[name] = np.minimum(self.low.get(name, low), low)
             self.high[name] = np.maximum(self.high.get(name, high), high)
-        for name, kind in self.kinds.items():
-            unit = recording.units.get(name)
-            if UNITS[kind].get(str(unit), 1.0) != 1:
-                raise ValueError(f"channel '{name}' is in {unit}, but a recording needs {next(iter(UNITS[kind]))}.")
-            if kind == "hinge position" and unit is None and self.extent(name) > TURNS:
+        for name, kind in self.joints.items():
+            if kind == "hinge position" and name not in recording.units and self.extent(name) > TURNS:
                 raise ValueError(
                     f"channel '{name}' ranges over {self.extent(name):.3g} rad, which looks like degrees; convert it, "
                     "or state its unit, rad, in the recording's 'units'."
@@ -79,9 +102,9 @@ class Seen:
 
     def resting(self) -> list[str]:
         """Rates that are zero throughout although what they are the rates of changes."""
-        joints = [name.removesuffix("_position") for name in self.kinds if name.endswith("_position")]
-        pairs = [(f"{joint}_{x}", f"{joint}_{rate}") for joint in joints for x, rate in pairwise(KINDS)]
-        return [rate for x, rate in pairs if not (self.low[rate] or self.high[rate]) and self.extent(x) > MOVES]
+        zero = {name for name in self.joints if not (self.low[name] or self.high[name])}
+        rates = [(x, rate) for x, rate in pairwise(self.joints) if not self.joints[rate].endswith("position")]
+        return [rate for x, rate in rates if rate in zero and self.extent(x) > MOVES]
 
     def extent(self, name: str) -> np.ndarray:
         """Range of a channel, of each of its columns."""

@@ -139,6 +139,7 @@ class Reading:
                     f"the recording has no channel '{joint}_position'; it has {', '.join(sorted(recording.measured))}. "
                     f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
                 )
+        self.seen.check(recording)
         states = recording.joint_states(self.tree.joints)
         held = [Contact(body, recording.wrench(name), pose) for name, (body, pose) in self.contacts.items()]
         total = total_wrench(self.tree, states[0], recording.wrench("ground"), held).wrench
@@ -227,13 +228,9 @@ def run(args: argparse.Namespace) -> None:
     model = compiled(args.model)
     tree = tree_from_model(model, args.base, ignore=args.ignore, fix=options.fixed(args.fix))
     gravity = gravity_in_base(model, args.base)
-    if not tree.joints:
-        raise ValueError(
-            f"Nothing moves on this base: {', '.join(tree.names)} have no joints; name another one (--base)."
-        )
-    prior, parameters = parameters_from_model(model, args.base), find_base_parameters(tree, gravity=gravity)
     contacts = {name: site_on_tree(model, name, args.base) for name in args.contact}
     seen = Seen.of(tree, ["ground", *contacts])
+    prior, parameters = parameters_from_model(model, args.base), find_base_parameters(tree, gravity=gravity)
     limit = 1_000_000 * args.max_size
     reading = Reading(tree, args.recordings, args.piece, contacts, args.without, limit, seen)
     inputs = (args.model, *args.recordings)

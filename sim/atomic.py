@@ -31,7 +31,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """
 
     def made() -> Path:
-        handle, name = tempfile.mkstemp(prefix=f"{PARTIAL}{path.stem}-", suffix=path.suffix, dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=PARTIAL, suffix=path.suffix, dir=path.parent)
         os.close(handle)
         return Path(name)
 

@@ -87,7 +87,7 @@ def reading(member: str) -> Iterator[None]:
         yield
     # Zip, its decompressors and numpy's parser of headers have a dozen classes of errors for damage.
     except Exception as error:
-        raise ValueError(f"member '{member}' cannot be read ({_reason(error)}).") from error
+        raise ValueError(f"member {member!r} cannot be read ({_reason(error)}).") from error
 
 
 def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:

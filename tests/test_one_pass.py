@@ -9,7 +9,7 @@ import pytest
 from commands import refusal
 
 import scenes
-from experiments import stream
+from experiments import identify, stream
 from sim.excitation import DOUBLE_PENDULUM
 from sim.simulate import simulate
 
@@ -81,11 +81,19 @@ def test_what_cannot_be_fitted_is_refused(tmp_path, capsys):
     assert "channel 'joint1_position' ranges over" in said and "looks like degrees" in said
     said = refusal(stream.main, arguments(tmp_path, units={"ground_force": "kN"}), capsys)
     assert "channel 'ground_force' is in kN, but a recording needs N." in said
+    said = refusal(stream.main, arguments(tmp_path, joint1_velocity=np.ones((943, 3))), capsys)
+    assert "channel 'joint1_velocity' needs one number a sample, got shape (300, 3)." in said
 
 
 def test_a_base_on_which_nothing_moves_is_named(tmp_path, capsys):
     given = [*arguments(tmp_path), "--base", "link2"]
-    assert "Nothing moves on this base: link2 have no joints" in refusal(stream.main, given, capsys)
+    assert "Nothing moves on this base: link2 without joints; see --base." in refusal(stream.main, given, capsys)
+    assert "Nothing moves on this base: name another one (--base)" in refusal(
+        identify.main, [*given[:2], "--base", "link2", "--cutoff", "auto", "--out", str(tmp_path / "out")], capsys
+    )
+    ball = '<body name="a"><joint name="neck" type="ball"/><geom size="1"/></body>'
+    (tmp_path / "model.xml").write_text(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
+    assert "but not the ball joint 'neck'" in refusal(stream.main, given[:2], capsys)
 
 
 @pytest.mark.parametrize("name", [stream.FILE, "estimate.json"])

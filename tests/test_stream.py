@@ -116,6 +116,7 @@ def test_contacts_are_added_or_left_out_by_name(tmp_path, capsys):
         {"names": np.array(["m1", "m2"])},
         {"grams": np.array("text")},
         {"grams": np.full((6, 14, 14), np.nan)},
+        {"more": 1},
     ],
     ids=str,
 )
