@@ -1,10 +1,12 @@
-"""Runs everything: the mechanism, both studies, and a page that shows them all."""
+"""Runs everything: the mechanism, both studies, that of contacts also with several at once, and a page of them all."""
 
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import scenes
 from experiments import mechanism, misaligned, multicontact, options
 from experiments.figures import FORMATS
 from experiments.index import write_index
@@ -18,8 +20,14 @@ def run(args: argparse.Namespace) -> None:
     trials = ["--trials", str(args.trials), "--workers", str(args.workers), "--redraw", args.redraw]
     trials += ["--scheduler", args.scheduler] if args.scheduler else []
     trials += ["--tls", *args.tls] if args.tls else []
-    for study, more in ((mechanism, []), (misaligned, trials), (multicontact, trials)):
-        out = args.out / study.__name__.rpartition(".")[2]
+    studies: tuple[tuple[str, Any, list[str]], ...] = (
+        ("mechanism", mechanism, []),
+        ("misaligned", misaligned, trials),
+        ("multicontact", multicontact, trials),
+        ("several_contacts", multicontact, [*trials, "--contact", *scenes.CONTACTS]),
+    )
+    for folder, study, more in studies:
+        out = args.out / folder
         # A study that the interrupted run had not reached starts from the beginning.
         resume = ["--resume"] if more and args.resume and (out / FILE).exists() else []
         study.run(study.parser().parse_args(["--out", str(out), *formats, *more, *resume]))

@@ -50,6 +50,7 @@ def wrench_panels(
     *,
     symbol: str = "{}",
     bottom: float | None = None,
+    shaded: Mapping[str, np.ndarray] | None = None,
 ) -> Figure:
     r"""Six panels, forces on the left and torques on the right, one curve in each for every wrench.
 
@@ -59,6 +60,7 @@ def wrench_panels(
         xlabel: Label of the abscissa.
         symbol: Pattern of the ordinates' symbols in TeX, `|\Delta {}|` for errors.
         bottom: Lower limit of the ordinates; by default the data's.
+        shaded: For each legend entry the samples where the background is grey (N,).
 
     Returns:
         The figure, one IEEE column wide.
@@ -70,6 +72,9 @@ def wrench_panels(
             for label, (wrench, line) in wrenches.items():
                 style = {"ls": line.style, "color": line.color, "lw": line.width, "alpha": line.alpha}
                 ax.plot(x, wrench[:, component], label=label, **style)
+            for label, when in (shaded or {}).items():
+                sides = ax.get_xaxis_transform()
+                ax.fill_between(x, 0, 1, when, transform=sides, color="0.87", lw=0, zorder=0, label=label)
             variable, unit = COMPONENTS[component]
             ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
             ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
@@ -80,8 +85,9 @@ def wrench_panels(
         for ax in axes[-1]:
             ax.set_xlabel(xlabel, labelpad=2)
         figure.align_ylabels(axes)
-        ncols = len(wrenches) if len(wrenches) < 4 else 2
-        legend = figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=ncols)
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        columns = len(labels) if len(labels) < 4 else 2
+        legend = figure.legend(handles, labels, loc="outside upper center", ncols=columns)
         for handle in legend.get_lines():
             handle.set_linewidth(max(handle.get_linewidth(), 0.8))
     return figure

@@ -25,12 +25,13 @@ WHY = (
 
 
 def write_index(results: Path) -> None:
-    """Writes `results/index.html` from the folders `mechanism`, `misaligned` and `multicontact` beside it.
+    """Writes `results/index.html` from the folders of `python -m experiments` beside it.
 
     Args:
         results: Folder that holds the studies' results, figures among them as PNG.
     """
-    mechanism, misaligned, multicontact = (results / name for name in ("mechanism", "misaligned", "multicontact"))
+    folders = ("mechanism", "misaligned", "multicontact", "several_contacts")
+    mechanism, misaligned, multicontact, several = (results / name for name in folders)
     parts = [
         f"<h1>{html.escape(paper.TITLE)}: reproduction</h1>",
         f"<p>The study of {html.escape(paper.AUTHORS)}, simulated in MuJoCo and identified anew. Every number of ours "
@@ -83,11 +84,40 @@ def write_index(results: Path) -> None:
         ),
         page.figure(multicontact / "figure_5.png", "Figure 5. Measured total wrench less the predicted one."),
         *_monte_carlo(multicontact),
+        *_several_contacts(several),
         "<h2>Provenance</h2>",
-        *(_provenance(folder / "provenance.json") for folder in (misaligned, multicontact)),
+        *(_provenance(folder / "provenance.json") for folder in (misaligned, multicontact, several)),
     ]
     with replacing(results / "index.html") as temporary:
         temporary.write_text(page.document(f"{paper.TITLE}: reproduction", parts), encoding="utf-8")
+
+
+def _several_contacts(folder: Path) -> list[str]:
+    """The study of contacts on different links."""
+    found = _json(folder / "summary.json")
+    return [
+        "<h2>Several contacts at the same time (beyond the paper)</h2>",
+        "<p>The paper has one contact besides the ground. Here a hand holds the first link all the time, and the "
+        f"second one touches a pad in {found['fraction_all_touch']:.0%} of it. The condition number is "
+        f"{found['condition_number']:.1f} ({found['rows']} × {found['rank']}), the largest error "
+        f"{found['largest_error']:.2f}; ignoring the pad's wrench makes it {found['largest_error_ignoring_pad']:.1f}, "
+        f"ignoring the hand's {found['largest_error_ignoring_handle']:.1f}, and ignoring both "
+        f"{found['largest_error_ignoring']:.1f}.</p>",
+        page.table(folder / "table_contacts.csv", "When each contact touches, as shares of the samples"),
+        page.figure(
+            folder / "figure_contacts.png",
+            "Measured wrenches in the base frame that the links exert on the pad (green) and on the hand (orange).",
+        ),
+        page.table(
+            folder / "table_4.csv",
+            "True base parameters and errors, kg, kg m and kg m², beside those of Table IV",
+            marked=DIFFERS,
+        ),
+        page.table(folder / "table_4_ignoring.csv", "All contacts taken into account, and some ignored"),
+        page.figure(folder / "figure_4.png", "As Figure 4: measured ground, true total and recovered wrench."),
+        page.figure(folder / "figure_5.png", "As Figure 5: measured total wrench less the predicted one."),
+        *_monte_carlo(folder),
+    ]
 
 
 def _headline(misaligned: dict[str, Any], multicontact: dict[str, Any]) -> str:

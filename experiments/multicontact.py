@@ -1,4 +1,4 @@
-"""Section VII: identification with a contact at the end of the second link (Table IV, Figures 4 and 5)."""
+"""Section VII: identification with a contact at the end of the second link, or several (Table IV, Figures 4 and 5)."""
 
 import argparse
 import sys
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import scenes
 from experiments import figures, monte_carlo, options, paper, report
-from experiments.multicontact_study import SCENE, SENSOR, Study, problem, study, trial
+from experiments.multicontact_study import SCENE, Study, problem, study, total, trial
 
 DIFFERS = frozenset({"Ixx2", "Ixx3", "Ixz3"})
 """Entries of Table IV that no rigid body can have."""
@@ -22,11 +22,15 @@ FOOTNOTE = (
     "rigid body has those. The scene's values differ by exactly the parallel-axis terms."
 )
 
+CONTACT_LINES = (figures.Line("tab:green"), figures.Line("tab:orange"))
+"""How the contacts' wrenches are drawn."""
+
 
 def table_4(result: Study) -> report.Table:
-    """Errors with the contact's wrench, beside the paper's."""
+    """Errors with all contacts' wrenches, beside the paper's."""
+    which = "at the same time, beside Table IV" if result.several else "(Table IV)"
     return report.Table(
-        "Base parameters with several contacts, kg, kg m and kg m²",
+        f"Base parameters with several contacts {which}, kg, kg m and kg m²",
         *report.columns(
             parameter=result.fit.base.names,
             true_paper=[paper.TABLE_4[name][0] for name in result.fit.base.names],
@@ -40,9 +44,13 @@ def table_4(result: Study) -> report.Table:
 
 
 def table_4_ignoring(result: Study) -> report.Table:
-    """What the ground wrench alone gives, beside the estimate from both wrenches."""
+    """What the ground wrench alone gives, or all wrenches but one's, beside the estimate from all of them."""
+    alone = result.ignoring["all"]
+    ignoring = {"estimated_ignoring": alone.estimate.psi, "error_ignoring": alone.error}
+    if result.several:
+        ignoring = {f"error_ignoring_{name}": fit.error for name, fit in result.ignoring.items()}
     return report.Table(
-        "Ordinary and weighted least squares, and the contact ignored, kg, kg m and kg m²; "
+        f"Ordinary and weighted least squares, and the contact{'s' * result.several} ignored, kg, kg m and kg m²; "
         f"std of wrench noise, {result.fit.estimate.noise}",
         *report.columns(
             parameter=result.fit.base.names,
@@ -52,9 +60,28 @@ def table_4_ignoring(result: Study) -> report.Table:
             std_wrench_noise=result.fit.estimate.std,
             error_weighted=result.weighted.error,
             std_weighted=result.weighted.estimate.std,
-            estimated_ignoring=result.ignoring.estimate.psi,
-            error_ignoring=result.ignoring.error,
+            **ignoring,
             regrouping=result.fit.base.expressions(),
+        ),
+    )
+
+
+def table_contacts(result: Study) -> report.Table:
+    """When each contact touches, and how much."""
+    found, cells = summary(result), result.known.cells
+
+    def each(number: str) -> list[Any]:
+        return [found[f"{cell.site}_{number}"] for cell in cells.values()]
+
+    return report.Table(
+        "Contacts: shares of the samples in which each touches, and touches alone, number of episodes, peak force",
+        *report.columns(
+            contact=cells,
+            link=[cell.body for cell in cells.values()],
+            touches=each("fraction"),
+            touches_alone=each("fraction_alone"),
+            episodes=map(str, each("episodes")),
+            peak_force_N=each("peak_force_N"),
         ),
     )
 
@@ -69,6 +96,7 @@ def figure_4(result: Study) -> Figure:
             "Recovered": (result.fit.predicted, figures.Line("black", width=0.6)),
         },
         "Time (s)",
+        shaded=together(result),
     )
 
 
@@ -79,49 +107,80 @@ def figure_5(result: Study) -> Figure:
         {"Measured - predicted": (result.measured.wrench - result.fit.predicted, figures.Line("black", width=0.4))},
         "Time (s)",
         symbol=r"\Delta {}",
+        shaded=together(result),
     )
+
+
+def figure_contacts(result: Study) -> Figure:
+    """What each contact takes from the ground wrench, measured and moved to the base frame, over time."""
+    known, recording = result.known, result.recording
+    taken = {name: total(known, recording, {name}).wrench - result.measured.wrench for name in known.cells}
+    return figures.wrench_panels(
+        recording.time,
+        {name.capitalize(): (taken[name], line) for name, line in zip(taken, CONTACT_LINES, strict=False)},
+        "Time (s)",
+        shaded=together(result),
+    )
+
+
+def together(result: Study) -> dict[str, np.ndarray]:
+    """When several contacts all touch, for the figures (N,)."""
+    return {"All touch": np.all(list(result.touching.values()), axis=0)} if result.several else {}
 
 
 def summary(result: Study) -> dict[str, Any]:
     """Key numbers for scripts."""
     recording, estimate = result.recording, result.fit.estimate
-    force = np.linalg.norm(recording.noise_free[f"{SENSOR}_force"], axis=1)
-    numbers = {
+    ignoring = {name: float(np.abs(fit.error).max()) for name, fit in result.ignoring.items()}
+    return {
         "condition_number": estimate.condition_number,
         "rank": result.fit.base.rank,
         "rows": estimate.rows,
         "epsilon": estimate.epsilon,
         "paper_condition_number": paper.CONDITION_NUMBER_MULTICONTACT,
         "largest_error": float(np.abs(result.fit.error).max()),
-        "largest_error_ignoring": float(np.abs(result.ignoring.error).max()),
-        "contact_peak_force_N": float(force.max()),
+        "largest_error_ignoring": ignoring.pop("all"),
+        **{f"largest_error_ignoring_{name}": error for name, error in ignoring.items()},
+        **_touches(result),
         "tracking_error_rad": recording.provenance["tracking_error_rad"],
         "noise": dict(recording.noise),
     }
-    if "pad_normal_force" in recording.true:
-        touching = recording.true["pad_normal_force"] > 0
-        numbers["contact_fraction"] = float(touching.mean())
-        numbers["contact_episodes"] = int(touching[0] + np.sum(~touching[:-1] & touching[1:]))
-    return numbers
+
+
+def _touches(result: Study) -> dict[str, float]:
+    """When each contact touches, and how much; how often all do, and none does."""
+    number = np.sum(list(result.touching.values()), axis=0)
+    found: dict[str, float] = {}
+    for name, touching in result.touching.items():
+        site = result.known.cells[name].site
+        found |= {
+            f"{site}_fraction": float(touching.mean()),
+            f"{site}_fraction_alone": float(np.mean(touching & (number == 1))),
+            f"{site}_episodes": int(touching[0] + np.sum(~touching[:-1] & touching[1:])),
+            f"{site}_peak_force_N": float(np.linalg.norm(result.recording.true[f"{site}_force"], axis=1).max()),
+        }
+    return found | {
+        "contact_peak_force_N": max(x for key, x in found.items() if key.endswith("_peak_force_N")),
+        "fraction_all_touch": float(np.mean(number == len(result.touching))),
+        "fraction_none_touches": float(np.mean(number == 0)),
+    }
 
 
 def report_text(result: Study) -> str:
     """What the terminal shows."""
     found = summary(result)
     rows, columns = paper.SHAPE_MULTICONTACT
+    errors = "; ".join(f"ignoring {name} {np.abs(fit.error).max():.3f}" for name, fit in result.ignoring.items())
     lines = [
         table_4(result).text(),
         table_4_ignoring(result).text(),
+        table_contacts(result).text(),
         f"Condition number: {found['condition_number']:.1f} at {found['rows']}x{found['rank']} "
         f"(paper: {paper.CONDITION_NUMBER_MULTICONTACT} at {rows}x{columns})",
-        f"Largest error: {found['largest_error']:.3f} with the contact, "
-        f"{found['largest_error_ignoring']:.3f} when it is ignored",
-        f"Peak contact force: {found['contact_peak_force_N']:.0f} N",
+        f"Largest error: {found['largest_error']:.3f} with all contacts; {errors}",
+        f"All contacts touch in {found['fraction_all_touch']:.0%} of the samples, "
+        f"none in {found['fraction_none_touches']:.0%}",
     ]
-    if "contact_fraction" in found:
-        lines.append(
-            f"In contact: {found['contact_fraction']:.0%} of the samples, in {found['contact_episodes']} episodes"
-        )
     return "\n".join(lines)
 
 
@@ -131,17 +190,21 @@ def write(result: Study, folder: Path, formats: Iterable[str]) -> None:
     table_4_ignoring(result).write(folder, "table_4_ignoring")
     figures.save(figure_4(result), folder, "figure_4", formats)
     figures.save(figure_5(result), folder, "figure_5", formats)
+    if result.several:
+        table_contacts(result).write(folder, "table_contacts")
+        figures.save(figure_contacts(result), folder, "figure_contacts", formats)
     report.write_json(folder / "summary.json", summary(result))
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
     choices = {key: getattr(args, key) for key in ("seed", "samples", "contact", "noise_scale")}
+    choices["contact"] = contact = " ".join(args.contact)
     result = study(**choices)
     names = result.fit.base.names
     plan = monte_carlo.Plan(
-        scene={"name": SCENE, "contact": args.contact},
-        analyse=partial(trial, problem(args.contact)),
+        scene={"name": SCENE, "contact": contact},
+        analyse=partial(trial, problem(contact)),
         names=names,
         published={"multicontact": [paper.TABLE_4[name][1] for name in names]},
     )
@@ -152,7 +215,13 @@ def run(args: argparse.Namespace) -> None:
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.study_parser("multicontact", __doc__)
-    out.add_argument("--contact", choices=scenes.CONTACTS, default="pad", help="what the second link touches")
+    out.add_argument(
+        "--contact",
+        nargs="+",
+        choices=scenes.CONTACTS,
+        default=["pad"],
+        help="what touches the second link; of both at the same time the pad does, and the handle holds the first",
+    )
     return out
 
 

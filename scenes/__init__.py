@@ -1,6 +1,8 @@
 """The MJCF scenes. Bodies, joint limits, servos, sensors and their noise levels are declared there and nowhere else."""
 
+import re
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from importlib.resources import files
 
 import mujoco
@@ -12,8 +14,9 @@ NAMES = ("double_pendulum", "humanoid")
 VARIED = ("double_pendulum",)
 """Those of them that can be tilted and touched."""
 
-CONTACTS = ("pad", "handle")
-"""Surroundings that touch the load cell at the end of the last link, one MJCF file each."""
+CONTACTS = {"pad": "end", "handle": "link1_end"}
+"""Surroundings that touch a load cell, one MJCF file each, and the site where it sits if there are several; alone, each
+touches one at the site `end` of the last link."""
 
 
 def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact: str | None = None) -> mujoco.MjSpec:
@@ -24,7 +27,7 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
         tilt_deg: Angle by which every hinge axis of the mechanism is turned away from its design, from X for the
             double pendulum.
         azimuth_deg: Direction towards which X turns, measured from +Y to +Z.
-        contact: One of `CONTACTS`, to put a load cell at the site `end` and something to touch beside it.
+        contact: One of `CONTACTS`, or several with spaces between, each to touch a load cell on another link.
 
     Returns:
         The specification; `.compile()` makes the model, after that `.to_xml()` the MJCF text.
@@ -36,8 +39,7 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
         raise ValueError(f"No scene is named '{name}'; the scenes are {', '.join(NAMES)}.")
     if name not in VARIED and (tilt_deg or azimuth_deg or contact is not None):
         raise ValueError(f"The scene '{name}' has neither tilt nor contact to choose; {', '.join(VARIED)} has.")
-    if contact is not None and contact not in CONTACTS:
-        raise ValueError(f"No contact is named '{contact}'; the contacts are {', '.join(CONTACTS)}.")
+    cells = {} if contact is None else load_cells(contact)
     if not (-360 <= azimuth_deg <= 360 and 0 <= tilt_deg < 90):
         raise ValueError(
             f"A tilt needs an angle from 0° to below 90° and an azimuth of at most 360°, got {tilt_deg:.6g}° towards "
@@ -45,12 +47,7 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
         )
     root = _mjcf(name)
     hinges = [joint.get("name") for joint in root.iter("joint") if joint.get("name")]
-    if contact is not None:
-        link, end = next((body, site) for body in root.iter("body") for site in body.findall("site[@name='end']"))
-        cell = _mjcf("load_cell")
-        next(cell.iter("body")).set("pos", end.attrib["pos"])
-        _merge(root, cell, link)
-        _merge(root, _mjcf(contact), next(root.iter("worldbody")))
+    _touch(root, cells)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     if tilt_deg:
         turn = _tilt(np.radians(tilt_deg), np.radians(azimuth_deg))
@@ -59,8 +56,46 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
     return spec
 
 
-def _mjcf(name: str) -> ET.Element:
-    return ET.fromstring(files(__name__).joinpath(f"{name}.xml").read_text(encoding="utf-8"))
+def load_cells(contact: str) -> dict[str, str]:
+    """For each contact the site of its load cell, whose name its channels begin with.
+
+    Args:
+        contact: One of `CONTACTS`, or several with spaces between.
+
+    Returns:
+        In the order of `CONTACTS`: `contact` for one alone, `contact_NAME` for each of several.
+
+    Raises:
+        ValueError: A contact does not exist or is there twice.
+    """
+    names = contact.split()
+    for name in names or [contact]:
+        if name not in CONTACTS:
+            raise ValueError(f"No contact is named '{name}'; the contacts are {', '.join(CONTACTS)}.")
+    if len(set(names)) < len(names):
+        raise ValueError(f"Several contacts need to be different ones, got '{contact}'.")
+    return {name: f"contact_{name}" if len(names) > 1 else "contact" for name in CONTACTS if name in names}
+
+
+def _touch(root: ET.Element, cells: Mapping[str, str]) -> None:
+    """Adds the surroundings and their load cells to a scene; of several cells, each has a suffix to all its names."""
+    several = len(cells) > 1
+    for more in _mjcf("link1_end").iter("body") if several else ():
+        next(body for body in root.iter("body") if body.get("name") == more.get("name")).extend(more)
+    for surroundings, cell in cells.items():
+        place = CONTACTS[surroundings] if several else "end"
+        link, site = next((body, site) for body in root.iter("body") for site in body.findall(f"site[@name='{place}']"))
+        suffix = cell.removeprefix("contact")
+        addition = _mjcf("load_cell", suffix)
+        next(addition.iter("body")).attrib.update({k: v for k, v in site.items() if k in ("pos", "euler")})
+        _merge(root, addition, link)
+        _merge(root, _mjcf(surroundings, suffix), next(root.iter("worldbody")))
+
+
+def _mjcf(name: str, suffix: str = "") -> ET.Element:
+    """One of the files, with a suffix to the names of what belongs to a load cell."""
+    text = files(__name__).joinpath(f"{name}.xml").read_text(encoding="utf-8")
+    return ET.fromstring(re.sub('"(load_cell|tip|contact)', rf'"\1{suffix}', text))
 
 
 def _merge(root: ET.Element, addition: ET.Element, parent: ET.Element) -> None:

@@ -19,7 +19,7 @@ from sim.urdf import model_from_urdf, parsed
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
 """A compiled model, a specification, or the path of an MJCF or URDF file."""
 
-BEYOND = ("load_cell",)
+BEYOND = ("load_cell", "load_cell_pad", "load_cell_handle")
 """Bodies at which a mechanism ends: what a force sensor carries lies beyond it."""
 
 _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("FREE", "BALL", "SLIDE"))
