@@ -98,7 +98,7 @@ def _several_contacts(folder: Path) -> list[str]:
     return [
         "<h2>Several contacts at the same time (beyond the paper)</h2>",
         "<p>The paper has one contact besides the ground. Here a hand holds the first link all the time, and the "
-        f"second one touches a pad in {found['fraction_all_touch']:.0%} of it. The condition number is "
+        f"second one touches a pad in {100 * found['fraction_all_touch']:.0f} % of it. The condition number is "
         f"{found['condition_number']:.1f} ({found['rows']} × {found['rank']}), the largest error "
         f"{found['largest_error']:.2f}; ignoring the pad's wrench makes it {found['largest_error_ignoring_pad']:.1f}, "
         f"ignoring the hand's {found['largest_error_ignoring_handle']:.1f}, and ignoring both "

@@ -45,10 +45,15 @@ def table_4(result: Study) -> report.Table:
 
 def table_4_ignoring(result: Study) -> report.Table:
     """What the ground wrench alone gives, or all wrenches but one's, beside the estimate from all of them."""
+    least_squares: dict[str, np.ndarray] = {
+        "std_wrench_noise": result.fit.estimate.std,
+        "error_weighted": result.weighted.error,
+        "std_weighted": result.weighted.estimate.std,
+    }
     alone = result.ignoring["all"]
-    ignoring = {"estimated_ignoring": alone.estimate.psi, "error_ignoring": alone.error}
+    without = {"estimated_ignoring": alone.estimate.psi, "error_ignoring": alone.error}
     if result.several:
-        ignoring = {f"error_ignoring_{name}": fit.error for name, fit in result.ignoring.items()}
+        without = {f"error_ignoring_{name}": fit.error for name, fit in result.ignoring.items()}
     return report.Table(
         f"Ordinary and weighted least squares, and the contact{'s' * result.several} ignored, kg, kg m and kg m²; "
         f"std of wrench noise, {result.fit.estimate.noise}",
@@ -57,10 +62,7 @@ def table_4_ignoring(result: Study) -> report.Table:
             true=result.fit.psi_true,
             estimated=result.fit.estimate.psi,
             error=result.fit.error,
-            std_wrench_noise=result.fit.estimate.std,
-            error_weighted=result.weighted.error,
-            std_weighted=result.weighted.estimate.std,
-            **ignoring,
+            **(without | least_squares if result.several else least_squares | without),
             regrouping=result.fit.base.expressions(),
         ),
     )

@@ -8,6 +8,8 @@ from experiments import mechanism, paper
 from experiments.__main__ import main as everything
 from ident.se3 import exp
 
+STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts")
+
 
 def test_figure_1_is_drawn_from_the_scene():
     _, drawing = mechanism.mechanism()
@@ -50,9 +52,9 @@ def test_the_command_prints_the_check(tmp_path, capsys):
 def test_everything_on_one_page(tmp_path):
     out = tmp_path / "results"
     assert everything(["--out", str(out), "--formats", "svg", "--trials", "4"]) == 0
-    assert {path.name for path in out.iterdir()} == {"mechanism", "misaligned", "multicontact", "index.html"}
+    assert {path.name for path in out.iterdir()} == {*STUDIES, "index.html"}
     page = (out / "index.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 7
+    assert page.count("data:image/png;base64,") == 11
     targets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)|url\(([^)]*)""", page)
     links = {link for pair in targets for link in pair if link and not link.startswith("data:")}
     sections = {link for link in links if link.startswith("#")}
@@ -63,8 +65,11 @@ def test_everything_on_one_page(tmp_path):
     assert "http-equiv" not in page and "<script" not in page
     for number in ("Figure 1", "Figure 2", "Figure 3", "Figure 4", "Figure 5", "Table I,", "Table II,", "Table III"):
         assert number in page
-    for row in csv.DictReader((out / "multicontact" / "table_4.csv").read_text().splitlines()):
-        assert f"{float(row['true_scene']):.3f}" in page
+    for study in ("multicontact", "several_contacts"):
+        for row in csv.DictReader((out / study / "table_4.csv").read_text().splitlines()):
+            assert f"{float(row['true_scene']):.3f}" in page and f"{float(row['error']):.3f}" in page
+    for column in ("error ignoring pad", "error ignoring handle", "error ignoring all"):
+        assert f"<th>{column}</th>" in page
     assert f"{paper.CONDITION_NUMBER_MULTICONTACT:g}" in page
     assert "scene_sha256" in page
     assert 'name="viewport"' in page and "@media print" in page and "prefers-color-scheme: dark" in page

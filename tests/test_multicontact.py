@@ -13,10 +13,11 @@ from experiments import multicontact, paper
 from experiments.fitting import fit
 from experiments.multicontact_study import problem, study, total
 from ident.regressor import base_wrench_regressor
+from ident.wrench import transform_wrench
 from sim.simulate import with_noise
 
 
-@pytest.fixture(scope="module", params=scenes.CONTACTS)
+@pytest.fixture(scope="module", params=(*scenes.CONTACTS, "pad handle"))
 def contact(request):
     return request.param
 
@@ -39,9 +40,20 @@ def test_errors_at_default_noise(result):
     assert all(e <= 0.05 for name, e in error.items() if "r" in name)
 
 
-def test_ignoring_the_contact_is_ten_times_worse(result):
-    assert np.max(np.abs(result.ignoring.error) / np.abs(result.fit.error)) > 10
-    assert np.abs(result.ignoring.error).max() > 10 * np.abs(result.fit.error).max()
+def test_ignoring_the_contact_is_ten_times_worse(result, contact):
+    assert list(result.ignoring) == ["pad", "handle", "all"] if contact == "pad handle" else ["all"]
+    for ignoring in result.ignoring.values():
+        assert np.max(np.abs(ignoring.error) / np.abs(result.fit.error)) > 10
+        assert np.abs(ignoring.error).max() > 10 * np.abs(result.fit.error).max()
+
+
+def test_a_contact_that_is_ignored_leaves_out_its_wrench_alone(result):
+    known, recording = result.known, result.recording
+    alone = {name: total(known, recording, set(known.cells) - {name}).wrench for name in known.cells}
+    ground = recording.wrench("ground")
+    np.testing.assert_array_equal(total(known, recording, known.cells).wrench, ground)
+    parts = sum(wrench - ground for wrench in alone.values())
+    np.testing.assert_allclose(result.measured.wrench - ground, parts, atol=1e-12 * abs(ground).max())
 
 
 def test_without_noise_the_estimate_is_exact(contact):
@@ -79,9 +91,11 @@ def test_the_scene_differs_from_the_paper_in_the_marked_entries_only(result):
 
 
 def test_command_line_writes_everything(tmp_path, contact, result):
-    assert multicontact.main(["--out", str(tmp_path), "--contact", contact, "--formats", "png"]) == 0
-    tables = [f"{n}.{s}" for n in ("table_4", "table_4_ignoring") for s in ("csv", "md", "tex")]
-    expected = {*tables, "figure_4.png", "figure_5.png", "summary.json", "provenance.json"}
+    assert multicontact.main(["--out", str(tmp_path), "--contact", *contact.split(), "--formats", "png"]) == 0
+    more = ("contacts",) if result.several else ()
+    tables = [f"table_{n}.{s}" for n in ("4", "4_ignoring", *more) for s in ("csv", "md", "tex")]
+    charts = [f"figure_{n}.png" for n in ("4", "5", *more)]
+    expected = {*tables, *charts, "summary.json", "provenance.json"}
     assert {file.name for file in tmp_path.iterdir()} == expected
     rows = list(csv.DictReader((tmp_path / "table_4.csv").read_text().splitlines()))
     assert list(rows[0]) == ["parameter", "true_paper", "true_scene", "error", "paper_error"]
@@ -91,14 +105,20 @@ def test_command_line_writes_everything(tmp_path, contact, result):
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert (summary["rank"], summary["rows"]) == (13, 4715)
     assert summary["condition_number"] == result.fit.estimate.condition_number
-    if contact == "pad":
+    if "pad" in contact:
+        site = scenes.load_cells(contact)["pad"]
         touching = result.recording.true["pad_normal_force"] > 0
-        assert summary["contact_fraction"] == touching.mean()
-        assert summary["contact_episodes"] == len(
+        assert summary["fraction_all_touch"] == summary[f"{site}_fraction"] == touching.mean()
+        assert summary[f"{site}_episodes"] == len(
             [k for k in np.flatnonzero(touching) if k == 0 or not touching[k - 1]]
         )
-    force = result.recording.true["contact_force"]
-    assert summary["contact_peak_force_N"] == pytest.approx(np.sqrt((force**2).sum(axis=1)).max())
+    peaks = []
+    for site in scenes.load_cells(contact).values():
+        force = result.recording.true[f"{site}_force"]
+        peaks.append(np.sqrt((force**2).sum(axis=1)).max())
+        assert summary[f"{site}_peak_force_N"] == pytest.approx(peaks[-1])
+    assert summary["contact_peak_force_N"] == pytest.approx(max(peaks))
+    assert summary["largest_error_ignoring"] == np.abs(result.ignoring["all"].error).max()
     assert json.loads((tmp_path / "provenance.json").read_text())["options"]["contact"] == contact
 
 
@@ -120,10 +140,43 @@ def test_figures_show_what_their_captions_say(result):
         np.testing.assert_array_equal(error, (result.measured.wrench - result.fit.predicted)[:, k])
 
 
+def test_two_contacts_touch_at_the_same_time():
+    result = study(contact="pad handle")
+    touching, summary = result.recording.true["pad_normal_force"] > 0, multicontact.summary(result)
+    assert 0.25 < summary["fraction_all_touch"] == touching.mean() < 0.8
+    alone = ("contact_pad_fraction_alone", "contact_handle_fraction_alone", "fraction_none_touches")
+    assert [summary[key] for key in alone] == [0, np.mean(~touching), 0]
+    assert summary["contact_handle_episodes"] == summary["contact_handle_fraction"] == 1
+    pad, handle = multicontact.table_contacts(result).rows
+    assert pad[:2] + handle[:2] == ("pad", "link2", "handle", "link1")
+    assert pad[2:4] == (touching.mean(), 0)
+    assert summary["tracking_error_rad"] < 0.03
+
+
+def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result):
+    tree, recording = result.known.tree, result.recording
+    poses = tree.poses(recording.joint_states(tree.joints)[0])
+    figure = multicontact.figure_contacts(result)
+    for number, cell in enumerate(result.known.cells.values()):
+        expected = transform_wrench(poses[:, tree.names.index(cell.body)] @ cell.pose, recording.wrench(cell.site))
+        for component, ax in enumerate(figure.axes):
+            k = component // 2 + 3 * (component % 2)
+            shown = ax.get_lines()[number].get_ydata()
+            np.testing.assert_allclose(shown, expected[:, k], atol=1e-12 * abs(expected).max())
+    together = np.all(list(result.touching.values()), axis=0)
+    for shown in (figure, multicontact.figure_4(result), multicontact.figure_5(result)):
+        for ax in shown.axes:
+            grey = [path for shade in ax.collections for path in shade.get_paths()]
+            assert len(grey) == (7 if result.several else 0)
+            edges = [path.get_extents() for path in grey]
+            assert all(together[(recording.time >= e.x0) & (recording.time <= e.x1)].all() for e in edges)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--contact", "wall"], "invalid choice: 'wall'"),
+        (["--contact", "pad", "pad"], "Several contacts need to be different ones, got 'pad pad'"),
         (["--noise-scale", "nan"], "from 0 to 1000, got nan"),
         (["--trials", "-1"], "at least 2, or 0, got '-1'"),
         (["--workers", "0"], "1 to 1024, got '0'"),

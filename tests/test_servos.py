@@ -11,7 +11,7 @@ TIME = np.arange(-20, 20) / 20
 SERVO = '<position joint="j" kp="1"/>'
 
 
-@pytest.fixture(params=[None, *scenes.CONTACTS])
+@pytest.fixture(params=[None, *scenes.CONTACTS, "pad handle"])
 def model(request):
     return scenes.load("double_pendulum", tilt_deg=5, contact=request.param).compile()
 
@@ -61,15 +61,16 @@ def test_commands_come_in_the_order_of_the_actuators():
     np.testing.assert_allclose(commands[:, ::-1], straight.commands(TIME, (q, dq, ddq)), rtol=0, atol=1e-12)
 
 
-def test_a_hand_goes_with_what_it_holds():
-    model = scenes.load("double_pendulum", contact="handle").compile()
+@pytest.mark.parametrize(("contact", "held"), [("handle", "load_cell"), ("pad handle", "load_cell_handle")])
+def test_a_hand_goes_with_what_it_holds(contact, held):
+    model = scenes.load("double_pendulum", contact=contact).compile()
     driven, desired = servos(model, 2), DOUBLE_PENDULUM.trajectory(TIME)
     position, quaternion = np.split(driven.commands(TIME, desired)[:, model.nu :], [3], axis=1)
     data = mujoco.MjData(model)
     for k in range(len(TIME)):
         data.qpos[driven.qpos] = desired[0][k]
         mujoco.mj_kinematics(model, data)
-        cell = data.body("load_cell")
+        cell = data.body(held)
         assert 0 < np.linalg.norm(position[k] - cell.xpos) < 0.04
         assert 0.99 < abs(quaternion[k] @ cell.xquat) <= 1 + 1e-12
 

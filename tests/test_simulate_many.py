@@ -12,7 +12,7 @@ from sim.servos import servos
 from sim.simulate import LEAD_IN, RATE, SAMPLES, TOGETHER, simulate, simulate_many
 
 TILT = {"tilt_deg": 5, "azimuth_deg": 120}
-SCENES = ({}, TILT, TILT | {"contact": "pad"}, TILT | {"contact": "handle"})
+SCENES = ({}, TILT, TILT | {"contact": "pad"}, TILT | {"contact": "handle"}, {"contact": "pad handle"})
 
 
 def looped(spec, samples, seed):

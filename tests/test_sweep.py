@@ -66,6 +66,15 @@ def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch
     assert len(before) == len((resumed / sweep.FILE).read_bytes())
 
 
+def test_several_contacts_are_a_value_like_one(tmp_path):
+    out = run(tmp_path, over=("contact", "pad", "pad handle"), seeds=1)
+    expected = multicontact.summary(study(contact="pad handle"))
+    for number in sweep.CHARTED["multicontact"]:
+        one, several = rows(out, number)
+        assert (one["contact"], several["contact"]) == ("pad", "pad handle")
+        assert float(several["mean"]) == pytest.approx(expected[number], rel=1e-9)
+
+
 def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, capsys):
     out = run(tmp_path, over=("noise_scale", "1", "-1"), seeds=1)
     sentence = "noise_scale -1.0, seed 0: The noise scale must be from 0 to 1000, got -1."

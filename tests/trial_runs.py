@@ -24,10 +24,10 @@ def arguments(tmp_path, *more):
     return multicontact.parser().parse_args(["--out", str(tmp_path), "--formats", "png", *more])
 
 
-def draw(tmp_path, *more, samples="200"):
+def draw(tmp_path, *more, samples="200", contact="pad"):
     args = arguments(tmp_path, "--samples", samples, *more)
-    recording = study(samples=args.samples, seed=args.seed).recording
-    return trials.Draw.of(args, {"name": SCENE, "contact": "pad"}, recording)
+    recording = study(samples=args.samples, seed=args.seed, contact=contact).recording
+    return trials.Draw.of(args, {"name": SCENE, "contact": contact}, recording)
 
 
 def run(source, number, tmp_path, workers=1, **more):
