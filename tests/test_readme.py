@@ -9,7 +9,7 @@ import pytest
 
 import experiments
 import scenes
-from experiments import misaligned, misaligned_study, multicontact_study, readme
+from experiments import misaligned, misaligned_study, multicontact, multicontact_study, readme
 from experiments.benchmark import words
 
 README = Path(experiments.__file__).parents[1] / "README.md"
@@ -65,6 +65,29 @@ def test_errors_of_the_wrench_are_not_stale():
         quoted = file.read_text(encoding="utf-8").replace("\n", " ")
         words = f"{share['Fx']} of F_x's standard deviation, {share['τy']} of τ_y's and {share['τz']} of τ_z's"
         assert words in quoted and "1.5 % of the wrench" in quoted
+
+
+def test_numbers_of_two_contacts_are_not_stale():
+    found = multicontact.summary(multicontact_study.study(contact="pad handle"))
+    condition, error = f"{found['condition_number']:.1f}", f"{found['largest_error']:.2f}"
+    pad, hand, both = (f"{found[f'largest_error_ignoring{x}']:.1f}" for x in ("_pad", "_handle", ""))
+    share = f"touches the pad in {100 * found['fraction_all_touch']:.0f} % of the samples"
+    sentences = {
+        "README.md": [
+            f"{share}. The condition number is {condition}. The largest error is {error} ",
+            f" {pad} without the pad's, {hand} without the hand's and {both} with the ground's alone",
+        ],
+        "REPRODUCTION.md": [
+            f"up to {found['contact_handle_peak_force_N']:.0f} N, and link 2 {share}",
+            f"up to {found['contact_pad_peak_force_N']:.0f} N; so both touch",
+            f"| condition number | {condition} |",
+            f"both measured | {error} |",
+            f"are ignored | {pad}, {hand}, {both} |",
+        ],
+    }
+    for name, expected in sentences.items():
+        text = " ".join((README.parent / name).read_text(encoding="utf-8").split())
+        assert [sentence for sentence in expected if sentence not in text] == []
 
 
 def test_the_benchmark_is_the_one_on_record():
