@@ -28,9 +28,8 @@ CONTACT_LINES = (figures.Line("tab:green"), figures.Line("tab:orange"))
 
 def table_4(result: Study) -> report.Table:
     """Errors with all contacts' wrenches, beside the paper's."""
-    which = "at the same time, beside Table IV" if result.several else "(Table IV)"
     return report.Table(
-        f"Base parameters with several contacts {which}, kg, kg m and kg m²",
+        "Base parameters with several contacts (Table IV), kg, kg m and kg m²",
         *report.columns(
             parameter=result.fit.base.names,
             true_paper=[paper.TABLE_4[name][0] for name in result.fit.base.names],
