@@ -72,9 +72,6 @@ def wrench_panels(
             for label, (wrench, line) in wrenches.items():
                 style = {"ls": line.style, "color": line.color, "lw": line.width, "alpha": line.alpha}
                 ax.plot(x, wrench[:, component], label=label, **style)
-            for label, when in (shaded or {}).items():
-                sides = ax.get_xaxis_transform()
-                ax.fill_between(x, 0, 1, when, transform=sides, color="0.87", lw=0, zorder=0, label=label)
             variable, unit = COMPONENTS[component]
             ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
             ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
@@ -82,6 +79,9 @@ def wrench_panels(
             ax.set_xlim(x[0], x[-1])
             widen_flat(ax)
             ax.set_ylim(bottom=bottom)
+            for label, when in (shaded or {}).items():
+                sides = ax.get_xaxis_transform()
+                ax.fill_between(x, 0, 1, when, transform=sides, color="0.87", lw=0, zorder=0, label=label)
         for ax in axes[-1]:
             ax.set_xlabel(xlabel, labelpad=2)
         figure.align_ylabels(axes)

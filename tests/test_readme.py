@@ -9,8 +9,9 @@ import pytest
 
 import experiments
 import scenes
-from experiments import misaligned, misaligned_study, multicontact, multicontact_study, readme
+from experiments import misaligned, misaligned_study, multicontact_study, readme
 from experiments.benchmark import words
+from experiments.multicontact import summary
 
 README = Path(experiments.__file__).parents[1] / "README.md"
 pytestmark = pytest.mark.skipif(not README.exists(), reason="only a checkout has a README.md")
@@ -67,29 +68,6 @@ def test_errors_of_the_wrench_are_not_stale():
         assert words in quoted and "1.5 % of the wrench" in quoted
 
 
-def test_numbers_of_two_contacts_are_not_stale():
-    found = multicontact.summary(multicontact_study.study(contact="pad handle"))
-    condition, error = f"{found['condition_number']:.1f}", f"{found['largest_error']:.2f}"
-    pad, hand, both = (f"{found[f'largest_error_ignoring{x}']:.1f}" for x in ("_pad", "_handle", ""))
-    share = f"touches the pad in {100 * found['fraction_all_touch']:.0f} % of the samples"
-    sentences = {
-        "README.md": [
-            f"{share}. The condition number is {condition}. The largest error is {error} ",
-            f" {pad} without the pad's, {hand} without the hand's and {both} with the ground's alone",
-        ],
-        "REPRODUCTION.md": [
-            f"up to {found['contact_handle_peak_force_N']:.0f} N, and link 2 {share}",
-            f"up to {found['contact_pad_peak_force_N']:.0f} N; so both touch",
-            f"| condition number | {condition} |",
-            f"both measured | {error} |",
-            f"are ignored | {pad}, {hand}, {both} |",
-        ],
-    }
-    for name, expected in sentences.items():
-        text = " ".join((README.parent / name).read_text(encoding="utf-8").split())
-        assert [sentence for sentence in expected if sentence not in text] == []
-
-
 def test_the_benchmark_is_the_one_on_record():
     text = README.read_text(encoding="utf-8")
     shown = re.search(r"<!-- benchmark -->\n(.*?)<!-- end benchmark -->", text, re.DOTALL)[1]
@@ -117,6 +95,29 @@ def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_o
     record(tmp_path / "results" / "benchmark", "new", quick=False, commit="0123abc-dirty")
     with pytest.raises(ValueError, match="of a checkout with changes"):
         readme.benchmark_results(tmp_path)
+
+
+def test_numbers_of_two_contacts_are_not_stale():
+    found = summary(multicontact_study.study(contact="pad handle"))
+    condition, error = f"{found['condition_number']:.1f}", f"{found['largest_error']:.2f}"
+    pad, hand, both = (f"{found[f'largest_error_ignoring{x}']:.1f}" for x in ("_pad", "_handle", ""))
+    share = f"touches the pad in {100 * found['fraction_all_touch']:.0f} % of the samples"
+    sentences = {
+        "README.md": [
+            f"{share}. The condition number is {condition}. The largest error is {error} ",
+            f" {pad} without the pad's, {hand} without the hand's and {both} with the ground's alone",
+        ],
+        "REPRODUCTION.md": [
+            f"up to {found['contact_handle_peak_force_N']:.0f} N, and link 2 {share}",
+            f"up to {found['contact_pad_peak_force_N']:.0f} N; so both touch",
+            f"| condition number | {condition} |",
+            f"both measured | {error} |",
+            f"are ignored | {pad}, {hand}, {both} |",
+        ],
+    }
+    for name, expected in sentences.items():
+        text = " ".join((README.parent / name).read_text(encoding="utf-8").split())
+        assert [sentence for sentence in expected if sentence not in text] == []
 
 
 def test_a_block_is_replaced_and_a_missing_one_is_named():
