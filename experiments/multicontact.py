@@ -200,7 +200,7 @@ def write(result: Study, folder: Path, formats: Iterable[str]) -> None:
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
     choices = {key: getattr(args, key) for key in ("seed", "samples", "contact", "noise_scale")}
-    choices["contact"] = contact = " ".join(args.contact)
+    choices["contact"] = contact = " ".join(scenes.load_cells(" ".join(args.contact)))
     result = study(**choices)
     names = result.fit.base.names
     plan = monte_carlo.Plan(

@@ -122,6 +122,14 @@ def test_command_line_writes_everything(tmp_path, contact, result):
     assert json.loads((tmp_path / "provenance.json").read_text())["options"]["contact"] == contact
 
 
+def test_the_order_of_contacts_makes_no_difference(tmp_path):
+    for order in (["pad", "handle"], ["handle", "pad"]):
+        command = ["--contact", *order, "--formats", "svg", "--samples", "100", "--out", str(tmp_path / order[0])]
+        assert multicontact.main(command) == 0
+    for file in (tmp_path / "pad").iterdir():
+        assert (tmp_path / "handle" / file.name).read_bytes() == file.read_bytes(), file.name
+
+
 def test_the_same_seed_gives_the_same_bytes(tmp_path):
     for run in "ab":
         assert multicontact.main(["--out", str(tmp_path / run), "--seed", "5"]) == 0
