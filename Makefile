@@ -20,8 +20,8 @@ test: $(INSTALLED)
 test-extras: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,symbolic,peers,cluster]"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) --no-deps $(MODELS)
-	$(BIN)/python -m pytest tests/test_derive.py tests/test_against_pinocchio.py tests/test_cluster.py \
-		tests/test_benchmark.py tests/test_against_models.py tests/test_against_dm_control.py
+	$(BIN)/python -m pytest tests/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
+		tests/test_cluster.py tests/test_benchmark.py tests/test_against_models.py tests/test_against_dm_control.py
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -23,8 +23,14 @@ from sim.model_update import write_model
 from sim.urdf import parsed
 
 OUTPUTS = (*report.OUTPUTS, "report.html", "estimate.json", "model.xml", "model.urdf")
-FAR = 10.0
-"""Mahalanobis distance of the nearest physical bodies from which the estimate is doubted."""
+FAR = 2.0
+"""Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
+
+FACTOR = 2.0
+"""By how much a body's mass may differ from the model's without a remark."""
+
+SLIGHT = 1e-3
+"""Bodies below this fraction of the whole mass are not worth a remark."""
 
 GAINS = {
     "base wrench": "with the base wrench",
@@ -125,26 +131,48 @@ def data_lines(result: Identification) -> list[str]:
 
 
 def full_parameters(result: Identification) -> ConsistentParameters:
-    """The physical bodies closest to the model's that have the estimate, or nearly."""
+    """The physical bodies that are as close to the model's as the estimate lets them be."""
     prepared = result.prepared
     return consistent_parameters(result.psi, result.covariance, prepared.base, prepared.prior)
 
 
-def consistency_finding(full: ConsistentParameters) -> Finding:
+def all_findings(result: Identification, full: ConsistentParameters) -> list[Finding]:
+    """Findings on the fit and on the updated model."""
+    return [*findings(result), *_masses(result, full), _consistency(full)]
+
+
+def _consistency(full: ConsistentParameters) -> Finding:
     """What physical consistency has cost."""
-    moved = full.moved(0.1)
-    if not moved:
-        return Finding("Physical bodies have these base parameters; the updated model has those closest to it.", False)
-    listed = ", ".join(f"{name} by {shift:+.1f}" for name, shift in moved[:5])
+    if not full.divergence.any():
+        return Finding("The estimate does not contradict the model, whose bodies stay as they are.", False)
+    listed = ", ".join(f"{name} by {shift:+.1f}" for name, shift in full.moved(0.1)[:5])
+    moves = f"it moves {listed} standard deviations" if listed else "it moves none of them"
+    if full.attainable:
+        return Finding(f"The updated model has the base parameters within their uncertainty: {moves}.", False)
     return Finding(
-        f"No physical bodies have exactly these base parameters; the updated model moves {listed} standard deviations.",
-        full.distance > FAR,
+        f"No physical bodies near the model's have these base parameters; of the updated model's, {moves}.",
+        full.distance > FAR * np.sqrt(len(full.psi)),
     )
+
+
+def _masses(result: Identification, full: ConsistentParameters) -> list[Finding]:
+    """Bodies that end far from the model's mass, a doubt where the data cannot tell a mass from one so different."""
+    names = [result.prepared.tree.bodies[i].name for i in result.prepared.tree.inertial]
+    told: dict[bool, list[str]] = {True: [], False: []}
+    for name, mass, std, before in zip(names, full.phi[::10], full.mass_std, result.prepared.prior[::10], strict=True):
+        if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
+            was = f"{before:.3g} kg" if before else "none"
+            told[bool(2 * std < np.log(FACTOR) * mass)].append(f"{name} {mass:.3g} ± {std:.2g} kg (model: {was})")
+    return [
+        Finding(f"Masses beyond a factor of {FACTOR:g} of the model's, {how}: {', '.join(told[known])}.", not known)
+        for known, how in ((True, "which the data show"), (False, "though the data hardly see them"))
+        if told[known]
+    ]
 
 
 def text(result: Identification, full: ConsistentParameters) -> str:
     """What the terminal shows."""
-    found = [*findings(result), consistency_finding(full)]
+    found = all_findings(result, full)
     return "\n".join(
         [
             "The recording",
@@ -303,7 +331,7 @@ def write(
         provenance: Where the results come from.
         formats: Formats of the figures; the page needs PNG.
     """
-    found = [*findings(result), consistency_finding(full)]
+    found = all_findings(result, full)
     title = f"{model.name}, identified from {log.name}"
     tables = {
         "table_base_parameters": parameters_table(result),

@@ -1,39 +1,41 @@
-"""Physically consistent full parameters: the bodies closest to a prior that predict the same wrenches."""
+"""Physically consistent full parameters: bodies as close to a prior as measured base parameters let them be.
+
+    minimise   d²/2 + D/w²    over pseudo-inertias J,
+
+    d² = (Aφ - ψ)ᵀ C⁻¹ (Aφ - ψ),    D = Σ_i tr(J_i P_i⁻¹) - log det(J_i P_i⁻¹) - 4,    φ ~ J,    prior ~ P.
+
+`d` is the Mahalanobis distance from the base parameters ψ with their covariance C, and D the log-determinant
+divergence from the prior. The width w is that of the prior: around it D is half the square of φ's distance, in units in
+which a body that the prior knows to within its own size has one. It is not chosen but found from ψ, which scatters
+around the prior's own base parameters with the covariance `C + w² A P Aᵀ` (empirical Bayes).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, special
 
 from ident.base_parameters import BaseParameters
 from ident.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 
+ROOM = 3.84
+"""How far minus twice the log-likelihood of a prior's width may exceed the smallest: a 95 % interval."""
+
+CONFIDENCE = 0.95
+"""Probability of the region around ψ in which bodies count as having ψ."""
+
 SMALLEST = 1e-8
 """Bodies with an eigenvalue of `J P⁻¹` below this are as good as not physical."""
 
-LARGEST = 1e3
-"""Where ψ is unattainable: how many times larger than the prior bodies may grow to come nearer."""
-
 FINEST = 0.8
-"""Where ψ is unattainable: the path ends where the divergence's weight could only be lowered by more than this factor
-from one minimisation to the next."""
+"""The way to the prior's width is given up where it could only be widened by steps of less than this factor."""
 
 STEPS = 50
 """Newton steps after which a minimisation is given up; ten are usual."""
 
-SHORTEST = 1e-5
-"""Fraction of a step towards ψ at which it counts as out of reach."""
-
 CONVERGED = 1e-9
 """Change of a body, relative to itself, from which Newton's method stops; the change after it is below rounding."""
-
-EXCESS = 1e-3
-"""Where ψ is unattainable: precision of the smallest squared distance, as a fraction of it."""
-
-ROOM = 3.84
-"""How much larger than the smallest the squared distance may be, for bodies closer to the prior: a 95 % interval.
-The nearest bodies of all lie on the edge, and may be absurdly large."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +46,12 @@ class ConsistentParameters:
         phi: φ of all bodies, every pseudo-inertia positive definite (10 b,).
         psi: Their base parameters (r,).
         names: Names of the base parameters (r,).
-        attainable: Whether physical bodies can have the ψ asked for; if so, they have it.
+        attainable: Whether `psi` is in the 95 % confidence region of the ψ asked for.
         distance: Mahalanobis distance of `psi` from the ψ asked for, in the metric of its covariance.
         shift: `psi` less the ψ asked for, in standard deviations (r,).
         divergence: How far each body moved from its prior, `tr(J P⁻¹) - log det(J P⁻¹) - 4` (b,).
+        mass_std: How well ψ tells each body's mass: its standard deviation if all that were known beforehand were the
+            size of each body, so that it is the mass itself where ψ tells nothing, kg (b,).
         prior: φ that the bodies are closest to, physical (10 b,).
         raised: Bodies, counted from 0, whose prior was not physical and had to be raised.
     """
@@ -59,6 +63,7 @@ class ConsistentParameters:
     distance: float
     shift: np.ndarray
     divergence: np.ndarray
+    mass_std: np.ndarray
     prior: np.ndarray
     raised: tuple[int, ...]
 
@@ -81,19 +86,21 @@ def consistent_parameters(
     minimum: float = 1e-2,
     bodies: Sequence[str] | None = None,
 ) -> ConsistentParameters:
-    """The physical φ closest to a prior that has given base parameters, or the nearest that physical bodies can have.
+    """Physical φ as close to a prior as given base parameters let them be.
 
     Closeness is the log-determinant divergence of the pseudo-inertias J from those of the prior P, which depends
     neither on units nor on the choice of body frames, and grows without bound towards bodies that are not physical
-    (Lee, Wensing and Park, T-RO 2020): minimise `Σ_i tr(J_i P_i⁻¹) - log det(J_i P_i⁻¹)` with `A φ = ψ`, a convex
-    problem that Newton's method solves exactly. Where no physical bodies have ψ the divergence goes to zero weight
-    beside the squared Mahalanobis distance `d²`, until `d²` is within `EXCESS` of the smallest one that bodies up to
-    `LARGEST` times the prior have; of the bodies on that path those closest to the prior are taken whose `d²`
-    exceeds the smallest by at most `ROOM`.
+    (Lee, Wensing and Park, T-RO 2020, doi:10.1109/TRO.2019.2926491). Beside the squared Mahalanobis distance of ψ it is
+    a convex problem that Newton's method solves exactly: no physical bodies that are as near to ψ are closer to the
+    prior, whether ψ itself can be had or not.
+
+    How much the prior counts, ψ says itself. The likelihood of a prior's width has a 95 % interval: if that contains
+    zero, ψ does not contradict the prior, which is the answer; otherwise the answer is that of the widest. So noise in
+    combinations that the data hardly see does not move bodies, and what they know well is kept.
 
     Args:
-        psi: Base parameters ψ to keep, as of an estimate (r,).
-        covariance: Their covariance, which tells what moves first when ψ cannot be kept (r, r).
+        psi: Base parameters ψ, as of an estimate (r,).
+        covariance: Their covariance (r, r).
         base: The regrouping behind ψ.
         prior: φ to stay close to, as of a model (10 b,).
         minimum: Smallest radius of gyration that a prior body may have, over that of the whole tree; its mass must be
@@ -112,24 +119,25 @@ def consistent_parameters(
     _check(psi, C, base, prior)
     physical, raised = physical_prior(prior, minimum=minimum, bodies=bodies)
     std = np.sqrt(np.diag(C))
-    P = pseudo_inertia(physical.reshape(-1, 10))
-    L = np.linalg.cholesky(P)
-    # In these coordinates the prior is the identity and one standard deviation is one.
-    A = _whitened(base, L) / std[:, None, None, None]
-    problem = _Problem(A, psi / std, C / np.outer(std, std))
-    K, attainable = problem.solution()
+    L = np.linalg.cholesky(pseudo_inertia(physical.reshape(-1, 10)))
+    root = std[:, None] * np.linalg.cholesky(C / np.outer(std, std))
+    # In these coordinates the prior is the identity, and the base parameters have independent unit variances.
+    A = linalg.solve_triangular(root, _forms(base, L).reshape(base.rank, -1), lower=True)
+    problem = _Problem(A.reshape(base.rank, -1, 4, 4), linalg.solve_triangular(root, psi, lower=True))
+    K = problem.bodies()
     phi = parameters_from_pseudo_inertia(L @ K @ np.swapaxes(L, -1, -2)).ravel()
     found = base.regroup(phi)
-    shift = (found - psi) / std
     eigenvalues = np.linalg.eigvalsh(K)
+    distance = float(np.linalg.norm(linalg.solve_triangular(root, found - psi, lower=True)))
     return ConsistentParameters(
         phi=phi,
         psi=found,
         names=base.names,
-        attainable=attainable,
-        distance=float(np.linalg.norm(linalg.solve_triangular(problem.root, shift, lower=True))),
-        shift=shift,
+        attainable=bool(distance**2 <= special.chdtri(base.rank, 1 - CONFIDENCE)),
+        distance=distance,
+        shift=(found - psi) / std,
         divergence=np.sum(eigenvalues - 1 - np.log(eigenvalues), axis=1),
+        mass_std=problem.std(K, L[:, 3]),
         prior=physical,
         raised=raised,
     )
@@ -173,48 +181,56 @@ def physical_prior(
 
 
 class _Problem:
-    """`min d²/2 + μ Σ (tr K - log det K)`, or for μ = 0 the divergence alone with `A K = ψ`.
+    """`min |A K - ψ|²/2 + μ Σ (tr K - log det K)` with μ = 1/w².
 
-    Both have the bodies and multipliers with `A K + μ C λ = ψ` and `K (1 - A*λ) = 1`.
+    It has the bodies and multipliers with `A K + μ λ = ψ` and `K (1 - A*λ) = 1`.
 
     Attributes:
         A: `A*λ = Σ_k λ_k A_k`, one symmetric matrix for each base parameter and body (r, b, 4, 4).
-        psi: ψ in standard deviations (r,).
-        root: Lower triangular factor of its correlation C (r, r).
+        psi: ψ (r,).
+        prior: `K = 1` (b, 4, 4).
     """
 
-    def __init__(self, A: np.ndarray, psi: np.ndarray, C: np.ndarray) -> None:
+    def __init__(self, A: np.ndarray, psi: np.ndarray) -> None:
         self.A, self.psi = A, psi
-        self.root = np.linalg.cholesky(C)
+        self.prior = np.tile(np.eye(4), (A.shape[1], 1, 1))
 
-    def solution(self) -> tuple[np.ndarray, bool]:
-        """The bodies K (b, 4, 4), and whether they have ψ."""
-        size = 4 * self.A.shape[1]
-        state = np.tile(np.eye(4), (self.A.shape[1], 1, 1)), np.zeros(len(self.psi))
-        path = [(state[0], self._distance(state[0]))]
-        weight, ratio = 10 * path[0][1] ** 2 / size, 0.1
-        # `A* C⁻¹(ψ - Aφ) = μ (1 - K⁻¹) < μ`: bodies with Σ tr K up to T are at most μ T / d nearer.
-        while 2 * weight * LARGEST * size >= EXCESS * path[-1][1] ** 2 and ratio < FINEST:
-            exact = self._minimiser(*state, 0.0)
-            if exact is not None and np.linalg.eigvalsh(exact[0]).min() >= SMALLEST:
-                return exact[0], True
-            found = self._minimiser(*state, ratio * weight)
+    def bodies(self) -> np.ndarray:
+        """The bodies K (b, 4, 4)."""
+        misfit = self.psi - np.tensordot(self.A, self.prior, 3)
+        K, width = self.prior, self._width(misfit)
+        if width == 0:
+            return K
+        goal, multipliers, ratio = width**-2, 0 * misfit, 0.1
+        # From a weight beside which the misfit is nothing, so that the prior is the minimum.
+        mu = max(goal, 10 * misfit @ misfit / (4 * len(K)))
+        while mu > goal and ratio < FINEST:
+            following = max(goal, ratio * mu)
+            found = self._minimiser(K, multipliers, following)
             if found is None:
                 ratio = np.sqrt(ratio)
-                continue
-            if np.linalg.eigvalsh(found[0]).min() < SMALLEST:
+            elif np.linalg.eigvalsh(found[0]).min() < SMALLEST:
                 break
-            state, weight = found, ratio * weight
-            path.append((state[0], self._distance(state[0])))
-        # The first that is near enough is closest to the prior.
-        return next(K for K, d in path if d**2 <= path[-1][1] ** 2 + ROOM), False
+            else:
+                (K, multipliers), mu, ratio = found, following, max(0.1, ratio**2)
+        return K
+
+    def _width(self, misfit: np.ndarray) -> float:
+        """The largest w that a misfit of covariance `1 + w² A A*` allows, or zero if that is in the interval too."""
+        values, axes = np.linalg.eigh(np.tensordot(self.A, self.A, ((1, 2, 3), (1, 2, 3))))
+        squares = np.append(0, np.geomspace(1e-2 / values[-1], 1e12, 1000))
+        variances = 1 + np.outer(squares, np.maximum(values, 0))
+        unlikely = np.sum(np.log(variances) + (axes.T @ misfit) ** 2 / variances, axis=1)
+        allowed = squares[unlikely <= unlikely.min() + ROOM]
+        return float(np.sqrt(allowed[-1])) if allowed[0] else 0.0
 
     def _minimiser(self, K: np.ndarray, multipliers: np.ndarray, mu: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Bodies and multipliers at the minimum, or None if Newton's method does not get there.
 
         Steps are those of Nesterov and Todd: in axes in which K and `Z = 1 - A*λ` are the same diagonal matrix.
         """
-        Z = np.eye(4) - np.tensordot(multipliers, self.A, 1)
+        r = len(self.psi)
+        Z = self.prior - np.tensordot(multipliers, self.A, 1)
         length = 1.0
         for _ in range(STEPS):
             G, s = _common_axes(K, Z)
@@ -222,11 +238,8 @@ class _Problem:
                 return None
             rows = np.swapaxes(G, -1, -2)[None] @ self.A @ G
             off = (1 / s - s)[..., None] * np.eye(4)
-            misfit = self.psi - np.tensordot(self.A, K, 3) - mu * self.root @ (self.root.T @ multipliers)
-            stacked = np.vstack([rows.reshape(len(self.psi), -1).T, np.sqrt(mu) * self.root.T])
-            triangle = linalg.qr(stacked, mode="r")[0][: len(self.psi)]
-            if not np.abs(np.diag(triangle)).all():
-                return None
+            misfit = self.psi - np.tensordot(self.A, K, 3) - mu * multipliers
+            triangle = linalg.qr(np.vstack([rows.reshape(r, -1).T, np.sqrt(mu) * np.eye(r)]), mode="r")[0][:r]
             # Near the edge a step that only makes K and Z each other's inverse comes between two that go on.
             goal = misfit if length > 0.5 or np.abs(s - 1).max() < 0.5 else 0
             whitened = linalg.solve_triangular(triangle, goal - np.tensordot(rows, off, 3), trans="T")
@@ -237,16 +250,19 @@ class _Problem:
             K = K + length * G @ dK @ np.swapaxes(G, -1, -2)
             K = (K + np.swapaxes(K, -1, -2)) / 2
             multipliers = multipliers + length * step
-            Z = np.eye(4) - np.tensordot(multipliers, self.A, 1)
-            if mu == 0 and length < SHORTEST:
-                return None
+            Z = self.prior - np.tensordot(multipliers, self.A, 1)
             if length == 1 and max(np.abs(dK).max(), np.abs(dZ).max()) < CONVERGED:
                 return K, multipliers
         return None
 
-    def _distance(self, K: np.ndarray) -> float:
-        misfit = np.tensordot(self.A, K, 3) - self.psi
-        return float(np.linalg.norm(linalg.solve_triangular(self.root, misfit, lower=True)))
+    def std(self, K: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Standard deviations (b,) of `xᵀ K x` for vectors (b, 4), if ψ and a prior as wide as K were all one knew."""
+        G = np.linalg.cholesky(K)
+        rows = (np.swapaxes(G, -1, -2)[None] @ self.A @ G).reshape(len(self.psi), -1)
+        triangle = linalg.qr(np.vstack([rows, np.eye(16 * len(K))]), mode="r")[0][: 16 * len(K)]
+        y = np.einsum("bi,bij->bj", x, G)
+        forms = np.einsum("bc,bi,bj->bcij", np.eye(len(K)), y, y).reshape(len(K), -1)
+        return np.linalg.norm(linalg.solve_triangular(triangle, forms.T, trans="T"), axis=0)
 
 
 def _common_axes(K: np.ndarray, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -265,7 +281,7 @@ def _longest(change: np.ndarray, s: np.ndarray) -> float:
     return -1 / least if least < 0 else np.inf
 
 
-def _whitened(base: BaseParameters, L: np.ndarray) -> np.ndarray:
+def _forms(base: BaseParameters, L: np.ndarray) -> np.ndarray:
     """Symmetric matrices (r, b, 4, 4) whose products with K are the base parameters of the bodies `L K Lᵀ`."""
     units = np.eye(16).reshape(16, 4, 4)
     units = (units + np.swapaxes(units, -1, -2)) / 2

@@ -14,7 +14,7 @@ from commands import refusal
 from scipy.spatial.transform import Rotation
 
 import scenes
-from experiments import identify, verdict
+from experiments import identify, identify_report, verdict
 from experiments.identification import identify_log
 from experiments.preparation import prepare
 from ident.inertia import pseudo_inertia
@@ -275,6 +275,27 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys)
     assert {"table_base_parameters.csv", "figure_held_out.pdf"} <= links
     assert all((tmp_path / "me" / link).is_file() for link in links)
     assert "Usable: held-out residuals are at most" in capsys.readouterr().out
+
+
+def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path):
+    path, light = tmp_path / "log.csv", tmp_path / "light.xml"
+    recording().save(path)
+    result = identify_log(prepare(PENDULUM, path, base="base"))
+    full = identify_report.full_parameters(result)
+    assert not any("Masses beyond" in finding.text for finding in identify_report.all_findings(result, full))
+    spec = scenes.load("double_pendulum")
+    spec.body("link2").mass /= 3
+    light.write_text(spec.to_xml(), encoding="utf-8")
+    result = identify_log(prepare(light, path, base="base"))
+    full = identify_report.full_parameters(result)
+    (named,) = (f for f in identify_report.all_findings(result, full) if "Masses beyond" in f.text)
+    assert not named.doubt and "which the data show: link2 1" in named.text and "(model: 4.43 kg)" in named.text
+    result.prepared.prior[10] = 0
+    unseen = replace(full, mass_std=full.phi[::10])
+    (named,) = (f for f in identify_report.all_findings(result, unseen) if "Masses beyond" in f.text)
+    assert (
+        named.doubt and "though the data hardly see them: link1" in named.text and "(model: none), link2" in named.text
+    )
 
 
 @pytest.mark.parametrize(

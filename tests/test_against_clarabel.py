@@ -1,0 +1,36 @@
+"""The bodies closest to a prior at a given distance from ψ, against a conic solver's."""
+
+import numpy as np
+import pytest
+from test_consistency import bodies, forms, regrouping, unphysical
+
+from ident.consistency import consistent_parameters
+
+cvxpy = pytest.importorskip("cvxpy", reason="cvxpy with Clarabel is an optional extra")
+
+
+def least_divergence(psi, covariance, base, prior, distance):
+    """Of all bodies whose base parameters are within a Mahalanobis distance of ψ."""
+    L, std = np.linalg.cholesky(bodies(prior)), np.sqrt(np.diag(covariance))
+    A = np.swapaxes(L, 1, 2) @ forms(regrouping(base)) @ L / std[:, None, None, None]
+    root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(std, std)))
+    K = [cvxpy.Variable((4, 4), symmetric=True) for _ in L]
+    found = sum(A[:, i].reshape(len(psi), 16) @ cvxpy.vec(k, order="C") for i, k in enumerate(K))
+    divergence = sum(cvxpy.trace(k) - cvxpy.log_det(k) - 4 for k in K)
+    near = cvxpy.norm(root / distance @ (found - psi / std)) <= 1
+    problem = cvxpy.Problem(cvxpy.Minimize(divergence), [near])
+    problem.solve(solver=cvxpy.CLARABEL)
+    return problem.value
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
+def test_where_psi_is_unattainable_no_bodies_as_near_to_it_are_closer_to_the_prior():
+    unattainable = 0
+    for seed in range(20):
+        base, prior, psi, covariance = unphysical(seed, 2 + seed % 5)
+        found = consistent_parameters(psi, covariance, base, prior)
+        if not found.attainable:
+            unattainable += 1
+            least = least_divergence(psi, covariance, base, prior, found.distance)
+            np.testing.assert_allclose(found.divergence.sum(), least, rtol=0.01)
+    assert unattainable >= 8
