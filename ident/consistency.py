@@ -201,11 +201,11 @@ class _Problem:
         K, width = self.prior, self._width(misfit)
         if width == 0:
             return K
-        goal, multipliers, ratio = width**-2, 0 * misfit, 0.1
-        # From a weight beside which the misfit is nothing, so that the prior is the minimum.
-        mu = max(goal, 10 * misfit @ misfit / (4 * len(K)))
+        goal, multipliers = width**-2, 0 * misfit
+        # The prior is the minimum for an infinite weight, and near it for one that outweighs the misfit's pull.
+        mu, ratio, heavy = np.inf, 0.1, 10 * np.abs(np.tensordot(misfit, self.A, 1)).max()
         while mu > goal and ratio < FINEST:
-            following = max(goal, ratio * mu)
+            following = max(goal, ratio * min(mu, heavy))
             found = self._minimiser(K, multipliers, following)
             if found is None:
                 ratio = np.sqrt(ratio)

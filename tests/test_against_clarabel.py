@@ -10,7 +10,7 @@ cvxpy = pytest.importorskip("cvxpy", reason="cvxpy with Clarabel is an optional 
 
 
 def least_divergence(psi, covariance, base, prior, distance):
-    """Of all bodies whose base parameters are within a Mahalanobis distance of ψ."""
+    """Of all bodies whose base parameters are within a Mahalanobis distance of ψ; None where the solver is not sure."""
     L, std = np.linalg.cholesky(bodies(prior)), np.sqrt(np.diag(covariance))
     A = np.swapaxes(L, 1, 2) @ forms(regrouping(base)) @ L / std[:, None, None, None]
     root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(std, std)))
@@ -20,17 +20,18 @@ def least_divergence(psi, covariance, base, prior, distance):
     near = cvxpy.norm(root / distance @ (found - psi / std)) <= 1
     problem = cvxpy.Problem(cvxpy.Minimize(divergence), [near])
     problem.solve(solver=cvxpy.CLARABEL)
-    return problem.value
+    return problem.value if problem.status == "optimal" else None
 
 
-@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate", "ignore:.*nfeasible")
 def test_where_psi_is_unattainable_no_bodies_as_near_to_it_are_closer_to_the_prior():
-    unattainable = 0
+    compared = 0
     for seed in range(20):
         base, prior, psi, covariance = unphysical(seed, 2 + seed % 5)
         found = consistent_parameters(psi, covariance, base, prior)
         if not found.attainable:
-            unattainable += 1
             least = least_divergence(psi, covariance, base, prior, found.distance)
-            np.testing.assert_allclose(found.divergence.sum(), least, rtol=0.01)
-    assert unattainable >= 8
+            if least is not None:
+                np.testing.assert_allclose(found.divergence.sum(), least, rtol=1e-3)
+                compared += 1
+    assert compared >= 8

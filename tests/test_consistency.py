@@ -3,7 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mechanisms import GRAVITY, SCREWS, random_phi, random_states, random_tree
-from scipy.optimize import minimize
+from scipy.linalg import block_diag
+from scipy.optimize import brentq, minimize
+from scipy.stats import chi2
 
 import scenes
 from ident.base_parameters import find_base_parameters
@@ -254,6 +256,7 @@ def test_noise_moves_no_mass_of_a_true_prior_by_more_than_its_own_uncertainty():
         for _ in range(50):
             psi = measured(rng, base.regroup(prior), covariance)
             found = consistent_parameters(psi, covariance, base, prior)
+            assert found.attainable == (found.distance**2 <= chi2.ppf(0.95, base.rank))
             assert (abs(found.phi - prior)[::10] <= found.mass_std).all()
             kept += not found.divergence.any()
         assert kept >= 45
@@ -264,12 +267,12 @@ def test_what_the_data_know_of_other_bodies_than_the_priors_is_kept():
     for rng, base, prior, covariance in settings():
         free = closer = 0
         for _ in range(20):
-            L, change = np.linalg.cholesky(bodies(prior)), 0.2 * rng.normal(size=(len(prior) // 10, 4, 4))
-            L = L @ (np.eye(4) + change)
+            L, change = np.linalg.cholesky(bodies(prior)), rng.normal(size=(len(prior) // 10, 4, 4))
+            L = L @ (np.eye(4) + 10 ** rng.uniform(-3, -0.5) * change)
             truth = base.regroup(parameters_from_pseudo_inertia(L @ np.swapaxes(L, 1, 2)).ravel())
             psi = measured(rng, truth, covariance)
             found = consistent_parameters(psi, covariance, base, prior)
-            assert found.attainable and abs(found.shift).max() < 3
+            assert found.distance**2 < chi2.ppf(0.999, base.rank) and abs(found.shift).max() < 4
             free += (psi - truth) @ np.linalg.solve(covariance, psi - truth)
             closer += (found.psi - truth) @ np.linalg.solve(covariance, found.psi - truth)
         assert closer < free
@@ -279,10 +282,37 @@ def test_the_standard_deviation_of_a_mass_is_the_masses_own_size_where_nothing_t
     _, _, base, _, prior, covariance = mechanism(3, 4)
     found = consistent_parameters(base.regroup(prior), 1e12 * covariance, base, prior)
     np.testing.assert_allclose(found.mass_std, prior[::10], rtol=1e-3)
-    everything = replace(base, kept=tuple(range(40)), dependent=(), beta=np.zeros((40, 0)))
     variances = (1e-3 * prior[0]) ** 2 * np.ones(40)
-    found = consistent_parameters(prior, np.diag(variances), everything, prior)
+    found = consistent_parameters(prior, np.diag(variances), everything(base), 2 * prior)
     np.testing.assert_allclose(found.mass_std, 1e-3 * prior[0], rtol=1e-2)
+
+
+def everything(base):
+    """A regrouping for which every parameter is a base parameter."""
+    count = len(base.parameters)
+    return replace(base, kept=tuple(range(count)), dependent=(), beta=np.zeros((count, 0)))
+
+
+@pytest.mark.parametrize("excess", [1.2, 2.0, 10.0])
+def test_the_prior_counts_as_the_likelihood_of_its_width_says(excess):
+    """All parameters equally well known: `r log u + d₀²/u` with `u = 1 + w²/σ²` says where the interval ends."""
+    rng, _, base, _, prior, _ = mechanism(5, 4)
+    r, L, unit = len(prior), np.linalg.cholesky(bodies(prior)), np.eye(16).reshape(16, 4, 4)
+    moves = parameters_from_pseudo_inertia(
+        L[:, None] @ ((unit + np.swapaxes(unit, 1, 2)) / 2) @ np.swapaxes(L, 1, 2)[:, None]
+    )
+    metric = block_diag(*(m.T @ m for m in moves))
+    z = rng.normal(size=r)
+    z *= np.sqrt(excess * r) / np.linalg.norm(z)
+    found = consistent_parameters(
+        prior + 1e-6 * np.linalg.cholesky(metric) @ z, 1e-12 * metric, everything(base), prior
+    )
+    limit = r * np.log(excess) + r + 3.84
+    if r * excess <= limit:
+        assert not found.divergence.any()
+    else:
+        u = brentq(lambda u: r * np.log(u) + r * excess / u - limit, excess, 100 * excess)
+        np.testing.assert_allclose(found.distance, np.sqrt(r * excess) / u, rtol=0.02)
 
 
 def test_what_makes_no_sense_is_refused_in_a_sentence():
