@@ -5,9 +5,9 @@
     d² = (Aφ - ψ)ᵀ C⁻¹ (Aφ - ψ),    D = Σ_i tr(J_i P_i⁻¹) - log det(J_i P_i⁻¹) - 4,    φ ~ J,    prior ~ P.
 
 `d` is the Mahalanobis distance from the base parameters ψ with their covariance C, and D the log-determinant
-divergence from the prior. The width w is that of the prior: around it D is half the square of φ's distance, in units in
-which a body that the prior knows to within its own size has one. It is not chosen but found from ψ, which scatters
-around the prior's own base parameters with the covariance `C + w² A P Aᵀ` (empirical Bayes).
+divergence from the prior. The width w is that of the prior: bodies scatter around it by w of their own size, as D is
+half the square of their distance in such units. It is not chosen but found from ψ, whose distance from the prior's own
+base parameters is likely for some widths only (empirical Bayes).
 """
 
 from collections.abc import Sequence
