@@ -5,7 +5,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from itertools import chain
-from math import ceil
 from operator import add
 
 import numpy as np
@@ -243,8 +242,8 @@ def huber_white(tree: Tree, estimate: Estimate, source: Source, *, gravity: np.n
     """
     rank, channels, samples = estimate.parameters.rank, estimate.rows / estimate.samples, 0
     middle, before = np.zeros((rank, rank)), np.zeros((6, rank))
-    # Parts of one size, so that each is long enough to tell of the correlation.
-    for part in even(pieces(source, tree), ceil(estimate.samples / ceil(estimate.samples / PIECE))):
+    # Parts of one size, long enough to tell of the correlation, whatever the pieces are.
+    for part in even(pieces(source, tree), PIECE):
         samples += len(part)
         if (part.covariance is not None) != estimate.weighted:
             raise ValueError(

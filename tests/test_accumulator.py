@@ -1,7 +1,7 @@
 import pickle
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy import linalg
 
 from ident.accumulator import Accumulator, _factor, accumulate
 from ident.base_parameters import find_base_parameters
-from ident.estimate import identify, solve
+from ident.estimate import huber_white, identify, solve
 from ident.regressor import CHUNK, base_wrench_regressor
 from ident.samples import Samples
 
@@ -150,12 +150,12 @@ def test_what_does_not_belong_together_does_not_add():
         accumulate(STRAIGHT, samples.part(slice(0)), gravity=GRAVITY, parameters=one)
 
 
-def test_memory_is_flat():
-    """Above the inputs, and with inputs that come in pieces."""
+def test_memory_is_flat(monkeypatch):
+    """Above the inputs, and with inputs that come in pieces; in a second pass as well."""
 
-    def peak(source):
+    def peak(source, work=identify):
         tracemalloc.start()
-        identify(STRAIGHT, source, gravity=GRAVITY)
+        work(STRAIGHT, source, gravity=GRAVITY)
         _, most = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         return most / 1e6
@@ -165,6 +165,17 @@ def test_memory_is_flat():
     assert many < 1.1 * few < 10
     made = (moved_by(1.0, CHUNK, seed=k) for k in range(20))
     assert peak(made) < 10
+    monkeypatch.setattr("ident.estimate.PIECE", 2 * CHUNK)
+    peaks = []
+    for count in (4, 20):
+        parts = [long.part(slice(k * 1000, (k + 1) * 1000)) for k in range(count * CHUNK // 1000)]
+        second = partial(_second_pass, identify(STRAIGHT, parts, gravity=GRAVITY))
+        peaks.append(peak(iter(parts), second))
+    assert peaks[1] < 1.1 * peaks[0] < 25
+
+
+def _second_pass(found, tree, source, *, gravity):
+    huber_white(tree, found, source, gravity=gravity)
 
 
 def test_random_states_are_far_from_any_trouble():

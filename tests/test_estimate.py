@@ -1,4 +1,5 @@
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import nullcontext
 from itertools import pairwise
 from multiprocessing import get_context
 
@@ -173,6 +174,29 @@ def test_the_check_takes_noise_of_some_samples_for_that_of_all():
         check_excitation(triangle, regrouping, 100, noise)
 
 
+def test_what_counts_as_excited_and_who_is_named():
+    """Columns at a small angle are told from rounding, and columns from their own noise if half as long again."""
+    regrouping = find_base_parameters(np.eye(3), ["a", "b", "c"])
+    for ratio, excited in ((2e-10, True), (0.5e-10, False)):
+        triangle = np.eye(3)
+        triangle[:2, 1] = 1, 2 * ratio
+        with nullcontext() if excited else pytest.raises(ExcitationError, match="parameters a, b: 2 of 3"):
+            check_excitation(triangle, regrouping, 10)
+    for level, excited in ((0.65, True), (0.68, False)):
+        # Ten rows of noise stand for those of ten samples, six times as many.
+        noise = np.tile([level / np.sqrt(60), 0, 0], (10, 1))
+        with nullcontext() if excited else pytest.raises(ExcitationError, match="parameters a: 2 of 3"):
+            check_excitation(np.eye(3), regrouping, 10, noise)
+    # Unit columns that add up to nothing as a + b + share c, which is named from a tenth on.
+    for share, names in ((0.05, "a, b"), (0.2, "a, b, c")):
+        b = np.array([-share / 2, np.sqrt(1 - share**2 / 4), 0])
+        triangle = np.column_stack([-b - [share, 0, 0], b, [1, 0, 0]])
+        with pytest.raises(ExcitationError, match=f"parameters {names}: 2 of 3"):
+            check_excitation(triangle, regrouping, 10)
+    with pytest.raises(ExcitationError, match="parameters a, b, c: 0 of 3"):
+        check_excitation(np.zeros((3, 3)), regrouping, 10)
+
+
 def test_too_few_samples_are_not_enough():
     states = random_states(np.random.default_rng(0), TREE, 2)
     with pytest.raises(ExcitationError, match="2 samples"):
@@ -262,14 +286,19 @@ def test_intervals_hold_for_noise_that_is_correlated_over_time(correlation, weig
     assert share.min() >= 0.9, share
 
 
-def test_white_noise_leaves_huber_and_whites_formula():
-    wrench = SWING + autoregressive(np.random.default_rng(3), 0)
-    _, found = both_passes(Samples(*SMOOTH, wrench))
+def test_white_noise_leaves_huber_and_whites_formula(monkeypatch):
+    """To the last digit where no correlation is beyond chance, also in parts; five of six components have rows."""
+    wrench = SWING + autoregressive(np.random.default_rng(1), 0)
+    first, found = both_passes(Samples(*SMOOTH, wrench))
     columns = BASE.reduce(base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY))
     rows, residual = columns.reshape(-1, 13), wrench - columns @ found.psi
     pulls, bread = np.einsum("ncr,nc->nr", columns, residual), np.linalg.inv(rows.T @ rows)
     usual = bread @ pulls.T @ pulls @ bread * 3000 / (3000 - 13)
-    np.testing.assert_allclose(found.std, np.sqrt(np.diag(usual)), rtol=0.03)
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "PIECE", 300)
+        in_parts = huber_white(TREE, first, Samples(*SMOOTH, wrench), gravity=GRAVITY)
+    for covariance in (found.covariance, in_parts.covariance):
+        np.testing.assert_allclose(covariance, usual, rtol=1e-8, atol=1e-16)
     # Of a covariance only the proportions are needed.
     one, nine = (both_passes(Samples(*SMOOTH, wrench, covariance=scale * CONSTANT))[1] for scale in (1, 9))
     np.testing.assert_allclose(nine.std, one.std, rtol=1e-9)
@@ -285,10 +314,11 @@ def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, weighted)
     cuts = [0, *range(1, 60), 61, 300, 555, 600]
     parts = [samples.part(slice(a, b)) for a, b in pairwise(cuts)]
     ways = [huber_white(TREE, first, source, gravity=GRAVITY) for source in (parts, iter(parts))]
-    with monkeypatch.context() as patched:
-        for name in ("ident.accumulator.CHUNK", "ident.estimate.CHUNK"):
-            patched.setattr(name, 64)
-        ways.append(huber_white(TREE, first, iter(parts), gravity=GRAVITY))
+    for chunk in (64, 599):
+        with monkeypatch.context() as patched:
+            for name in ("ident.accumulator.CHUNK", "ident.estimate.CHUNK"):
+                patched.setattr(name, chunk)
+            ways.append(huber_white(TREE, first, iter(parts), gravity=GRAVITY))
     for found in ways:
         np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-9, atol=1e-15)
     monkeypatch.setattr(module, "PIECE", 250)
@@ -314,3 +344,14 @@ def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():
     assert (one.noise, two.noise) == ("white from sample to sample", "correlated over time or not")
     assert (two.std > 2 * one.std).all()
     np.testing.assert_array_equal(two.psi, one.psi)
+
+
+def test_variances_of_the_components_are_unbiased():
+    """The expected squares of residuals, from the fit's projection, give back the variances they were made of."""
+    rng, samples = np.random.default_rng(0), 5
+    Q = np.linalg.qr(rng.normal(size=(6 * samples, 4)))[0].reshape(samples, 6, 4)
+    flat, variances = Q.reshape(-1, 4), rng.uniform(0.1, 5, size=6)
+    left = (np.eye(6 * samples) - flat @ flat.T).reshape(samples, 6, samples, 6)
+    squares = np.einsum("ncmd,d->c", left**2, variances)
+    shares = np.einsum("nci,ncj->cij", Q, Q)
+    np.testing.assert_allclose(module._variances(squares, shares, samples), variances, rtol=1e-10)

@@ -22,6 +22,17 @@ def test_noise_of_each_channel_is_found_and_weighted():
     np.testing.assert_array_less(abs(fit.values - TRUE), 4 * fit.std)
 
 
+def test_the_fit_solves_hubers_equations():
+    rng = np.random.default_rng(2)
+    columns, measured = case(rng)
+    measured += 2 * rng.standard_t(2, size=measured.shape)
+    fit = robust_fit(columns, measured)
+    size = abs(fit.residual) / fit.scale
+    np.testing.assert_allclose(fit.weights, np.minimum(1, 1.345 / size), rtol=1e-4)
+    pulls = columns * (fit.weights * fit.residual / fit.scale**2)[..., None]
+    assert (abs(pulls.sum(axis=(0, 1))) < 1e-4 * abs(pulls).sum(axis=(0, 1))).all()
+
+
 def test_ordinary_least_squares_is_lstsq():
     columns, measured = case(np.random.default_rng(0))
     expected = np.linalg.lstsq(columns.reshape(-1, 3), measured.ravel(), rcond=None)[0]
@@ -135,9 +146,9 @@ def test_which_candidates_are_independent():
 
 def test_what_barely_sticks_out_does_not_spoil_the_next():
     """Rounding grows from column to column unless it is taken away each time."""
-    a, b, c = linalg.qr(np.random.default_rng(0).normal(size=(100, 3)), mode="economic")[0].T
-    candidates = np.stack([a + 3e-6 * b, a + 3e-6 * c, c, b, b + c], axis=1)
-    assert independent(a[:, None, None], candidates[:, None]) == [0, 1]
+    a, b, c, d = linalg.qr(np.random.default_rng(0).normal(size=(100, 4)), mode="economic")[0].T
+    candidates = np.stack([a + 3e-6 * b, a + 3e-6 * c, c, b, b + c, a + 0.7e-6 * d, a + 1.4e-6 * d], axis=1)
+    assert independent(a[:, None, None], candidates[:, None]) == [0, 1, 6]
 
 
 @pytest.mark.parametrize(

@@ -182,3 +182,14 @@ def test_ground_wrenches_must_be_finite():
 def test_joint_states_must_be_finite(ground):
     with pytest.raises(ValueError, match="total wrench needs finite joint states"):
         total_wrench(TREE, np.full((4, len(TREE.moving)), np.nan), ground, [])
+
+
+def test_the_measured_arrays_stay_as_they_are_and_times_agree_to_a_nanosecond(rng):
+    tree = random_tree(rng)
+    q, _, _ = random_states(rng, tree, 4)
+    ground, exerted, time = rng.normal(size=(4, 6)), rng.normal(size=(4, 6)), np.arange(4) / 100
+    kept = ground.copy(), exerted.copy()
+    total_wrench(tree, q, ground, [Contact(tree.names[0], exerted, np.eye(4), time=time + 1e-10)], time=time)
+    np.testing.assert_array_equal((ground, exerted), kept)
+    with pytest.raises(ValueError, match="sample times; they differ by up to 1e-08 s"):
+        total_wrench(tree, q, ground, [Contact(tree.names[0], exerted, np.eye(4), time=time + 1e-8)], time=time)
