@@ -151,7 +151,7 @@ def _consistency(full: ConsistentParameters) -> Finding:
         return Finding(f"The updated model has the base parameters within their uncertainty: {moves}.", False)
     return Finding(
         f"No physical bodies near the model's have these base parameters; of the updated model's, {moves}.",
-        full.distance > FAR * np.sqrt(len(full.psi)),
+        full.distance > FAR * float(np.sqrt(len(full.psi))),
     )
 
 
