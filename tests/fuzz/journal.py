@@ -1,0 +1,42 @@
+"""How every case ended, kept in a file from case to case."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from .cases import Ending
+
+
+class Journal:
+    """A line of JSON when a case begins and one when it has ended.
+
+    Attributes:
+        endings: What is known of each case; one that began and never ended took its process with it.
+    """
+
+    def __init__(self, file: Path) -> None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        self.file, self.endings = file, dict[int, dict[str, Any]]()
+        for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else []:
+            found = json.loads(line)
+            self.endings[found["case"]] = found
+
+    @contextmanager
+    def entry(self, case: int) -> Iterator[Callable[[Ending], None]]:
+        """Takes down that a case begins, and what the block notes of its end; forgets it if the user interrupts."""
+        with self.file.open("a", encoding="utf-8") as lines:
+            before = lines.tell()
+            lines.write(json.dumps({"case": case, "ending": "died", "what": "the process died"}) + "\n")
+            lines.flush()
+
+            def note(ending: Ending) -> None:
+                self.endings[case] = {"case": case, "ending": ending.kind, "what": ending.what}
+                lines.write(json.dumps(self.endings[case]) + "\n")
+
+            try:
+                yield note
+            except KeyboardInterrupt:
+                lines.truncate(before)
+                raise

@@ -1,0 +1,67 @@
+"""The fuzz command itself, and a short run of it."""
+
+import json
+import sys
+import time
+
+import pytest
+from fuzz import __main__ as command
+from fuzz import cases
+from fuzz.journal import Journal
+
+from experiments import identify
+
+
+def test_damaged_input_is_refused_or_accepted(tmp_path, capsys):
+    assert command.main(["--cases", "80", "--seed", "1", "--out", str(tmp_path)]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    counts = {word: int(number) for number, word in map(str.split, last.split(", "))}
+    assert sum(counts.values()) == 80 and min(counts["accepted"], counts["refused"]) >= 8
+
+
+def test_a_case_is_the_same_whatever_ran_before():
+    with cases.Runner(2) as runner:
+        first, other, again = ((found.what, found.story.splitlines()[0]) for found in map(runner.run, (3, 4, 3)))
+    assert first == again != other
+
+
+@pytest.mark.parametrize(
+    ("wrong", "kind", "what"),
+    [
+        (lambda options: {}["missing"], "traceback", "KeyError under test_fuzz.py:<lambda>"),
+        (lambda options: float("x"), "foreign", "ValueError under test_fuzz.py:<lambda>: could not convert"),
+        (lambda options: sys.exit(3), "odd", "exit 3 after 0 error lines"),
+        (lambda options: [time.process_time() for _ in iter(int, 1)], "hang", "longer than 0.2 s"),
+    ],
+)
+def test_what_must_not_happen_is_seen(monkeypatch, wrong, kind, what):
+    monkeypatch.setattr(cases, "HANG", 0.2)
+    monkeypatch.setattr(cases, "COMMANDS", (identify,))
+    monkeypatch.setattr(identify, "run", wrong)
+    with cases.Runner(3) as runner:
+        ending = runner.run(0)
+    assert ending.kind == kind and what in ending.what
+
+
+def test_a_run_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
+    def stopped(runner, case):
+        if case == 2:
+            raise KeyboardInterrupt
+        return cases.Ending("accepted", "", "")
+
+    monkeypatch.setattr(cases.Runner, "run", stopped)
+    arguments = ["--cases", "4", "--out", str(tmp_path)]
+    with pytest.raises(KeyboardInterrupt):
+        command.main(arguments)
+    assert sorted(Journal(tmp_path / "seed-0.jsonl").endings) == [0, 1]
+    monkeypatch.setattr(cases.Runner, "run", lambda runner, case: cases.Ending("refused", "", ""))
+    assert command.main(arguments) == 0
+    assert capsys.readouterr().out == "2 accepted, 2 refused\n"
+
+
+def test_a_case_that_takes_the_process_with_it_is_remembered(tmp_path, monkeypatch, capsys):
+    lines = [{"case": k, "ending": "died", "what": "the process died"} for k in (0, 1)]
+    lines.insert(1, {"case": 0, "ending": "refused", "what": "a sentence"})
+    (tmp_path / "seed-0.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert command.main(["--cases", "2", "--out", str(tmp_path)]) == 1
+    assert "1 x died: the process died (first case 1)" in capsys.readouterr().out
