@@ -5,6 +5,8 @@ VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
 
 BIN := $(VENV)/bin
+# A file's tests share what is costly to make, so they stay with one worker.
+PARALLEL := --numprocesses auto --dist loadfile
 # Only the model files of these packages are read, so they come without what their code needs.
 MODELS := example-robot-data robosuite dm_control
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
@@ -15,12 +17,12 @@ paper: $(INSTALLED)
 	$(BIN)/python -m experiments
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(PARALLEL)
 
 test-extras: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,symbolic,peers,cluster]"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) --no-deps $(MODELS)
-	$(BIN)/python -m pytest tests/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
+	$(BIN)/python -m pytest $(PARALLEL) tests/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
 		tests/test_cluster.py tests/test_benchmark.py tests/test_against_models.py tests/test_against_dm_control.py
 
 check: $(INSTALLED)

@@ -7,21 +7,24 @@ from random_models import inverse_dynamics, random_model, random_model_states
 
 from ident import dim
 from ident.base_parameters import find_base_parameters
-from ident.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.regressor import FEW, base_wrench_regressor, joint_torque_regressor
 from ident.structure import Sensors
 from ident.tree import BaseMotion
 from sim.joints import gravity_at_rest
 from sim.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
-MODELS, STATES = 300, 5
+MODELS = 300
 SEEDS = range(MODELS)
 
 
 def case(seed):
-    """A model of 2 to 30 bodies, every third one without ground under it, and its states."""
+    """A model of 2 to 30 bodies, every third one without ground under it, and its states.
+
+    Every tenth has enough of them for its equations to be recorded, which takes most of the time of these tests.
+    """
     rng = np.random.default_rng(seed)
     model = random_model(rng, int(rng.integers(2, 31)), floating=seed % 3 == 0)
-    return model, random_model_states(rng, model, STATES)
+    return model, random_model_states(rng, model, 1 if seed % 10 else FEW)
 
 
 def assert_equal(found, expected, scale=None, tolerance=1e-10):
@@ -36,9 +39,9 @@ def external_wrench(states, forces):
     return np.concatenate([(R.swapaxes(1, 2) @ forces[:, :3, None])[..., 0], forces[:, 3:6]], axis=1)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_base_wrench_and_joint_torques(seed):
-    check_base_wrench_and_joint_torques(*case(seed), seed % 3 == 0)
+def test_base_wrench_and_joint_torques():
+    for seed in SEEDS:
+        check_base_wrench_and_joint_torques(*case(seed), seed % 3 == 0)
 
 
 @pytest.mark.parametrize("gravity", ["switched off", "zero"])

@@ -122,6 +122,7 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     }
 
 
+@pytest.mark.usefixtures("undrawn")
 @needs_data
 def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, tmp_path):
     arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
@@ -152,6 +153,7 @@ def test_the_other_sign_of_the_bow_is_named_as_such(bowing):
     assert "'ground' looks as if it had the opposite sign: against" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 @needs_data
 def test_full_parameters_of_the_human_are_physical_and_predict_as_well(bowing, tmp_path):
     arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
@@ -345,6 +347,7 @@ def test_the_users_files_are_not_touched(tmp_path, capsys):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_log_of_joint_torques_alone(tmp_path, capsys):
     model = mujoco.MjModel.from_xml_path(str(PENDULUM))
     data, log = mujoco.MjData(model), recording()
@@ -450,6 +453,7 @@ def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     assert "Constant offsets were found and taken out: Fy" in remarks(result)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
     log = recording()
     force = log.measured["ground_force"].copy()

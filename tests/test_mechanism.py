@@ -2,6 +2,7 @@ import csv
 import re
 
 import numpy as np
+import pytest
 from mechanisms import double_pendulum
 
 from experiments import mechanism, paper
@@ -79,6 +80,7 @@ def test_everything_on_one_page(tmp_path):
     assert "true, simplified" in page and "kg m². The entries" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_everything_resumes_what_was_interrupted(tmp_path):
     command = ["--out", str(tmp_path), "--formats", "png", "--trials", "4", "--redraw", "sensors"]
     assert everything(command) == 0

@@ -126,6 +126,7 @@ def test_the_same_seed_gives_the_same_bytes(results, tmp_path, monkeypatch):
         assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_another_seed_or_tilt_gives_other_tables(results, tmp_path):
     for options in (["--seed", "4"], ["--seed", "3", "--tilt-deg", "4"], ["--seed", "3", "--azimuth-deg", "100"]):
         assert misaligned.main(["--out", str(tmp_path), "--formats", "png", *options]) == 0
@@ -163,11 +164,13 @@ def test_figures_show_what_their_captions_say():
         assert over.get_ydata()[0] == pytest.approx(np.sqrt((expected[: misaligned.WINDOW // 2 + 1] ** 2).mean()))
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("seed", ["0", "1", "2"])
 def test_a_tilt_of_zero_runs_with_noise(tmp_path, seed):
     assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png", "--seed", seed]) == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
     assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--noise-scale", "0", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
@@ -177,6 +180,7 @@ def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
     assert summary["wrench_errors"]["Fx"]["ratio_full"] is None  # There is nothing to compare with.
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_huge_condition_numbers_are_said_with_their_reason(tmp_path, capsys):
     assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png"]) == 0
     printed = capsys.readouterr().out
@@ -249,6 +253,7 @@ def test_help_explains_every_option(capsys):
         assert f"--{option}" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert misaligned.main(["--out", str(tmp_path), "--formats", "svg", "--trials", "2", "--redraw", "sensors"]) == 0

@@ -78,6 +78,7 @@ def test_trials_of_another_run_are_not_resumed(tmp_path):
         resumed(draw(tmp_path, "--redraw", "sensors"), 0, tmp_path)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
     command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors"]
     assert multicontact.main([*command, "--trials", "6"]) == 0
