@@ -13,7 +13,7 @@ from ident.accumulator import Accumulator
 from ident.diagnosis import FrameCheck
 from ident.estimate import Estimate
 from ident.tree import Tree
-from sim.log_mapping import UNITS
+from sim.log_mapping import HUGE, UNITS
 from sim.log_plausibility import KILONEWTONS, TURNS
 from sim.recording import Recording
 
@@ -83,7 +83,7 @@ class Seen:
         """Looks at more samples and their total wrench (N, 6).
 
         Raises:
-            ValueError: Angles look like degrees.
+            ValueError: A number is too large, or angles look like degrees.
         """
         # Numpy is ten times faster along rows.
         rows = np.ascontiguousarray(wrench.T)
@@ -91,6 +91,9 @@ class Seen:
         self.total += rows.sum(axis=1)
         for name, x in {"wrench": rows, **{name: recording[name] for name in self.joints}}.items():
             low, high = x.min(axis=-1), x.max(axis=-1)
+            if not (largest := max(-low.min(), high.max())) <= HUGE:
+                what = "the total wrench" if name == "wrench" else f"channel '{name}'"
+                raise ValueError(f"{what} needs numbers below {HUGE:g}, got {largest:g}.")
             self.low[name] = np.minimum(self.low.get(name, low), low)
             self.high[name] = np.maximum(self.high.get(name, high), high)
         for name, kind in self.joints.items():

@@ -9,6 +9,9 @@ ORDER = 2
 SETTLING = 1.5
 """Time in which filter and differences settle at either end, in periods of the cut-off frequency."""
 
+LEAST = 1e-5
+"""Least cut-off that the filter's coefficients can tell from zero, as a share of the rate."""
+
 LOWEST = 0.005
 HIGHEST = 0.4
 """Range of cut-offs that `chosen_cutoff` considers, as shares of the rate."""
@@ -32,12 +35,13 @@ def low_pass(x: np.ndarray, rate: float, cutoff_hz: float) -> np.ndarray:
         The smoothed columns, in the shape of x.
 
     Raises:
-        ValueError: The cut-off is not between 0 and half the rate, or there are too few samples.
+        ValueError: The cut-off is not between `LEAST` and half the rate, or there are too few samples.
     """
     x = np.asarray(x, float)
-    if not 0 < cutoff_hz < rate / 2:
+    if not LEAST * rate <= cutoff_hz < rate / 2:
         raise ValueError(
-            f"A cut-off needs a frequency between 0 and half the rate, {rate / 2:g} Hz, got {cutoff_hz:g} Hz."
+            f"A cut-off needs a frequency from {LEAST * rate:g} Hz to below half the rate, {rate / 2:g} Hz, got "
+            f"{cutoff_hz:g} Hz."
         )
     sections = butter(ORDER, cutoff_hz, fs=rate, output="sos")
     padding = 3 * (2 * len(sections) + 1)

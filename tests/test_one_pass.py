@@ -79,6 +79,9 @@ def test_what_cannot_be_fitted_is_refused(tmp_path, capsys):
     turned = {name: 3 * np.rad2deg(original[name]) for name in ("joint1_position", "joint2_position")}
     said = refusal(stream.main, arguments(tmp_path, units={}, **turned), capsys)
     assert "channel 'joint1_position' ranges over" in said and "looks like degrees" in said
+    for name, what in (("joint1_velocity", "channel 'joint1_velocity'"), ("ground_force", "the total wrench")):
+        said = refusal(stream.main, arguments(tmp_path, **{name: 1e300 * original[name]}), capsys)
+        assert f"{what} needs numbers below 1e+08, got " in said
     said = refusal(stream.main, arguments(tmp_path, units={"ground_force": "kN"}), capsys)
     assert "channel 'ground_force' is in kN, but a recording needs N." in said
     said = refusal(stream.main, arguments(tmp_path, joint1_velocity=np.ones((943, 3))), capsys)

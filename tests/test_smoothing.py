@@ -99,7 +99,8 @@ def test_no_cutoff_is_invented(x, message):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: low_pass(T, RATE, 50.0), "between 0 and half the rate, 50 Hz, got 50 Hz"),
+        (lambda: low_pass(T, RATE, 50.0), "from 0.001 Hz to below half the rate, 50 Hz, got 50 Hz"),
+        (lambda: low_pass(T, RATE, 1e-9), "from 0.001 Hz to below half the rate, 50 Hz, got 1e-09 Hz"),
         (lambda: low_pass(T, RATE, 0.0), "got 0 Hz"),
         (lambda: low_pass(T, RATE, np.nan), "got nan Hz"),
         (lambda: low_pass(T[:9], RATE, 3.0), "more than 9 samples, got 9"),
