@@ -50,6 +50,7 @@ def test_the_command_prints_the_check(tmp_path, capsys):
     assert "Tables I and II are the same mechanism" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_everything_on_one_page(tmp_path):
     out = tmp_path / "results"
     assert everything(["--out", str(out), "--formats", "svg", "--trials", "4"]) == 0
