@@ -213,7 +213,7 @@ def _arrays(data: bytes, rng: Rng) -> bytes:
             arrays[name] = x.real.astype(any_of(rng, TYPES))
     elif kind == 3:
         arrays[name] = any_of(
-            rng, [x[None], x.T, x[..., :0], np.zeros(()), x[: len(x) // 2] if x.ndim else x, x.ravel()]
+            rng, [x[None], x.T, x[..., :0] if x.ndim else x, np.zeros(()), x[: len(x) // 2] if x.ndim else x, x.ravel()]
         )
     elif kind == 4:
         arrays["extra"] = any_of(rng, [x, np.array(["a"]), np.zeros((3, 0)), np.zeros(())])
