@@ -141,7 +141,7 @@ def _headline(misaligned: dict[str, Any], multicontact: dict[str, Any]) -> str:
             "full model", misaligned["condition_number_full"], paper.CONDITION_NUMBER_FULL, shape(misaligned, "_full")
         )
         + row(
-            "several contacts",
+            "contact at the end link",
             multicontact["condition_number"],
             paper.CONDITION_NUMBER_MULTICONTACT,
             shape(multicontact, ""),

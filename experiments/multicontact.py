@@ -29,7 +29,7 @@ CONTACT_LINES = (figures.Line("tab:green"), figures.Line("tab:orange"))
 def table_4(result: Study) -> report.Table:
     """Errors with all contacts' wrenches, beside the paper's."""
     return report.Table(
-        "Base parameters with several contacts (Table IV), kg, kg m and kg m²",
+        f"Base parameters with {'several contacts' if result.several else 'a contact'}, kg, kg m and kg m²",
         *report.columns(
             parameter=result.fit.base.names,
             true_paper=[paper.TABLE_4[name][0] for name in result.fit.base.names],

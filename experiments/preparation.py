@@ -18,6 +18,7 @@ from ident.wrench import Contact, total_wrench
 from sim.couplings import check_torques
 from sim.despike import despiked
 from sim.log import GROUND, Log, read_log
+from sim.log_mapping import KINDS
 from sim.log_suggestion import suggested_mapping
 from sim.mujoco_model import compiled, gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 from sim.npz import LIMIT
@@ -126,6 +127,9 @@ def prepare(
     )
     rate = log.rate
     log, notes = _without_spikes(log)
+    still = {name.format(joint) for joint in fix or () for names in KINDS.values() for name in names}
+    if unread := [name for name in log.unused if name in still]:
+        notes.append(f"Columns of joints that --fix holds still were not read: {', '.join(unread)}.")
     log, constant = _without_constant(log, tree.joints)
     cutoff = _cutoff(log, rate, cutoff)
     states = _states(log, rate, cutoff)

@@ -101,6 +101,8 @@ def test_torques_of_the_fingers_are_refused_until_their_coupling_is_ignored(file
     moving = {f"finger{k}_{kind}": 0 * TIME + (kind == "position") * AT for k in (1, 2) for kind in KINDS}
     Recording(TIME, channels | moving).save(log)
     assert prepare(model, log, base="base").channels[-1] == "shoulder"
+    (note,) = (note for note in prepare(model, log, base="base", fix=fingers).notes if "--fix" in note)
+    assert "joints that --fix holds still were not read: finger1_position, finger1_velocity, finger1_acc" in note
     Recording(TIME, channels | moving | {"finger2_torque": 0.1 * np.sin(TIME)}).save(log)
     with pytest.raises(ValueError, match=r"of finger1, finger2, which act on its joints\. .* --ignore equality0 "):
         prepare(model, log, base="base")
