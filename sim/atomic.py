@@ -15,7 +15,7 @@ try:
 except ImportError:  # Not on Windows.
     fcntl = None  # type: ignore[assignment]
 
-PARTIAL = ".partial-"
+PARTIAL = ".multicontact-partial-"
 """How names of files and folders begin that are not whole yet."""
 
 

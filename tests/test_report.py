@@ -9,7 +9,7 @@ import pytest
 from mechanisms import random_tree
 
 from experiments import identify_report, report
-from sim.atomic import replacing
+from sim.atomic import PARTIAL, replacing
 
 TABLE = report.Table(
     "Errors, kg",
@@ -216,7 +216,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from experiments import report
-from sim.atomic import replacing
+from sim.atomic import PARTIAL, replacing
 
 def stop(*_, **__):
     os.kill(os.getpid(), signal.SIGKILL)
@@ -256,14 +256,16 @@ def test_what_killed_runs_left_goes_with_the_next_one(tmp_path):
     for folder, name in product(folders, "ab"):
         folder.mkdir(exist_ok=True)
         (folder / name).write_text("first")
+    (folders[0] / ".partial-mine").write_text("somebody else's")
     subprocess.run([sys.executable, "-c", KILLED, *map(str, folders)], check=True)
     for out in folders:
-        assert len(list(out.glob(".partial-*"))) == 1
+        assert len(list(out.glob(f"{PARTIAL}*"))) == 1
         with report.results_folder(out) as folder:
             # The fifth move ends all others.
             expected = dict.fromkeys("ab", "second" if out.name == "5" else "first")
             assert {name: (out / name).read_text() for name in "ab"} == expected
             (folder / "c").write_text("third")
+        (out / ".partial-mine").unlink(missing_ok=out != folders[0])
         assert {path.name for path in out.iterdir()} == set("abc")
 
 
@@ -276,7 +278,7 @@ def test_what_belongs_to_a_run_that_is_alive_stays(tmp_path):
         with report.results_folder(out) as folder, replacing(out / "d") as temporary:
             (folder / "c").write_text("third")
             temporary.write_text("fourth")
-        assert len(list(out.glob(".partial-*"))) == 1
+        assert len(list(out.glob(f"{PARTIAL}*"))) == 1
         alive.kill()
     with replacing(out / "d") as temporary:
         temporary.write_text("fifth")
