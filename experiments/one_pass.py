@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.identification import UNEXPLAINED, Weight
 from experiments.preparation import COMPONENTS
-from experiments.verdict import Finding, sentence, weight_findings
+from experiments.verdict import POOR, Finding, sentence, weight_findings
 from ident.accumulator import Accumulator
 from ident.diagnosis import FrameCheck
 from ident.estimate import Estimate
@@ -25,8 +25,8 @@ MOVES = 0.01
 STUCK = 0.1
 """Fraction of the predicted wrench from which a constant channel differs from it."""
 
-POOR = 0.5
-"""Residual over signal from which a channel is predicted poorly."""
+LEFT = 1.5
+"""Residual over signal from which more is wrong than that the motion does not explain a channel."""
 
 
 @dataclass(eq=False)
@@ -76,7 +76,7 @@ class Seen:
             if recording[name].shape[1:] != components:
                 needed = "three numbers" if components else "one number"
                 raise ValueError(f"channel '{name}' needs {needed} a sample, got shape {recording[name].shape}.")
-            if UNITS[kind].get(unit, 1.0) != 1:
+            if unit != "None" and UNITS[kind].get(unit) != 1:
                 raise ValueError(f"channel '{name}' is in {unit}, but a recording needs {next(iter(UNITS[kind]))}.")
 
     def add(self, recording: Recording, wrench: np.ndarray) -> None:
@@ -162,8 +162,13 @@ def judged(seen: Seen, found: Accumulator, estimate: Estimate, prior: np.ndarray
         *_weight(seen, float(prior.reshape(-1, 10)[:, 0].sum()), gravity),
         *_listed("Constant, though the motion would change it", stuck, doubt=True),
         *_listed(
+            "More is left over than the channel varies, as of a constant offset, in standard deviations",
+            [f"{c} ({r:.2f})" for c, r in ratios.items() if r > LEFT],
+            doubt=True,
+        ),
+        *_listed(
             "Not explained by this motion, residual over standard deviation in brackets",
-            [f"{c} ({r:.2f})" for c, r in ratios.items() if r > UNEXPLAINED],
+            [f"{c} ({r:.2f})" for c, r in ratios.items() if UNEXPLAINED < r <= LEFT],
             doubt=False,
         ),
         *_listed(

@@ -33,6 +33,9 @@ FAR_OFF = 0.3
 OFFSET = 0.1
 """Constant offset from which it is a doubt, of the weight, or for moments of the weight at the mechanism's reach."""
 
+POOR = 0.5
+"""Residual over signal from which a channel is predicted poorly."""
+
 DRIFT = 0.02
 """Drift of the weighed mass worth a remark, of the model's."""
 
@@ -276,7 +279,7 @@ def _quality(result: Identification) -> list[Finding]:
     poor = [
         f"{c} ({r:.2f})"
         for c, r in zip(result.prepared.channels, result.held_out.ratio, strict=True)
-        if r > 0.5 and c not in result.unexplained
+        if r > POOR and c not in result.unexplained
     ]
     if poor:
         found.append(Finding(f"Predicted poorly on the held-out part: {', '.join(poor)}.", True))

@@ -60,6 +60,11 @@ def test_an_empty_force_a_wrong_sign_and_kilonewtons_are_doubts(tmp_path):
     assert "The force is at most 0.232 N where the mechanism weighs 206 N: its unit may be kN." in doubts
 
 
+def test_an_offset_is_a_doubt(tmp_path):
+    _, doubts = judged(tmp_path, ground_force=recording()["ground_force"] + [25, 0, 0])
+    assert "More is left over than the channel varies, as of a constant offset" in doubts and "Fx (4" in doubts
+
+
 def test_stuck_channels_are_named(tmp_path):
     force = recording()["ground_force"]
     _, doubts = judged(tmp_path, ground_force=np.where(np.arange(3) == 1, force[0], force))
@@ -84,6 +89,8 @@ def test_what_cannot_be_fitted_is_refused(tmp_path, capsys):
         assert f"{what} needs numbers below 1e+08, got " in said
     said = refusal(stream.main, arguments(tmp_path, units={"ground_force": "kN"}), capsys)
     assert "channel 'ground_force' is in kN, but a recording needs N." in said
+    said = refusal(stream.main, arguments(tmp_path, units={"joint1_position": "furlong"}), capsys)
+    assert "channel 'joint1_position' is in furlong, but a recording needs rad." in said
     said = refusal(stream.main, arguments(tmp_path, joint1_velocity=np.ones((943, 3))), capsys)
     assert "channel 'joint1_velocity' needs one number a sample, got shape (300, 3)." in said
 
