@@ -62,6 +62,6 @@ def test_a_run_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
 def test_a_case_that_takes_the_process_with_it_is_remembered(tmp_path, monkeypatch, capsys):
     lines = [{"case": k, "ending": "died", "what": "the process died"} for k in (0, 1)]
     lines.insert(1, {"case": 0, "ending": "refused", "what": "a sentence"})
-    (tmp_path / "seed-0.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (tmp_path / "seed-0.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines) + '{"case": 2, "end')
     assert command.main(["--cases", "2", "--out", str(tmp_path)]) == 1
     assert "1 x died: the process died (first case 1)" in capsys.readouterr().out
