@@ -6,6 +6,7 @@ from importlib.metadata import PackageNotFoundError, files
 import mujoco
 import numpy as np
 import pytest
+from mechanisms import regrouping_error
 from random_models import random_model_states
 
 from ident.base_parameters import find_base_parameters
@@ -64,7 +65,7 @@ def check(model, what, regrouped):
     if tree not in regrouped:
         regrouped.add(tree)
         base = find_base_parameters(tree, gravity=gravity)
-        apart = abs(Y[..., base.dependent] - base.reduce(Y) @ base.beta).max(initial=0) / abs(Y).max()
+        apart = regrouping_error(base, Y)
         return [] if apart <= TOLERANCE else [f"{what}: {apart:.0e}"]
     return []
 

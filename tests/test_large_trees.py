@@ -1,4 +1,4 @@
-"""The regrouping of dm_control's animals, trees of more than sixty bodies whose axes lie in general positions."""
+"""Regroupings that take long: 300 random trees, and dm_control's animals, of more than sixty bodies each."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mechanisms import random_states, regrouping_error
+from test_base_parameters import check_regroupings
 
 from ident.base_parameters import find_base_parameters
 from ident.regressor import base_wrench_regressor
@@ -13,7 +14,11 @@ from sim.couplings import couplings
 from sim.mujoco_model import compiled, gravity_in_base, tree_from_model
 
 FOUND = find_spec("dm_control")
-pytestmark = pytest.mark.skipif(FOUND is None, reason="dm_control is not installed")
+pytestmark = pytest.mark.skipif(FOUND is None, reason="dm_control is not installed; make test-extras does")
+
+
+def test_kept_columns_span_the_regressor_of_300_random_trees():
+    check_regroupings(300)
 
 
 @pytest.mark.parametrize("animal", ["dog_v2/dog.xml", "rodent.xml"])
