@@ -220,7 +220,7 @@ def _checked(what: str, check: Callable[[], Found], unchecked: list[str]) -> Fou
     """What a check finds; if it cannot be made, None and a sentence more."""
     try:
         return check()
-    except (_NotCheckedError, np.linalg.LinAlgError) as error:
+    except (_NotCheckedError, ValueError) as error:
         unchecked.append(f"{what} could not be checked: {error}.")
         return None
 
@@ -308,8 +308,11 @@ def _signed(wrench: Wrench) -> np.ndarray:
 
 
 def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCheck | None:
-    if not np.isfinite(prepared.wrench).all():
+    known = np.isfinite(prepared.wrench).all(axis=0)
+    if not known.any():
         return None
+    if not known.all():
+        raise _NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not measured here")
     in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
     return diagnosis.check_contact(prepared.tree, prepared.states[0][part], in_base)
 

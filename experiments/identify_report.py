@@ -148,7 +148,7 @@ def _consistency(full: ConsistentParameters) -> Finding:
     listed = ", ".join(f"{name} by {shift:+.1f}" for name, shift in full.moved(0.1)[:5])
     moves = f"it moves {listed} standard deviations" if listed else "it moves none of them"
     if full.attainable:
-        return Finding(f"The updated model has the base parameters within their uncertainty: {moves}.", False)
+        return Finding(f"The updated model has the base parameters within their joint 95 % region: {moves}.", False)
     return Finding(
         f"No physical bodies near the model's have these base parameters; of the updated model's, {moves}.",
         full.distance > FAR * float(np.sqrt(len(full.psi))),

@@ -7,6 +7,7 @@ from typing import TypeAlias
 import mujoco
 import numpy as np
 
+import scenes
 from ident import se3
 from ident.body import BASE, Body, ball_twist, free_joint
 from ident.inertia import parameters_from_com
@@ -19,7 +20,7 @@ from sim.urdf import model_from_urdf, parsed
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
 """A compiled model, a specification, or the path of an MJCF or URDF file."""
 
-BEYOND = ("load_cell", "load_cell_pad", "load_cell_handle")
+BEYOND = ("load_cell", *(f"load_cell_{contact}" for contact in scenes.CONTACTS))
 """Bodies at which a mechanism ends: what a force sensor carries lies beyond it."""
 
 _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("FREE", "BALL", "SLIDE"))

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sim.excitation import Excitation
+from sim.names import joint_name
 from sim.recording import Recording
 from sim.rollout import play, steps_per_sample
 from sim.sensors import QUATERNION, sensors
@@ -152,7 +153,7 @@ def _runs(
     if not (error <= LOST).all():
         run, k = np.argwhere(~(error <= LOST))[0]
         # Where the simulation diverges all errors are NaN.
-        joint = model.joint(model.actuator_trnid[int(errors[run, k].argmax()), 0]).name
+        joint = joint_name(model, int(model.actuator_trnid[int(errors[run, k].argmax()), 0]))
         who = f"The servo of joint '{joint}'" if np.isfinite(error[run, k]) else "The servos"
         raise ValueError(
             f"{who} lost the excitation after {time[instants[k]]:.2f} s by {error[run, k]:.2f} "
