@@ -109,13 +109,18 @@ def parameters_from_model(
     MuJoCo stores principal moments about the centre of mass in the axes of an inertial frame of their own.
 
     Raises:
-        ValueError: The base does not exist, or nothing in the tree has a mass.
+        ValueError: The base does not exist, nothing in the tree has a mass, or a body has numbers that are not finite.
     """
     model = compiled(source)
     members = mechanism_bodies(model, base, beyond)
     if not model.body_mass[members].any():
         raise ValueError(f"A mechanism needs mass; {', '.join(body_name(model, b) for b in members)} have none.")
     stacked = np.concatenate([body_parameters(model, b) for b in members])
+    if not (finite := np.isfinite(stacked.reshape(-1, 10)).all(axis=1)).all():
+        name = body_name(model, members[int(finite.argmin())])
+        raise ValueError(
+            f"Body '{name}' needs a finite mass, centre of mass and inertia, the model has NaN or infinity."
+        )
     return _tree(model, members, base).without_welds()[1] @ stacked if merge_welds else stacked
 
 

@@ -293,3 +293,12 @@ def test_the_motion_of_a_base_at_rest_is_none():
     still = base_motion(m, "base", *np.ones((3, 4, 1)))
     np.testing.assert_array_equal(still.T, np.tile(np.eye(4), (4, 1, 1)))
     np.testing.assert_allclose([still.V, still.dV], 0, atol=1e-12)
+
+
+def test_bodies_with_numbers_that_are_not_finite_are_named():
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body name='a'><geom size='1'/></body></worldbody></mujoco>"
+    )
+    model.body_inertia[1, 2] = np.nan
+    with pytest.raises(ValueError, match="Body 'a' needs a finite mass, centre of mass and inertia"):
+        parameters_from_model(model)
