@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from experiments.identification import UNEXPLAINED, Weight
+from experiments.identification import Weight
 from experiments.preparation import COMPONENTS
-from experiments.verdict import POOR, Finding, sentence, weight_findings
+from experiments.verdict import Finding, quality_findings, sentence, weight_findings
 from ident.accumulator import Accumulator
 from ident.diagnosis import FrameCheck
 from ident.estimate import Estimate
@@ -24,9 +24,6 @@ MOVES = 0.01
 
 STUCK = 0.1
 """Fraction of the predicted wrench from which a constant channel differs from it."""
-
-LEFT = 1.5
-"""Residual over signal from which more is wrong than that the motion does not explain a channel."""
 
 
 @dataclass(eq=False)
@@ -160,22 +157,8 @@ def judged(seen: Seen, found: Accumulator, estimate: Estimate, prior: np.ndarray
     found_so = [
         *_sign(predicted, straight, opposite),
         *_weight(seen, float(prior.reshape(-1, 10)[:, 0].sum()), gravity),
-        *_listed("Constant, though the motion would change it", stuck, doubt=True),
-        *_listed(
-            "More is left over than the channel varies, as of a constant offset, in standard deviations",
-            [f"{c} ({r:.2f})" for c, r in ratios.items() if r > LEFT],
-            doubt=True,
-        ),
-        *_listed(
-            "Not explained by this motion, residual over standard deviation in brackets",
-            [f"{c} ({r:.2f})" for c, r in ratios.items() if UNEXPLAINED < r <= LEFT],
-            doubt=False,
-        ),
-        *_listed(
-            "Predicted poorly",
-            [f"{c} ({r:.2f})" for c, r in ratios.items() if POOR < r <= UNEXPLAINED],
-            doubt=True,
-        ),
+        *([Finding(f"Constant, though the motion would change it: {', '.join(stuck)}.", True)] if stuck else []),
+        *quality_findings(ratios, "fitted"),
     ]
     return Judged(ratios, sorted(found_so, key=lambda finding: not finding.doubt))
 
@@ -213,7 +196,3 @@ def _weight(seen: Seen, mass: float, gravity: np.ndarray) -> list[Finding]:
         text = f"The force is at most {largest:.3g} N where the mechanism weighs {mass * g:.4g} N: its unit may be kN."
         found.append(Finding(text, True))
     return found
-
-
-def _listed(what: str, names: Sequence[str], *, doubt: bool) -> list[Finding]:
-    return [Finding(f"{what}: {', '.join(names)}.", doubt)] if names else []

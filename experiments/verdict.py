@@ -33,6 +33,9 @@ FAR_OFF = 0.3
 OFFSET = 0.1
 """Constant offset from which it is a doubt, of the weight, or for moments of the weight at the mechanism's reach."""
 
+LEFT = 1.5
+"""Residual over signal from which more is wrong than that the motion does not explain a channel."""
+
 POOR = 0.5
 """Residual over signal from which a channel is predicted poorly."""
 
@@ -60,7 +63,11 @@ class Finding:
 
 def verdict(result: Identification, findings: list[Finding]) -> str:
     """One sentence."""
-    return sentence(dict(zip(result.prepared.channels, result.held_out.ratio, strict=True)), findings, "held-out")
+    return sentence(_ratios(result), findings, "held-out")
+
+
+def _ratios(result: Identification) -> dict[str, float]:
+    return dict(zip(result.prepared.channels, result.held_out.ratio.tolist(), strict=True))
 
 
 def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str) -> str:
@@ -84,7 +91,8 @@ def findings(result: Identification) -> list[Finding]:
         *_contact(result),
         *weight_findings(result.weight),
         *_offsets(result),
-        *_quality(result),
+        *quality_findings(_ratios(result), "held-out"),
+        *_inseparable(result),
         *_stuck(result),
         *(Finding(sentence, False) for sentence in result.unchecked),
         *_caveats(result),
@@ -265,30 +273,33 @@ def _unit(channel: str) -> str:
     return {"F": "N", "M": "N m"}.get(channel[0], "") if channel in COMPONENTS else ""
 
 
-def _quality(result: Identification) -> list[Finding]:
+def quality_findings(ratios: Mapping[str, float], part: str) -> list[Finding]:
+    """What residuals over signals, of each channel on some part, say."""
+    kinds = (
+        (
+            "More is left over than the channel varies, as of a constant offset or a sensor that died",
+            LEFT,
+            np.inf,
+            True,
+        ),
+        ("Not explained by this motion", UNEXPLAINED, LEFT, False),
+        ("Predicted poorly", POOR, UNEXPLAINED, True),
+    )
     found = []
-    if result.unexplained:
-        listed = ", ".join(
-            f"{c} ({result.held_out.ratio[result.prepared.channels.index(c)]:.2f})" for c in result.unexplained
-        )
-        found.append(
-            Finding(
-                f"Not explained by this motion, held-out residual over standard deviation in brackets: {listed}.", False
-            )
-        )
-    poor = [
-        f"{c} ({r:.2f})"
-        for c, r in zip(result.prepared.channels, result.held_out.ratio, strict=True)
-        if r > POOR and c not in result.unexplained
-    ]
-    if poor:
-        found.append(Finding(f"Predicted poorly on the held-out part: {', '.join(poor)}.", True))
-    if result.inseparable:
-        found.append(
-            Finding(
-                f"Constant offsets of {', '.join(result.inseparable)} cannot be told from masses and first moments: "
-                "those take them up.",
-                False,
-            )
-        )
+    for what, low, high, doubt in kinds:
+        if listed := ", ".join(f"{channel} ({ratio:.3g})" for channel, ratio in ratios.items() if low < ratio <= high):
+            text = f"{what}, {part} residual over standard deviation in brackets: {listed}."
+            found.append(Finding(text, doubt))
     return found
+
+
+def _inseparable(result: Identification) -> list[Finding]:
+    if not result.inseparable:
+        return []
+    return [
+        Finding(
+            f"Constant offsets of {', '.join(result.inseparable)} cannot be told from masses and first moments: "
+            "those take them up.",
+            False,
+        )
+    ]

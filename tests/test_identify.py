@@ -453,6 +453,15 @@ def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     assert "Constant offsets were found and taken out: Fy" in remarks(result)
 
 
+def test_a_sensor_that_dies_is_a_doubt(tmp_path):
+    log = recording()
+    force = log.measured["ground_force"].copy()
+    force[500:, 2] = 200
+    doubts, _ = found(tmp_path, with_channels(log, ground_force=force), axes=False)
+    assert "More is left over than the channel varies, as of a constant offset or a sensor that died" in doubts
+    assert "Fz (" in doubts and len(doubts) < 1000
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
     log = recording()

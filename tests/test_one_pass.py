@@ -72,7 +72,7 @@ def test_stuck_channels_are_named(tmp_path):
     _, doubts = judged(tmp_path, joint1_velocity=0 * recording()["joint1_velocity"])
     assert "Constant, though the motion would change it: joint1_velocity." in doubts
     _, doubts = judged(tmp_path, ground_force=np.random.default_rng(0).normal(force, 6 * np.ones(3)))
-    assert "Predicted poorly: Fy (0." in doubts
+    assert "Predicted poorly, fitted residual over standard deviation in brackets: Fy (0." in doubts
 
 
 def test_what_cannot_be_fitted_is_refused(tmp_path, capsys):
