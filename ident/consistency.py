@@ -95,8 +95,9 @@ def consistent_parameters(
     prior, whether ψ itself can be had or not.
 
     How much the prior counts, ψ says itself. The likelihood of a prior's width has a 95 % interval: if that contains
-    zero, ψ does not contradict the prior, which is the answer; otherwise the answer is that of the widest. So noise in
-    combinations that the data hardly see does not move bodies, and what they know well is kept.
+    zero, and ψ of the prior lies in the confidence region, ψ does not contradict the prior, which is the answer;
+    otherwise the answer is that of the widest. So noise in combinations that the data hardly see does not move bodies,
+    and what they know well is kept.
 
     Args:
         psi: Base parameters ψ, as of an estimate (r,).
@@ -133,7 +134,7 @@ def consistent_parameters(
         phi=phi,
         psi=found,
         names=base.names,
-        attainable=bool(distance**2 <= special.chdtri(base.rank, 1 - CONFIDENCE)),
+        attainable=bool(distance**2 <= _region(base.rank)),
         distance=distance,
         shift=(found - psi) / std,
         divergence=np.sum(eigenvalues - 1 - np.log(eigenvalues), axis=1),
@@ -216,13 +217,19 @@ class _Problem:
         return K
 
     def _width(self, misfit: np.ndarray) -> float:
-        """The largest w that a misfit of covariance `1 + w² A A*` allows, or zero if that is in the interval too."""
+        """The largest w that a misfit of covariance `1 + w² A A*` allows.
+
+        If zero is in the interval too, the least that leaves no more of the misfit than its confidence region holds:
+        zero, unless a few combinations alone contradict the prior.
+        """
         values, axes = np.linalg.eigh(np.tensordot(self.A, self.A, ((1, 2, 3), (1, 2, 3))))
         squares = np.append(0, np.geomspace(1e-2 / values[-1], 1e12, 1000))
         variances = 1 + np.outer(squares, np.maximum(values, 0))
-        unlikely = np.sum(np.log(variances) + (axes.T @ misfit) ** 2 / variances, axis=1)
+        pulls = (axes.T @ misfit) ** 2
+        unlikely = np.sum(np.log(variances) + pulls / variances, axis=1)
         allowed = squares[unlikely <= unlikely.min() + ROOM]
-        return float(np.sqrt(allowed[-1])) if allowed[0] else 0.0
+        enough = squares[np.sum(pulls / variances**2, axis=1) <= _region(len(misfit))]
+        return float(np.sqrt(allowed[-1] if allowed[0] or not len(enough) else enough[0]))
 
     def _minimiser(self, K: np.ndarray, multipliers: np.ndarray, mu: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Bodies and multipliers at the minimum, or None if Newton's method does not get there.
@@ -263,6 +270,11 @@ class _Problem:
         y = np.einsum("bi,bij->bj", x, G)
         forms = np.einsum("bc,bi,bj->bcij", np.eye(len(K)), y, y).reshape(len(K), -1)
         return np.linalg.norm(linalg.solve_triangular(triangle, forms.T, trans="T"), axis=0)
+
+
+def _region(parameters: int) -> float:
+    """Squared Mahalanobis distance up to which parameters are in the confidence region."""
+    return float(special.chdtri(parameters, 1 - CONFIDENCE))
 
 
 def _common_axes(K: np.ndarray, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -315,6 +315,19 @@ def test_the_prior_counts_as_the_likelihood_of_its_width_says(excess):
         np.testing.assert_allclose(found.distance, np.sqrt(r * excess) / u, rtol=0.02)
 
 
+def test_what_one_combination_alone_contradicts_is_not_overlooked():
+    """No width that all share is likely where all but one parameter are known well and true; yet the prior is wrong."""
+    model = scenes.load("double_pendulum").compile()
+    prior = parameters_from_model(model, "base")
+    base = find_base_parameters(tree_from_model(model, "base"), gravity=gravity_in_base(model, "base"))
+    std = np.where(np.array(base.names) == "Ixx3", 1.0, 1e-3)
+    for excess in (1, 7):
+        psi = base.regroup(prior) + excess * np.where(std == 1, std, 0)
+        found = consistent_parameters(psi, np.diag(std**2), base, prior)
+        assert found.attainable and found.divergence.any() == (excess == 7)
+        assert found.distance <= np.sqrt(chi2.ppf(0.95, 13))
+
+
 def test_what_makes_no_sense_is_refused_in_a_sentence():
     _, _, base, truth, prior, covariance = mechanism(0)
     psi, b = base.regroup(truth), len(prior) // 10
