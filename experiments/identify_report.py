@@ -157,9 +157,9 @@ def _consistency(full: ConsistentParameters) -> Finding:
 
 def _masses(result: Identification, full: ConsistentParameters) -> list[Finding]:
     """Bodies that end far from the model's mass, a doubt where the data cannot tell a mass from one so different."""
-    names = [result.prepared.tree.bodies[i].name for i in result.prepared.tree.inertial]
     told: dict[bool, list[str]] = {True: [], False: []}
-    for name, mass, std, before in zip(names, full.phi[::10], full.mass_std, result.prepared.prior[::10], strict=True):
+    masses = zip(_bodies(result), full.phi[::10], full.mass_std, result.prepared.prior[::10], strict=True)
+    for name, mass, std, before in masses:
         if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
             was = f"{before:.3g} kg" if before else "none"
             told[bool(2 * std < np.log(FACTOR) * mass)].append(f"{name} {mass:.3g} ± {std:.2g} kg (model: {was})")

@@ -24,6 +24,7 @@ X_AXIS = np.array([1.0, 0.0, 0.0])
 """Joint axis of the simplified model."""
 
 CHANNELS = ("Fx", "Fy", "Fz", "τx", "τy", "τz")
+"""The wrench's components as the paper names them."""
 
 STILL = 1e-9
 """Standard deviation, N or N m, up to which a channel only shows rounding."""

@@ -83,6 +83,7 @@ def add_workers(group: argparse._ActionsContainer) -> None:
     group.add_argument(
         "--tls",
         nargs=3,
+        type=_file,
         metavar=("CA", "CERT", "KEY"),
         help="PEM files for tls://, if Dask's own configuration has none: the authority's certificate, yours, its key",
     )
@@ -214,6 +215,13 @@ def _address(text: str) -> str:
         if whole and parts.hostname and parts.port and not (parts.username or " " in text):
             return text
     raise argparse.ArgumentTypeError(f"needs an address as tcp://host:port, got '{text}'; tls:// will do as well")
+
+
+def _file(text: str) -> str:
+    """Type of an option: a file that is there."""
+    if not Path(text).is_file():
+        raise argparse.ArgumentTypeError(f"needs files that exist, got '{text}'")
+    return text
 
 
 def whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:

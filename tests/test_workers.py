@@ -103,3 +103,10 @@ def test_a_scheduler_needs_the_extra(tmp_path, capsys, monkeypatch):
     command = ["--trials", "2", "--scheduler", "tcp://localhost:8786", "--formats", "png", "--out", str(tmp_path)]
     said = refusal(multicontact.main, command, capsys)
     assert "needs the package 'distributed', which the extra 'cluster' brings" in said
+
+
+def test_missing_tls_files_are_named_before_any_work(tmp_path, capsys):
+    ours = tmp_path / "ca.pem"
+    ours.touch()
+    command = ["--trials", "2", "--scheduler", "tls://127.0.0.1:1", "--tls", str(ours), "absent.pem", str(ours)]
+    assert "argument --tls: needs files that exist, got 'absent.pem'" in refusal(multicontact.main, command, capsys)
