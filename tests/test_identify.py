@@ -287,6 +287,7 @@ def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(
     assert not any("Masses beyond" in finding.text for finding in identify_report.all_findings(result, full))
     spec = scenes.load("double_pendulum")
     spec.body("link2").mass /= 3
+    spec.compile()
     light.write_text(spec.to_xml(), encoding="utf-8")
     result = identify_log(prepare(light, path, base="base"))
     full = identify_report.full_parameters(result)
@@ -435,6 +436,7 @@ def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
     model, path = tmp_path / "model.xml", tmp_path / "log.csv"
     spec = scenes.load("double_pendulum")
     spec.option.gravity = [0, 0, 0]
+    spec.compile()
     model.write_text(spec.to_xml(), encoding="utf-8")
     recording().save(path)
     result = identify_log(prepare(model, path, base="base"), axes=False)
