@@ -46,7 +46,7 @@ def test_base_wrench_and_joint_torques():
 
 @pytest.mark.parametrize("gravity", ["switched off", "zero"])
 def test_gravity_is_the_models(gravity):
-    for seed in range(0, MODELS, 20):
+    for seed in range(1, MODELS, 20):
         model, states = case(seed)
         if gravity == "zero":
             model.opt.gravity[:] = 0
@@ -73,7 +73,7 @@ def check_base_wrench_and_joint_torques(model, states, floating):
     assert_equal(base_wrench_regressor(merged, *joints, **known) @ less, wrench)
 
 
-@pytest.mark.parametrize("seed", range(0, MODELS, 10))
+@pytest.mark.parametrize("seed", range(1, MODELS, 10))
 def test_the_world_as_base(seed):
     model, states = case(seed)
     forces, _ = inverse_dynamics(model, *states)
@@ -82,7 +82,7 @@ def test_the_world_as_base(seed):
     assert_equal(Y @ phi, forces)
 
 
-@pytest.mark.parametrize("seed", range(0, MODELS, 10))
+@pytest.mark.parametrize("seed", range(1, MODELS, 10))
 def test_the_papers_recursion(seed):
     model, states = case(seed)
     forces, _ = inverse_dynamics(model, *states)
@@ -117,8 +117,8 @@ def test_two_ways_to_the_motion_of_a_free_base(seed):
         assert_equal(getattr(by_model, key), getattr(direct, key), tolerance=1e-12)
 
 
-# Every fourth one, floating or not: to record the equations of a model for this alone takes its time.
-@pytest.mark.parametrize("seed", SEEDS[1::4])
+# Every tenth one, floating or not: to record the equations of a model for this alone takes its time.
+@pytest.mark.parametrize("seed", SEEDS[1::10])
 def test_structural_rank_is_the_numeric_rank(seed):
     model, _ = case(seed)
     floating = seed % 3 == 0
