@@ -22,8 +22,8 @@ test: $(INSTALLED)
 test-extras: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,symbolic,peers,cluster]"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) --no-deps $(MODELS)
-	$(BIN)/python -m pytest $(PARALLEL) tests/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
-		tests/test_cluster.py tests/test_benchmark.py tests/test_against_models.py tests/test_large_trees.py
+	$(BIN)/python -m pytest $(PARALLEL) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
+		tests/runs/test_cluster.py tests/studies/test_benchmark.py tests/test_against_models.py tests/parameters/test_large_trees.py
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

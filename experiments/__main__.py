@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import scenes
-from experiments import mechanism, misaligned, multicontact, options
-from experiments.figures import FORMATS
-from experiments.index import write_index
-from experiments.trials import FILE
+from experiments import mechanism, misaligned, multicontact
+from experiments.cli import options
+from experiments.output.figures import FORMATS
+from experiments.output.index import write_index
+from experiments.studies.trials import FILE
 
 
 def run(args: argparse.Namespace) -> None:

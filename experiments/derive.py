@@ -5,10 +5,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments import options, report
-from ident.base_parameters import separating_sensors
-from ident.tree import Tree
-from sim.mujoco_model import compiled, parameters_from_model, tree_from_model
+from experiments.cli import options
+from experiments.output import report
+from ident.mechanism.tree import Tree
+from ident.parameters.base_parameters import separating_sensors
+from sim.models.mujoco_model import compiled, parameters_from_model, tree_from_model
 
 TABLES = ("table_1", "table_2")
 
@@ -23,7 +24,7 @@ GAINS = {
 def run(args: argparse.Namespace) -> None:
     """Derives a model and writes it."""
     with options.extra("symbolic"):
-        from experiments import codegen, symbolic
+        from experiments.symbols import codegen, symbolic
     name = codegen.plain(Path(args.mechanism).stem)
     name = name if name.strip(". ") else "model"
     out = args.out / name

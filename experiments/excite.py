@@ -14,16 +14,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import scenes
-from experiments import excite_study, figures, options, report
-from experiments.excite_report import Motion, figure, recording, table_limits, table_quality
-from experiments.excite_study import Problem
-from sim.collisions import Collisions
-from sim.excitation import DOUBLE_PENDULUM
-from sim.excitation_design import Limits
-from sim.fourier import FEWEST, FourierTrajectory
-from sim.joints import Joint
-from sim.mujoco_model import compiled
-from sim.simulate import RATE, SAMPLES
+from experiments.cli import options
+from experiments.output import figures, report
+from experiments.output.excite_report import Motion, figure, recording, table_limits, table_quality
+from experiments.studies import excitation
+from experiments.studies.excitation import Problem
+from sim.models.joints import Joint
+from sim.models.mujoco_model import compiled
+from sim.motion.collisions import Collisions
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.motion.excitation_design import Limits
+from sim.motion.fourier import FEWEST, FourierTrajectory
+from sim.simulation.simulate import RATE, SAMPLES
 
 PAPER = "double_pendulum"
 """Scene whose excitation the paper's is compared with."""
@@ -104,7 +106,7 @@ def run(args: argparse.Namespace) -> None:
     scene = args.model in scenes.NAMES
     model = compiled(scenes.load(args.model) if scene else args.model)
     base = args.base or BASES.get(args.model) if scene else args.base
-    problem = excite_study.problem(
+    problem = excitation.problem(
         model, base, args.joints, sensors=args.sensors, noise=(args.noise[0], args.noise[1]), ignore=args.ignore
     )
     published = args.model == PAPER and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
@@ -143,13 +145,13 @@ def _designed(
 ) -> tuple[Motion, FourierTrajectory]:
     """What the design is compared with, and the design."""
     rest = np.array([joint.rest for joint in problem.joints])
-    starts = excite_study.start_motions(limits, rest, float(time[-1]), args.harmonics, args.starts, args.seed)
+    starts = excitation.start_motions(limits, rest, float(time[-1]), args.harmonics, args.starts, args.seed)
     if reference is None:
         before = Motion(time, *starts[0].states(time))
     else:
         before = reference
         starts[0] = FourierTrajectory.closest(float(time[-1]), args.harmonics, time, reference.q)
-    found = excite_study.best(problem, limits, args.criterion, starts, collisions, args.iterations)
+    found = excitation.best(problem, limits, args.criterion, starts, collisions, args.iterations)
     return before, found
 
 
@@ -214,11 +216,11 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--acceleration", type=_positive, help=f"largest, rad/s² or m/s², {limits.format(ACCELERATION)}")
     out.add_argument(
         "--criterion",
-        choices=excite_study.CRITERIA,
+        choices=excitation.CRITERIA,
         default="condition",
-        help="; ".join(f"{key}, {what}" for key, what in excite_study.CRITERIA.items()),
+        help="; ".join(f"{key}, {what}" for key, what in excitation.CRITERIA.items()),
     )
-    out.add_argument("--sensors", choices=excite_study.SENSORS, default="wrench", help="what the regressor explains")
+    out.add_argument("--sensors", choices=excitation.SENSORS, default="wrench", help="what the regressor explains")
     out.add_argument(
         "--noise",
         nargs=2,

@@ -5,9 +5,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments import identify_report, options, report
-from experiments.identification import HOLDOUT, identify_log
-from experiments.preparation import DRIVE, prepare
+from experiments.cli import options
+from experiments.output import identify_report, report
+from experiments.studies.identification import HOLDOUT, identify_log
+from experiments.studies.preparation import DRIVE, prepare
 
 
 def run(args: argparse.Namespace) -> None:

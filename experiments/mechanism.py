@@ -11,11 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc
 
 import scenes
-from experiments import figures, options, paper, report
-from ident import dh
-from ident.inertia import com_from_parameters
-from ident.tree import Tree
-from sim.mujoco_model import parameters_from_model, site_on_tree, tree_from_model
+from experiments.cli import options
+from experiments.output import figures, report
+from experiments.studies import paper
+from ident.geometry.inertia import com_from_parameters
+from ident.mechanism import dh
+from ident.mechanism.tree import Tree
+from sim.models.mujoco_model import parameters_from_model, site_on_tree, tree_from_model
 
 SCENE = "double_pendulum"
 

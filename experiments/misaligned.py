@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments import figures, monte_carlo, options, paper, report
-from experiments.fitting import Fit
-from experiments.misaligned_study import AZIMUTH_DEG, SCENE, Study, problem, study, trial
-from ident.screw import angle
+from experiments.cli import options
+from experiments.output import figures, report
+from experiments.studies import monte_carlo, paper
+from experiments.studies.fitting import Fit
+from experiments.studies.tilted_axes import AZIMUTH_DEG, SCENE, Study, problem, study, trial
+from ident.mechanism.axes import angle
 
 TRUE_LINE = figures.Line("black", width=1.6)
 SIMPLIFIED_LINE = figures.Line("tab:red")

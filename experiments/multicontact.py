@@ -11,8 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import scenes
-from experiments import figures, monte_carlo, options, paper, report
-from experiments.multicontact_study import SCENE, Study, problem, study, total, trial
+from experiments.cli import options
+from experiments.output import figures, report
+from experiments.studies import monte_carlo, paper
+from experiments.studies.contacts import SCENE, Study, problem, study, total, trial
 
 DIFFERS = frozenset({"Ixx2", "Ixx3", "Ixz3"})
 """Entries of Table IV that no rigid body can have."""

@@ -8,21 +8,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments import (
-    figures,
-    misaligned,
-    misaligned_study,
-    multicontact,
-    multicontact_study,
-    options,
-    report,
-)
+from experiments import misaligned, multicontact
 from experiments.benchmark import command, words
 from experiments.benchmark.figure import figure_benchmark
-from sim.atomic import replacing
+from experiments.cli import options
+from experiments.output import figures, report
+from experiments.studies import contacts, tilted_axes
+from ident.recordings.atomic import replacing
 
 
-def table_3(result: misaligned_study.Study) -> report.Table:
+def table_3(result: tilted_axes.Study) -> report.Table:
     """Table III with our errors beside the paper's."""
     rows = misaligned.table_3(result).rows
     name, _, simplified, paper_simplified, _, full, paper_full = zip(*rows, strict=True)
@@ -36,7 +31,7 @@ def table_3(result: misaligned_study.Study) -> report.Table:
     return report.Table("", *report.columns(**columns), decimals=2)
 
 
-def table_wrench_errors(result: misaligned_study.Study) -> report.Table:
+def table_wrench_errors(result: tilted_axes.Study) -> report.Table:
     """Errors of the recovered wrenches by channel, in brackets over what there is to recover."""
     rows = []
     for (channel, found), (_, unit) in zip(
@@ -48,7 +43,7 @@ def table_wrench_errors(result: misaligned_study.Study) -> report.Table:
     return report.Table("", columns, tuple(rows), decimals=2)
 
 
-def table_4(result: multicontact_study.Study) -> report.Table:
+def table_4(result: contacts.Study) -> report.Table:
     """Table IV with our errors beside the paper's."""
     name, true_paper, true_scene, error, paper_error = zip(*multicontact.table_4(result).rows, strict=True)
     columns = {
@@ -94,7 +89,7 @@ def run(args: argparse.Namespace) -> None:
     if not (readme.is_file() and figure.is_dir()):
         raise ValueError(f"The root of a checkout has a README.md and a folder docs; '{args.root}' has not.")
     measured = benchmark_results(args.root)
-    tilted, touching = misaligned_study.study(), multicontact_study.study()
+    tilted, touching = tilted_axes.study(), contacts.study()
     text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted).markdown())
     text = with_block(text, "wrench errors", table_wrench_errors(tilted).markdown())
     text = with_block(text, "table 4", table_4(touching).markdown())

@@ -17,22 +17,23 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from experiments import options, report
-from experiments.kept import SAVE_EVERY
-from experiments.one_pass import Judged, Seen, judged
-from experiments.preparation import COMPONENTS
-from experiments.workers import hired
-from ident.accumulator import Accumulator, accumulate
-from ident.base_parameters import BaseParameters, find_base_parameters
-from ident.estimate import PIECE, Estimate, solve
-from ident.in_order import in_order
-from ident.samples import Samples, pieces
-from ident.tree import Tree
-from ident.wrench import Contact, total_wrench
-from sim import npz
-from sim.atomic import save_arrays
-from sim.mujoco_model import compiled, gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
-from sim.recording import Recording
+from experiments.cli import options
+from experiments.output import report
+from experiments.runs.checkpoint import SAVE_EVERY
+from experiments.runs.workers import hired
+from experiments.studies.one_pass import Judged, Seen, judged
+from experiments.studies.preparation import COMPONENTS
+from ident.estimation.accumulator import Accumulator, accumulate
+from ident.estimation.estimate import PIECE, Estimate, solve
+from ident.estimation.in_order import in_order
+from ident.estimation.samples import Samples, pieces
+from ident.mechanism.tree import Tree
+from ident.parameters.base_parameters import BaseParameters, find_base_parameters
+from ident.recordings import npz
+from ident.recordings.atomic import save_arrays
+from ident.recordings.recording import Recording
+from ident.recordings.wrench import Contact, total_wrench
+from sim.models.mujoco_model import compiled, gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
 
 FILE = "accumulated.npz"
 """File in the output folder that keeps what has been read."""

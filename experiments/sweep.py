@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments import escape, figures, misaligned, multicontact, options, report
-from experiments.kept import Kept
-from experiments.workers import hired
-from ident.in_order import in_order
+from experiments import misaligned, multicontact
+from experiments.cli import options
+from experiments.output import escape, figures, report
+from experiments.runs.checkpoint import Checkpoint
+from experiments.runs.workers import hired
+from ident.estimation.in_order import in_order
 
 STUDIES = {"misaligned": misaligned, "multicontact": multicontact}
 
@@ -154,7 +156,7 @@ def swept(args: argparse.Namespace, option: str, values: Sequence[str | float]) 
         ValueError: The study refuses every run, or a worker died.
     """
     runs = [(value, seed) for seed in range(args.seeds) for value in values]
-    kept = Kept("runs", args.out / FILE, {"study": args.study, "option": option, "values": values})
+    kept = Checkpoint("runs", args.out / FILE, {"study": args.study, "option": option, "values": values})
     done = kept.done()[: len(runs)] if args.resume else []
     with hired(max(1, min(args.workers, len(runs) - len(done))), args.scheduler, args.tls) as crew:
         work = partial(run_of, args.study, option)

@@ -13,6 +13,6 @@ def undrawn(monkeypatch):
     """Empty files in place of figures, whose drawing takes most of a study's time."""
     from fuzz.cases import not_drawn
 
-    from experiments import figures
+    from experiments.output import figures
 
     monkeypatch.setattr(figures, "save", not_drawn)

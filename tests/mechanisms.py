@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident import se3
-from ident.body import Body, ball_twist, free_joint
-from ident.tree import Tree
+from ident.geometry import se3
+from ident.mechanism.body import Body, ball_twist, free_joint
+from ident.mechanism.tree import Tree
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 LENGTH_1 = 0.425

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_consistency import bodies, forms, regrouping, unphysical
 
-from ident.consistency import consistent_parameters
+from ident.parameters.consistency import consistent_parameters
 
 cvxpy = pytest.importorskip("cvxpy", reason="cvxpy with Clarabel is an optional extra")
 

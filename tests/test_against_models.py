@@ -9,10 +9,10 @@ import pytest
 from mechanisms import regrouping_error
 from random_models import random_model_states
 
-from ident.base_parameters import find_base_parameters
-from ident.regressor import base_wrench_regressor, joint_torque_regressor
-from sim.mujoco_model import compiled, gravity_in_base, parameters_from_model, state_columns, tree_from_model
-from sim.notes import ModelNote
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.parameters.base_parameters import find_base_parameters
+from sim.models.mujoco_model import compiled, gravity_in_base, parameters_from_model, state_columns, tree_from_model
+from sim.models.notes import ModelNote
 
 FILES = {"example-robot-data": 69, "robosuite": 58, "dm_control": 65}
 MECHANISMS = {"example-robot-data": 68, "robosuite": 47, "dm_control": 38}

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from random_models import inverse_dynamics, random_model, random_model_states
 
-from ident import dim
-from ident.base_parameters import find_base_parameters
-from ident.regressor import FEW, base_wrench_regressor, joint_torque_regressor
-from ident.structure import Sensors
-from ident.tree import BaseMotion
-from sim.joints import gravity_at_rest
-from sim.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
+from ident.mechanism.tree import BaseMotion
+from ident.model import dim
+from ident.model.regressor import FEW, base_wrench_regressor, joint_torque_regressor
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.structure import Sensors
+from sim.models.joints import gravity_at_rest
+from sim.models.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
 MODELS = 300
 SEEDS = range(MODELS)

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.base_parameters import find_base_parameters
-from ident.dh import Frame, tree_from_mdh
-from ident.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.mechanism.dh import Frame, tree_from_mdh
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.parameters.base_parameters import find_base_parameters
 
 DATA = sorted((Path(__file__).parent / "data").glob("*.json"))
 

@@ -14,12 +14,13 @@ from mechanisms import (
 )
 
 import scenes
-from experiments import paper
-from ident import dim, se3
-from ident.base_parameters import find_base_parameters
-from ident.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
-from ident.wrench import Contact, total_wrench
-from sim.mujoco_model import parameters_from_model, tree_from_model
+from experiments.studies import paper
+from ident.geometry import se3
+from ident.geometry.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
+from ident.model import dim
+from ident.parameters.base_parameters import find_base_parameters
+from ident.recordings.wrench import Contact, total_wrench
+from sim.models.mujoco_model import parameters_from_model, tree_from_model
 
 RNG = np.random.default_rng(0)
 TREE = double_pendulum(axis_1=(0.6, 0.8, 0), axis_2=(0, 0, 1))

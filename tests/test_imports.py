@@ -1,6 +1,7 @@
-"""Imports point one way: experiments -> sim -> scenes, experiments and sim -> ident."""
+"""Imports point one way: experiments -> sim -> scenes, experiments and sim -> ident, and down the ladder of ident."""
 
 import ast
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,41 +9,36 @@ import pytest
 import ident
 
 ROOT = Path(ident.__file__).parents[1]
+LADDER = ("geometry", "mechanism", "model", "parameters", "recordings", "estimation", "judgement")
+"""Rooms of `ident`; each imports from those before it."""
+
 ALLOWED = {
-    "ident": {"numpy", "scipy", "ident"},
+    "ident": {"numpy", "scipy"},
     "scenes": {"numpy", "mujoco"},
-    "sim": {"numpy", "scipy", "mujoco", "sim", "scenes"},
-    "experiments": {"numpy", "matplotlib", "tqdm", "experiments", "sim", "scenes", "ident"},
+    "sim": {"numpy", "scipy", "mujoco", "scenes", "ident"},
+    "experiments": {"numpy", "scipy", "mujoco", "matplotlib", "tqdm", "scenes", "ident", "sim"},
 }
-MORE = {
-    "mujoco_model.py": {"ident"},
-    "model_update.py": {"ident"},
-    "urdf.py": {"ident"},
-    "preparation.py": {"scipy"},
-    "excite.py": {"mujoco"},
-    "excite_study.py": {"mujoco"},
-    "symbolic.py": {"scipy", "sympy"},
-    "codegen.py": {"sympy"},
-    "cluster.py": {"distributed"},
-    "peers.py": {"pinocchio"},
-    "simulation.py": {"mujoco"},
-}
-"""What single modules may import besides: the bridge from MuJoCo a tree, optional ones their extra."""
-STANDARD = __import__("sys").stdlib_module_names
+EXTRAS = {"symbols": {"sympy"}, "runs": {"distributed"}, "benchmark": {"pinocchio"}}
+"""What rooms import besides where the optional extra is installed."""
+
 MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]
 
 
 def imported(path):
+    """Dotted names of what a module imports, itself and `import numpy` alike."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name.partition(".")[0] for alias in node.names)
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path} imports relatively"
-            yield node.module.partition(".")[0]
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_point_one_way(path):
-    package = path.relative_to(ROOT).parts[0]
-    allowed = ALLOWED[package] | MORE.get(path.name, set())
-    assert set(imported(path)) - STANDARD <= allowed
+    package, room = path.relative_to(ROOT).parts[:2]
+    packages = {name.partition(".")[0] for name in imported(path)} - sys.stdlib_module_names
+    assert packages <= ALLOWED[package] | {package} | EXTRAS.get(room, set())
+    if package == "ident" and room in LADDER:
+        rooms = {name.split(".")[1] for name in imported(path) if name.startswith("ident.")}
+        assert rooms.isdisjoint(LADDER[LADDER.index(room) + 1 :])

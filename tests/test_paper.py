@@ -7,13 +7,14 @@ import pytest
 from mechanisms import GRAVITY, double_pendulum
 
 import scenes
-from experiments import misaligned, misaligned_study, paper
-from experiments.fitting import fit
-from ident.base_parameters import find_base_parameters
-from ident.inertia import pseudo_inertia
-from sim.excitation import DOUBLE_PENDULUM
-from sim.mujoco_model import parameters_from_model, tree_from_model
-from sim.simulate import simulate, with_noise
+from experiments import misaligned
+from experiments.studies import paper, tilted_axes
+from experiments.studies.fitting import fit
+from ident.geometry.inertia import pseudo_inertia
+from ident.parameters.base_parameters import find_base_parameters
+from sim.models.mujoco_model import parameters_from_model, tree_from_model
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate, with_noise
 
 SEEDS = (0, 1, 2)
 
@@ -101,7 +102,7 @@ def test_the_papers_full_column_is_not_reproduced(spread):
 
 def test_no_common_error_of_the_axes_gives_the_papers_full_column(noise_free):
     # The pattern that the simplified model has, smaller: what tilts the recovered axes the same small way leaves.
-    known, names = misaligned_study.problem(paper.TILT_DEG, misaligned_study.AZIMUTH_DEG), tuple(paper.TABLE_3)
+    known, names = tilted_axes.problem(paper.TILT_DEG, tilted_axes.AZIMUTH_DEG), tuple(paper.TABLE_3)
     axis, step = known.truth.bodies[1].twist[3:], np.radians(0.5)
 
     def turned(shift):

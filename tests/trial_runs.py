@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import multicontact, trials
-from experiments.multicontact_study import SCENE, problem, study, trial
-from experiments.workers import hired
+from experiments import multicontact
+from experiments.runs.workers import hired
+from experiments.studies import trials
+from experiments.studies.contacts import SCENE, problem, study, trial
 
 ANALYSE = partial(trial, problem("pad"))
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.benchmark.mechanisms import Mechanism, double_pendulum
-from ident.base_parameters import STANDARD_GRAVITY
-from ident.estimate import identify
-from ident.samples import Samples, Source
+from ident.estimation.estimate import identify
+from ident.estimation.samples import Samples, Source
+from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 PIECE = 10_000
 """Samples in a piece of a stream that is made while it is read."""

@@ -12,7 +12,6 @@ from typing import Any
 
 from tqdm import tqdm
 
-from experiments import figures, options, report
 from experiments.benchmark import (
     bounds,
     identification,
@@ -26,7 +25,9 @@ from experiments.benchmark import (
 from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
 from experiments.benchmark.timing import QUICK, Effort
-from experiments.workers import hired
+from experiments.cli import options
+from experiments.output import figures, report
+from experiments.runs.workers import hired
 
 FILE = "benchmark.json"
 """File in the output folder with all numbers."""

@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from experiments import figures
 from experiments.benchmark.identification import ALL_COLUMNS, CHAIN, REGRESSOR
 from experiments.benchmark.targets import PENDULUM, Results
+from experiments.output import figures
 
 Row = dict[str, Any]
 BLUE, RED = "tab:blue", "tab:red"

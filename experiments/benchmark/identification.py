@@ -8,10 +8,10 @@ import numpy as np
 from experiments.benchmark.mechanisms import Mechanism, chain, double_pendulum, mechanisms
 from experiments.benchmark.peers import PEERS, Peer
 from experiments.benchmark.timing import Comparison, Effort, alternating
-from ident.accumulator import Accumulator, accumulate
-from ident.base_parameters import STANDARD_GRAVITY, BaseParameters
-from ident.estimate import Estimate, identify
-from ident.samples import Samples
+from ident.estimation.accumulator import Accumulator, accumulate
+from ident.estimation.estimate import Estimate, identify
+from ident.estimation.samples import Samples
+from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters
 
 REGRESSOR, ACCUMULATION = "regressor", "accumulation"
 ALL_COLUMNS, BASE_COLUMNS = "identification, all columns", "identification, base columns"

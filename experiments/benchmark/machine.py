@@ -14,9 +14,9 @@ import numpy as np
 from experiments.benchmark.identification import ACCUMULATION, REGRESSOR
 from experiments.benchmark.mechanisms import Mechanism, mechanisms
 from experiments.benchmark.timing import Effort, alternating, timed
-from ident.accumulator import accumulate
-from ident.base_parameters import STANDARD_GRAVITY
-from ident.regressor import regressor_program
+from ident.estimation.accumulator import accumulate
+from ident.model.regressor import regressor_program
+from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 TRIES = 7
 """Times that a limit is tried to reach."""

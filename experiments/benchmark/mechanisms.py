@@ -7,14 +7,14 @@ from functools import cached_property
 import numpy as np
 
 import scenes
-from ident.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
-from ident.body import BASE, Body
-from ident.regressor import base_wrench_regressor
-from ident.samples import Samples
-from ident.se3 import pose, rotation
-from ident.structure import Sensors
-from ident.tree import BaseMotion, Tree
-from sim.mujoco_model import tree_from_model
+from ident.estimation.samples import Samples
+from ident.geometry.se3 import pose, rotation
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import BaseMotion, Tree
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
+from ident.parameters.structure import Sensors
+from sim.models.mujoco_model import tree_from_model
 
 AT_ONCE = 4096
 """Samples of which the wrench is computed at once."""

@@ -11,11 +11,11 @@ from experiments.benchmark.identification import check_agreement, solved
 from experiments.benchmark.mechanisms import Mechanism, double_pendulum
 from experiments.benchmark.peers import PEERS, Peer
 from experiments.benchmark.timing import Comparison, Effort, alternating
-from ident.base_parameters import STANDARD_GRAVITY
-from ident.estimate import identify
-from ident.samples import Samples
-from sim.excitation import DOUBLE_PENDULUM
-from sim.simulate import simulate
+from ident.estimation.estimate import identify
+from ident.estimation.samples import Samples
+from ident.parameters.base_parameters import STANDARD_GRAVITY
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate
 
 ALL_COLUMNS, BASE_COLUMNS = "Monte Carlo, all columns", "Monte Carlo, base columns"
 

@@ -5,11 +5,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from experiments import options
-from ident import se3
-from ident.body import BASE, Body
-from ident.inertia import PINOCCHIO
-from ident.tree import BaseMotion, Tree
+from experiments.cli import options
+from ident.geometry import se3
+from ident.geometry.inertia import PINOCCHIO
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import BaseMotion, Tree
 
 States = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Positions, velocities and accelerations, one row for each sample."""

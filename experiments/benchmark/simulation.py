@@ -9,10 +9,10 @@ import numpy as np
 
 import scenes
 from experiments.benchmark.timing import Effort, alternating, ratio
-from sim.excitation import DOUBLE_PENDULUM
-from sim.rollout import steps_per_sample
-from sim.servos import servos
-from sim.simulate import LEAD_IN, RATE, simulate, simulate_many
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.rollout import steps_per_sample
+from sim.simulation.servos import servos
+from sim.simulation.simulate import LEAD_IN, RATE, simulate, simulate_many
 
 SCENE = "double_pendulum"
 

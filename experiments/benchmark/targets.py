@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from experiments import report
 from experiments.benchmark import identification, monte_carlo
+from experiments.output import report
 
 Results = Mapping[str, Any]
 """What `benchmark.json` holds."""

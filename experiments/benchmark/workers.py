@@ -10,10 +10,10 @@ import numpy as np
 from experiments.benchmark.mechanisms import double_pendulum
 from experiments.benchmark.monte_carlo import BLOCKS, Trials
 from experiments.benchmark.timing import Effort, alternating
-from experiments.workers import Crew, hired
-from ident.base_parameters import STANDARD_GRAVITY
-from ident.estimate import identify
-from ident.in_order import in_order
+from experiments.runs.workers import Crew, hired
+from ident.estimation.estimate import identify
+from ident.estimation.in_order import in_order
+from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,14 @@ from unittest import mock
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments import figures, identify, stream
-from experiments.workers import Crew
+from experiments import identify, stream
+from experiments.output import figures
+from experiments.runs.workers import Crew
 
 from .corpus import LOGS, MODELS, write_corpus
 from .damage import NAMES, Rng, any_of, damaged
 
-OURS = tuple(Path(figures.__file__).parents[1] / name for name in ("experiments", "ident", "scenes", "sim", "tests"))
+OURS = tuple(Path(figures.__file__).parents[2] / name for name in ("experiments", "ident", "scenes", "sim", "tests"))
 """Folders whose code is named where a case breaks."""
 
 CLEAN = ("accepted", "refused")

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import scenes
-from sim.excitation import DOUBLE_PENDULUM
-from sim.simulate import simulate
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate
 
 URDF = """<?xml version="1.0" encoding="utf-8"?>
 <robot name="arm">

@@ -1,0 +1,241 @@
+"""Command-line options that the studies share, and how they end."""
+
+import argparse
+import io
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from experiments.output.figures import FORMATS
+from experiments.studies.trials import REDRAWN
+from ident.recordings.npz import LIMIT
+from sim.models.notes import ModelNote
+from sim.simulation.simulate import SAMPLES
+
+
+def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser of everything that writes results.
+
+    Args:
+        name: Name of the study, `python -m experiments.NAME`.
+        description: What it does, for `--help`.
+    """
+    parser = argparse.ArgumentParser(
+        prog=f"python -m experiments.{name}".rstrip("."),
+        description=description,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument("--out", type=Path, default=Path("results") / name, help="folder for the results")
+    return parser
+
+
+def output_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser of everything that draws figures; arguments as for `command_parser`."""
+    parser = command_parser(name, description)
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=["pdf", "png"], help="formats of the figures")
+    return parser
+
+
+def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser with the options of every simulated study; arguments as for `output_parser`."""
+    parser = output_parser(name, description)
+    parser.add_argument("--seed", type=whole_number(0), default=0, help="seed of all noise")
+    parser.add_argument(
+        "--samples", type=whole_number(1, 1_000_000), default=SAMPLES, help="samples recorded at 100 Hz"
+    )
+    parser.add_argument(
+        "--noise-scale", type=float, default=1.0, help="factor on the scene's and the excitation's noise"
+    )
+    add_trials(parser)
+    return parser
+
+
+def add_trials(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of Monte Carlo runs."""
+    several = parser.add_argument_group("Monte Carlo")
+    several.add_argument("--trials", type=whole_number(2, also=0), default=0, help="trials with noise drawn anew")
+    several.add_argument(
+        "--redraw",
+        choices=REDRAWN,
+        default="all",
+        help="noise to draw anew: " + "; ".join(f"{key}, {what}" for key, what in REDRAWN.items()),
+    )
+    add_workers(several)
+
+
+def add_workers(group: argparse._ActionsContainer) -> None:
+    """Adds the options of runs that several workers share."""
+    group.add_argument("--workers", type=whole_number(1, 1024), default=1, help="local processes that share the work")
+    group.add_argument(
+        "--scheduler",
+        type=_address,
+        metavar="tcp://HOST:PORT",
+        help="Dask scheduler, also tls://, whose workers share the work instead (extra 'cluster'); they need this "
+        "package in the same version and one thread each for linear algebra, as `dask worker --nthreads 1` starts them "
+        "with its nanny",
+    )
+    group.add_argument(
+        "--tls",
+        nargs=3,
+        type=_file,
+        metavar=("CA", "CERT", "KEY"),
+        help="PEM files for tls://, if Dask's own configuration has none: the authority's certificate, yours, its key",
+    )
+    group.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
+
+
+def add_mechanism(parser: argparse.ArgumentParser) -> None:
+    """Adds what is said of a user's model."""
+    parser.add_argument("--base", help="body whose frame is {0}, by default the world")
+    parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    parser.add_argument(
+        "--fix",
+        nargs="+",
+        action="append",
+        default=[],
+        metavar=("JOINT", "VALUE"),
+        help="a joint that does not move and need not be recorded, as of a finger, and where it stands in rad or m, by "
+        "default as the model draws it; once for each",
+    )
+
+
+def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
+    """Coordinates of fixed joints by their names, as `tree_from_model` takes them."""
+    coordinates = {}
+    for joint, *values in given:
+        try:
+            coordinates[joint] = [float(value) for value in values]
+        except ValueError:
+            raise ValueError(f"--fix takes a joint and where it stands, got {' '.join((joint, *values))}.") from None
+    return coordinates
+
+
+def add_max_size(parser: argparse.ArgumentParser) -> None:
+    """Adds the option of what reads npz files."""
+    parser.add_argument(
+        "--max-size",
+        type=whole_number(1, 1_000_000),
+        default=LIMIT // 1_000_000,
+        metavar="MB",
+        help="memory that an npz file may take at once; a small one can unpack to more than there is",
+    )
+
+
+def run(
+    study: Callable[[argparse.Namespace], None], parser: argparse.ArgumentParser, argv: Sequence[str] | None
+) -> int:
+    """Runs a study and turns bad input into one sentence.
+
+    Args:
+        study: The study, given the parsed options.
+        parser: Its parser.
+        argv: Arguments, by default the command line's.
+
+    Returns:
+        Exit code: 0, 2 for bad input, or 130 when interrupted.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    options = parser.parse_args(argv)
+    with _interruptible_once(), _notes_printed_once():
+        try:
+            study(options)
+        except (ValueError, OSError, MemoryError) as error:
+            print(f"{parser.prog}: error: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            print(f"{parser.prog}: interrupted; every file is whole.", file=sys.stderr)
+            return 130
+    return 0
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Turns a failing import of a block into a sentence that names the extra to install."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"This needs the package '{error.name}', which the extra '{name}' brings: pip install -e '.[{name}]'."
+        ) from None
+
+
+@contextmanager
+def _notes_printed_once() -> Iterator[None]:
+    """Prints remarks on models, which are read several times, as a line each."""
+    printed: set[str] = set()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelNote)
+        others = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if not issubclass(category, ModelNote):
+                others(message, category, *where, **more)
+            elif str(message) not in printed:
+                printed.add(str(message))
+                print(f"Note: {message}", file=sys.stderr)
+
+        warnings.showwarning = show
+        yield
+
+
+@contextmanager
+def _interruptible_once() -> Iterator[None]:
+    """Makes the first Ctrl-C or request to terminate end a block, and later ones wait until it has cleaned up."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signals = (signal.SIGINT, signal.SIGTERM)
+
+    def interrupt(*_: object) -> None:
+        for number in signals:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = [signal.signal(number, interrupt) for number in signals]
+    try:
+        yield
+    finally:
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _address(text: str) -> str:
+    """Type of an option: a scheduler's address."""
+    with suppress(ValueError):
+        parts = urlsplit(text)
+        whole = text in (f"tcp://{parts.netloc}", f"tls://{parts.netloc}")
+        if whole and parts.hostname and parts.port and not (parts.username or " " in text):
+            return text
+    raise argparse.ArgumentTypeError(f"needs an address as tcp://host:port, got '{text}'; tls:// will do as well")
+
+
+def _file(text: str) -> str:
+    """Type of an option: a file that is there."""
+    if not Path(text).is_file():
+        raise argparse.ArgumentTypeError(f"needs files that exist, got '{text}'")
+    return text
+
+
+def whole_number(minimum: int, maximum: int | None = None, *, also: int | None = None) -> Callable[[str], int]:
+    """Type of an option: a whole number in a range, or one value outside it."""
+    needed = f"at least {minimum}" if maximum is None else f"{minimum} to {maximum}"
+    needed = needed if also is None else f"{needed}, or {also}"
+
+    def number(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"needs a whole number of {needed}, got '{text}'") from None
+        if value != also and not minimum <= value <= (value if maximum is None else maximum):
+            raise argparse.ArgumentTypeError(f"needs a whole number of {needed}, got '{text}'")
+        return value
+
+    return number

@@ -1,0 +1,1 @@
+"""Tables, figures, pages and the folders they go into."""

@@ -1,0 +1,126 @@
+"""The paper's figures. Functions return a matplotlib Figure and touch no files; `save` writes one."""
+
+import io
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+FORMATS = ("pdf", "png", "svg")
+"""File formats that `save` writes the same way every time."""
+
+COMPONENTS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
+"""Symbol and unit of the components of a wrench."""
+
+PARAMETER = re.compile(r"\bm(\d+)(?:r([xyz])\1)?\b|\bI([xyz]{2})(\d+)\b")
+"""Names of the parameters of φ, as in `m2rz2 + 0.425 m3`: a mass and its moment, or axes and number of an inertia."""
+
+_STABLE_METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
+
+
+@contextmanager
+def paper_style() -> Iterator[None]:
+    """The look of the paper's figures, for the duration of a block."""
+    with as_file(files("experiments.output") / "paper.mplstyle") as path, mpl.rc_context(fname=path):
+        yield
+
+
+@dataclass(frozen=True)
+class Line:
+    """How one wrench is drawn."""
+
+    color: str
+    width: float = 0.8
+    style: str = "-"
+    alpha: float = 1.0
+
+
+def wrench_panels(
+    x: np.ndarray,
+    wrenches: Mapping[str, tuple[np.ndarray, Line]],
+    xlabel: str,
+    *,
+    symbol: str = "{}",
+    bottom: float | None = None,
+    shaded: Mapping[str, np.ndarray] | None = None,
+) -> Figure:
+    r"""Six panels, forces on the left and torques on the right, one curve in each for every wrench.
+
+    Args:
+        x: Abscissa (N,).
+        wrenches: For each legend entry a wrench `[F; τ]` (N, 6) and its line; later ones lie on top.
+        xlabel: Label of the abscissa.
+        symbol: Pattern of the ordinates' symbols in TeX, `|\Delta {}|` for errors.
+        bottom: Lower limit of the ordinates; by default the data's.
+        shaded: For each legend entry the samples where the background is grey (N,).
+
+    Returns:
+        The figure, one IEEE column wide.
+    """
+    with paper_style():
+        figure = Figure()
+        axes = figure.subplots(3, 2, sharex=True)
+        for component, ax in enumerate(axes.T.flat):
+            for label, (wrench, line) in wrenches.items():
+                style = {"ls": line.style, "color": line.color, "lw": line.width, "alpha": line.alpha}
+                ax.plot(x, wrench[:, component], label=label, **style)
+            variable, unit = COMPONENTS[component]
+            ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
+            ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+            ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
+            ax.set_xlim(x[0], x[-1])
+            widen_flat(ax)
+            ax.set_ylim(bottom=bottom)
+            for label, when in (shaded or {}).items():
+                sides = ax.get_xaxis_transform()
+                ax.fill_between(x, 0, 1, when, transform=sides, color="0.87", lw=0, zorder=0, label=label)
+        for ax in axes[-1]:
+            ax.set_xlabel(xlabel, labelpad=2)
+        figure.align_ylabels(axes)
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        columns = len(labels) if len(labels) < 4 else 2
+        legend = figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+        for handle in legend.get_lines():
+            handle.set_linewidth(max(handle.get_linewidth(), 0.8))
+    return figure
+
+
+def parameter_symbol(name: str) -> str:
+    """A parameter's name as the paper sets it, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
+    match = PARAMETER.fullmatch(name)
+    if match is None:
+        return name
+    mass, moment, axes, inertia = match.groups()
+    if axes:
+        return f"$I_{{{axes},{inertia}}}$"
+    return f"$m_{{{mass}}}$" if moment is None else f"$m_{{{mass}}}r_{{{moment},{mass}}}$"
+
+
+def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
+    """Writes `folder/name.FORMAT` for every format, byte-identical for identical figures."""
+    with paper_style():
+        # The layout is solved once; solved again for every file it would depend on the files before.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+        for extension in formats:
+            # Drawn in memory: where writing fails, matplotlib's backends raise errors that do not tell of the disk.
+            drawn = io.BytesIO()
+            figure.savefig(drawn, format=extension, metadata=_STABLE_METADATA[extension])
+            (folder / f"{name}.{extension}").write_bytes(drawn.getvalue())
+
+
+def widen_flat(ax: Axes) -> None:
+    """Keeps rounding noise on an ordinate that does not change from filling its panel."""
+    low, high = ax.get_ylim()
+    middle = (low + high) / 2
+    if high - low < max(1e-6, 1e-4 * abs(middle)):
+        half = 0.05 * abs(middle) if abs(middle) > 1e-6 else 1
+        ax.set_ylim(middle - half, middle + half)

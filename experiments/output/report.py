@@ -1,0 +1,321 @@
+"""Tables in four formats, result folders that are never half-written, and where results come from."""
+
+import csv
+import importlib.metadata
+import io
+import json
+import os
+import platform
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any
+
+from experiments.output import escape
+from experiments.output.figures import PARAMETER, parameter_symbol
+from ident.recordings.atomic import PARTIAL, claimed, unwritten
+
+Cell = str | float | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of results.
+
+    Attributes:
+        title: Caption.
+        columns: Column names of the CSV file; everywhere else they are `heading`s.
+        rows: Cells: texts, numbers, or None for an empty one.
+        decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits.
+        marked: First cells of the rows that get an asterisk, everywhere but in the CSV file.
+        footnote: What the asterisk means.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    decimals: int = 3
+    marked: frozenset[str] = frozenset()
+    footnote: str = ""
+
+    def csv(self) -> str:
+        """Comma-separated values with full precision."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows([["" if cell is None else cell for cell in row] for row in self.rows])
+        return out.getvalue()
+
+    def markdown(self) -> str:
+        """A Markdown table under its title, numbers right-aligned."""
+        rule = ["---:" if numeric else "---" for numeric in self._numeric()]
+        head = list(map(escape.markdown, self._headings()))
+        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *self._texts(escape.markdown)])
+        title = f"**{escape.markdown(self.title)}**\n\n" if self.title else ""
+        return title + table + (f"\n\\* {escape.markdown(self.footnote)}\n" if self.footnote else "")
+
+    def tex(self) -> str:
+        """A LaTeX table over both columns of a page; it needs no packages."""
+        align = "".join("r" if numeric else "l" for numeric in self._numeric())
+        rows = [list(map(_tex_heading, self._headings())), *self._texts(_tex)]
+        head, *body = [f"{' & '.join(row)} \\\\\n" for row in rows]
+        note = f"\\par\\smallskip * {_tex(self.footnote)}\n" if self.footnote else ""
+        return (
+            f"\\begin{{table*}}\n\\caption{{{_tex(self.title)}}}\n\\centering\\footnotesize\n"
+            f"\\begin{{tabular}}{{{align}}}\n\\hline\n{head}\\hline\n{''.join(body)}\\hline\n\\end{{tabular}}\n"
+            f"{note}\\end{{table*}}\n"
+        )
+
+    def text(self) -> str:
+        """Aligned columns for the terminal."""
+        lines = [self._headings(), *self._texts()]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        numeric = self._numeric()
+        rows = (
+            "  ".join(c.rjust(w) if n else c.ljust(w) for c, w, n in zip(row, widths, numeric, strict=True))
+            for row in lines
+        )
+        note = [f"* {self.footnote}"] if self.footnote else []
+        return "\n".join([self.title, *(row.rstrip() for row in rows), *note, ""])
+
+    def write(self, folder: Path, name: str) -> None:
+        """Writes `name.csv`, `name.md` and `name.tex` into a folder."""
+        for suffix, content in (("csv", self.csv()), ("md", self.markdown()), ("tex", self.tex())):
+            (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
+
+    def _headings(self) -> list[str]:
+        return [heading(name) for name in self.columns]
+
+    def _texts(self, escaped: Callable[[str], str] = str) -> list[list[str]]:
+        return [[self._text(cell, escaped) for cell in row] for row in self.rows]
+
+    def _text(self, cell: Cell, escaped: Callable[[str], str]) -> str:
+        if cell is None:
+            return ""
+        if isinstance(cell, str):
+            return escaped(cell) + ("*" if cell in self.marked else "")
+        return escaped(self._number(cell))
+
+    def _number(self, value: float) -> str:
+        return number(value, self.decimals)
+
+    def _numeric(self) -> list[bool]:
+        return [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
+
+
+UNITS = ("deg", "rad", "N", "s")
+"""Units that names of columns, options and other numbers end with."""
+
+_HEADINGS = {
+    rf"_({'|'.join(UNITS)})$": r" (\1)",
+    r"_(simplified|full|paper|scene|weighted|ignoring|relative|updated_model)$": r", \1",
+    "^paper_": "paper's ",
+    r"(?<![^_])std(?![^_, ])": "s.d.",
+    r"(?<![^_])rms(?![^_, ])": "RMS",
+    "_wrench_noise$": " (wrench noise)",
+    "_95$": ", 95 %",
+    "_": " ",
+}
+
+
+def heading(name: str) -> str:
+    """A column's name in words: `paper_error_full` becomes `paper's error, full`."""
+    for pattern, words in _HEADINGS.items():
+        name = re.sub(pattern, words, name)
+    return name
+
+
+def number(value: float, decimals: int = 3) -> str:
+    """A number for readers: with so many decimals, or as a power of ten from a million on, where no one counts them."""
+    # Adding zero turns a rounded -0.0 into 0.0.
+    return f"{round(value, decimals) + 0.0:.{decimals}f}" if abs(value) < 1e6 else f"{value:.2e}"
+
+
+def _tex(text: str) -> str:
+    """Plain text as LaTeX, with parameters as symbols and minus signs as such."""
+    edges = [0, *(edge for match in PARAMETER.finditer(text) for edge in match.span()), len(text)]
+    parts = [text[start:end] for start, end in pairwise(edges)]
+    symbols = "".join(parameter_symbol(part) if k % 2 else escape.tex(part) for k, part in enumerate(parts))
+    return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", symbols)
+
+
+def _tex_heading(text: str) -> str:
+    """A heading in lines, broken before a remark and with some room above."""
+    lines = _tex(text).replace(", ", ",\\\\").replace(" (", "\\\\(")
+    return f"\\shortstack{{\\rule{{0pt}}{{2.3ex}}{lines}}}" if "\\\\" in lines else lines
+
+
+OUTPUTS = ("table_*", "figure_*", "monte_carlo*")
+"""Patterns of the files that a study writes, besides `summary.json` and `provenance.json`."""
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Writes indented JSON."""
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def results_folder(out: Path, stale: Sequence[str] = (), inputs: Sequence[Path] = ()) -> Iterator[Path]:
+    """A temporary folder whose files move to `out` together when the block ends well; else `out` stays as it was.
+
+    Args:
+        out: Folder for the results, made if missing; files of others in it are left alone.
+        stale: Patterns of files of an earlier run that go when they are not written anew.
+        inputs: Files that were read, and are never replaced.
+
+    Raises:
+        ValueError: `out` is a file, cannot be written, or a folder or an input stands where a file has to go.
+        OSError: The results could not be written, as when the disk is full; the sentence names `out`.
+    """
+    with unused_vanish(out), unwritten(out), _scratch(out) as (new, old):
+        yield new
+        with _undisturbed():
+            _exchange(new, old, out, stale, inputs)
+
+
+@contextmanager
+def unused_vanish(out: Path) -> Iterator[None]:
+    """Removes the folders that a block has made, `out` and those it is in, if the block fails and leaves them empty."""
+    made = [folder for folder in (out, *out.parents) if not folder.exists()]
+    try:
+        yield
+    except BaseException:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def check_inputs(written: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Refuses to write over what was read, by whatever name.
+
+    Raises:
+        ValueError: One of the files to write is an input.
+    """
+    for path, given in product(written, inputs):
+        if path.exists() and given.exists() and path.samefile(given):
+            raise ValueError(f"The results would replace '{path}', which is the input '{given}'; choose another --out.")
+
+
+@contextmanager
+def _scratch(out: Path) -> Iterator[tuple[Path, Path]]:
+    """Folders in `out` for the new files and for those they replace, which vanish when the block ends."""
+    with ExitStack() as stack:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            scratch = stack.enter_context(
+                claimed(out, lambda: Path(tempfile.mkdtemp(prefix=PARTIAL, dir=out)), _cleared)
+            )
+        except OSError as error:
+            raise ValueError(
+                f"The output path needs to be a writable folder, got '{out}' ({error.strerror})."
+            ) from error
+        new, old = scratch / "new", scratch / "old"
+        try:
+            new.mkdir()
+            old.mkdir()
+            yield new, old
+        except BaseException:
+            # Files that could not be put back stay where they are.
+            shutil.rmtree(new, ignore_errors=True)
+            for folder in (old, scratch):
+                with suppress(OSError):
+                    folder.rmdir()
+            raise
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _cleared(left: Path) -> None:
+    """Removes what a killed run has left, after earlier files that it was replacing are back in their place."""
+    if not left.is_dir():
+        left.unlink()
+        return
+    for file in (left / "old").glob("*"):
+        file.replace(left.parent / file.name)
+    shutil.rmtree(left)
+
+
+def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str], inputs: Sequence[Path]) -> None:
+    """Moves all files of `new` to `out`, and what they replace to `old`; all of them or none."""
+    names = {file.name for file in new.iterdir()}
+    gone = {file.name for pattern in stale for file in out.glob(pattern)} | {n for n in names if (out / n).exists()}
+    check_inputs((out / name for name in gone), inputs)
+    for name in gone:
+        if (out / name).is_dir():
+            raise ValueError(f"The output path needs room for a file '{name}', but '{out / name}' is a folder.")
+    moved: list[tuple[Path, Path]] = []
+    try:
+        for name, source, target in [(n, out, old) for n in gone] + [(n, new, out) for n in names]:
+            (source / name).replace(target / name)
+            moved.append((source / name, target / name))
+        # Whoever finds `old` takes these moves for unfinished.
+        old.replace(old.with_name("replaced"))
+    except OSError as error:
+        for source, target in reversed(moved):
+            with suppress(OSError):
+                target.replace(source)
+        left = f"; earlier files are in '{old}'" if any(old.iterdir()) else ""
+        raise ValueError(
+            f"The results could not be moved to '{out}' ({error.strerror}: '{error.filename}'){left}."
+        ) from error
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Holds back Ctrl-C and termination for the duration of a block, where the system can."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def provenance(options: dict[str, Any], recording: dict[str, Any]) -> dict[str, Any]:
+    """Everything needed to run a study again: options, scene, versions and commit."""
+    packages = ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")
+    return {
+        "options": options,
+        "recording": recording,
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in packages},
+        "git_commit": _git_commit(),
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _git_commit() -> str | None:
+    """Commit of the checkout that this code runs from, `-dirty` if files differ; None for an installed copy."""
+    here = Path(__file__).resolve()
+    # A git hook's environment points to another repository.
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")}
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(here.parents[2]), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", str(here))
+        return git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], tuple[tuple[Cell, ...], ...]]:
+    """Column names and rows of a `Table` from its columns."""
+    rows = tuple(tuple(c if isinstance(c, str) else float(c) for c in row) for row in zip(*named.values(), strict=True))
+    return tuple(named), rows

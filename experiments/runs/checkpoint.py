@@ -1,0 +1,101 @@
+"""Outcomes of a long run, kept in a file while they come in: interrupted and resumed without loss."""
+
+import json
+import sys
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from ident.recordings import npz
+from ident.recordings.atomic import save_arrays
+
+SAVE_EVERY = 5.0
+"""Seconds between two saves of what is done."""
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """Where a run keeps its outcomes.
+
+    Attributes:
+        what: What the run consists of, "trials".
+        file: NPZ file with the outcomes, whole at any time.
+        identity: What outcomes must have in common to belong to one run, as JSON has it.
+    """
+
+    what: str
+    file: Path
+    identity: Mapping[str, Any]
+
+    def done(self) -> list[np.ndarray]:
+        """Outcomes that an interrupted run left.
+
+        Raises:
+            ValueError: There are none, or they belong to another run.
+        """
+        try:
+            data = npz.arrays(self.file)
+            kept, outcomes = json.loads(str(data["identity"])), list(data["outcomes"])
+            if (outcomes and outcomes[0].dtype.kind not in "fiU") or not all(map(_is_whole, outcomes)):
+                raise ValueError("damaged")
+            wanted = json.loads(json.dumps(self.identity))
+            different = [key for key in wanted if kept.get(key) != wanted[key]]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise ValueError(f"--resume needs the {self.what} of an earlier run in {self.file} ({error}).") from None
+        if different:
+            raise ValueError(
+                f"The {self.what} in {self.file} are of another run: {', '.join(different)} differ; leave out --resume."
+            )
+        return outcomes
+
+    def collect(
+        self, batches: Iterable[Sequence[Any]], total: int, done: Sequence[np.ndarray] = ()
+    ) -> list[np.ndarray]:
+        """Takes outcomes as they come and saves them every few seconds, at the end, and when anything fails.
+
+        Args:
+            batches: Outcomes in their order, a few at a time: arrays of one shape, or texts.
+            total: Number of outcomes to reach.
+            done: The first of them, from an interrupted run; without any, an earlier run's file is set aside.
+
+        Raises:
+            OSError: They could not be saved; the file has those of the last save.
+        """
+        if not done and self.file.exists():
+            self.file.replace(self.file.with_stem(f"{self.file.stem}_before"))
+        outcomes = list(done)
+        try:
+            try:
+                self._take(batches, outcomes, total)
+            finally:
+                if len(outcomes) > len(done):
+                    self._save(outcomes)
+        except BaseException:
+            if self.file.exists():
+                print(f"\nThe {self.what} done so far are in {self.file}; run again with --resume.", file=sys.stderr)
+            raise
+        return outcomes
+
+    def _take(self, batches: Iterable[Sequence[Any]], outcomes: list[Any], total: int) -> None:
+        saved = time.monotonic()
+        title = self.what.capitalize()
+        with tqdm(desc=title, total=total, initial=len(outcomes), file=sys.stderr) as bar:
+            for batch in batches:
+                outcomes.extend(batch)
+                bar.update(len(batch))
+                if time.monotonic() - saved > SAVE_EVERY:
+                    self._save(outcomes)
+                    saved = time.monotonic()
+
+    def _save(self, outcomes: Sequence[Any]) -> None:
+        save_arrays(self.file, {"identity": json.dumps(self.identity), "outcomes": np.array(outcomes)})
+
+
+def _is_whole(outcome: np.ndarray) -> bool:
+    """Whether an outcome is a text or finite numbers."""
+    return outcome.dtype.kind == "U" or bool(np.isfinite(outcome).all())

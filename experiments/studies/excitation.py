@@ -1,0 +1,232 @@
+"""Which motion of a mechanism tells most about its base parameters: the problem, its criteria, and the best of many."""
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from tqdm import tqdm
+
+from ident.mechanism.tree import Tree
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.parameters.base_parameters import BaseParameters, find_base_parameters
+from ident.parameters.structure import Sensors
+from sim.models.couplings import check_torques
+from sim.models.joints import Joint, gravity_at_rest, joints_of
+from sim.models.mujoco_model import mechanism_bodies, rest_coordinates, tree_from_model
+from sim.motion.collisions import Collisions
+from sim.motion.excitation_design import Cost, Limits, design, random_start, scaled_into
+from sim.motion.fourier import FourierTrajectory
+
+CRITERIA = {
+    "condition": "the smallest condition number of the base regressor",
+    "information": "the largest log-determinant of the information, weighted by the sensors' noise",
+}
+
+SENSORS = {"wrench": Sensors(), "torque": Sensors(base_wrench=False, joint_torques=True)}
+"""What is measured: the wrench at the base, or the torques of the excited joints."""
+
+CHUNK = 4096
+"""Samples of candidate motions worked on together."""
+
+INVISIBLE = 1e-14
+"""Eigenvalues of the information below this fraction of the largest are rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is to be excited.
+
+    Attributes:
+        model: The compiled model.
+        joints: The joints that move.
+        resting: The mechanism's other hinge and slide joints.
+        tree: The mechanism of the joints that move, all others locked where they rest.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        sensors: One of `SENSORS`.
+        noise: Standard deviations of the noise on forces in N, and on moments and torques in N m.
+        base: Base parameters that motions of these joints can tell apart.
+    """
+
+    model: mujoco.MjModel
+    joints: tuple[Joint, ...]
+    resting: tuple[Joint, ...]
+    tree: Tree
+    gravity: np.ndarray
+    sensors: str
+    noise: tuple[float, float]
+    base: BaseParameters
+
+    def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """Base regressor Y_b of N samples (N, rows, r)."""
+        function = base_wrench_regressor if self.sensors == "wrench" else joint_torque_regressor
+        return self.base.reduce(function(self.tree, q, dq, ddq, gravity=self.gravity))
+
+    def weights(self) -> np.ndarray:
+        """One over the standard deviation of the noise on each row of a sample (rows,)."""
+        force, moment = self.noise
+        if self.sensors == "wrench":
+            return 1 / np.repeat([force, moment], 3)
+        return 1 / np.array([force if joint.unit == "m" else moment for joint in self.joints])
+
+
+def problem(
+    model: mujoco.MjModel,
+    base: str | None,
+    names: Sequence[str] | None,
+    *,
+    sensors: str,
+    noise: tuple[float, float],
+    ignore: Sequence[str] = (),
+) -> Problem:
+    """What some joints of a model can excite.
+
+    Args:
+        model: Compiled model.
+        base: Name of the body whose frame is {0}; by default the world's frame is.
+        names: Joints to move; by default all hinge and slide joints.
+        sensors: One of `SENSORS`.
+        noise: Standard deviations of the noise, N and N m.
+        ignore: Names of equality constraints and tendons to leave out.
+
+    Raises:
+        ValueError: A joint does not exist or cannot be moved so.
+    """
+    tree = tree_from_model(model, base, ignore=ignore)
+    joints = joints_of(model, base)
+    chosen = _chosen(joints, tree, names)
+    resting = tuple(joint for joint in joints if joint not in chosen)
+    moving = [joint.name for joint in chosen]
+    check_torques(model, mechanism_bodies(model, base), ignore, moving)
+    rest = rest_coordinates(model, base)
+    locked = tree.fixed({name: q for name, q in rest.items() if name not in moving})
+    gravity = gravity_at_rest(model, base)
+    found = find_base_parameters(locked, gravity=gravity, sensors=SENSORS[sensors])
+    return Problem(model, chosen, resting, locked, gravity, sensors, noise, found)
+
+
+def _chosen(joints: tuple[Joint, ...], tree: Tree, names: Sequence[str] | None) -> tuple[Joint, ...]:
+    """The joints of some names, in the tree's order."""
+    if not joints:
+        raise ValueError("Excitation needs a hinge or slide joint; this mechanism has none.")
+    known = {joint.name: joint for joint in joints}
+    for name in names or ():
+        if name not in known:
+            what = "is neither hinge nor slide" if name in tree.joints else "does not exist"
+            raise ValueError(f"Joint '{name}' {what}; the joints to choose from are {', '.join(known)}.")
+    return tuple(joint for joint in joints if names is None or joint.name in names)
+
+
+def information(problem: Problem, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Information `Σ Y_bᵀ W² Y_b` of P motions of G samples: arrays (P, G, n) give (P, r, r)."""
+    out = np.empty((len(q), problem.base.rank, problem.base.rank))
+    at_once = max(1, CHUNK // q.shape[1])
+    for start in range(0, len(q), at_once):
+        part = slice(start, start + at_once)
+        Y = problem.regressor(*(x[part].reshape(-1, x.shape[2]) for x in (q, dq, ddq))) * weights[:, None]
+        rows = Y.reshape(len(q[part]), -1, Y.shape[2])
+        out[part] = np.swapaxes(rows, 1, 2) @ rows
+    return out
+
+
+def cost(problem: Problem, criterion: str) -> Cost:
+    """What a criterion of `CRITERIA` makes small, as a logarithm."""
+    weights = problem.weights() if criterion == "information" else np.ones_like(problem.weights())
+
+    def logarithm(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        s = np.linalg.eigvalsh(information(problem, q, dq, ddq, weights))
+        s = np.log(np.maximum(s, INVISIBLE * s[:, -1:]))
+        return -np.mean(s, axis=1) / 2 if criterion == "information" else (s[:, -1] - s[:, 0]) / 2
+
+    return logarithm
+
+
+def quality(problem: Problem, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> dict[str, float]:
+    """Every criterion's value for a sampled motion (N, n)."""
+    Y = problem.regressor(q, dq, ddq)
+    s = np.linalg.svd(Y.reshape(-1, Y.shape[2]), compute_uv=False)
+    columns = Y.reshape(-1, Y.shape[2])
+    norms = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    weighted = (Y * problem.weights()[:, None]).reshape(-1, Y.shape[2])
+    return {
+        "condition_number": _ratio(s),
+        "condition_number_of_unit_columns": _ratio(np.linalg.svd(columns / norms, compute_uv=False)),
+        "log_det_information": 2 * float(np.log(np.linalg.svd(weighted, compute_uv=False)).sum()),
+        "smallest_singular_value": float(s[-1]),
+    }
+
+
+def _ratio(singular_values: np.ndarray) -> float:
+    return float(singular_values[0] / max(singular_values[-1], np.finfo(float).tiny))
+
+
+def best(
+    problem: Problem,
+    limits: Limits,
+    criterion: str,
+    starts: Sequence[FourierTrajectory],
+    collisions: Collisions | None,
+    iterations: int,
+) -> FourierTrajectory:
+    """The best of what is found from several starts; progress goes to stderr.
+
+    Raises:
+        ValueError: Everything found collides, or cannot tell the base parameters apart.
+    """
+    if collisions is not None:
+        check_starts(collisions, starts, limits)
+    value = cost(problem, criterion)
+    found: list[tuple[float, FourierTrajectory]] = []
+    for start in tqdm(starts, desc="Starts", file=sys.stderr):
+        trajectory = design(value, limits, start, collisions=collisions, iterations=iterations)
+        if trajectory is not None:
+            found.append((_value_of(value, trajectory), trajectory))
+    if not found and collisions is not None:
+        raise ValueError(f"No motion without collisions was found: {_collision(collisions, starts, limits)}.")
+    return min(found, key=lambda pair: pair[0])[1]
+
+
+def _value_of(value: Callable[..., np.ndarray], trajectory: FourierTrajectory) -> float:
+    time = np.linspace(0, trajectory.duration, 401)
+    return float(value(*(x[None] for x in trajectory.states(time)))[0])
+
+
+def _collision(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> str:
+    """Who touches whom along the start that touches least."""
+    time = np.linspace(0, starts[0].duration, 401)
+    pairs = min((collisions.touching(scaled_into(s, limits).states(time)[0]) for s in starts), key=len)
+    return _closer(collisions, list(pairs))
+
+
+def check_starts(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> None:
+    """Refuses bodies that touch wherever the joints go, before the search looks for a way around.
+
+    Raises:
+        ValueError: Some pair touches at every posture of every start.
+    """
+    time = np.linspace(0, starts[0].duration, 101)
+    always: set[tuple[str, str]] | None = None
+    for start in starts:
+        for posture in scaled_into(start, limits).states(time)[0]:
+            pairs = set(collisions.touching(posture[None]))
+            always = pairs if always is None else always & pairs
+            if not always:
+                return
+    raise ValueError(f"No motion is without collisions: in every posture {_closer(collisions, sorted(always or ()))}.")
+
+
+def _closer(collisions: Collisions, pairs: Sequence[tuple[str, str]]) -> str:
+    named = ", ".join(f"'{a}' and '{b}'" for a, b in pairs[:3]) or "bodies"
+    return (
+        f"{named} come closer than {collisions.clearance:g} m; to accept that, lower --clearance, exclude the pair in "
+        "the model, or choose --collisions ignore"
+    )
+
+
+def start_motions(
+    limits: Limits, rest: np.ndarray, duration: float, harmonics: int, count: int, seed: int
+) -> list[FourierTrajectory]:
+    """Random motions, the first one about where the joints rest (n,)."""
+    rng = np.random.default_rng(seed)
+    return [random_start(limits, duration, harmonics, rng, rest if k == 0 else None) for k in range(count)]

@@ -1,0 +1,83 @@
+"""One model identified from one recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.estimation.estimate import Estimate, huber_white, identify, predicted_wrench
+from ident.estimation.samples import Samples
+from ident.mechanism.body import BASE
+from ident.mechanism.tree import Tree
+from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
+from ident.recordings.recording import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model's base parameters: the estimate, what the true φ gives by the same regrouping, and what is predicted.
+
+    Attributes:
+        estimate: The estimate.
+        psi_true: True base parameters (r,).
+        predicted: Total wrench that the estimate predicts at the measured joint states (N, 6).
+    """
+
+    estimate: Estimate
+    psi_true: np.ndarray
+    predicted: np.ndarray
+
+    @property
+    def base(self) -> BaseParameters:
+        """The regrouping."""
+        return self.estimate.parameters
+
+    @property
+    def error(self) -> np.ndarray:
+        """Estimated minus true base parameters."""
+        return self.estimate.psi - self.psi_true
+
+
+def fit(
+    tree: Tree,
+    recording: Recording,
+    phi_true: np.ndarray,
+    gravity: np.ndarray,
+    *,
+    wrench: np.ndarray | None = None,
+    covariance: np.ndarray | None = None,
+    kept: Sequence[str] | None = None,
+) -> Fit:
+    """Base parameters of one model from measured joint states and wrenches.
+
+    Args:
+        tree: The model's mechanism of b bodies.
+        recording: Measured joint states and ground wrench.
+        phi_true: True stacked φ, for the true base parameters (10 b,).
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        wrench: Total wrench `[F; τ]`, N and N m (N, 6); by default the recording's ground wrench alone.
+        covariance: Its covariance (N, 6, 6), to weight by; by default ordinary least squares.
+        kept: Names of the base parameters; by default the first independent columns.
+
+    Raises:
+        ExcitationError: The motion does not separate the base parameters.
+        ValueError: `kept` is not a basis.
+    """
+    states = recording.joint_states(tree.joints)
+    measured = recording.wrench("ground") if wrench is None else wrench
+    samples = Samples(*states, measured, covariance=covariance)
+    base = structural_base_parameters(tree, tuple(gravity.tolist()), kept=None if kept is None else tuple(kept))
+    noise = recording.joint_noise(tree.joints)
+    estimate = identify(tree, samples, gravity=gravity, parameters=base, state_noise=noise)
+    estimate = huber_white(tree, estimate, samples, gravity=gravity)
+    predicted = predicted_wrench(tree, estimate, *states, gravity=gravity)
+    return Fit(estimate, base.regroup(phi_true), predicted)
+
+
+def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:
+    """Measured pose of every body in the base frame (N, b, 4, 4); a welded body goes with its parent."""
+    poses: list[np.ndarray] = []
+    for body in tree.bodies:
+        parent = np.tile(np.eye(4), (len(recording.time), 1, 1)) if body.parent == BASE else poses[body.parent]
+        poses.append(recording.poses(body.name) if body.moves else parent @ body.home)
+    return np.stack(poses, axis=1)

@@ -1,0 +1,209 @@
+"""How the errors of many trials are distributed, and where the paper's single run lies among them."""
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.output import figures, report
+from experiments.runs.workers import hired
+from experiments.studies.trials import FILE, Draw, Outcome, run_trials, trials_done
+from ident.recordings.recording import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """Errors of one model's base parameters over the trials.
+
+    Attributes:
+        names: Names of the parameters.
+        errors: Error of each trial (trials, parameters).
+        predicted: Standard deviations that each trial predicted from itself (trials, parameters).
+        published: The paper's errors (parameters,).
+    """
+
+    names: tuple[str, ...]
+    errors: np.ndarray
+    predicted: np.ndarray
+    published: np.ndarray
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean error: the bias of the estimates."""
+        return self.errors.mean(axis=0)
+
+    @property
+    def std(self) -> np.ndarray:
+        """Spread of the errors."""
+        return self.errors.std(axis=0, ddof=1)
+
+    @property
+    def interval(self) -> np.ndarray:
+        """Limits of the central 95 % of the errors (2, parameters)."""
+        return np.percentile(self.errors, [2.5, 97.5], axis=0)
+
+    @property
+    def predicted_std(self) -> np.ndarray:
+        """Root mean square of the predicted standard deviations."""
+        return np.sqrt(np.mean(self.predicted**2, axis=0))
+
+    @property
+    def coverage(self) -> np.ndarray:
+        """Fraction of trials whose own 95 % interval holds the truth."""
+        return np.mean(np.abs(self.errors) <= 1.959964 * self.predicted, axis=0)
+
+    @property
+    def percentile(self) -> np.ndarray:
+        """Percentiles of the paper's errors among the trials, over the half digit that print has rounded (2, p)."""
+        low, high = self.published - 0.005, self.published + 0.005
+        return 100 * np.array([np.mean(self.errors < limit, axis=0) for limit in (low, high)])
+
+
+def table(model: str, found: Distribution) -> report.Table:
+    """Mean, spread and interval of the errors beside the prediction and the paper's single run."""
+    low, high = found.interval
+    return report.Table(
+        f"Errors of the {model} model over {len(found.errors)} trials, kg, kg m and kg m²",
+        *report.columns(
+            parameter=found.names,
+            mean_error=found.mean,
+            std=found.std,
+            low_95=low,
+            high_95=high,
+            predicted_std=found.predicted_std,
+            coverage_95=found.coverage,
+            paper_error=found.published,
+            paper_percentile=[f"{a:.0f} to {b:.0f}" for a, b in found.percentile.T],
+        ),
+        decimals=4,
+    )
+
+
+def chart(found: Mapping[str, Distribution]) -> Figure:
+    """All parameters at a glance, a panel for each model: interval, mean, prediction and the paper's error."""
+    with figures.paper_style():
+        figure = Figure(figsize=(3.5, 3.2))
+        panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+        for ax, (model, d) in zip(panels, found.items(), strict=True):
+            rows = np.arange(len(d.names))
+            ax.axvline(0, color="0.6", lw=0.5)
+            spread = 1.96 * d.predicted_std
+            ax.barh(rows, 2 * spread, left=-spread, height=0.6, color="0.85", label="predicted 95 %")
+            ax.hlines(rows, *d.interval, color="tab:blue", lw=1.2, label="95 % of trials")
+            ax.plot(d.mean, rows, "o", color="tab:blue", ms=2.5, label="mean")
+            ax.plot(d.published, rows, "x", color="tab:red", ms=4, mew=0.9, label="paper")
+            ax.set_title(model)
+            # Linear within ±0.01, logarithmic beyond, so that parameters known to grams stand beside wrong ones.
+            ax.set_xscale("symlog", linthresh=0.01, linscale=1.0)
+            ticks = [-1, -0.1, -0.01, 0, 0.01, 0.1, 1]
+            ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks], rotation=60)
+            ax.set_xlim(
+                -3 if min(d.interval.min(), d.published.min()) < -0.5 else -0.3, 1 if d.mean.max() > 0.2 else 0.3
+            )
+            ax.set_xlabel("Error (kg, kg m, kg m²)")
+            ax.set_yticks(rows, [figures.parameter_symbol(name) for name in d.names])
+        panels[0].invert_yaxis()
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=2)
+    return figure
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a study needs for its trials.
+
+    Attributes:
+        scene: Arguments of `scenes.load`.
+        analyse: What becomes of a recording.
+        names: Names of the base parameters.
+        published: The paper's errors of each model, in the order of the outcomes.
+    """
+
+    scene: Mapping[str, Any]
+    analyse: Callable[[Recording], Outcome]
+    names: tuple[str, ...]
+    published: Mapping[str, Sequence[float]]
+
+
+def conclude(
+    args: argparse.Namespace,
+    choices: Mapping[str, Any],
+    recording: Recording,
+    plan: Plan,
+    write: Callable[[Path], None],
+    text: str,
+) -> None:
+    """Ends a study's command line: writes its results, prints them, and runs its trials.
+
+    Args:
+        args: The study's options.
+        choices: Those that decide the results, for the provenance.
+        recording: The study's recording.
+        plan: What the trials need.
+        write: Writes tables, figures and summary into a folder.
+        text: What the terminal shows.
+    """
+    draw = Draw.of(args, plan.scene, recording)
+    done = trials_done(draw, args)
+    origin = report.provenance({**choices, "formats": args.formats}, dict(recording.provenance))
+    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
+        write(folder)
+        report.write_json(folder / "provenance.json", origin)
+    print(text)
+    if args.trials:
+        _run(draw, done, plan, args)
+    print(f"Tables, figures, summary and provenance are in {args.out}.")
+
+
+def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespace) -> None:
+    """Runs the trials, and writes and prints how their errors are distributed."""
+    left = args.trials - len(done)
+    with hired(max(1, min(args.workers, left)), args.scheduler, args.tls) as crew:
+        outcomes = run_trials(
+            draw,
+            plan.analyse,
+            args.trials,
+            executor=crew.executor,
+            ahead=crew.ahead,
+            threads=crew.threads,
+            file=args.out / FILE,
+            done=done,
+        )
+    found = {
+        model: Distribution(plan.names, outcomes[:, k, 0], outcomes[:, k, 1], np.array(errors))
+        for k, (model, errors) in enumerate(plan.published.items())
+    }
+    with report.results_folder(args.out) as folder:
+        for model, d in found.items():
+            table(model, d).write(folder, f"monte_carlo_{model}")
+        origin = report.provenance(draw.identity, {})
+        report.write_json(folder / "monte_carlo.json", _numbers(found) | {"provenance": origin})
+        figures.save(chart(found), folder, "figure_monte_carlo", args.formats)
+    for model, d in found.items():
+        print(table(model, d).text())
+        biased = np.flatnonzero(np.abs(d.mean) > 4 * d.std / np.sqrt(len(outcomes)))
+        if len(biased):
+            print("Biased beyond chance: " + ", ".join(f"{d.names[k]} by {d.mean[k]:+.3f}" for k in biased) + "\n")
+    print(
+        "A bias comes from a wrong model or from noise on the joint states, which is in the regressor (errors in\n"
+        "variables); the predicted standard deviations know the wrenches' noise only and do not show it.\n"
+    )
+
+
+def _numbers(found: Mapping[str, Distribution]) -> dict[str, Any]:
+    """Key numbers for scripts."""
+    numbers: dict[str, Any] = {"trials": max(len(d.errors) for d in found.values())}
+    for model, d in found.items():
+        columns = {
+            "std_over_predicted": d.std / d.predicted_std,
+            "coverage_95": d.coverage,
+            "bias": d.mean,
+            "bias_standard_error": d.std / np.sqrt(len(d.errors)),
+        }
+        for name, values in columns.items():
+            numbers[f"{name}_{model}"] = dict(zip(d.names, values.tolist(), strict=True))
+    return numbers

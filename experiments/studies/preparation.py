@@ -1,0 +1,341 @@
+"""A user's model and log made ready to be fitted: one set of samples, channels and columns."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ident.estimation.robust import independent
+from ident.geometry.se3 import coAd, inverse
+from ident.mechanism.tree import BaseMotion, Tree
+from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
+from ident.parameters.base_parameters import BaseParameters, find_base_parameters
+from ident.parameters.structure import Sensors
+from ident.recordings.despike import despiked
+from ident.recordings.log import GROUND, Log, read_log
+from ident.recordings.mapping import KINDS
+from ident.recordings.npz import LIMIT
+from ident.recordings.smoothing import chosen_cutoff, low_pass, settling, smoothed
+from ident.recordings.suggestion import suggested_mapping
+from ident.recordings.wrench import Contact, total_wrench
+from sim.models.couplings import check_torques
+from sim.models.mujoco_model import compiled, gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
+
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+DRIVE = ("viscous", "coulomb", "rotor")
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Everything that a fit needs.
+
+    Attributes:
+        tree: The mechanism.
+        prior: φ of the model file (10 b,).
+        base: Its base parameters for these sensors.
+        sensors: What is measured.
+        gravity: Acceleration of gravity as `base_wrench_regressor` takes it, m/s² (3,).
+        motion: Motion of the base, None at rest.
+        rate: Samples per second.
+        time: Sample times, s (N,).
+        states: Joint coordinates, velocities and accelerations.
+        frame: Pose of the frame in which the wrench is written, the ground sensor's (4, 4).
+        wrench: Total wrench in that frame, NaN in channels that are not measured (N, 6).
+        channels: Names of the C channels that are fitted: measured components of the wrench, then joint torques.
+        measured: Their measurements (N, C).
+        Y: Their regressor of φ and of the drives (N, C, 10 b + d).
+        drives: Names of the d columns of friction and rotor inertia.
+        log: The log as it was read.
+        cutoff: Cut-off of the low-pass, Hz; None where the log's own derivatives were taken.
+        edge: Samples left out at either end, where the filter settles.
+        notes: What was detected and done.
+        stuck: Channels left out because they never change, though the model says that they do, with their values.
+    """
+
+    tree: Tree
+    prior: np.ndarray
+    base: BaseParameters
+    sensors: Sensors
+    gravity: np.ndarray
+    motion: BaseMotion | None
+    rate: float
+    time: np.ndarray
+    states: tuple[np.ndarray, np.ndarray, np.ndarray]
+    frame: np.ndarray
+    wrench: np.ndarray
+    channels: tuple[str, ...]
+    measured: np.ndarray
+    Y: np.ndarray
+    drives: tuple[str, ...]
+    log: Log
+    cutoff: float | None
+    edge: int
+    notes: tuple[str, ...]
+    stuck: tuple[str, ...]
+
+    @property
+    def reduced(self) -> np.ndarray:
+        """Columns of the base parameters and the drives (N, C, r + d)."""
+        P = len(self.base.parameters)
+        return np.concatenate([self.base.reduce(self.Y[..., :P]), self.Y[..., P:]], axis=2)
+
+
+def prepare(
+    source: Path,
+    log_path: Path,
+    *,
+    base: str | None = None,
+    columns: Path | None = None,
+    cutoff: str | float | None = None,
+    drive: tuple[str, ...] = (),
+    ignore: tuple[str, ...] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
+    limit: int = LIMIT,
+) -> Prepared:
+    """Reads a model and a log.
+
+    Args:
+        source: MJCF or URDF file.
+        log_path: CSV or npz file.
+        base: Body whose frame is {0}, by default the world.
+        columns: Mapping of the log's columns.
+        cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the log's own velocities and accelerations.
+        drive: Friction and rotor columns for joint torques.
+        ignore: Equality constraints and tendons to leave out.
+        fix: Joints that do not move and are not in the log, as for `tree_from_model`.
+        limit: Bytes that a npz file may take in memory.
+
+    Raises:
+        ValueError: Something is missing or does not fit; the message names it.
+    """
+    model = compiled(source)
+    tree = tree_from_model(model, base, ignore=ignore, fix=fix)
+    prior, gravity = parameters_from_model(model, base), gravity_in_base(model, base)
+    joints = [tree.bodies[i] for i in tree.moving]
+    log = read_log(
+        log_path,
+        tree.joints,
+        tree.names,
+        columns,
+        slides=[body.joint for body in joints if not (body.is_ball or body.twist[3:].any())],
+        balls=[body.joint for body in joints if body.is_ball],
+        weight=float(prior.reshape(-1, 10)[:, 0].sum() * np.linalg.norm(gravity)),
+        limit=limit,
+    )
+    rate = log.rate
+    log, notes = _without_spikes(log)
+    still = {name.format(joint) for joint in fix or () for names in KINDS.values() for name in names}
+    if unread := [name for name in log.unused if name in still]:
+        notes.append(f"Columns of joints that --fix holds still were not read: {', '.join(unread)}.")
+    log, constant = _without_constant(log, tree.joints)
+    cutoff = _cutoff(log, rate, cutoff)
+    states = _states(log, rate, cutoff)
+    motion = None if log.base is None else base_motion_from_poses(log.base, rate, cutoff)
+    frame, wrench = _wrench(tree, log, states[0], rate, cutoff)
+    torques = None if log.torques is None else log.torques if cutoff is None else low_pass(log.torques, rate, cutoff)
+
+    known = np.isfinite(wrench).all(axis=0)
+    to_sensor = coAd(inverse(frame))
+    Y = to_sensor @ base_wrench_regressor(tree, *states, gravity=gravity, base=motion)
+    predicted = dict(zip(COMPONENTS, (Y @ prior).T, strict=True))
+    Y = Y[:, known]
+    measured, names = wrench[:, known], [c for c, k in zip(COMPONENTS, known, strict=True) if k]
+    drives: tuple[str, ...] = ()
+    there = np.zeros(0, dtype=bool) if torques is None else np.isfinite(torques).all(axis=0)
+    if drive and not there.any():
+        notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
+    if torques is not None:
+        Y_joint = joint_torque_regressor(tree, *states, gravity=gravity, base=motion, drive=drive)
+        predicted |= dict(zip(tree.freedoms, (Y_joint[..., : len(prior)] @ prior).T, strict=True))
+    if torques is not None and there.any():
+        Y_joint = Y_joint[:, there]
+        check_torques(model, mechanism_bodies(model, base), ignore, np.array(tree.joints)[there].tolist())
+        drives = drive_names(tree, drive)
+        Y = np.concatenate([np.pad(Y, ((0, 0), (0, 0), (0, len(drives)))), Y_joint], axis=1)
+        measured = np.concatenate([measured, torques[:, there]], axis=1)
+        names += [name for name, k in zip(tree.freedoms, there, strict=True) if k]
+    if not names and constant:
+        raise ValueError(
+            f"Every measured channel of {log_path} is constant ({', '.join(constant)}); nothing is to fit."
+        )
+    if not names:
+        raise ValueError(
+            f"{log_path} has neither a wrench nor a joint torque to fit. {suggested_mapping(log.unused, tree.joints)}"
+        )
+    stuck = _stuck(constant, predicted, notes)
+    seen = to_sensor[known] if known.any() else None
+    sensors = Sensors(bool(known.any()), len(names) > known.sum(), motion is not None, seen)
+    found = find_base_parameters(tree, gravity=gravity, sensors=sensors)
+    notes += _hidden(tree, gravity, sensors, found, names)
+    notes += [found.remark] if found.remark else []
+    P = len(found.parameters)
+    separable = independent(found.reduce(Y[..., :P]), Y[..., P:])
+    if len(separable) < len(drives):
+        lost = [name for k, name in enumerate(drives) if k not in separable]
+        notes.append(f"{', '.join(lost)} cannot be told from the links' inertias, which take them up.")
+        drives = tuple(drives[k] for k in separable)
+        Y = np.concatenate([Y[..., :P], Y[..., P:][..., separable]], axis=2)
+    return Prepared(
+        tree=tree,
+        prior=prior,
+        base=found,
+        sensors=sensors,
+        gravity=gravity,
+        motion=motion,
+        rate=rate,
+        time=log.time,
+        states=states,
+        frame=frame,
+        wrench=wrench,
+        channels=tuple(names),
+        measured=measured,
+        Y=Y,
+        drives=drives,
+        log=log,
+        cutoff=cutoff,
+        edge=0 if cutoff is None else settling(rate, cutoff),
+        notes=(*log.notes, *notes),
+        stuck=stuck,
+    )
+
+
+def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> BaseMotion:
+    """Motion of a base from its poses alone, low-passed and differentiated.
+
+    Args:
+        T: Poses in an inertial frame (N, 4, 4).
+        rate: Samples per second.
+        cutoff: Cut-off of the low-pass, Hz; without it `chosen_cutoff` of the positions and quaternions.
+    """
+    quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
+    # Of the two quaternions of each rotation the one near the sample's before.
+    flips = np.cumprod(np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1)))
+    quaternion[1:] *= flips[:, None]
+    x = np.hstack([T[:, :3, 3], quaternion])
+    x, dx, ddx = smoothed(x, rate, cutoff or chosen_cutoff(x, rate))
+    size = np.linalg.norm(x[:, 3:], axis=1, keepdims=True)
+    turns, rates, accelerations = (part[:, 3:] / size for part in (x, dx, ddx))
+
+    def twice_in_body(rate_of_change: np.ndarray) -> np.ndarray:
+        """Vector part of `2 q⁻¹ q̇`: the angular velocity in the body's frame."""
+        w, u = turns[:, :1], turns[:, 1:]
+        s, v = rate_of_change[:, :1], rate_of_change[:, 1:]
+        return 2 * (w * v - s * u - np.cross(u, v))
+
+    position = np.hstack([x[:, :3], turns])
+    velocity = np.hstack([dx[:, :3], twice_in_body(rates)])
+    return BaseMotion.from_free_joint(position, velocity, np.hstack([ddx[:, :3], twice_in_body(accelerations)]))
+
+
+def _without_spikes(log: Log) -> tuple[Log, list[str]]:
+    """The log with isolated gross outliers interpolated."""
+    changes: dict[str, Any] = {}
+    notes = []
+    for name in ("q", "dq", "ddq", "torques"):
+        if getattr(log, name) is not None:
+            changes[name], counts = despiked(getattr(log, name))
+            if counts.any():
+                notes.append(f"{counts.sum()} gross outliers in {name} were interpolated.")
+    wrenches = {}
+    for name, wrench in log.wrenches.items():
+        values, counts = despiked(wrench.values)
+        wrenches[name] = replace(wrench, values=values)
+        if counts.any():
+            parts = ", ".join(f"{n} in {c}" for n, c in zip(counts, COMPONENTS, strict=True) if n)
+            notes.append(f"Gross outliers of the wrench '{name}' were interpolated: {parts}.")
+    return replace(log, wrenches=wrenches, **changes), notes
+
+
+def _without_constant(log: Log, joints: Sequence[str]) -> tuple[Log, dict[str, float]]:
+    """The log without the ground's components and the joints' torques that never change, and these with their values.
+
+    The noise of such a channel, by which others would be weighted, is zero.
+    """
+    constant: dict[str, float] = {}
+
+    def kept(values: np.ndarray, names: Sequence[str]) -> np.ndarray:
+        still = np.ptp(values, axis=0) == 0
+        constant.update((name, float(x) + 0.0) for name, x, s in zip(names, values[0], still, strict=True) if s)
+        return np.where(still, np.nan, values)
+
+    wrenches = dict(log.wrenches)
+    if GROUND in wrenches:
+        wrenches[GROUND] = replace(wrenches[GROUND], values=kept(wrenches[GROUND].values, COMPONENTS))
+    torques = None if log.torques is None else kept(log.torques, joints)
+    return replace(log, wrenches=wrenches, torques=torques), constant
+
+
+def _stuck(constant: dict[str, float], predicted: dict[str, np.ndarray], notes: list[str]) -> tuple[str, ...]:
+    """Those of the constant channels that the model says change; a note on the others."""
+    largest = max((np.abs(x).max() for x in predicted.values()), default=0.0)
+    stuck = [name for name in constant if np.ptp(predicted[name]) > 1e-6 * largest]
+    still = [name for name in constant if name not in stuck]
+    if still:
+        notes.append(f"{', '.join(still)} never change, nor do they by the model, and are left out.")
+    return tuple(f"{name} ({constant[name]:g})" for name in stuck)
+
+
+def _hidden(tree: Tree, gravity: np.ndarray, sensors: Sensors, found: BaseParameters, channels: list[str]) -> list[str]:
+    """A note on what the missing components of the wrench keep out of sight."""
+    if not sensors.base_wrench:
+        return []
+    every = find_base_parameters(tree, gravity=gravity, sensors=replace(sensors, channels=None)).rank
+    if every == found.rank:
+        return []
+    return [
+        f"{every - found.rank} of {every} base parameters cannot be seen in {', '.join(channels)}, whatever the "
+        "motion; they take the other components of the wrench."
+    ]
+
+
+def _cutoff(log: Log, rate: float, cutoff: str | float | None) -> float | None:
+    if cutoff is None and log.dq is not None and log.ddq is not None:
+        return None
+    if cutoff is None or cutoff == "auto":
+        if not log.q.shape[1]:
+            raise ValueError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
+        return chosen_cutoff(log.q, rate)
+    try:
+        value = float(cutoff)
+    except ValueError:
+        value = np.nan
+    if not 0 < value < rate / 2:
+        raise ValueError(f"A cut-off is 'auto' or from 0 to {rate / 2:g} Hz, half the sampling rate, got '{cutoff}'.")
+    return value
+
+
+def _states(log: Log, rate: float, cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    if cutoff is not None:
+        return smoothed(log.q, rate, cutoff)
+    if log.dq is None or log.ddq is None:
+        raise ValueError("Without a cut-off the log has to have joint velocities and accelerations.")
+    return log.q, log.dq, log.ddq
+
+
+def _wrench(tree: Tree, log: Log, q: np.ndarray, rate: float, cutoff: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Pose of the ground sensor's frame, and the total wrench in it (Eq. 17); on a moving base of contacts alone."""
+    moved = None if log.base is None else log.base
+    ground = log.wrenches.get(GROUND)
+    frame = np.eye(4) if ground is None else ground.pose
+    contacts = []
+    for name, wrench in log.wrenches.items():
+        if name == GROUND:
+            continue
+        if not np.isfinite(wrench.values).all():
+            raise ValueError(
+                f"The wrench '{name}' on '{wrench.body}' needs all six components; only the ground's may lack some."
+            )
+        make = Contact.applied_to_link if wrench.applied_to_link else Contact
+        contacts.append(make(str(wrench.body), wrench.values, wrench.pose))
+    if ground is None and moved is None and not contacts:
+        return frame, np.full((len(q), 6), np.nan)
+    if ground is None and moved is None:
+        raise ValueError("On a base at rest the wrench 'ground' has to be measured besides the contacts'.")
+    others = total_wrench(tree, q, None, contacts).wrench
+    total = (coAd(inverse(frame)) @ others[..., None])[..., 0]
+    if ground is not None:
+        total = total + (ground.values if ground.applied_to_link else -ground.values)
+    return frame, total if cutoff is None else low_pass(total, rate, cutoff)

@@ -1,0 +1,157 @@
+"""Many trials of one study, with whatever workers there are, interrupted and resumed without loss."""
+
+import argparse
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import scenes
+from experiments.runs.checkpoint import Checkpoint
+from experiments.studies.fitting import Fit
+from ident.estimation.in_order import in_order
+from ident.recordings.recording import Recording
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate_many, with_noise
+
+REDRAWN = {
+    "all": "the excitation's and the sensors' noise, every trial being a simulation",
+    "sensors": "the sensors' noise around one simulation",
+    "wrench": "force and torque noise alone, with exact joint states and poses",
+}
+"""Which noise is drawn anew for each trial."""
+
+FILE = "trials.npz"
+"""File in the output folder that keeps every trial's outcome."""
+
+BATCH = 8
+"""Most trials that a worker does at once: half a second's work if all noise is drawn anew."""
+
+Outcome = np.ndarray
+"""Errors and predicted standard deviations of every model's base parameters (models, 2, parameters)."""
+
+
+def outcome(*fits: Fit) -> Outcome:
+    """What a trial keeps of its fits."""
+    return np.array([[fit.error, fit.estimate.std] for fit in fits])
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """A source of recordings that differ by their noise.
+
+    Attributes:
+        scene: Arguments of `scenes.load`.
+        samples: Samples of a recording.
+        noise_scale: Factor on all noise.
+        redrawn: One of `REDRAWN`.
+        seed: Seed of the whole run; trial k has a seed of its own, made of this one and k.
+        recording: The one simulation of `sensors` and `wrench`.
+    """
+
+    scene: Mapping[str, Any]
+    samples: int
+    noise_scale: float
+    redrawn: str
+    seed: int
+    recording: Recording
+
+    @classmethod
+    def of(cls, args: argparse.Namespace, scene: Mapping[str, Any], recording: Recording) -> "Draw":
+        """From a study's command line, its scene and its recording."""
+        if args.redraw == "wrench":
+            # Only wrench channels keep their noise; their names end as `Recording.wrench` expects.
+            noise = {k: v if k.endswith(("_force", "_torque")) else 0.0 for k, v in recording.noise.items()}
+            recording = replace(recording, noise=noise)
+        return cls(scene, args.samples, args.noise_scale, args.redraw, args.seed, recording)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What trials must have in common to belong to one run."""
+        return {
+            "scene": dict(self.scene),
+            "scene_sha256": self.recording.provenance["scene_sha256"],
+            "excitation": self.recording.provenance["excitation"],
+            **{key: getattr(self, key) for key in ("samples", "noise_scale", "redrawn", "seed")},
+        }
+
+    def recordings(self, trials: Iterable[int], threads: int = 1) -> list[Recording]:
+        """The recordings of some trials, the same whoever asks and in however many threads they are simulated."""
+        seeds = [np.random.SeedSequence((self.seed, k)) for k in trials]
+        if self.redrawn != "all":
+            return [with_noise(self.recording, np.random.default_rng(seed)) for seed in seeds]
+        return simulate_many(
+            scenes.load(**self.scene),
+            DOUBLE_PENDULUM,
+            seeds=[int(seed.generate_state(1)[0]) for seed in seeds],
+            samples=self.samples,
+            noise_scale=self.noise_scale,
+            threads=threads,
+        )
+
+
+def run_trials(
+    draw: Draw,
+    analyse: Callable[[Recording], Outcome],
+    trials: int,
+    *,
+    executor: Executor,
+    ahead: int | None = None,
+    threads: int = 1,
+    file: Path,
+    done: Sequence[Outcome] = (),
+) -> np.ndarray:
+    """Outcomes of all trials (trials, models, 2, parameters), the same with any executor.
+
+    Args:
+        draw: Source of the recordings.
+        analyse: What becomes of a recording; sent to the workers, so a module's function or a partial of one.
+        trials: Number of trials.
+        executor: Who does them. Each worker uses one thread for linear algebra, so that sums are taken in the same
+            order everywhere.
+        ahead: Number of batches of trials to submit ahead, as for `in_order`.
+        threads: Number of threads in which each worker simulates.
+        file: Where the trials done are kept.
+        done: Outcomes of the first trials, from an interrupted run.
+
+    Raises:
+        ValueError: A trial failed.
+        OSError: The trials could not be saved.
+        Exception: What the executor raises when its workers die. The trials done before are in `file`.
+    """
+    left = range(len(done), trials)
+    size = min(BATCH, 1 + len(left) // 16)
+    batches = (left[k : k + size] for k in range(0, len(left), size))
+    work = partial(_outcomes, draw, analyse, threads)
+    with closing(in_order(executor, work, batches, ahead=ahead)) as found:
+        outcomes = _kept(draw, file).collect(found, trials, done)
+    return np.array(outcomes[:trials])
+
+
+def trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
+    """Outcomes that an interrupted run left, if the command line asks to resume it.
+
+    Raises:
+        ValueError: There are none, or they belong to another run.
+    """
+    if not args.resume:
+        return []
+    if not args.trials:
+        raise ValueError("--resume needs --trials, the number of trials to reach.")
+    return _kept(draw, args.out / FILE).done()
+
+
+def _kept(draw: Draw, file: Path) -> Checkpoint:
+    return Checkpoint("trials", file, draw.identity)
+
+
+def _outcomes(
+    draw: Draw, analyse: Callable[[Recording], Outcome], threads: int, trials: Sequence[int]
+) -> list[Outcome]:
+    """What a worker makes of a batch of trials."""
+    return [analyse(recording) for recording in draw.recordings(trials, threads)]

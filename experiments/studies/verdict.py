@@ -1,0 +1,305 @@
+"""Whether to believe an identification, with reasons in plain words."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.studies.identification import UNEXPLAINED, Identification, Weight
+from experiments.studies.preparation import COMPONENTS
+from ident.parameters.base_parameters import STANDARD_GRAVITY
+
+SIGNIFICANT = 1e-3
+"""Chance of a false alarm in the tests."""
+
+TILT = np.radians(0.5)
+"""Tilts of axes below this are not worth a warning."""
+
+GAIN = 0.1
+"""Fraction of the residual that tilted axes have to explain before they are blamed."""
+
+THROUGH_A_POINT = 0.6
+"""Fraction of the residual moment that forces through one point have to explain before a contact is suspected."""
+
+LARGE = 0.3
+"""Residual over signal from which a residual is worth explaining by something missing."""
+
+HEAVY = 0.05
+"""Difference between weighed and modelled mass worth a remark, of the latter."""
+
+FAR_OFF = 0.3
+"""The same from which it is a doubt."""
+
+OFFSET = 0.1
+"""Constant offset from which it is a doubt, of the weight, or for moments of the weight at the mechanism's reach."""
+
+LEFT = 1.5
+"""Residual over signal from which more is wrong than that the motion does not explain a channel."""
+
+POOR = 0.5
+"""Residual over signal from which a channel is predicted poorly."""
+
+DRIFT = 0.02
+"""Drift of the weighed mass worth a remark, of the model's."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that speaks against the estimate, or that its reader should know.
+
+    Attributes:
+        text: The finding in one sentence.
+        doubt: Whether it speaks against the estimate.
+    """
+
+    text: str
+    doubt: bool
+
+    @property
+    def line(self) -> str:
+        """A line of a list in the terminal."""
+        return f"  {'!' if self.doubt else '-'} {self.text}"
+
+
+def verdict(result: Identification, findings: list[Finding]) -> str:
+    """One sentence."""
+    return sentence(_ratios(result), findings, "held-out")
+
+
+def _ratios(result: Identification) -> dict[str, float]:
+    return dict(zip(result.prepared.channels, result.held_out.ratio.tolist(), strict=True))
+
+
+def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str) -> str:
+    """The verdict on channels whose residuals on some part have these ratios to their signals."""
+    explained = [ratio for ratio in ratios.values() if ratio <= UNEXPLAINED]
+    if not explained:
+        return f"Do not use it: the model predicts none of the channels on the {part} part."
+    doubts = [finding for finding in findings if finding.doubt]
+    if doubts:
+        count = "one finding below speaks" if len(doubts) == 1 else f"{len(doubts)} findings below speak"
+        return f"Do not use it as it is: {count} against it."
+    names = ", ".join(channel for channel, ratio in ratios.items() if ratio <= UNEXPLAINED)
+    return f"Usable: {part} residuals are at most {max(explained):.2f} of the signal in {names}."
+
+
+def findings(result: Identification) -> list[Finding]:
+    """All findings, the doubts first."""
+    found = [
+        *_frames(result),
+        *_axes(result),
+        *_contact(result),
+        *weight_findings(result.weight),
+        *_offsets(result),
+        *quality_findings(_ratios(result), "held-out"),
+        *_inseparable(result),
+        *_stuck(result),
+        *(Finding(sentence, False) for sentence in result.unchecked),
+        *_caveats(result),
+    ]
+    return sorted(found, key=lambda finding: not finding.doubt)
+
+
+def _frames(result: Identification) -> list[Finding]:
+    found = []
+    for name, check in result.frames.items():
+        if not check.suspicious:
+            continue
+        R = result.prepared.log.wrenches[name].pose[:3, :3]
+        if np.allclose(check.rotation, R.T @ R.T) and not np.allclose(check.rotation, np.eye(3)):
+            what = "transposed (its rotation is that of the base in the sensor)"
+        elif np.array_equal(check.rotation, np.eye(3)):
+            what = ""
+        else:
+            axes = ", ".join(f"{a} -> {_axis(check.rotation[:, k])}" for k, a in enumerate("xyz"))
+            what = f"turned (its axes look like {axes})"
+        sign = "the opposite sign" if check.sign < 0 else ""
+        both = (
+            " and a frame that is ".join(part for part in (sign, what) if part) if sign else f"a frame that is {what}"
+        )
+        found.append(
+            Finding(
+                f"The wrench '{name}' looks as if it had {both}: against the model's own prediction its relative error "
+                f"would fall from {check.error:.2f} to {check.error_turned:.2f}.",
+                True,
+            )
+        )
+    return found
+
+
+def _caveats(result: Identification) -> list[Finding]:
+    found = []
+    if result.prepared.cutoff is None:
+        found.append(
+            Finding(
+                "Velocities and accelerations are the log's own and the wrenches are not filtered: if the log's were, "
+                "--cutoff auto treats both alike.",
+                False,
+            )
+        )
+    found.append(
+        Finding(
+            "The standard deviations are those of noise on the wrenches; noise on the joint angles biases the estimate "
+            "and is not in them.",
+            False,
+        )
+    )
+    return found
+
+
+def _axis(direction: np.ndarray) -> str:
+    k = int(np.argmax(np.abs(direction)))
+    return ("-" if direction[k] < 0 else "") + "xyz"[k]
+
+
+def _axes(result: Identification) -> list[Finding]:
+    check = result.misalignment
+    if check is None or check.explained < GAIN or check.chance > SIGNIFICANT:
+        return []
+    off = [
+        f"that of {joint} by {np.degrees(angle):.2f}° ± {np.degrees(std):.2f}°"
+        for joint, angle, std, p, bound in zip(
+            check.joints, check.angle, check.std, check.p_value, check.at_bound, strict=True
+        )
+        if p < SIGNIFICANT and angle > max(TILT, 3 * std) and not bound
+    ]
+    if not off:
+        return []
+    return [
+        Finding(
+            f"Joint axes are probably off: {', '.join(off)}; axes tilted so would explain {check.explained:.0%} of the "
+            "residual. Condition number and residual alone do not show this.",
+            True,
+        )
+    ]
+
+
+def _contact(result: Identification) -> list[Finding]:
+    check = result.contact
+    if check is None or check.explained < THROUGH_A_POINT or np.median(result.held_out.ratio) < LARGE:
+        return []
+    point = ", ".join(f"{x:.2f}" for x in check.point)
+    return [
+        Finding(
+            f"A contact may be left out: forces through one point of body '{check.body}', ({point}) m in its frame, "
+            f"would explain {check.explained:.0%} of the residual moment.",
+            True,
+        )
+    ]
+
+
+def weight_findings(weight: Weight | None) -> list[Finding]:
+    """What the weighed mass says."""
+    if weight is None:
+        return []
+    found = []
+    if abs(weight.measured - weight.model) > HEAVY * weight.model:
+        found.append(
+            Finding(
+                f"The wrenches weigh {weight.measured:.2f} kg, the model {weight.model:.2f} kg: a contact or support "
+                "may be unmeasured, a unit may be wrong, or the model is of somebody else.",
+                abs(weight.measured - weight.model) > FAR_OFF * weight.model,
+            )
+        )
+    if abs(weight.drift) > DRIFT * weight.model:
+        found.append(
+            Finding(
+                f"The weighed mass drifts by {weight.drift:+.2f} kg over the recording, as an unmeasured contact or a "
+                "drifting sensor would make it.",
+                True,
+            )
+        )
+    return found
+
+
+def _offsets(result: Identification) -> list[Finding]:
+    fitted = any(name.startswith("offset(") for name in result.names)
+    large = {
+        channel: f"{channel} {value:.3g} ± {std:.2g} {_unit(channel)}".rstrip()
+        for channel, (value, std) in result.offsets.items()
+        if abs(value) > 4 * std and abs(value) > 0.3 * result.fit.scale[result.prepared.channels.index(channel)]
+    }
+    if not large:
+        return []
+    found = []
+    weights = _weights(result)
+    huge = [
+        f"{text} ({abs(result.offsets[channel][0]) / weights[channel[0]]:.0%})"
+        for channel, text in large.items()
+        if channel in COMPONENTS and abs(result.offsets[channel][0]) > OFFSET * weights[channel[0]]
+    ]
+    if huge:
+        found.append(
+            Finding(
+                f"Constant offsets are large beside the model's weight, of which or of whose moment at the mechanism's "
+                f"reach they are so much: {', '.join(huge)}: a sensor may not be tared, gravity or mass of the model "
+                "may be wrong, or a support is not measured.",
+                True,
+            )
+        )
+    listed = ", ".join(large.values())
+    if fitted:
+        return [*found, Finding(f"Constant offsets were found and taken out: {listed}.", False)]
+    return [
+        *found,
+        Finding(f"Constant offsets are in the measurements and were not fitted (--offsets does): {listed}.", True),
+    ]
+
+
+def _weights(result: Identification) -> dict[str, float]:
+    """What offsets of forces, N, and of moments, N m, are held against; without gravity the weight on Earth."""
+    prepared = result.prepared
+    g = np.linalg.norm(prepared.gravity) or np.linalg.norm(STANDARD_GRAVITY)
+    weight = max(float(prepared.prior.reshape(-1, 10)[:, 0].sum() * g), 1e-12)
+    origins = prepared.tree.poses(prepared.states[0][:: max(1, len(prepared.time) // 100)])[..., :3, 3]
+    reach = float(np.linalg.norm(origins - prepared.frame[:3, 3], axis=-1).max())
+    return {"F": weight, "M": weight * reach if reach > 0 else np.inf}
+
+
+def _stuck(result: Identification) -> list[Finding]:
+    stuck = result.prepared.stuck
+    if not stuck:
+        return []
+    return [
+        Finding(
+            f"Stuck at one value over the whole log, though the model says that they change, and so left out: "
+            f'{", ".join(stuck)}. Mend the sensor, or map what is not connected as missing, by "" in --columns.',
+            True,
+        )
+    ]
+
+
+def _unit(channel: str) -> str:
+    return {"F": "N", "M": "N m"}.get(channel[0], "") if channel in COMPONENTS else ""
+
+
+def quality_findings(ratios: Mapping[str, float], part: str) -> list[Finding]:
+    """What residuals over signals, of each channel on some part, say."""
+    kinds = (
+        (
+            "More is left over than the channel varies, as of a constant offset or a sensor that died",
+            LEFT,
+            np.inf,
+            True,
+        ),
+        ("Not explained by this motion", UNEXPLAINED, LEFT, False),
+        ("Predicted poorly", POOR, UNEXPLAINED, True),
+    )
+    found = []
+    for what, low, high, doubt in kinds:
+        if listed := ", ".join(f"{channel} ({ratio:.3g})" for channel, ratio in ratios.items() if low < ratio <= high):
+            text = f"{what}, {part} residual over standard deviation in brackets: {listed}."
+            found.append(Finding(text, doubt))
+    return found
+
+
+def _inseparable(result: Identification) -> list[Finding]:
+    if not result.inseparable:
+        return []
+    return [
+        Finding(
+            f"Constant offsets of {', '.join(result.inseparable)} cannot be told from masses and first moments: "
+            "those take them up.",
+            False,
+        )
+    ]

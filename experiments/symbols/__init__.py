@@ -1,0 +1,1 @@
+"""Mechanisms in symbols: equations and code."""

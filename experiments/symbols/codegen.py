@@ -1,0 +1,211 @@
+"""A symbolic model written down: as LaTeX, as a Python function and as a C function."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import sympy
+from sympy.printing.c import C99CodePrinter
+from sympy.printing.pycode import PythonCodePrinter
+from sympy.simplify.fu import TR8
+
+from experiments.output.figures import parameter_symbol
+from experiments.symbols.symbolic import SymbolicModel, decimals
+
+READABLE = 250
+"""Up to so many operations, shared ones counted once, the LaTeX form is expanded in sines of sums of angles."""
+
+LINE = 54
+"""Width of the right-hand side of a printed equation, in letters; an article at 11 pt has room for it."""
+
+Definitions = list[tuple[sympy.Symbol, sympy.Expr]]
+
+
+def plain(text: str) -> str:
+    """A name that can stand in any comment, docstring or path: ASCII word characters, dots, colons, blanks, hyphens."""
+    return re.sub(r"[^\w.: -]", "_", text, flags=re.ASCII)
+
+
+def python_source(model: SymbolicModel, name: str) -> str:
+    """A module with the function `base_wrench_regressor`; it needs nothing but numpy."""
+    shared, entries = _shared(model.Y)
+    printer = PythonCodePrinter({"fully_qualified_modules": False})
+    rows, columns = model.Y.shape
+    lengths = "".join(f", {symbol.name}={value!r}" for symbol, value in model.lengths.items())
+    body = [f"[{', '.join(s.name for s in symbols)}] = {argument}" for argument, symbols in _arguments(model).items()]
+    body += [f"{symbol} = {printer.doprint(x)}" for symbol, x in shared]
+    body += [f"Y = np.zeros(({rows}, {columns}))"]
+    body += [f"Y[{r}, {c}] = {printer.doprint(x)}" for r, c, x in entries]
+    return "\n".join(
+        [
+            f'"""Base-wrench regressor of {plain(name)}, derived symbolically.',
+            "",
+            *_description(model),
+            '"""',
+            "",
+            "from math import cos, sin",
+            "",
+            "import numpy as np",
+            "",
+            f"PARAMETERS = {model.base.parameters!r}",
+            f"KEPT = {model.base.kept!r}",
+            '"""Columns of the base parameters."""',
+            "",
+            "",
+            f"def base_wrench_regressor(q, dq, ddq, gravity{', *' if lengths else ''}{lengths}):",
+            f'    """Y with `[F; tau] = Y phi` in the base frame ({rows}, {columns})."""',
+            *(f"    {line}" for line in body),
+            "    return Y",
+            "",
+        ]
+    )
+
+
+def c_source(model: SymbolicModel, name: str) -> str:
+    """A C99 file with the function `base_wrench_regressor`."""
+    shared, entries = _shared(model.Y)
+    printer = C99CodePrinter()
+    rows, columns = model.Y.shape
+    arguments = _arguments(model) | ({"lengths": list(model.lengths)} if model.lengths else {})
+    used = set().union(*(x.free_symbols for x in (*dict(shared).values(), *(x for _, _, x in entries))))
+    body = [f"(void){argument};" for argument, symbols in arguments.items() if not used.intersection(symbols)]
+    for argument, symbols in arguments.items():
+        body += [f"const double {s.name} = {argument}[{k}];" for k, s in enumerate(symbols) if s in used]
+    body += [f"const double {symbol} = {printer.doprint(x)};" for symbol, x in shared]
+    body += [f"for (int k = 0; k < {rows * columns}; ++k) Y[k] = 0;"]
+    body += [f"Y[{r * columns + c}] = {printer.doprint(x)};" for r, c, x in entries]
+    signature = ", ".join(f"const double {argument}[{max(1, len(x))}]" for argument, x in arguments.items())
+    values = ", ".join(f"{symbol.name} = {value!r}" for symbol, value in model.lengths.items())
+    return "\n".join(
+        [
+            f"/* Base-wrench regressor of {plain(name)}, derived symbolically.",
+            "",
+            *_description(model),
+            *([f"Lengths, in this order, with the model's values in m: {values}."] if values else []),
+            f"Y is a row-major {rows} x {columns} matrix. */",
+            "#include <math.h>",
+            "",
+            f"void base_wrench_regressor({signature}, double Y[{rows * columns}])",
+            "{",
+            *(f"    {line}" for line in body),
+            "}",
+            "",
+        ]
+    )
+
+
+def latex_source(model: SymbolicModel, name: str) -> str:
+    """The base parameters and their columns of the regressor, to be included in a document that uses amsmath."""
+    columns = model.base.reduce(model.Y)
+    shared, entries = _shared(columns)
+    # Counted without sharing, the operations of a long chain grow without bounds.
+    if sum(sympy.count_ops(x) for x in (*dict(shared).values(), *(x for _, _, x in entries))) <= READABLE:
+        columns = np.array([[_readable(x, list(model.lengths)) for x in row] for row in columns], dtype=object)
+        shared, entries = _waves(columns)
+    names = _latex_names(model)
+
+    def tex(x: sympy.Expr) -> str:
+        return sympy.latex(decimals(x, 6), symbol_names=names, fold_short_frac=True)
+
+    left = [parameter_symbol(key).strip("$") for key in model.base.names]
+    psi = [rf"\left({k}\right)_R &= {tex(x)}" for k, x in zip(left, model.base_expressions().values(), strict=True)]
+    lines = [rf"{tex(symbol)} &= {tex(x)}" for symbol, x in shared]
+    return "\n".join(
+        [
+            f"% Dynamic identification model of {plain(name)}, derived symbolically. Needs amsmath.",
+            *(f"% {line}" for line in _description(model)),
+            "% Base parameters",
+            *_align(psi),
+            "% Common subexpressions",
+            *_align(lines),
+            "% Entries of the base parameters' columns that are not zero; rows are F_x, F_y, F_z, tau_x, tau_y, tau_z",
+            *_align([rf"Y_{{{r + 1},{c + 1}}} &= {tex(x)}" for r, c, x in entries]),
+            "",
+        ]
+    )
+
+
+def _arguments(model: SymbolicModel) -> dict[str, list[sympy.Symbol]]:
+    """Arguments of the generated functions, with the symbols of their entries."""
+    return {"q": list(model.q), "dq": list(model.dq), "ddq": list(model.ddq), "gravity": list(model.gravity)}
+
+
+def _description(model: SymbolicModel) -> list[str]:
+    """What stands where; plain text for a comment."""
+    joints = ", ".join(map(plain, model.tree.joints))
+    return [
+        f"Joints: {joints or 'none'}.",
+        "SI units, radians; a ball joint has a quaternion w, x, y, z. Gravity is its acceleration in the base frame.",
+        "Columns of Y for each body, about its frame's origin: m, m rx, m ry, m rz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz.",
+    ]
+
+
+def _shared(Y: np.ndarray) -> tuple[Definitions, list[tuple[int, int, sympy.Expr]]]:
+    """Common subexpressions, and the entries that are not zero as row, column and expression."""
+    places = [(r, c) for (r, c), x in np.ndenumerate(Y) if x != 0]
+    symbols = sympy.numbered_symbols("x", start=1)
+    shared, reduced = sympy.cse([Y[place] for place in places], symbols=symbols, order="none")
+    entries = [(r, c, decimals(x, 17)) for (r, c), x in zip(places, reduced, strict=True)]
+    return [(symbol, decimals(x, 17)) for symbol, x in shared], entries
+
+
+def _waves(Y: np.ndarray) -> tuple[Definitions, list[tuple[int, int, sympy.Expr]]]:
+    """As `_shared`, but of sines and cosines only."""
+    atoms = set().union(*(x.atoms(sympy.sin, sympy.cos) for x in Y.flat))
+    symbols = {x: sympy.Symbol(f"x{k}") for k, x in enumerate(sorted(atoms, key=sympy.default_sort_key), start=1)}
+    entries = [(r, c, x.xreplace(symbols)) for (r, c), x in np.ndenumerate(Y) if x != 0]
+    return [(symbol, x) for x, symbol in symbols.items()], entries
+
+
+def _readable(x: sympy.Expr, lengths: Sequence[sympy.Symbol]) -> sympy.Expr:
+    """A sum over sines and cosines of sums of angles, each factor a sum over the lengths."""
+    expanded = sympy.expand(TR8(sympy.expand(x)))
+    waves = sorted(expanded.atoms(sympy.sin, sympy.cos), key=sympy.default_sort_key)
+    return sympy.collect(expanded, waves, lambda factor: sympy.collect(factor, lengths, sympy.factor))
+
+
+def _latex_names(model: SymbolicModel) -> dict[sympy.Symbol, str]:
+    states = (("q", model.q), (r"\dot{q}", model.dq), (r"\ddot{q}", model.ddq))
+    names = {s: f"{name}_{{{k}}}" for name, symbols in states for k, s in enumerate(symbols, start=1)}
+    for symbol in model.lengths:
+        if match := re.fullmatch(r"([lc])(\d+)([xyz])(_*)", symbol.name):
+            kind, body, axis, more = match.groups()
+            names[symbol] = r"\bar{" * len(more) + kind + "}" * len(more) + f"_{{{axis},{body}}}"
+    names |= {sympy.Symbol(key): parameter_symbol(key).strip("$") for key in model.base.parameters}
+    return names
+
+
+def _align(rows: Sequence[str]) -> list[str]:
+    """Equations one below the other, over several pages where need be."""
+    if not rows:
+        return []
+    body = " \\\\\n".join(map(_broken, rows))
+    return [r"{\allowdisplaybreaks", r"\begin{align*}", body, r"\end{align*}", "}"]
+
+
+def _broken(row: str) -> str:
+    """An equation over several lines, cut before plus and minus signs within as few parentheses as possible."""
+    left, equals, right = row.partition("&= ")
+    right = right.replace(r"\left(", "(").replace(r"\right)", ")")
+    cuts, braces, parentheses = [], 0, 0
+    for match in re.finditer(r"[{}()]| (?=[+-] )", right):
+        braces += (match[0] == "{") - (match[0] == "}")
+        parentheses += (match[0] == "(") - (match[0] == ")")
+        if match[0] == " " and not braces:
+            cuts.append((parentheses, -match.start()))
+    lines, start = [], 0
+    while _width(right[start:]) > LINE:
+        ahead = [cut for cut in cuts if -cut[1] > start]
+        fitting = [cut for cut in ahead if _width(right[start : -cut[1]]) <= LINE]
+        long = [cut for cut in fitting if _width(right[start : -cut[1]]) > LINE / 2]
+        if not ahead:
+            break
+        end = -min(long or fitting[-1:] or ahead[:1])[1]
+        lines.append(right[start:end])
+        start = end + 1
+    return left + equals + " \\\\\n&\\quad ".join([*lines, right[start:]])
+
+
+def _width(tex: str) -> float:
+    """Width of a piece of an equation, in letters; signs have room on both sides."""
+    return len(re.sub(r"\\(?!sin|cos)[a-z]+|[{}_^ ]", "", tex)) + 1.5 * len(re.findall(r" [+-] ", tex))

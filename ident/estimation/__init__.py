@@ -1,0 +1,1 @@
+"""From samples to base parameters and their standard deviations."""

@@ -1,0 +1,92 @@
+"""Whether a motion separates the base parameters of a mechanism."""
+
+from functools import partial
+
+import numpy as np
+
+from ident.estimation.samples import Samples, whitened
+from ident.mechanism.tree import Tree
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters.base_parameters import ZERO_COLUMN, BaseParameters
+
+SINGULAR = 1e-10
+"""A unit-norm column combination shorter than this fraction of the longest carries rounding only."""
+
+ABOVE_NOISE = 1.5
+"""How many times longer than its noise a column combination must be to count as excited."""
+
+FEW_SAMPLES = 1000
+"""Samples that show how noisy the regressor is."""
+
+
+class ExcitationError(ValueError):
+    """The motion does not separate some of the base parameters."""
+
+
+def noise_rows(
+    tree: Tree,
+    samples: Samples,
+    gravity: np.ndarray,
+    parameters: BaseParameters,
+    state_noise: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> np.ndarray:
+    """What the noise of the joint states makes of some rows of the base regressor.
+
+    Args:
+        tree: The mechanism.
+        samples: Measured joint states; a few of them are taken.
+        gravity: Acceleration of gravity, m/s² (3,).
+        parameters: Regrouping of the mechanism's parameters.
+        state_noise: Standard deviations of the noise on the columns of q, dq and ddq.
+
+    Returns:
+        Difference between the base regressor at states with the noise added once more and as measured, whitened where
+        the samples are weighted (rows, r).
+    """
+    few = samples.part(slice(None, None, max(1, len(samples) // FEW_SAMPLES)))
+    rng = np.random.default_rng(0)
+    states = (few.q, few.dq, few.ddq)
+    noisy = [x + std * rng.normal(size=x.shape) for x, std in zip(states, state_noise, strict=True)]
+    regressor = partial(base_wrench_regressor, tree, gravity=gravity, base=few.base, columns=parameters.kept)
+    noise = (regressor(*noisy) - regressor(*states)).transpose(2, 1, 0)
+    if few.covariance is not None:
+        noise = whitened(noise, few.covariance)
+    return noise.reshape(parameters.rank, -1).T
+
+
+def check_excitation(
+    triangle: np.ndarray, parameters: BaseParameters, samples: int, noise: np.ndarray | None = None
+) -> None:
+    """Raises unless the motion separates all base parameters.
+
+    Combinations of unit-norm base columns (the right singular vectors) must be longer than rounding and, when the
+    regressor's own noise is given, half as long again as noise alone makes them: a joint that rests but whose sensors
+    are noisy would otherwise pass for excited.
+
+    Args:
+        triangle: Triangular factor of the base regressor (r, r).
+        parameters: Its regrouping.
+        samples: Number of samples N behind it.
+        noise: Difference between the base regressor at measured states and at states with the sensors' noise added
+            once more, of some samples, 6 rows each (rows, r).
+
+    Raises:
+        ExcitationError: Names the base parameters that cannot be told apart.
+    """
+    norms = np.linalg.norm(triangle, axis=0)
+    still = norms <= ZERO_COLUMN * norms.max(initial=0)
+    norms = np.where(still, 1, norms)
+    _, lengths, directions = np.linalg.svd(triangle / norms)
+    floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
+    if noise is not None:
+        of_noise = np.linalg.norm(noise / norms @ directions.T, axis=0) * np.sqrt(6 * samples / len(noise))
+        floor = np.maximum(floor, ABOVE_NOISE * of_noise)
+    hidden = directions[lengths <= floor]
+    if len(hidden):
+        size = np.linalg.norm(hidden, axis=0)
+        names = [name for name, s in zip(parameters.names, size, strict=True) if s > 0.1 * size.max()]
+        raise ExcitationError(
+            f"The motion of {samples} samples does not separate the base parameters {', '.join(names)}: "
+            f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "
+            "joints further."
+        )

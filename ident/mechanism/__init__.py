@@ -1,0 +1,1 @@
+"""Bodies, joints and trees of them, and how their bases move."""

@@ -1,0 +1,231 @@
+"""Joint axes from measured link poses (Section VI: "recover the true axis of rotation given kinematic data")."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from ident.geometry import se3
+from ident.mechanism.body import BASE
+from ident.mechanism.tree import Tree
+
+MINIMUM_TURN = 1e-3
+"""Smallest root-mean-square rotation, in rad, from which an axis is recovered."""
+
+MINIMUM_SAMPLES = 10
+"""Fewest poses from which an axis and its uncertainty are recovered."""
+
+PARALLEL_SIGNIFICANCE = 1e-4
+"""Chance of taking two parallel axes for different ones in `recover_axes`."""
+
+ROUNDING = 1e-9
+"""Angle, in rad, below which two directions are one, however small their noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A measured unit vector and how each sample's noise moved it.
+
+    Attributes:
+        vector: The unit vector (3,).
+        influence: Contribution of each sample to its error, `influence.T @ influence` being its covariance (N, 3).
+            It is kept by sample because a pose that two joints share correlates their errors.
+    """
+
+    vector: np.ndarray
+    influence: np.ndarray
+
+    @property
+    def std(self) -> float:
+        """Standard deviation as an angle in rad, root mean square over the two directions in which it can tilt."""
+        return float(np.sqrt(np.sum(self.influence**2) / 2))
+
+    def turned(self, R: np.ndarray) -> "Direction":
+        """The same direction in a frame where it is written `R @ vector`."""
+        return Direction(R @ self.vector, self.influence @ R.T)
+
+    def along(self, other: "Direction") -> "Direction":
+        """This direction or its opposite, whichever is nearer to the other one."""
+        sign = -1.0 if self.vector @ other.vector < 0 else 1.0
+        return Direction(sign * self.vector, sign * self.influence)
+
+
+@dataclass(frozen=True, eq=False)
+class Screw:
+    """Axis of a revolute joint, written in the frame that moves with it.
+
+    Attributes:
+        axis: Its direction.
+        point: Its point nearest to the frame's origin, m (3,).
+    """
+
+    axis: Direction
+    point: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class RecoveredAxes:
+    """Axes of all n joints of a tree, and what was decided about their being parallel.
+
+    Attributes:
+        tree: The design with its axes turned to the recovered directions, through the design's points.
+        axes: Recovered axes, in the base frame with the mechanism at home.
+        separate: What each joint alone gives, in the same frame; equal to `axes` where nothing was pooled.
+        points: Point of each axis nearest to its body's origin, in the body frame, m (n, 3).
+        p_values: p-value of the test that a joint's axis is parallel to that of the joint before it, NaN where there
+            is none (n,).
+        groups: Indices of the joints that share one direction.
+    """
+
+    tree: Tree
+    axes: tuple[Direction, ...]
+    separate: tuple[Direction, ...]
+    points: np.ndarray
+    p_values: np.ndarray
+    groups: tuple[tuple[int, ...], ...]
+
+
+def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
+    """Axis of the rotations that a revolute joint makes, from noisy poses.
+
+    Every displacement leaves the axis where it is, `R a = a` and `R c + p = c`. The direction a minimises
+    `Σ‖(R - 1) a‖²` over unit vectors, the point c then solves its equation by least squares. Isotropic noise on the
+    orientation does not bias a to first order.
+
+    Args:
+        displacement: Poses `T_home⁻¹ T(t)` of the moving frame relative to its home (N, 4, 4).
+        positive: A vector with a positive component along the axis, to choose its sign (3,).
+
+    Returns:
+        The screw, in the moving frame.
+
+    Raises:
+        ValueError: There are too few poses, the frame hardly turns, or the sense of the axis does not show.
+    """
+    if len(displacement) < MINIMUM_SAMPLES or not np.isfinite(displacement).all():
+        raise ValueError(f"An axis needs at least {MINIMUM_SAMPLES} finite poses, got {len(displacement)}.")
+    turn = displacement[:, :3, :3] - np.eye(3)
+    # ‖R - 1‖² = 4 (1 - cos θ) ≈ 2 θ² in the Frobenius norm.
+    if np.mean(np.sum(turn**2, axis=(1, 2))) < 2 * MINIMUM_TURN**2:
+        raise ValueError(f"An axis needs rotations of at least {MINIMUM_TURN} rad (root mean square) to show.")
+    vectors = np.linalg.eigh(np.einsum("nij,nik->jk", turn, turn))[1]
+    axis, plane = vectors[:, 0], vectors[:, 1:]
+    if axis @ positive < 0:
+        axis = -axis
+
+    slope = turn @ plane
+    normal = np.einsum("nij,nik->jk", slope, slope)
+    gradient = np.einsum("nij,ni->nj", slope, turn @ axis)
+    influence = -np.linalg.solve(normal, gradient.T).T @ plane.T
+    found = Direction(axis, influence)
+    if not axis @ positive > 5 * found.std * np.linalg.norm(positive):
+        raise ValueError("The axis is perpendicular to the one it should resemble, so that its sense cannot be told.")
+    offset = np.linalg.solve(normal, np.einsum("nij,ni->j", slope, -displacement[:, :3, 3]))
+    return Screw(found, plane @ offset)
+
+
+def parallel_p_value(a: Direction, b: Direction) -> float:
+    """Wald test that two directions are parallel (or opposite).
+
+    Half their squared difference over its covariance, errors shared sample by sample included, is distributed as F
+    with 2 and N - 2 degrees of freedom if they are.
+
+    Returns:
+        Probability of a difference at least as large, were they parallel.
+    """
+    b = b.along(a)
+    plane = np.linalg.svd((a.vector + b.vector)[None])[2][1:].T
+    difference = (a.vector - b.vector) @ plane
+    influence = (a.influence - b.influence) @ plane
+    covariance = influence.T @ influence + ROUNDING**2 * np.eye(2)
+    distance = difference @ np.linalg.solve(covariance, difference)
+    return float(stats.f.sf(distance / 2, 2, max(len(influence) - 2, 1)))
+
+
+def angle(a: np.ndarray, b: np.ndarray) -> float:
+    """Angle between two vectors (3,) in rad, accurate also for small ones."""
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def common_direction(directions: Sequence[Direction]) -> Direction:
+    """One direction for several parallel axes: their mean, weighted by inverse variance, with the first one's sign."""
+    aligned = [d.along(directions[0]) for d in directions]
+    weights = np.array([1 / (d.std**2 + ROUNDING**2) for d in aligned])
+    weights /= weights.sum()
+    mean = sum(w * d.vector for w, d in zip(weights, aligned, strict=True))
+    influence = sum(w * d.influence for w, d in zip(weights, aligned, strict=True))
+    return Direction(mean / np.linalg.norm(mean), influence)
+
+
+def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLEL_SIGNIFICANCE) -> RecoveredAxes:
+    """Revolute axes of a mechanism from the measured poses of its bodies.
+
+    Every joint is first recovered alone, from the poses of its two bodies, and then compared with the joint before it
+    (`parallel_p_value`). Axes that cannot be told from parallel are recovered as one direction: two estimates are never
+    exactly parallel, and the smallest difference would add base parameters that the mechanism does not have (for
+    the double pendulum an ill-conditioned rank 15 instead of 13).
+
+    Args:
+        tree: The design: home poses and nominal twists, which give each axis its sign and its position.
+        poses: Measured pose of every body in the base frame (N, b, 4, 4).
+        significance: Chance of telling truly parallel axes apart; 1 keeps every axis on its own.
+
+    Returns:
+        The recovered axes.
+
+    Raises:
+        ValueError: A joint is not revolute, or hardly moves.
+    """
+    home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
+    screws = [_joint_screw(tree, poses, i) for i in tree.moving]
+    separate = [screw.axis.turned(home[i]) for i, screw in zip(tree.moving, screws, strict=True)]
+
+    p_values = np.full(len(screws), np.nan)
+    groups: list[list[int]] = []
+    for j, i in enumerate(tree.moving):
+        before = _joint_before(tree, i)
+        if before is not None:
+            p_values[j] = parallel_p_value(separate[before], separate[j])
+        if significance < 1 and p_values[j] >= significance:
+            next(group for group in groups if before in group).append(j)
+        else:
+            groups.append([j])
+
+    axes = list(separate)
+    for group in groups:
+        if len(group) > 1:
+            common = common_direction([separate[j] for j in group])
+            for j in group:
+                axes[j] = common.along(separate[j])
+    in_body = [home[i].T @ axis.vector for i, axis in zip(tree.moving, axes, strict=True)]
+    # The design's axis passes through ω × v; the recovered one is laid through the same point.
+    points = [np.cross(tree.bodies[i].twist[3:], tree.bodies[i].twist[:3]) for i in tree.moving]
+    twists = [np.concatenate([np.cross(c, a), a]) for c, a in zip(points, in_body, strict=True)]
+    return RecoveredAxes(
+        tree=tree.with_twists(np.array(twists)),
+        axes=tuple(axes),
+        separate=tuple(separate),
+        points=np.array([screw.point for screw in screws]),
+        p_values=p_values,
+        groups=tuple(map(tuple, groups)),
+    )
+
+
+def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:
+    body = tree.bodies[i]
+    if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > ROUNDING:
+        raise ValueError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
+    parent = np.eye(4) if body.parent == BASE else poses[:, body.parent]
+    try:
+        return estimate_screw(se3.inverse(body.home) @ se3.inverse(parent) @ poses[:, i], body.twist[3:])
+    except ValueError as error:
+        raise ValueError(f"Joint '{body.joint}': {error}") from None
+
+
+def _joint_before(tree: Tree, i: int) -> int | None:
+    """Index in q of the joint nearest to the base side of a body's own, None for a first joint."""
+    parent = tree.bodies[i].parent
+    while parent != BASE and not tree.bodies[parent].moves:
+        parent = tree.bodies[parent].parent
+    return None if parent == BASE else tree.moving.index(parent)

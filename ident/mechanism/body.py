@@ -1,0 +1,152 @@
+"""One body of a mechanism, with the joint that carries it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.geometry import se3
+
+BASE = -1
+"""Parent of a body that hangs on the base frame {0}."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One rigid body and the joint that connects it to its parent.
+
+    Arrays of numbers are checked; arrays of symbols (dtype object) are taken as they are.
+
+    Attributes:
+        name: Name of the body.
+        parent: Index of the parent body in the tree, smaller than the body's own, or `BASE`.
+        home: Pose of the body in its parent's frame at joint coordinate zero (4, 4).
+        twist: Joint twist `[v; ω]` in the body's own frame (6,): |ω| = 1 revolute, ω = 0 and |v| = 1 prismatic, all
+            zero for a body that is welded to its parent. `ball_twist` for a ball joint (6, 3).
+        joint: Name of the joint, empty for a welded body.
+        massless: Whether the body is a mere link between two joints, without φ. Several joints on one body, or a free
+            joint, are chains of such links.
+    """
+
+    name: str
+    parent: int
+    home: np.ndarray
+    twist: np.ndarray
+    joint: str = ""
+    massless: bool = False
+
+    def __post_init__(self) -> None:
+        for key in ("home", "twist"):
+            x = np.array(getattr(self, key))
+            x = x if x.dtype == object else x.astype(float)
+            x.flags.writeable = False
+            object.__setattr__(self, key, x)
+        if self.home.shape != (4, 4) or not (self.home.dtype == object or is_rigid(self.home)):
+            raise ValueError(f"Body '{self.name}' needs a 4×4 rigid home pose, got {self.home}.")
+        if not (self.twist.dtype == object or _is_joint_twist(self.twist)):
+            raise ValueError(
+                f"Body '{self.name}' needs a joint twist of 6 numbers with |ω| = 1, or ω = 0 and |v| = 1, "
+                f"or all zero, or a ball joint's 6×3; got {self.twist}."
+            )
+
+    def _values(self) -> tuple[object, ...]:
+        return self.name, self.parent, self.home.tobytes(), self.twist.tobytes(), self.joint, self.massless
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Body) and self._values() == other._values()
+
+    def __hash__(self) -> int:
+        return hash(self._values())
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether a joint lies between the body and its parent."""
+        return bool(np.any(self.twist != 0))
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether the joint is a ball."""
+        return self.twist.ndim == 2
+
+    @cached_property
+    def motions(self) -> np.ndarray:
+        """Motion subspace of the joint: its twist is `motions @ q̇` in the body's frame (6, 0), (6, 1) or (6, 3)."""
+        return self.twist.reshape(6, -1)[:, : None if self.moves else 0]
+
+    @property
+    def coordinates(self) -> int:
+        """Entries of q that belong to the joint: 1, or 4 for the quaternion `w, x, y, z` of a ball."""
+        return 4 if self.is_ball else self.motions.shape[1]
+
+    def joint_pose(self, q: np.ndarray) -> np.ndarray:
+        """How far the joint has moved the body from home, `exp(ξ̂ q)` for one axis.
+
+        Args:
+            q: The joint's coordinates, rad, m or a quaternion of any length (…, 0), (…, 1) or (…, 4).
+
+        Returns:
+            Poses (…, 4, 4).
+        """
+        if not self.moves:
+            return np.broadcast_to(np.eye(4, dtype=int), (*q.shape[:-1], 4, 4))
+        if not self.is_ball:
+            return se3.exp(self.twist, q[..., 0])
+        center = np.array([self.twist[2, 1], self.twist[0, 2], self.twist[1, 0]])
+        R = se3.rotation(q)
+        return se3.pose(R, center - R @ center)
+
+
+def ball_twist(center: np.ndarray) -> np.ndarray:
+    """Twist of a ball joint: rotations about the body's own x, y and z through one center.
+
+    Its coordinates are a quaternion `w, x, y, z`, that of the body relative to its home; its velocities the angular
+    velocity in the body's frame, rad/s, as in MuJoCo and Pinocchio.
+
+    Args:
+        center: Center of the joint in the body's frame, m (3,).
+
+    Returns:
+        `[ĉ; 1]` (6, 3).
+    """
+    return np.vstack([se3.hat(center), np.eye(3, dtype=int)])
+
+
+def free_joint(name: str, body: str, parent: int, index: int) -> tuple[Body, ...]:
+    """A body that moves freely, as three slides along the parent's axes and a ball.
+
+    Coordinates are the position in the parent's frame and a quaternion, velocities the linear velocity in the parent's
+    and the angular velocity in the body's frame, as in MuJoCo.
+
+    Args:
+        name: Name of the joint.
+        body: Name of the body.
+        parent: Index of its parent.
+        index: Index that the first of the four bodies will have in its tree.
+
+    Returns:
+        Three massless links and the body.
+    """
+    links = [
+        Body(f"{body}:{axis}", parent if k == 0 else index + k - 1, np.eye(4), np.eye(6)[k], f"{name}:{axis}", True)
+        for k, axis in enumerate("xyz")
+    ]
+    return (*links, Body(body, index + 2, np.eye(4), ball_twist(np.zeros(3)), name))
+
+
+def is_rigid(T: np.ndarray) -> bool:
+    """Whether 4×4 matrices (…, 4, 4) are poses, to rounding."""
+    if not np.isfinite(T).all():
+        return False
+    upright = np.array_equal(np.broadcast_to([0, 0, 0, 1], T[..., 3, :].shape), T[..., 3, :])
+    turned = np.allclose(T[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2), np.eye(3), atol=1e-9)
+    return bool(upright and turned and (np.linalg.det(T[..., :3, :3]) > 0).all())
+
+
+def _is_joint_twist(twist: np.ndarray) -> bool:
+    """Whether numbers are the twist of a weld, of one axis, or of a ball."""
+    if not np.isfinite(twist).all():
+        return False
+    if twist.shape == (6, 3):
+        return bool(np.array_equal(twist[3:], np.eye(3)) and np.array_equal(twist[:3], -twist[:3].T))
+    unit = np.linalg.norm(twist[3:]) or np.linalg.norm(twist[:3])
+    return twist.shape == (6,) and bool(unit == 0 or abs(unit - 1) <= 1e-9)

@@ -1,0 +1,132 @@
+"""Modified Denavit-Hartenberg tables (Khalil and Kleinfinger, ICRA 1986), read as trees (Table I)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.geometry import se3
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import Tree
+
+X = np.array([0.0, 0, 0, 1, 0, 0])
+Z = np.array([0.0, 0, 0, 0, 0, 1])
+ALONG_X = np.array([1.0, 0, 0, 0, 0, 0])
+ALONG_Z = np.array([0.0, 0, 1, 0, 0, 0])
+
+JOINT_TWISTS = {"revolute": Z, "prismatic": ALONG_Z, "fixed": np.zeros(6)}
+"""Kinds of frames, with the twist of their joint in their own frame: about or along z, or none."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One row of a modified DH table: `T = Rz(γ) Tz(b) Rx(α) Tx(d) Rz(θ) Tz(r)` from the parent frame.
+
+    Attributes:
+        name: Name of the frame.
+        parent: Name of the frame before it, None for the base frame {0}.
+        kind: `revolute` (q adds to θ), `prismatic` (q adds to r) or `fixed`.
+        alpha: Angle about the parent's x, rad.
+        d: Distance along that x, m.
+        theta: Angle about z, rad.
+        r: Distance along z, m.
+        gamma: Angle about the parent's z before all others, rad; zero in a serial chain.
+        b: Distance along that z, m.
+        inertia: Whether the frame carries a body.
+    """
+
+    name: str
+    parent: str | None
+    kind: str
+    alpha: float = 0.0
+    d: float = 0.0
+    theta: float = 0.0
+    r: float = 0.0
+    gamma: float = 0.0
+    b: float = 0.0
+    inertia: bool = True
+
+    @property
+    def home(self) -> np.ndarray:
+        """Pose in the parent frame at q = 0 (4, 4)."""
+        steps = ((Z, self.gamma), (ALONG_Z, self.b), (X, self.alpha), (ALONG_X, self.d), (Z, self.theta))
+        T = np.eye(4)
+        for twist, amount in (*steps, (ALONG_Z, self.r)):
+            T = T @ se3.exp(twist, amount)
+        return T
+
+
+def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
+    """The tree of a modified DH table, fixed frames folded away.
+
+    Frames that are fixed to one another form one link. A link's body is its first frame with inertia, whatever frame
+    carries the joint; a link without inertia keeps its joint's frame as a massless body. Further frames with
+    inertia are bodies welded to the first one.
+
+    Args:
+        frames: The table, parents before their children.
+
+    Returns:
+        Bodies named as their frames, joints as the frames that move; q in the order of the table's joints.
+
+    Raises:
+        ValueError: A kind is unknown, a name stands twice, or a parent does not come before its child.
+    """
+    _check(frames)
+    by_name = {frame.name: frame for frame in frames}
+    # Pose of every frame in the frame that moves its link, and that frame's name (None: the base frame).
+    mover: dict[str | None, str | None] = {None: None}
+    in_mover: dict[str | None, np.ndarray] = {None: np.eye(4)}
+    for frame in frames:
+        moves = frame.kind != "fixed"
+        mover[frame.name] = frame.name if moves else mover[frame.parent]
+        in_mover[frame.name] = np.eye(4) if moves else in_mover[frame.parent] @ frame.home
+
+    bodies: list[Body] = []
+    carrier: dict[str | None, int] = {}
+
+    def in_body(body: int, T: np.ndarray) -> np.ndarray:
+        """A pose given in the moving frame of a body's link, in the body's own frame."""
+        return T if body == BASE else se3.inverse(in_mover[bodies[body].name]) @ T
+
+    for frame in _bodies(frames, mover):
+        link, here = mover[frame.name], in_mover[frame.name]
+        if link is None or link in carrier:
+            parent = carrier.get(link, BASE)
+            home, twist, joint = in_body(parent, here), np.zeros(6), ""
+        else:
+            row = by_name[link]
+            parent = carrier.get(mover[row.parent], BASE)
+            home = in_body(parent, in_mover[row.parent]) @ row.home @ here
+            twist, joint = se3.Ad(se3.inverse(here)) @ JOINT_TWISTS[row.kind], link
+        carrier.setdefault(link, len(bodies))
+        bodies.append(Body(frame.name, parent, home, twist, joint, massless=not frame.inertia))
+    return Tree(tuple(bodies))
+
+
+def _bodies(frames: Sequence[Frame], mover: dict[str | None, str | None]) -> list[Frame]:
+    """Frames that become bodies: those with inertia, and movers of links without any."""
+    heavy = {mover[frame.name] for frame in frames if frame.inertia}
+    chosen = [
+        frame for frame in frames if frame.inertia or (mover[frame.name] == frame.name and frame.name not in heavy)
+    ]
+    # A body comes after the joint of its link, also where that joint's row stands before the body's.
+    return sorted(chosen, key=lambda frame: [f.name for f in frames].index(mover[frame.name] or frame.name))
+
+
+def _check(frames: Sequence[Frame]) -> None:
+    seen: set[str | None] = {None}
+    for row, frame in enumerate(frames, start=1):
+        if frame.kind not in JOINT_TWISTS:
+            raise ValueError(
+                f"Row {row} (frame '{frame.name}') needs a joint type out of {', '.join(JOINT_TWISTS)}, "
+                f"got '{frame.kind}'."
+            )
+        if frame.name in seen:
+            raise ValueError(f"Row {row} gives frame '{frame.name}' a second time; every frame stands once in a tree.")
+        if frame.parent not in seen:
+            known = ", ".join(str(name) for name in seen if name) or "none but the base"
+            raise ValueError(
+                f"Row {row} (frame '{frame.name}') needs a parent from a row before it ({known}), got '{frame.parent}'."
+            )
+        seen.add(frame.name)

@@ -1,0 +1,237 @@
+"""A mechanism as Table II writes it: for every body its home pose and the twist of the joint that carries it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.geometry import se3
+from ident.geometry.inertia import parameter_transform
+from ident.mechanism.body import BASE, Body, is_rigid
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A tree of bodies on a base frame {0}; parents come before their children.
+
+    Attributes:
+        bodies: The bodies, b of them with a φ. The joints of the moving ones, in this order, make the vectors q and q̇;
+            only ball joints have more coordinates than velocities.
+    """
+
+    bodies: tuple[Body, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bodies", tuple(self.bodies))
+        if not self.bodies:
+            raise ValueError("A tree needs at least one body.")
+        joints = [body.joint for body in self.bodies if body.joint]
+        for what, names in (("body", list(self.names)), ("joint", joints)):
+            if len(set(names)) < len(names):
+                twice = next(name for name in names if names.count(name) > 1)
+                raise ValueError(f"A tree needs a name of its own for every {what}; '{twice}' stands twice.")
+        for i, body in enumerate(self.bodies):
+            if not isinstance(body.parent, int | np.integer) or not BASE <= body.parent < i:
+                raise ValueError(
+                    f"Body '{body.name}' (index {i}) needs a parent index from {BASE} to {i - 1}, got {body.parent}."
+                )
+
+    @classmethod
+    def from_home_poses(
+        cls,
+        names: Sequence[str],
+        T_0i: np.ndarray,
+        xi: np.ndarray,
+        parents: Sequence[int] | None = None,
+    ) -> "Tree":
+        """The mechanism of a table like Table II.
+
+        Args:
+            names: Names of the b bodies.
+            T_0i: Home pose of each body in the base frame (b, 4, 4).
+            xi: Joint twist of each body in the body's own frame, zeros for a welded one (b, 6).
+            parents: Index of each body's parent; without it a serial chain.
+
+        Returns:
+            The tree.
+        """
+        T_0i = np.asarray(T_0i)
+        parents = range(BASE, len(names) - 1) if parents is None else parents
+        if any(not BASE <= p < i for i, p in enumerate(parents)):
+            raise ValueError(f"Parents come before their children, got {tuple(parents)}.")
+        home = [T if p == BASE else se3.inverse(T_0i[p]) @ T for p, T in zip(parents, T_0i, strict=True)]
+        rows = zip(names, parents, home, xi, strict=True)
+        return cls(tuple(Body(name, p, T, twist, name if np.any(twist) else "") for name, p, T, twist in rows))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the bodies."""
+        return tuple(body.name for body in self.bodies)
+
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """Indices of the bodies that a joint moves."""
+        return tuple(i for i, body in enumerate(self.bodies) if body.moves)
+
+    @property
+    def inertial(self) -> tuple[int, ...]:
+        """Indices of the b bodies with a φ, in the order of the regressor's columns."""
+        return tuple(i for i, body in enumerate(self.bodies) if not body.massless)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of q."""
+        return tuple(self.bodies[i].joint for i in self.moving)
+
+    @property
+    def freedoms(self) -> tuple[str, ...]:
+        """Names of the n entries of q̇: the joints', with `.x`, `.y` and `.z` for a ball."""
+        suffixes = {0: (), 1: ("",), 3: (".x", ".y", ".z")}
+        return tuple(body.joint + suffix for body in self.bodies for suffix in suffixes[body.motions.shape[1]])
+
+    def carried(self, i: int) -> tuple[int, ...]:
+        """Indices of body i and of all bodies on it."""
+        members = {i}
+        for k in range(i + 1, len(self.bodies)):
+            if self.bodies[k].parent in members:
+                members.add(k)
+        return tuple(sorted(members))
+
+    def with_twists(self, twists: np.ndarray) -> "Tree":
+        """The same tree with other joint twists, in the bodies' own frames (n, 6)."""
+        bodies = list(self.bodies)
+        for i, twist in zip(self.moving, twists, strict=True):
+            if not np.any(twist):
+                raise ValueError(f"Joint '{bodies[i].joint}' needs a twist that moves, got zeros.")
+            bodies[i] = replace(bodies[i], twist=twist)
+        return Tree(tuple(bodies))
+
+    def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Tree":
+        """The same tree with some joints welded where they stand.
+
+        Args:
+            coordinates: Coordinates of these joints by their names, rad, m or a quaternion, each (1,) or (4,).
+
+        Raises:
+            ValueError: There is no such joint, or it has another number of coordinates.
+        """
+        unknown = [joint for joint in coordinates if joint not in self.joints]
+        if unknown:
+            raise ValueError(f"There is no joint '{unknown[0]}' to fix; the joints are {', '.join(self.joints)}.")
+        bodies = list(self.bodies)
+        for i in self.moving:
+            body = bodies[i]
+            if body.joint in coordinates:
+                q = np.asarray(coordinates[body.joint], float)
+                if q.shape != (body.coordinates,) or not np.isfinite(q).all() or (body.is_ball and not q.any()):
+                    raise ValueError(
+                        f"Joint '{body.joint}' is fixed at {body.coordinates} finite coordinates, got {q.tolist()}."
+                    )
+                bodies[i] = replace(body, home=body.home @ body.joint_pose(q), twist=np.zeros(6), joint="")
+        return Tree(tuple(bodies))
+
+    def without_welds(self) -> tuple["Tree", np.ndarray]:
+        """The same mechanism with welded bodies made one with what carries them.
+
+        Returns:
+            The tree, and the matrix X that merges parameters: `φ_merged = X φ`.
+        """
+        bodies: list[Body] = []
+        # Where each body went: index of the body it is part of now, and its pose in that one's frame.
+        place = {BASE: (BASE, np.eye(4))}
+        for i, body in enumerate(self.bodies):
+            carrier, T = place[body.parent]
+            if body.moves or carrier == BASE:
+                bodies.append(replace(body, parent=carrier, home=T @ body.home))
+                place[i] = len(bodies) - 1, np.eye(4)
+                if not body.moves:
+                    place[BASE] = len(bodies) - 1, se3.inverse(body.home)
+            else:
+                place[i] = carrier, T @ body.home
+                bodies[carrier] = replace(bodies[carrier], massless=bodies[carrier].massless and body.massless)
+        tree = Tree(tuple(bodies))
+        X = np.zeros((10 * len(tree.inertial), 10 * len(self.inertial)))
+        for k, i in enumerate(self.inertial):
+            carrier, T = place[i]
+            row = 10 * tree.inertial.index(carrier)
+            X[row : row + 10, 10 * k : 10 * k + 10] = parameter_transform(T)
+        return tree, X
+
+    def body_coordinates(self, q: np.ndarray) -> list[np.ndarray]:
+        """Joint coordinates (…, n_q) dealt out to the bodies: (…, 0), (…, 1) or (…, 4) each."""
+        return self._dealt("coordinates", q, [body.coordinates for body in self.bodies])
+
+    def body_velocities(self, dq: np.ndarray) -> list[np.ndarray]:
+        """Joint velocities or accelerations (…, n) dealt out to the bodies: (…, 0), (…, 1) or (…, 3) each."""
+        return self._dealt("velocities", dq, [body.motions.shape[1] for body in self.bodies])
+
+    def _dealt(self, what: str, values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:
+        values = np.asarray(values)
+        if values.shape[-1:] != (sum(sizes),):
+            raise ValueError(
+                f"Joint {what} need {sum(sizes)} columns ({', '.join(self.joints)}), got shape {values.shape}."
+            )
+        ends = np.cumsum(sizes)
+        return [values[..., end - size : end] for end, size in zip(ends, sizes, strict=True)]
+
+    def poses(self, q: np.ndarray) -> np.ndarray:
+        """Pose of every body in the base frame (Eq. 7).
+
+        Args:
+            q: Joint coordinates in rad, m or quaternions (…, n_q).
+
+        Returns:
+            T_0i of all bodies, massless ones included (…, bodies, 4, 4).
+        """
+        poses: list[np.ndarray] = []
+        for body, own in zip(self.bodies, self.body_coordinates(q), strict=True):
+            T = body.home @ body.joint_pose(own)
+            poses.append(T if body.parent == BASE else poses[body.parent] @ T)
+        return np.stack(poses, -3)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseMotion:
+    """Motion of a base frame {0} that does not rest: one sample, or one for each.
+
+    Attributes:
+        T: Pose of {0} in an inertial frame (…, 4, 4).
+        V: Its body twist `[v; ω]` in the axes of {0} (…, 6).
+        dV: Rate of the components of V (…, 6); `v̇` is the acceleration of the origin less `ω × v`.
+    """
+
+    T: np.ndarray
+    V: np.ndarray
+    dV: np.ndarray
+
+    def __post_init__(self) -> None:
+        for key, shape in (("T", (4, 4)), ("V", (6,)), ("dV", (6,))):
+            object.__setattr__(self, key, np.asarray(getattr(self, key)))
+            x = getattr(self, key)
+            if x.shape != (*self.T.shape[:-2], *shape) or not (x.dtype == object or np.isfinite(x).all()):
+                raise ValueError(
+                    f"The motion of a base needs finite T (N, 4, 4), V (N, 6) and dV (N, 6), got {key} {x.shape}."
+                )
+        if self.T.dtype != object and not is_rigid(self.T):
+            raise ValueError("The motion of a base needs rigid poses T.")
+
+    @classmethod
+    def from_free_joint(cls, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> "BaseMotion":
+        """From the coordinates of a free joint as `free_joint` and MuJoCo have them.
+
+        Args:
+            q: Position and quaternion (…, 7).
+            dq: Linear velocity in the inertial frame, angular velocity in the body's (…, 6).
+            ddq: Their rates (…, 6).
+        """
+        q, dq, ddq = np.asarray(q), np.asarray(dq), np.asarray(ddq)
+        if not (q.shape[-1:] == (7,) and dq.shape == ddq.shape == (*q.shape[:-1], 6)):
+            raise ValueError(
+                f"A free joint has coordinates (N, 7), velocities and accelerations (N, 6), "
+                f"got {q.shape}, {dq.shape} and {ddq.shape}."
+            )
+        R = se3.rotation(q[..., 3:])
+        to_body = np.swapaxes(R, -1, -2)
+        v, a = (np.squeeze(to_body @ x[..., :3, None], -1) for x in (dq, ddq))
+        V = np.concatenate([v, dq[..., 3:]], axis=-1)
+        return cls(se3.pose(R, q[..., :3]), V, np.concatenate([a - np.cross(dq[..., 3:], v), ddq[..., 3:]], axis=-1))

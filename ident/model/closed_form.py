@@ -1,0 +1,133 @@
+"""The regressor of Eq. 14 in closed form, for one sample of numbers or of signals.
+
+With x_1, x_2, x_3 the columns of R_0i and x_4 = p_0i in the base frame, and J the pseudo-inertia of body i,
+d'Alembert's principle summed over the body's mass elements gives
+
+    F = Σ_k J_4k ẍ_k        τ = Σ_jk J_jk x_j × ẍ_k        ẍ_k = S x_k,   S = α̂ + ω̂ ω̂,   ẍ_4 = p̈ - g
+
+which is linear in φ because J is. `ident.model.dim` computes the same matrix term by term.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ident.geometry.se3 import Ad, hat, pose
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import Tree
+
+
+class Motion(NamedTuple):
+    """Motion of a frame in base axes.
+
+    Attributes:
+        R: Its axes (3, 3).
+        p: Its origin (3,).
+        w: Angular velocity ω (3,).
+        dw: Angular acceleration α (3,).
+        a: Acceleration of the origin less gravity (3,).
+        S: Second derivative of a vector that turns with the frame, `ẍ = S x` (3, 3).
+    """
+
+    R: np.ndarray
+    p: np.ndarray
+    w: np.ndarray
+    dw: np.ndarray
+    a: np.ndarray
+    S: np.ndarray
+
+
+def base_motion(w: np.ndarray, dw: np.ndarray, a: np.ndarray) -> Motion:
+    """Motion of the base frame in its own axes of the instant, from ω, α and its acceleration less gravity (3,)."""
+    return Motion(np.eye(3), np.zeros(3), w, dw, a, _second_derivative(w, dw))
+
+
+def base_wrench_rows(
+    tree: Tree, root: Motion, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+) -> tuple[np.ndarray, list[Motion]]:
+    """Regressor of the wrench on the mechanism (Eq. 14), and how its bodies move.
+
+    Args:
+        tree: The mechanism.
+        root: Motion of the base frame.
+        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
+
+    Returns:
+        Rows `[F; τ]` in the base frame (6, 10 b), and the motion of every body.
+    """
+    motions: list[Motion] = []
+    columns = []
+    states = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
+    for body, q_i, dq_i, ddq_i in zip(tree.bodies, *states, strict=True):
+        parent = root if body.parent == BASE else motions[body.parent]
+        motions.append(_moved(parent, body, q_i, dq_i, ddq_i))
+        if not body.massless:
+            columns.append(_body_columns(motions[-1]))
+    return np.hstack([np.zeros((6, 0)), *columns]), motions
+
+
+def joint_torque_rows(tree: Tree, motions: list[Motion], Y: np.ndarray) -> np.ndarray:
+    """Regressor of the joint torques (n, 10 b), from the wrench's: `τ_Ji = ξ_iᵀ Γ_i` (Eq. 11)."""
+    rows = np.zeros((len(tree.freedoms), Y.shape[1]), Y.dtype)
+    first = 0
+    for i, body in enumerate(tree.bodies):
+        last = first + body.motions.shape[1]
+        # The body's wrench about the base, times the joint's twist in the base frame: power is the same in any frame.
+        screws = Ad(pose(motions[i].R, motions[i].p)) @ body.motions
+        for k in tree.carried(i):
+            if first < last and k in tree.inertial:
+                own = slice(10 * tree.inertial.index(k), 10 * tree.inertial.index(k) + 10)
+                rows[first:last, own] = screws.T @ Y[:, own]
+        first = last
+    return rows
+
+
+def _moved(parent: Motion, body: Body, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> Motion:
+    """Motion of a body from its parent's."""
+    R_joint, p_joint = _joint_pose(body, q)
+    R, offset = parent.R @ R_joint, parent.R @ p_joint
+    p, a = parent.p + offset, parent.a + parent.S @ offset
+    if not body.moves:
+        return Motion(R, p, parent.w, parent.dw, a, parent.S)
+    slides, turns = R @ body.motions[:3], R @ body.motions[3:]
+    slide, turn = slides @ dq, turns @ dq
+    w = parent.w + turn
+    dw = parent.dw + turns @ ddq + hat(parent.w) @ turn
+    a = a + slides @ ddq + hat(2 * parent.w + turn) @ slide
+    return Motion(R, p, w, dw, a, _second_derivative(w, dw))
+
+
+def _joint_pose(body: Body, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and position (3,) of a body in its parent's frame; `home @ joint_pose`, home multiplied in."""
+    R_home, p_home = body.home[:3, :3], body.home[:3, 3]
+    if not body.moves:
+        return R_home, p_home
+    if body.is_ball:
+        T = body.home @ body.joint_pose(q)
+        return T[:3, :3], T[:3, 3]
+    v, K = body.twist[:3], hat(body.twist[3:])
+    sin, cos, angle = np.sin(q), np.cos(q), q[0]
+    R = R_home @ (np.eye(3) + K @ K) + R_home @ K * sin - R_home @ K @ K * cos
+    p = p_home + R_home @ K @ v + R_home @ (v + K @ K @ v) * angle - R_home @ K @ v * cos - R_home @ K @ K @ v * sin
+    return R, p
+
+
+def _body_columns(motion: Motion) -> np.ndarray:
+    """Columns of one body (6, 10), rows 0-2 force, 3-5 moment."""
+    R, p, _, dw, a, S = motion
+    ddx = S @ R
+    out = np.zeros((6, 10), np.result_type(p, a, ddx))
+    out[:3, 0], out[3:, 0] = a, hat(p) @ a
+    out[:3, 1:4], out[3:, 1:4] = ddx, hat(p) @ ddx - hat(a) @ R
+    # Σ_k x_k × ẍ_k = 2 α. Σ = tr(I)/2 - I, so that I_xx enters with (-Σ_xx + Σ_yy + Σ_zz)/2 and I_xy with -Σ_xy.
+    moments = [hat(x) @ ddx for x in R.T]
+    for k in range(3):
+        out[3:, 4 + k] = dw - moments[k][:, k]
+    for column, (j, k) in enumerate(((0, 1), (0, 2), (1, 2)), start=7):
+        out[3:, column] = -moments[j][:, k] - moments[k][:, j]
+    return out
+
+
+def _second_derivative(w: np.ndarray, dw: np.ndarray) -> np.ndarray:
+    """`S = α̂ + ω̂ ω̂` with `ẍ = S x` (3, 3)."""
+    return hat(dw) + hat(w) @ hat(w)

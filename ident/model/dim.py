@@ -1,0 +1,176 @@
+"""The paper's recursive dynamic identification model, one function an equation (Eq. 7-14), for one sample.
+
+This is the readable specification. `ident.model.regressor` computes the same matrix for many samples at once. Equations
+are used in their corrected form; REPRODUCTION.md lists every erratum of the print. Arrays of symbols (dtype object) go
+through it as numbers do, which derives the model symbolically.
+"""
+
+import numpy as np
+
+from ident.geometry import se3
+from ident.geometry.inertia import symmetric
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import BaseMotion, Tree
+
+
+def checked_gravity(gravity: np.ndarray) -> np.ndarray:
+    """Acceleration of gravity as an array (3,), of finite numbers or of symbols."""
+    g = np.asarray(gravity)
+    if g.shape != (3,) or not (g.dtype == object or np.isfinite(g).all()):
+        raise ValueError(f"Gravity needs three finite numbers, m/s², got {gravity}.")
+    return g
+
+
+def relative_pose(body: Body, theta: np.ndarray) -> np.ndarray:
+    """Eq. 7: `T_{i-1,i} = T_{i-1,i}(0) exp(ξ̂_i θ_i)` (4, 4), from the coordinates of one joint."""
+    return body.home @ body.joint_pose(theta)
+
+
+def body_twist(T_0i: np.ndarray, spatial_twist: np.ndarray) -> np.ndarray:
+    """Eq. 8: the joint twist in the frame of its body, `ξ_i = Ad(T_0i(0)⁻¹) ξ_spatial` (6,).
+
+    Args:
+        T_0i: Home pose of the body in the base frame (4, 4).
+        spatial_twist: Joint twist at home, written in the base frame (6,).
+    """
+    return se3.Ad(se3.inverse(T_0i)) @ spatial_twist
+
+
+def forward_recursion(
+    tree: Tree,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
+) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Eq. 9: relative pose, twist and twist rate of every body.
+
+    The base frame rests unless its motion is given, and gravity enters as its acceleration: `V_0 = 0`, `V̇_0 = [-g; 0]`.
+
+    Args:
+        tree: The mechanism.
+        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
+        gravity: Acceleration of gravity in the base frame, m/s² (3,); in the frame of `base.T` where that is given.
+        base: Motion of the base frame in this sample.
+
+    Returns:
+        Three lists over the bodies: T_{i-1,i} (4, 4), V_i (6,) and V̇_i (6,), the last two in body axes.
+    """
+    theta, dtheta, ddtheta = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
+    if base is None:
+        V_0, dV_0, down = np.zeros(6, dtype=int), np.zeros(6, dtype=int), checked_gravity(gravity)
+    else:
+        V_0, dV_0, down = base.V, base.dV, base.T[:3, :3].T @ checked_gravity(gravity)
+    dV_0 = dV_0 - np.concatenate([down, np.zeros(3, dtype=int)])
+    T: list[np.ndarray] = []
+    V: list[np.ndarray] = []
+    dV: list[np.ndarray] = []
+    for i, body in enumerate(tree.bodies):
+        T.append(relative_pose(body, theta[i]))
+        to_body = se3.Ad(se3.inverse(T[i]))
+        carried = to_body @ (V_0 if body.parent == BASE else V[body.parent])
+        dcarried = to_body @ (dV_0 if body.parent == BASE else dV[body.parent])
+        own = body.motions @ dtheta[i]
+        V.append(carried + own)
+        dV.append(dcarried + body.motions @ ddtheta[i] - se3.ad(own) @ carried)
+    return T, V, dV
+
+
+def spatial_inertia(phi: np.ndarray) -> np.ndarray:
+    """Eq. 10: `M = [[m 1, -m r̂], [m r̂, I']]` of one body from its φ (10,), in the body frame (6, 6)."""
+    mr = se3.hat(phi[1:4])
+    return np.block([[phi[0] * np.eye(3, dtype=int), -mr], [mr, symmetric(phi[4:])]])
+
+
+def inverse_dynamics(
+    tree: Tree,
+    phi: np.ndarray,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    *,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eq. 11: the wrench that the ground exerts on the mechanism, and the joint torques.
+
+    Args:
+        tree: The mechanism of b bodies with φ, its joints with n velocities.
+        phi: Stacked φ (10 b,).
+        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
+        gravity: Acceleration of gravity, as in `forward_recursion`, m/s² (3,).
+        base: Motion of the base frame in this sample, without it at rest.
+
+    Returns:
+        Γ_0 `[F; τ]` in the base frame, N and N m (6,); joint torques τ_J in N m, or N for a prismatic joint (n,).
+    """
+    T, V, dV = forward_recursion(tree, q, dq, ddq, gravity, base)
+    wrench = [np.zeros(6)] * len(tree.bodies)
+    for i, phi_i in zip(tree.inertial, np.reshape(phi, (-1, 10)), strict=True):
+        M = spatial_inertia(phi_i)
+        wrench[i] = M @ dV[i] - se3.ad(V[i]).T @ M @ V[i]
+    ground = np.zeros(6)
+    for i in reversed(range(len(tree.bodies))):
+        carried = se3.coAd(T[i]) @ wrench[i]
+        if tree.bodies[i].parent == BASE:
+            ground = ground + carried
+        else:
+            wrench[tree.bodies[i].parent] = wrench[tree.bodies[i].parent] + carried
+    torques = [body.motions.T @ wrench_i for body, wrench_i in zip(tree.bodies, wrench, strict=True)]
+    return ground, np.concatenate(torques)
+
+
+def momentum_regressor(V: np.ndarray) -> np.ndarray:
+    """Eq. 12: the matrix with `M V = momentum_regressor(V) φ` (6, 10); with V̇ it gives `M V̇`.
+
+    Args:
+        V: Twist of a body in its own axes (6,).
+    """
+    v, (w1, w2, w3) = V[:3], V[3:]
+    out = np.zeros((6, 10), V.dtype)
+    out[:3, 0] = v
+    out[:3, 1:4] = se3.hat(V[3:])
+    out[3:, 1:4] = -se3.hat(v)
+    out[3:, 4:] = [[w1, 0, 0, w2, w3, 0], [0, w2, 0, w1, 0, w3], [0, 0, w3, 0, w1, w2]]
+    return out
+
+
+def body_regressor(V: np.ndarray, dV: np.ndarray) -> np.ndarray:
+    """Eq. 13: `Y_i = Y_{i,1} - ad(V_i)ᵀ Y_{i,2}`, the wrench on one body being `Y_i φ_i` (6, 10).
+
+    Args:
+        V: Twist of the body in its own axes (6,).
+        dV: Its rate, gravity included as in Eq. 9 (6,).
+    """
+    return momentum_regressor(dV) - se3.ad(V).T @ momentum_regressor(V)
+
+
+def base_wrench_regressor(
+    tree: Tree,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    *,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
+) -> np.ndarray:
+    """Eq. 14: Y with `Γ_0 = Y φ`, for one sample.
+
+    Args:
+        tree: The mechanism of b bodies with φ, its joints with n velocities.
+        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
+        gravity: Acceleration of gravity, as in `forward_recursion`, m/s² (3,).
+        base: Motion of the base frame in this sample, without it at rest.
+
+    Returns:
+        Y = [Ad(T_01⁻¹)ᵀ Y_1 … Ad(T_0b⁻¹)ᵀ Y_b] (6, 10 b).
+    """
+    T, V, dV = forward_recursion(tree, q, dq, ddq, gravity, base)
+    T_0: list[np.ndarray] = []
+    blocks = []
+    for i, body in enumerate(tree.bodies):
+        T_0.append(T[i] if body.parent == BASE else T_0[body.parent] @ T[i])
+        if not body.massless:
+            blocks.append(se3.coAd(T_0[i]) @ body_regressor(V[i], dV[i]))
+    return np.hstack(blocks)

@@ -1,0 +1,221 @@
+"""Regressors of the base wrench (Eq. 14) and of the joint torques (Eq. 11), for many samples at once.
+
+`ident.model.closed_form` writes the equations for one sample. They are recorded once for a mechanism, and what the
+requested columns need of them is carried out on a few thousand samples at a time, laid out samples-last, so that every
+operation streams through the cache. `ident.model.dim` computes the same matrices term by term.
+"""
+
+import operator
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from ident.mechanism.tree import BaseMotion, Tree
+from ident.model import closed_form
+from ident.model.dim import checked_gravity
+from ident.model.tape import Program, Tape
+
+DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc"}
+"""What takes torque at a joint besides the links: rotor inertia times acceleration (kg m²), viscous friction times
+velocity (N m s), Coulomb friction times its sign (N m). The names are those of the columns."""
+
+CHUNK = 4096
+"""Samples worked on together: few enough for the intermediate results to stay in the cache, and enough to make the
+calls that work on them worth their while."""
+
+FEW = 5
+"""Samples below which the equations are not recorded but evaluated one by one."""
+
+
+def base_wrench_regressor(
+    tree: Tree,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    *,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
+    columns: Sequence[int] | None = None,
+) -> np.ndarray:
+    """Regressor of the wrench that everything outside exerts on a mechanism: `Γ_0 = Y φ` (Eq. 14).
+
+    On a fixed base that is the wrench of the ground, where nothing else touches the mechanism. On a moving base it is
+    the sum of all contact wrenches (Eq. 3).
+
+    Args:
+        tree: The mechanism of b bodies with φ, its joints with n velocities.
+        q: Joint coordinates in rad, m or quaternions (N, n_q).
+        dq: Joint velocities in rad/s or m/s (N, n); `ddq` their rates (N, n).
+        gravity: Acceleration of gravity in the base frame, m/s² (3,); in the frame of `base.T` where that is given.
+        base: Motion of the base frame (N samples), without it at rest.
+        columns: Indices of the columns wanted, by default all; only these are computed.
+
+    Returns:
+        Y (N, 6, 10 b), rows `[F; τ]` in the base frame, columns in the order of `geometry.inertia.PARAMETERS`, or those
+        wanted in their order. The array is a view of a C-contiguous (10 b, 6, N) block.
+
+    Raises:
+        ValueError: The joint arrays do not have these shapes, a quaternion is zero, or a column does not exist.
+    """
+    return _regressor(False, tree, (q, dq, ddq), gravity, base, columns)
+
+
+def joint_torque_regressor(
+    tree: Tree,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    *,
+    gravity: np.ndarray,
+    base: BaseMotion | None = None,
+    columns: Sequence[int] | None = None,
+    drive: Sequence[str] = (),
+) -> np.ndarray:
+    """Regressor of the joint torques, `τ_J = Y φ`: Eq. 11's projection `τ_Ji = ξ_iᵀ Γ_i` of the wrench on a link.
+
+    Args:
+        tree: The mechanism; arguments as for `base_wrench_regressor`.
+        q: Joint coordinates (N, n_q).
+        dq: Joint velocities (N, n); `ddq` their rates (N, n).
+        gravity: Acceleration of gravity, m/s² (3,).
+        base: Motion of the base frame, without it at rest.
+        columns: Indices of the φ columns wanted, by default all.
+        drive: What else takes torque at every joint, out of `DRIVE`, each n columns more.
+
+    Returns:
+        Y (N, n, 10 b + n len(drive)), rows in N m, or N for a prismatic joint.
+
+    Raises:
+        ValueError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
+    """
+    Y = _regressor(True, tree, (q, dq, ddq), gravity, base, columns)
+    own = _drive_columns(np.asarray(dq, float), np.asarray(ddq, float), drive)
+    return np.concatenate([Y, *own], axis=2) if own else Y
+
+
+def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
+    """Names of the columns that `joint_torque_regressor` adds: `Ia(elbow)`, `Fv(elbow)`, `Fc(elbow)`."""
+    _check_drive(drive)
+    return tuple(f"{DRIVE[kind]}({freedom})" for kind in drive for freedom in tree.freedoms)
+
+
+def _drive_columns(dq: np.ndarray, ddq: np.ndarray, drive: Sequence[str]) -> list[np.ndarray]:
+    """Columns of rotor inertia and friction, one diagonal block (N, n, n) a kind."""
+    _check_drive(drive)
+    signal = {"rotor": ddq, "viscous": dq, "coulomb": np.sign(dq)}
+    return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in drive]
+
+
+def _check_drive(drive: Sequence[str]) -> None:
+    unknown = [drive] if isinstance(drive, str) else [kind for kind in drive if kind not in DRIVE]
+    if unknown:
+        raise ValueError(f"Drive parameters are a list out of {', '.join(DRIVE)}, got {', '.join(unknown)}.")
+
+
+def checked_states(
+    tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, base: BaseMotion | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joint coordinates, velocities and accelerations as arrays of finite numbers that fit the mechanism."""
+    q, dq, ddq = (np.asarray(x, float) for x in (q, dq, ddq))
+    tree.body_velocities(dq)
+    if q.ndim != 2 or len(q) != len(dq) or dq.shape != ddq.shape:
+        columns = sum(body.coordinates for body in tree.bodies)
+        raise ValueError(
+            f"q, dq and ddq need one number of samples N, shapes (N, {columns}), (N, {len(tree.freedoms)}) and "
+            f"(N, {len(tree.freedoms)}), got {q.shape}, {dq.shape} and {ddq.shape}."
+        )
+    if not all(np.isfinite(x).all() for x in (q, dq, ddq)):
+        raise ValueError("Joint states need finite numbers, got NaN or infinity.")
+    for body, own in zip(tree.bodies, tree.body_coordinates(q), strict=True):
+        if body.is_ball and not own.any(axis=1).all():
+            sample = int(np.argmin(own.any(axis=1)))
+            raise ValueError(f"Joint '{body.joint}' needs quaternions; that of sample {sample} is zero.")
+    if base is not None and base.T.shape != (len(q), 4, 4):
+        raise ValueError(f"{len(q)} joint states need as many samples of the base's motion, got {base.T.shape}.")
+    return q, dq, ddq
+
+
+def _regressor(
+    torques: bool,
+    tree: Tree,
+    states: tuple[np.ndarray, np.ndarray, np.ndarray],
+    gravity: np.ndarray,
+    base: BaseMotion | None,
+    columns: Sequence[int] | None,
+) -> np.ndarray:
+    """Rows of the base wrench or of the joint torques (N, rows, columns)."""
+    states, gravity = checked_states(tree, *states, base), checked_gravity(gravity).astype(float)
+    wanted = _checked_columns(tree, columns)
+    samples, rows = len(states[0]), len(tree.freedoms) if torques else 6
+    out = np.zeros((len(wanted), rows, samples))
+    flat = out.reshape(len(wanted) * rows, samples)
+    if samples < FEW:
+        for k, x in enumerate(program_inputs(states, gravity, base, slice(None)).T):
+            flat[:, k] = _one_sample(tree, gravity, wanted, x, torques)
+        return out.transpose(2, 1, 0)
+    program = regressor_program(tree, gravity, wanted, moving=base is not None, torques=torques)
+    program.fill(flat)
+    for start in range(0, samples, CHUNK):
+        part = slice(start, start + CHUNK)
+        program.run(program_inputs(states, gravity, base, part), flat[:, part])
+    return out.transpose(2, 1, 0)
+
+
+def _checked_columns(tree: Tree, columns: Sequence[int] | None) -> tuple[int, ...]:
+    number = 10 * len(tree.inertial)
+    wanted = tuple(range(number)) if columns is None else tuple(map(operator.index, columns))
+    missing = [k for k in wanted if not 0 <= k < number]
+    if missing:
+        raise ValueError(f"This mechanism has columns 0 to {number - 1}, not {missing[0]}.")
+    return wanted
+
+
+def regressor_program(
+    tree: Tree, gravity: np.ndarray, columns: Sequence[int], *, moving: bool, torques: bool
+) -> Program:
+    """What computes the requested columns from `program_inputs`: results (columns, rows), flat.
+
+    Args:
+        tree: The mechanism of b bodies.
+        gravity: Acceleration of gravity, m/s² (3,).
+        columns: Indices of the columns wanted.
+        moving: Whether the base moves.
+        torques: Whether the rows are the joints' torques rather than the base wrench.
+    """
+    return _recorded(tree, tuple(gravity.tolist()), tuple(columns), moving, torques)
+
+
+@lru_cache(maxsize=64)
+def _recorded(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], moving: bool, torques: bool) -> Program:
+    tape = Tape(_freedoms(tree)[-1] + (9 if moving else 0))
+    return Program.of(tape, _one_sample(tree, np.array(gravity), columns, np.array(tape.inputs), torques).tolist())
+
+
+def _one_sample(
+    tree: Tree, gravity: np.ndarray, columns: tuple[int, ...], inputs: np.ndarray, torques: bool
+) -> np.ndarray:
+    """The requested columns, one after the other, from one sample of `program_inputs`: numbers or signals."""
+    q, dq, ddq, root = np.split(inputs, _freedoms(tree))
+    w, dw, a = root.reshape(3, 3) if len(root) else (np.zeros(3), np.zeros(3), -gravity)
+    Y, motions = closed_form.base_wrench_rows(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
+    if torques:
+        Y = closed_form.joint_torque_rows(tree, motions, Y)
+    return Y.T[list(columns)].ravel()
+
+
+def _freedoms(tree: Tree) -> np.ndarray:
+    """Where joint coordinates, velocities and accelerations end among the inputs."""
+    return np.cumsum([sum(body.coordinates for body in tree.bodies), len(tree.freedoms), len(tree.freedoms)])
+
+
+def program_inputs(
+    states: tuple[np.ndarray, np.ndarray, np.ndarray], gravity: np.ndarray, base: BaseMotion | None, part: slice
+) -> np.ndarray:
+    """Inputs of a `regressor_program` for some samples: joint states, and the base's motion if it moves (n, C)."""
+    rows = [x[part].T for x in states]
+    if base is not None:
+        w, v = base.V[part, 3:], base.V[part, :3]
+        down = np.asarray(gravity, float) @ base.T[part, :3, :3]
+        rows += [w.T, base.dV[part, 3:].T, (base.dV[part, :3] + np.cross(w, v) - down).T]
+    return np.concatenate(rows)

@@ -1,0 +1,320 @@
+"""Which combinations of φ a regressor can see: rank, selection of independent columns, and regrouping (Eq. 4)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy import linalg
+
+from ident.geometry.inertia import parameter_names
+from ident.geometry.se3 import Ad, exp
+from ident.mechanism.tree import Tree
+from ident.parameters.echelon import reduced_rows
+from ident.parameters.structure import Sensors, scaled_structure
+
+STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
+"""Acceleration of gravity along -Z of the base frame, m/s²."""
+
+ZERO_COLUMN = 1e-11
+"""A column below this fraction of the largest column's norm is zero but for rounding."""
+
+SMALL_COLUMN = 1e-5
+"""Columns below this fraction of the largest column's norm are not scaled up all the way to unit length."""
+
+SINGULAR = 1e-9
+"""Singular values of the unit-norm columns below this fraction of the largest are zero but for rounding."""
+
+COEFFICIENTS = 1e5, 1e3
+"""Largest coefficients between unit-norm columns. With the first no column is lost to rounding; where the first
+independent columns need larger ones, as along chains of many joints in general position, the second."""
+
+NEGLIGIBLE = 1e-11
+"""Parts of a unit column that a regrouping may leave out."""
+
+WRONG = 1e-9
+"""A regrouping that misses columns by more than this fraction of the largest is wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """A regrouping `ψ = φ[kept] + beta φ[dependent]` with `Y φ = Y[:, kept] ψ`.
+
+    Attributes:
+        parameters: Names of all P entries of φ.
+        kept: Indices of the r columns kept.
+        dependent: Indices of the other P - r columns.
+        beta: How each dependent column is made of the kept ones, `Y[:, dependent] = Y[:, kept] beta` (r, P - r).
+        gap: Smallest singular value of the unit-norm columns that counted, and the largest taken for zero.
+        passed_over: Names of columns that are independent of those before them, but so nearly dependent that rounding
+            would show; others further right are kept in their stead. Without any, and without pins, the kept columns
+            are the first independent ones, left to right.
+    """
+
+    parameters: tuple[str, ...]
+    kept: tuple[int, ...]
+    dependent: tuple[int, ...]
+    beta: np.ndarray
+    gap: tuple[float, float]
+    passed_over: tuple[str, ...] = ()
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters r."""
+        return len(self.kept)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the base parameters, those of the kept columns."""
+        return tuple(self.parameters[k] for k in self.kept)
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Names of the parameters with no effect on the wrench."""
+        return tuple(
+            self.parameters[d] for d, column in zip(self.dependent, self.beta.T, strict=True) if not column.any()
+        )
+
+    @property
+    def remark(self) -> str:
+        """A sentence on the columns passed over, empty without any."""
+        if not self.passed_over:
+            return ""
+        return (
+            "So nearly dependent on the parameters before them that others further on are base parameters in their "
+            f"stead: {', '.join(self.passed_over)}."
+        )
+
+    def reduce(self, Y: np.ndarray) -> np.ndarray:
+        """The kept columns of a regressor (…, P) -> (…, r)."""
+        return Y[..., list(self.kept)]
+
+    def regroup(self, phi: np.ndarray) -> np.ndarray:
+        """Base parameters ψ of a stacked φ (…, P) -> (…, r)."""
+        phi = np.asarray(phi)
+        return phi[..., list(self.kept)] + phi[..., list(self.dependent)] @ self.beta.T
+
+    def expressions(self, digits: int = 6) -> tuple[str, ...]:
+        """Base parameters as readable sums, `m2rz2 + 0.425 m3`.
+
+        Args:
+            digits: Significant digits of the coefficients.
+        """
+        return tuple(
+            "".join([self.parameters[k], *(_term(c, self.parameters[d], digits) for c, d in self._terms(row))])
+            for k, row in zip(self.kept, self.beta, strict=True)
+        )
+
+    def _terms(self, row: np.ndarray) -> list[tuple[float, int]]:
+        return [(c, d) for c, d in zip(row, self.dependent, strict=True) if c != 0]
+
+
+def find_base_parameters(
+    source: Tree | np.ndarray,
+    parameters: Sequence[str] | None = None,
+    *,
+    kept: Sequence[str] | None = None,
+    gravity: np.ndarray = STANDARD_GRAVITY,
+    sensors: Sensors | None = None,
+) -> BaseParameters:
+    """Rank and regrouping of a mechanism, from its structure, or of a regressor, from its numbers.
+
+    The rank is that of the unit-norm columns, by singular values. The first independent columns, left to right, are
+    kept, the rule behind the names in the paper's tables, as far as no coefficient between unit-norm columns gets
+    larger than `COEFFICIENTS`: of nearly dependent columns a later, better one is preferred.
+
+    Args:
+        source: A tree, which needs no data and gives coefficients to rounding; or a regressor at well-spread states
+            (…, P), with at least as many rows as its rank.
+        parameters: Names of the P columns; by default `ident.geometry.inertia.parameter_names`.
+        kept: Names to use as base parameters instead of the first independent ones, so that two models can be
+            compared on the same set.
+        gravity: For a tree: acceleration of gravity in the base frame, m/s² (3,).
+        sensors: For a tree: what is measured, by default the base wrench of a resting base.
+
+    Returns:
+        The regrouping. Its coefficients carry rounding times the condition number of the kept columns: 1e-15 where axes
+        are at right angles, more in general positions, where the first independent columns are nearly dependent. Those
+        that do not matter are set to zero. Those of a tree of exact numbers (dtype object) are exact.
+
+    Raises:
+        ValueError: The regressor is not finite or all zero, names do not fit its columns, a pinned name is unknown or
+            the pinned set no basis of them, or the kept columns do not make up the others.
+    """
+    if isinstance(source, Tree):
+        Y, units = scaled_structure(source, gravity=gravity, sensors=sensors)
+    else:
+        Y, units = source, np.ones(source.shape[-1])
+    if Y.dtype == object:
+        if kept is not None:
+            raise ValueError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
+        return _exact(Y, parameters)
+    columns = Y.reshape(-1, Y.shape[-1])
+    if isinstance(source, Tree) and not columns.any():
+        raise ValueError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
+    if not np.isfinite(columns).all() or not columns.any():
+        raise ValueError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
+    names = tuple(parameter_names(columns.shape[1] // 10) if parameters is None else parameters)
+    if columns.shape[1] != len(names):
+        raise ValueError(f"A regressor of {columns.shape[1]} columns needs as many names, got {len(names)}.")
+    unit, norms = _unit_columns(columns)
+    s = np.linalg.svd(unit, compute_uv=False)
+    rank = _rank(s)
+    gap = (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
+    chosen, passed = _first_independent(unit, rank)
+    if kept is not None:
+        chosen, passed = _basis(kept, names, unit, chosen), []
+    others = [k for k in range(len(names)) if k not in chosen]
+    scaled = _coefficients(unit[:, chosen], unit[:, others])
+    missed = (abs(unit[:, others] - unit[:, chosen] @ scaled) * norms[others]).max(initial=0) / norms.max()
+    if missed > WRONG + 10 * gap[1]:
+        raise ValueError(
+            f"The {rank} columns {names[chosen[0]]} … {names[chosen[-1]]} are so nearly dependent that they make up "
+            f"the others only to {missed:.0e} of the largest column, which is no regrouping."
+        )
+    in_si = norms * units
+    beta = scaled * in_si[others] / in_si[chosen][:, None]
+    return BaseParameters(names, tuple(chosen), tuple(others), beta, gap, tuple(names[k] for k in passed))
+
+
+@lru_cache(maxsize=64)
+def structural_base_parameters(
+    tree: Tree, gravity: tuple[float, ...], *, sensors: Sensors | None = None, kept: tuple[str, ...] | None = None
+) -> BaseParameters:
+    """`find_base_parameters` of a mechanism, found once and remembered.
+
+    Args:
+        tree: The mechanism.
+        gravity: Acceleration of gravity in the base frame, m/s² (3 numbers).
+        sensors: What is measured, by default the base wrench of a resting base.
+        kept: Names to use as base parameters.
+    """
+    found = find_base_parameters(tree, gravity=np.array(gravity), sensors=sensors, kept=kept)
+    found.beta.flags.writeable = False
+    return found
+
+
+def separating_sensors(
+    tree: Tree, *, gravity: np.ndarray = STANDARD_GRAVITY, sensors: Sensors | None = None
+) -> dict[str, tuple[str, ...]]:
+    """Which parameters would become base parameters of their own if more were measured.
+
+    Args:
+        tree: The mechanism.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        sensors: What is measured now, by default the base wrench of a resting base.
+
+    Returns:
+        Parameters gained by measuring the `base wrench`, the `joint torques`, on a `moving base`, and if the axes of
+        all joints were `not parallel` to one another.
+    """
+    now = sensors or Sensors()
+    skewed = list(tree.bodies)
+    for k, i in enumerate(tree.moving):
+        if not skewed[i].is_ball:
+            turn = exp(np.array([0.0, 0, 0, *np.roll([0.6, 0.64, 0.48], k)]), 0.3 + 0.1 * k)
+            skewed[i] = replace(skewed[i], twist=Ad(turn) @ skewed[i].twist)
+    others = {
+        "base wrench": (tree, replace(now, base_wrench=True, channels=None)),
+        "joint torques": (tree, replace(now, joint_torques=True)),
+        "moving base": (tree, replace(now, moving_base=True)),
+        "not parallel": (Tree(tuple(skewed)), now),
+    }
+    names = find_base_parameters(tree, gravity=gravity, sensors=now).names
+    found = {what: find_base_parameters(t, gravity=gravity, sensors=s).names for what, (t, s) in others.items()}
+    return {what: tuple(name for name in more if name not in names) for what, more in found.items()}
+
+
+def _exact(rows: np.ndarray, parameters: Sequence[str] | None) -> BaseParameters:
+    """The regrouping of columns of exact numbers."""
+    reduced, kept = reduced_rows(rows)
+    dependent = [k for k in range(rows.shape[1]) if k not in kept]
+    names = tuple(parameter_names(rows.shape[1] // 10) if parameters is None else parameters)
+    return BaseParameters(names, tuple(kept), tuple(dependent), reduced[:, dependent], (np.inf, 0.0))
+
+
+def _unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of unit length (or zero), their rows rotated into P at most, and the lengths that they had (P,)."""
+    # Dependencies between columns survive the QR's rotation of the rows.
+    triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
+    norms = np.linalg.norm(triangle, axis=0)
+    seen = norms > ZERO_COLUMN * norms.max()
+    # Small columns are left small: scaled to unit length their rounding would count as rank.
+    norms = np.maximum(norms, SMALL_COLUMN * norms.max())
+    return np.where(seen, triangle / norms, 0), norms
+
+
+def _rank(singular_values: np.ndarray) -> int:
+    """Number of singular values that are more than rounding."""
+    return int(np.sum(singular_values > SINGULAR * singular_values.max(initial=0)))
+
+
+def _first_independent(unit: np.ndarray, rank: int) -> tuple[list[int], list[int]]:
+    """Indices of the first `rank` independent ones of unit (or zero) columns, left to right, and of those passed over.
+
+    The columns that a pivoted QR takes are exchanged, each for the first that can be: column j for a kept one further
+    right that it is made of. Without a bound on the coefficients this ends at the first independent columns.
+    """
+    triangle, order = linalg.qr(unit, mode="r", pivoting=True)
+    made = np.empty((rank, len(order)))
+    made[:, order] = linalg.solve_triangular(triangle[:rank, :rank], triangle[:rank])
+    for largest in COEFFICIENTS:
+        kept, passed = _exchanged(order[:rank], made, largest)
+        if not passed:
+            break
+    return sorted(kept), passed
+
+
+def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[list[int], list[int]]:
+    """Checkpoint columns after exchanges to the left, and columns passed over as coefficients would become too large.
+
+    Args:
+        start: Indices of the kept columns (r,).
+        made: How all columns are made of them (r, P).
+        largest: Bound on the coefficients.
+    """
+    kept, passed = start.copy(), []
+    for j in range(made.shape[1]):
+        share = np.where(kept > j, abs(made[:, j]), 0)
+        i = int(share.argmax())
+        if j in kept or share[i] <= SINGULAR:
+            continue
+        row = made[i] / made[i, j]
+        after = made - np.outer(made[:, j], row)
+        after[i] = row
+        if abs(after).max() <= largest:
+            made, kept[i] = after, j
+        else:
+            passed.append(j)
+    return kept.tolist(), passed
+
+
+def _coefficients(kept: np.ndarray, dependent: np.ndarray) -> np.ndarray:
+    """How unit columns are made of others, with zeros where less is only rounding."""
+    made = np.linalg.lstsq(kept, dependent, rcond=None)[0]
+    short = np.where(abs(made) < SINGULAR, 0, made)
+    rounding = np.linalg.norm(dependent - kept @ short, axis=0) < NEGLIGIBLE
+    return np.where(rounding, short, made)
+
+
+def _basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first: list[int]) -> list[int]:
+    """Indices of pinned names, which must be as good a basis as the first independent columns."""
+    unknown = [name for name in kept if name not in names]
+    if unknown:
+        raise ValueError(f"No parameter is named {', '.join(unknown)}; the names are {', '.join(names)}.")
+    chosen = [names.index(name) for name in kept]
+    found = _rank(np.linalg.svd(unit[:, chosen], compute_uv=False))
+    if not found == len(chosen) == len(first):
+        raise ValueError(
+            f"The pinned base parameters {', '.join(kept)} are no basis: {len(chosen)} names of rank {found}, where "
+            f"the regressor has rank {len(first)}; its first independent columns are "
+            f"{', '.join(names[k] for k in first)}."
+        )
+    return chosen
+
+
+def _term(coefficient: float, name: str, digits: int) -> str:
+    if not isinstance(coefficient, float):
+        return f" + ({coefficient}) {name}"
+    size = f"{abs(coefficient):.{digits}g}"
+    return (" - " if coefficient < 0 else " + ") + (name if size == "1" else f"{size} {name}")

@@ -1,0 +1,327 @@
+"""Physically consistent full parameters: bodies as close to a prior as measured base parameters let them be.
+
+    minimise   d²/2 + D/w²    over pseudo-inertias J,
+
+    d² = (Aφ - ψ)ᵀ C⁻¹ (Aφ - ψ),    D = Σ_i tr(J_i P_i⁻¹) - log det(J_i P_i⁻¹) - 4,    φ ~ J,    prior ~ P.
+
+`d` is the Mahalanobis distance from the base parameters ψ with their covariance C, and D the log-determinant
+divergence from the prior. The width w is that of the prior: bodies scatter around it by w of their own size, as D is
+half the square of their distance in such units. It is not chosen but found from ψ, whose distance from the prior's own
+base parameters is likely for some widths only (empirical Bayes).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, special
+
+from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
+from ident.parameters.base_parameters import BaseParameters
+
+ROOM = 3.84
+"""How far minus twice the log-likelihood of a prior's width may exceed the smallest: a 95 % interval."""
+
+CONFIDENCE = 0.95
+"""Probability of the region around ψ in which bodies count as having ψ."""
+
+SMALLEST = 1e-8
+"""Bodies with an eigenvalue of `J P⁻¹` below this are as good as not physical."""
+
+FINEST = 0.8
+"""The way to the prior's width is given up where it could only be widened by steps of less than this factor."""
+
+STEPS = 50
+"""Newton steps after which a minimisation is given up; ten are usual."""
+
+CONVERGED = 1e-9
+"""Change of a body, relative to itself, from which Newton's method stops; the change after it is below rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentParameters:
+    """Full parameters of physical bodies, and how well they have the base parameters asked for.
+
+    Attributes:
+        phi: φ of all bodies, every pseudo-inertia positive definite (10 b,).
+        psi: Their base parameters (r,).
+        names: Names of the base parameters (r,).
+        attainable: Whether `psi` is in the 95 % confidence region of the ψ asked for.
+        distance: Mahalanobis distance of `psi` from the ψ asked for, in the metric of its covariance.
+        shift: `psi` less the ψ asked for, in standard deviations (r,).
+        divergence: How far each body moved from its prior, `tr(J P⁻¹) - log det(J P⁻¹) - 4` (b,).
+        mass_std: How well ψ tells each body's mass: its standard deviation if all that were known beforehand were the
+            size of each body, so that it is the mass itself where ψ tells nothing, kg (b,).
+        prior: φ that the bodies are closest to, physical (10 b,).
+        raised: Bodies, counted from 0, whose prior was not physical and had to be raised.
+    """
+
+    phi: np.ndarray
+    psi: np.ndarray
+    names: tuple[str, ...]
+    attainable: bool
+    distance: float
+    shift: np.ndarray
+    divergence: np.ndarray
+    mass_std: np.ndarray
+    prior: np.ndarray
+    raised: tuple[int, ...]
+
+    def moved(self, least: float = 0.01) -> tuple[tuple[str, float], ...]:
+        """Names of the base parameters that had to move, with by how many standard deviations, largest first.
+
+        Args:
+            least: Standard deviations below which a parameter counts as kept.
+        """
+        order = np.argsort(-np.abs(self.shift), kind="stable")
+        return tuple((self.names[k], float(self.shift[k])) for k in order if abs(self.shift[k]) >= least)
+
+
+def consistent_parameters(
+    psi: np.ndarray,
+    covariance: np.ndarray,
+    base: BaseParameters,
+    prior: np.ndarray,
+    *,
+    minimum: float = 1e-2,
+    bodies: Sequence[str] | None = None,
+) -> ConsistentParameters:
+    """Physical φ as close to a prior as given base parameters let them be.
+
+    Closeness is the log-determinant divergence of the pseudo-inertias J from those of the prior P, which depends
+    neither on units nor on the choice of body frames, and grows without bound towards bodies that are not physical
+    (Lee, Wensing and Park, T-RO 2020, doi:10.1109/TRO.2019.2926491). Beside the squared Mahalanobis distance of ψ it is
+    a convex problem that Newton's method solves exactly: no physical bodies that are as near to ψ are closer to the
+    prior, whether ψ itself can be had or not.
+
+    How much the prior counts, ψ says itself. The likelihood of a prior's width has a 95 % interval: if that contains
+    zero, and ψ of the prior lies in the confidence region, ψ does not contradict the prior, which is the answer;
+    otherwise the answer is that of the widest. So noise in combinations that the data hardly see does not move bodies,
+    and what they know well is kept.
+
+    Args:
+        psi: Base parameters ψ, as of an estimate (r,).
+        covariance: Their covariance (r, r).
+        base: The regrouping behind ψ.
+        prior: φ to stay close to, as of a model (10 b,).
+        minimum: Smallest radius of gyration that a prior body may have, over that of the whole tree; its mass must be
+            at least `minimum³` of the whole. Prior bodies with less, massless ones and those whose moments no mass
+            distribution has, are raised to it.
+        bodies: Names of the bodies, for messages; by default they are counted from 1.
+
+    Returns:
+        Full parameters with a report.
+
+    Raises:
+        ValueError: Shapes do not match, numbers are not finite, the covariance is not symmetric and positive definite,
+            or the prior has a negative mass or no mass and extent at all.
+    """
+    psi, C, prior = (np.array(x, float) for x in (psi, covariance, prior))
+    _check(psi, C, base, prior)
+    physical, raised = physical_prior(prior, minimum=minimum, bodies=bodies)
+    std = np.sqrt(np.diag(C))
+    L = np.linalg.cholesky(pseudo_inertia(physical.reshape(-1, 10)))
+    root = std[:, None] * np.linalg.cholesky(C / np.outer(std, std))
+    # In these coordinates the prior is the identity, and the base parameters have independent unit variances.
+    A = linalg.solve_triangular(root, _forms(base, L).reshape(base.rank, -1), lower=True)
+    problem = _Problem(A.reshape(base.rank, -1, 4, 4), linalg.solve_triangular(root, psi, lower=True))
+    K = problem.bodies()
+    phi = parameters_from_pseudo_inertia(L @ K @ np.swapaxes(L, -1, -2)).ravel()
+    found = base.regroup(phi)
+    eigenvalues = np.linalg.eigvalsh(K)
+    distance = float(np.linalg.norm(linalg.solve_triangular(root, found - psi, lower=True)))
+    return ConsistentParameters(
+        phi=phi,
+        psi=found,
+        names=base.names,
+        attainable=bool(distance**2 <= _region(base.rank)),
+        distance=distance,
+        shift=(found - psi) / std,
+        divergence=np.sum(eigenvalues - 1 - np.log(eigenvalues), axis=1),
+        mass_std=problem.std(K, L[:, 3]),
+        prior=physical,
+        raised=raised,
+    )
+
+
+def physical_prior(
+    phi: np.ndarray, *, minimum: float = 1e-2, bodies: Sequence[str] | None = None
+) -> tuple[np.ndarray, tuple[int, ...]]:
+    """A φ whose bodies are all physical, and which of them had to be raised for that.
+
+    Args:
+        phi: φ of all bodies (10 b,).
+        minimum: As for `consistent_parameters`.
+        bodies: Names of the bodies, for messages.
+
+    Returns:
+        φ with masses and central second moments raised to the minimum (10 b,), and indices of those bodies.
+
+    Raises:
+        ValueError: A mass is negative, or all bodies together have neither mass nor extent.
+    """
+    J = pseudo_inertia(np.reshape(phi, (-1, 10)))
+    mass, second = J[:, 3, 3], np.maximum(np.trace(J[:, :3, :3], axis1=1, axis2=2), 0)
+    names = [f"{k + 1}" for k in range(len(J))] if bodies is None else list(bodies)
+    if (mass < 0).any():
+        raise ValueError(f"A prior body needs a mass of at least zero; negative: {_chosen(names, mass < 0)}.")
+    if not (mass.sum() > 0 and second.sum() > 0):
+        raise ValueError("A prior needs mass and extent to measure bodies by; all masses or all moments are zero.")
+    smallest = minimum**2 * second.sum() / mass.sum() / 3
+    raised = []
+    for k, m in enumerate(mass):
+        com = J[k, :3, 3] / m if m > 0 else np.zeros(3)
+        values, axes = np.linalg.eigh(J[k, :3, :3] - m * np.outer(com, com))
+        heavy = max(m, minimum**3 * mass.sum())
+        if m < heavy or (values < heavy * smallest).any():
+            raised.append(k)
+            central = (axes * np.maximum(values, heavy * smallest)) @ axes.T
+            J[k, :3, :3], J[k, :3, 3] = central + heavy * np.outer(com, com), heavy * com
+            J[k, 3, :3], J[k, 3, 3] = heavy * com, heavy
+    return parameters_from_pseudo_inertia(J).ravel(), tuple(raised)
+
+
+class _Problem:
+    """`min |A K - ψ|²/2 + μ Σ (tr K - log det K)` with μ = 1/w².
+
+    It has the bodies and multipliers with `A K + μ λ = ψ` and `K (1 - A*λ) = 1`.
+
+    Attributes:
+        A: `A*λ = Σ_k λ_k A_k`, one symmetric matrix for each base parameter and body (r, b, 4, 4).
+        psi: ψ (r,).
+        prior: `K = 1` (b, 4, 4).
+    """
+
+    def __init__(self, A: np.ndarray, psi: np.ndarray) -> None:
+        self.A, self.psi = A, psi
+        self.prior = np.tile(np.eye(4), (A.shape[1], 1, 1))
+
+    def bodies(self) -> np.ndarray:
+        """The bodies K (b, 4, 4)."""
+        misfit = self.psi - np.tensordot(self.A, self.prior, 3)
+        K, width = self.prior, self._width(misfit)
+        if width == 0:
+            return K
+        goal, multipliers = width**-2, 0 * misfit
+        # The prior is the minimum for an infinite weight, and near it for one that outweighs the misfit's pull.
+        mu, ratio, heavy = np.inf, 0.1, 10 * np.abs(np.tensordot(misfit, self.A, 1)).max()
+        while mu > goal and ratio < FINEST:
+            following = max(goal, ratio * min(mu, heavy))
+            found = self._minimiser(K, multipliers, following)
+            if found is None:
+                ratio = np.sqrt(ratio)
+            elif np.linalg.eigvalsh(found[0]).min() < SMALLEST:
+                break
+            else:
+                (K, multipliers), mu, ratio = found, following, max(0.1, ratio**2)
+        return K
+
+    def _width(self, misfit: np.ndarray) -> float:
+        """The largest w that a misfit of covariance `1 + w² A A*` allows.
+
+        If zero is in the interval too, the least that leaves no more of the misfit than its confidence region holds:
+        zero, unless a few combinations alone contradict the prior.
+        """
+        values, axes = np.linalg.eigh(np.tensordot(self.A, self.A, ((1, 2, 3), (1, 2, 3))))
+        squares = np.append(0, np.geomspace(1e-2 / values[-1], 1e12, 1000))
+        variances = 1 + np.outer(squares, np.maximum(values, 0))
+        pulls = (axes.T @ misfit) ** 2
+        unlikely = np.sum(np.log(variances) + pulls / variances, axis=1)
+        allowed = squares[unlikely <= unlikely.min() + ROOM]
+        enough = squares[np.sum(pulls / variances**2, axis=1) <= _region(len(misfit))]
+        return float(np.sqrt(allowed[-1] if allowed[0] or not len(enough) else enough[0]))
+
+    def _minimiser(self, K: np.ndarray, multipliers: np.ndarray, mu: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Bodies and multipliers at the minimum, or None if Newton's method does not get there.
+
+        Steps are those of Nesterov and Todd: in axes in which K and `Z = 1 - A*λ` are the same diagonal matrix.
+        """
+        r = len(self.psi)
+        Z = self.prior - np.tensordot(multipliers, self.A, 1)
+        length = 1.0
+        for _ in range(STEPS):
+            G, s = _common_axes(K, Z)
+            if not s.all():
+                return None
+            rows = np.swapaxes(G, -1, -2)[None] @ self.A @ G
+            off = (1 / s - s)[..., None] * np.eye(4)
+            misfit = self.psi - np.tensordot(self.A, K, 3) - mu * multipliers
+            triangle = linalg.qr(np.vstack([rows.reshape(r, -1).T, np.sqrt(mu) * np.eye(r)]), mode="r")[0][:r]
+            # Near the edge a step that only makes K and Z each other's inverse comes between two that go on.
+            goal = misfit if length > 0.5 or np.abs(s - 1).max() < 0.5 else 0
+            whitened = linalg.solve_triangular(triangle, goal - np.tensordot(rows, off, 3), trans="T")
+            step = linalg.solve_triangular(triangle, whitened)
+            dZ = -np.tensordot(step, rows, 1)
+            dK = off - dZ
+            length = min(1.0, 0.9 * _longest(dK, s), 0.9 * _longest(dZ, s))
+            K = K + length * G @ dK @ np.swapaxes(G, -1, -2)
+            K = (K + np.swapaxes(K, -1, -2)) / 2
+            multipliers = multipliers + length * step
+            Z = self.prior - np.tensordot(multipliers, self.A, 1)
+            if length == 1 and max(np.abs(dK).max(), np.abs(dZ).max()) < CONVERGED:
+                return K, multipliers
+        return None
+
+    def std(self, K: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Standard deviations (b,) of `xᵀ K x` for vectors (b, 4), if ψ and a prior as wide as K were all one knew."""
+        G = np.linalg.cholesky(K)
+        rows = (np.swapaxes(G, -1, -2)[None] @ self.A @ G).reshape(len(self.psi), -1)
+        triangle = linalg.qr(np.vstack([rows, np.eye(16 * len(K))]), mode="r")[0][: 16 * len(K)]
+        y = np.einsum("bi,bij->bj", x, G)
+        forms = np.einsum("bc,bi,bj->bcij", np.eye(len(K)), y, y).reshape(len(K), -1)
+        return np.linalg.norm(linalg.solve_triangular(triangle, forms.T, trans="T"), axis=0)
+
+
+def _region(parameters: int) -> float:
+    """Squared Mahalanobis distance up to which parameters are in the confidence region."""
+    return float(special.chdtri(parameters, 1 - CONFIDENCE))
+
+
+def _common_axes(K: np.ndarray, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """G and s (b, 4) with `K = G diag(s) Gᵀ` and `Gᵀ Z G = diag(s)`; zeros where rounding has broken K or Z."""
+    try:
+        root = np.linalg.cholesky(K)
+        _, s, V = np.linalg.svd(np.swapaxes(np.linalg.cholesky(Z), -1, -2) @ root)
+    except np.linalg.LinAlgError:
+        return K, np.zeros(K.shape[:2])
+    return root @ np.swapaxes(V, -1, -2) / np.sqrt(s)[:, None, :], s
+
+
+def _longest(change: np.ndarray, s: np.ndarray) -> float:
+    """How far `diag(s)` can go along a change before it is singular."""
+    least = np.linalg.eigvalsh(change / np.sqrt(s[:, :, None] * s[:, None, :])).min()
+    return -1 / least if least < 0 else np.inf
+
+
+def _forms(base: BaseParameters, L: np.ndarray) -> np.ndarray:
+    """Symmetric matrices (r, b, 4, 4) whose products with K are the base parameters of the bodies `L K Lᵀ`."""
+    units = np.eye(16).reshape(16, 4, 4)
+    units = (units + np.swapaxes(units, -1, -2)) / 2
+    phi = parameters_from_pseudo_inertia(L[:, None] @ units @ np.swapaxes(L, -1, -2)[:, None])
+    columns = base.regroup(np.eye(len(base.parameters))).T.reshape(base.rank, len(L), 10)
+    return np.einsum("rbp,bkp->rbk", columns, phi).reshape(base.rank, len(L), 4, 4)
+
+
+def _check(psi: np.ndarray, C: np.ndarray, base: BaseParameters, prior: np.ndarray) -> None:
+    r, P = base.rank, len(base.parameters)
+    if P % 10:
+        raise ValueError(f"Full parameters need a regrouping of ten for each body, got {P}; leave drives out of it.")
+    if psi.shape != (r,) or C.shape != (r, r) or prior.shape != (P,):
+        raise ValueError(
+            f"This regrouping needs ψ ({r},), its covariance ({r}, {r}) and a prior ({P},), got {psi.shape}, {C.shape} "
+            f"and {prior.shape}."
+        )
+    if not all(np.isfinite(x).all() for x in (psi, C, prior)):
+        raise ValueError("ψ, its covariance and the prior need finite numbers, got NaN or infinity.")
+    std = np.sqrt(np.maximum(np.diag(C), 0))
+    if (std == 0).any():
+        raise ValueError(
+            f"Every base parameter needs a positive variance; it is not for {_chosen(base.names, std == 0)}."
+        )
+    correlation = C / np.outer(std, std)
+    if not np.allclose(correlation, correlation.T, atol=1e-9) or np.linalg.eigvalsh(correlation).min() <= 0:
+        raise ValueError("The covariance of ψ needs to be symmetric and positive definite.")
+
+
+def _chosen(names: Sequence[str], mask: np.ndarray) -> str:
+    return ", ".join(name for name, chosen in zip(names, mask, strict=True) if chosen)

@@ -1,0 +1,257 @@
+"""What a mechanism's structure lets a sensor see, without any data: rows that span those of every possible regressor.
+
+Seen from joint j, all bodies beyond it are one composite body, whose φ in frame j is `φᶜ_j = φ_j + Σ_c X_c(θ_c) φᶜ_c`
+over the children c. Some φ has no effect on a sensor in any motion exactly when, at every joint and for every posture
+beyond it, certain rows vanish on φᶜ_j: those of the momentum regressor (Eq. 12) for the joint's twist, in the
+directions that the sensor feels, and for gravity. Each X_c is a sum of linearly independent functions of θ_c with
+constant matrices; what multiplies the constant function stays with the row, what multiplies any other function must
+vanish on its own and becomes a row on the child. Walking outward once collects them all. Wensing, Niemeyer and Slotine
+(Observability in Inertial Parameter Identification, 2017) have the same idea for joint torques.
+
+Exact numbers (dtype object) go through it without rounding, such as lengths that are symbols.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
+from ident.geometry.se3 import Ad, ad, hat, inverse
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import Tree
+from ident.model.dim import checked_gravity, momentum_regressor
+from ident.parameters.echelon import reduced_rows
+
+ROUNDING = 1e-10
+"""Singular values below this fraction of the largest are rounding."""
+
+TWICE_PSEUDO_INERTIAS = pseudo_inertia(2 * np.eye(10)).astype(int)
+"""Twice the pseudo-inertia of each unit φ, in whole numbers (10, 4, 4)."""
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Which measurements are there.
+
+    Attributes:
+        base_wrench: The total wrench at the base.
+        joint_torques: The torques of all joints.
+        moving_base: Whether the base moves freely (and is tracked), instead of resting.
+        channels: Which components of the base wrench are measured: rows w, fixed in the base frame, of which each
+            channel reads `w · Γ_0` (k, 6), such as some rows of `coAd(inverse(frame))` for a sensor at a pose `frame`;
+            by default all six.
+    """
+
+    base_wrench: bool = True
+    joint_torques: bool = False
+    moving_base: bool = False
+    channels: np.ndarray | tuple[tuple[float, ...], ...] | None = None
+
+    def __post_init__(self) -> None:
+        if not (self.base_wrench or self.joint_torques):
+            raise ValueError("Sensors need the base wrench, joint torques, or both.")
+        if self.channels is not None:
+            rows = np.asarray(self.channels, dtype=float)
+            fits = rows.ndim == 2 and rows.shape[1] == 6 and rows.size and np.isfinite(rows).all()
+            if not (self.base_wrench and fits and rows.any(axis=1).all()):
+                raise ValueError(f"Channels of a base wrench are finite rows (k, 6) other than zero, got {rows}.")
+            object.__setattr__(self, "channels", tuple(map(tuple, rows.tolist())))
+
+
+def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None = None) -> np.ndarray:
+    """Rows that span the rows of the sensors' regressor over all states.
+
+    Args:
+        tree: The mechanism of b bodies.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        sensors: The measurements; by default the base wrench of a resting base.
+
+    Returns:
+        A matrix (rows, 10 b) with the dependencies between columns that the regressor has for general motions.
+    """
+    sensors = sensors or Sensors()
+    if not tree.inertial:
+        raise ValueError("A mechanism of massless bodies has no parameters.")
+    gravity = checked_gravity(gravity)
+    tree = _one_axis_each(tree)
+    weight = np.concatenate([-gravity, np.zeros(3, dtype=int)])[None]
+    moving = np.eye(6, dtype=int) if sensors.moving_base else np.zeros((0, 6), dtype=int)
+    composite = _composites(tree)
+
+    # For {0} and every body: rows on its composite, and what it can have there: twists, gravity's accelerations, and
+    # the directions in which the base wrench is measured, which change frames as twists do.
+    on_base, measured = _base_rows(_channels(sensors), weight, moving)
+    rows, twists, weights, directions = {BASE: _span(on_base, 10)}, {BASE: moving}, {BASE: weight}, {BASE: measured}
+    # Joint torques feel how the energy of the base's own motion varies with posture, but not that energy itself.
+    energy = {BASE: np.eye(10 if sensors.moving_base and sensors.joint_torques else 0, 10, dtype=int)}
+    constraints = [rows[BASE] @ composite[BASE]]
+    for i, body in enumerate(tree.bodies):
+        constant, varying = _transfer(body)
+        twists[i] = _span([_carried(twists[body.parent], body), body.motions.T], 6)
+        weights[i] = _span([_carried(weights[body.parent], body)], 6)
+        directions[i] = _span([_carried(directions[body.parent], body)], 6)
+        fresh = [felt[body.parent] @ K for K in varying for felt in (rows, energy)]
+        energy[i] = _span([energy[body.parent] @ constant], 10)
+        if body.moves:
+            fresh.append(directions[i] @ momentum_regressor(body.twist))
+            fresh += _torque_rows(body.twist, twists[i], weights[i]) if sensors.joint_torques else []
+        required = _span(fresh, 10)
+        constraints.append(required @ composite[i])
+        rows[i] = _span([required, rows[body.parent] @ constant], 10)
+    return np.vstack(constraints)
+
+
+def scaled_structure(
+    tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """`structure_matrix` with a mechanism's longest length as unit where it is above 1 m.
+
+    The squares of long lengths, of millimetres say, would hide what stands beside them.
+
+    Args:
+        tree: The mechanism; arguments as for `structure_matrix`.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        sensors: The measurements; by default the base wrench of a resting base.
+
+    Returns:
+        The matrix (rows, 10 b), and what its columns are multiplied by for parameters in SI units (10 b,).
+    """
+    sensors, length = sensors or Sensors(), _longest(tree)
+    if sensors.channels is not None:
+        sensors = replace(sensors, channels=np.array(sensors.channels) * [*3 * [1], *3 * [length]])
+    rows = structure_matrix(_shrunk(tree, length), gravity=gravity, sensors=sensors)
+    return rows, np.resize([1, *3 * [1 / length], *6 * [1 / length**2]], rows.shape[1])
+
+
+def _longest(tree: Tree) -> float:
+    """A mechanism's longest length in m, up to a power of two, which rounds nothing, or 1; 1 for exact numbers."""
+    if any(body.home.dtype == object or body.twist.dtype == object for body in tree.bodies):
+        return 1.0
+    lengths = [body.home[:3, 3] for body in tree.bodies] + [b.twist[:3] for b in tree.bodies if b.twist[3:].any()]
+    longest = max(abs(x).max() for x in lengths)
+    return float(2 ** np.ceil(np.log2(max(longest, 1))))
+
+
+def _shrunk(tree: Tree, length: float) -> Tree:
+    """A mechanism with all lengths in another unit."""
+    if length == 1:
+        return tree
+    bodies = []
+    for body in tree.bodies:
+        home, twist = body.home.copy(), body.twist.copy()
+        home[:3, 3] /= length
+        twist[:3] /= length if twist[3:].any() else 1
+        bodies.append(replace(body, home=home, twist=twist))
+    return Tree(tuple(bodies))
+
+
+def _one_axis_each(tree: Tree) -> Tree:
+    """The tree with every ball as three revolute joints, which reach the same postures and twists."""
+    bodies: list[Body] = []
+    place = {BASE: BASE}
+    for i, body in enumerate(tree.bodies):
+        parent = place[body.parent]
+        axes = body.twist.T if body.is_ball else body.twist[None]
+        for k, twist in enumerate(axes):
+            last = k == len(axes) - 1
+            home = body.home if k == 0 else np.eye(4, dtype=int).astype(body.home.dtype)
+            name, joint = (body.name, body.joint) if last else (f"{body.name}/{k}", f"{body.joint}/{k}")
+            bodies.append(Body(name, parent, home, twist, joint, body.massless or not last))
+            parent = len(bodies) - 1
+        place[i] = parent
+    return Tree(tuple(bodies))
+
+
+def _channels(sensors: Sensors) -> np.ndarray:
+    """Independent rows that span the measured channels of the base wrench (k, 6)."""
+    if sensors.channels is None:
+        return np.eye(6 if sensors.base_wrench else 0, 6, dtype=int)
+    return _span([np.array(sensors.channels)], 6)
+
+
+def _base_rows(channels: np.ndarray, weight: np.ndarray, moving: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """Rows on the whole mechanism's composite that channels feel, and all directions of its momentum that they feel.
+
+    With the momentum h a channel reads `w · (ḣ - ad(V)ᵀ h)` and the weight. Where it sees nothing, `w · h` vanishes
+    for all velocities and so does `(ad(V) w) · h`: of second degree in the base's twist V for the momentum `M V` that
+    V gives the whole, of first degree for that of each joint's own motion.
+    """
+    turned = [channels @ ad(V).T for V in moving]
+    rows = [channels @ momentum_regressor(V) for V in (*weight, *moving)]
+    rows += [
+        turned[a] @ momentum_regressor(moving[b]) + turned[b] @ momentum_regressor(moving[a])
+        for a in range(len(moving))
+        for b in range(a + 1)
+    ]
+    return rows, channels if len(channels) == 6 else _span([channels, *turned], 6)
+
+
+def _torque_rows(twist: np.ndarray, twists: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
+    """Rows on a joint's composite that its torque feels."""
+    return [twists @ momentum_regressor(twist), *(twist[None] @ momentum_regressor(weight) for weight in weights)]
+
+
+def _composites(tree: Tree) -> dict[int, np.ndarray]:
+    """For {0} and every body, the part of its composite's φ that no posture changes, from the stacked φ (10, 10 b)."""
+    own = np.eye(10 * len(tree.inertial), dtype=int)
+    composite = dict.fromkeys(range(BASE, len(tree.bodies)), np.zeros((10, len(own)), dtype=int))
+    composite |= {i: own[10 * k : 10 * k + 10] for k, i in enumerate(tree.inertial)}
+    for i in reversed(range(len(tree.bodies))):
+        parent = tree.bodies[i].parent
+        composite[parent] = composite[parent] + _transfer(tree.bodies[i])[0] @ composite[i]
+    return composite
+
+
+def _transfer(body: Body) -> tuple[np.ndarray, list[np.ndarray]]:
+    """φ moved from a body's frame to its parent's: the constant part, and the parts that vary with θ (10, 10).
+
+    The pose is `T(θ) = T_1 + T_s sin θ + T_c cos θ + T_θ θ` and the pseudo-inertia moves as `T J Tᵀ`; of the products,
+    `sin²` is written as `1 - cos²`, the others are linearly independent.
+    """
+    v, w = body.twist[:3], hat(body.twist[3:])
+    ww = w @ w
+    parts = {
+        "1": _matrix(np.eye(3, dtype=int) + ww, w @ v, 1),
+        "s": _matrix(w, -ww @ v, 0),
+        "c": _matrix(-ww, -w @ v, 0),
+        "θ": _matrix(0 * w, v + ww @ v, 0),
+    }
+    poses = {name: body.home @ part for name, part in parts.items() if np.any(part != 0)}
+    moved: dict[str, np.ndarray] = {}
+    for a, A in poses.items():
+        for b, B in poses.items():
+            product = "".join(sorted(a + b)).replace("1", "") or "1"
+            moved[product] = moved.get(product, 0) + A @ TWICE_PSEUDO_INERTIAS @ B.T
+    if "ss" in moved:
+        squared = moved.pop("ss")
+        moved["1"] = moved["1"] + squared
+        moved["cc"] = moved["cc"] - squared
+    matrices = {name: parameters_from_pseudo_inertia(J).T / 2 for name, J in moved.items()}
+    return matrices.pop("1"), list(matrices.values())
+
+
+def _matrix(rotation: np.ndarray, translation: np.ndarray, corner: float) -> np.ndarray:
+    return np.block([[rotation, translation[:, None]], [np.zeros((1, 3), dtype=int), np.array([[corner]])]])
+
+
+def _carried(vectors: np.ndarray, body: Body) -> np.ndarray:
+    """Rows that span a parent's independent twists, written in a body's frame at every posture of the joint between.
+
+    That frame turns by `exp(-ad(ξ) θ)`, whose values span what the powers of `ad(ξ)` below the degree of its minimal
+    polynomial do: `x (x² + 1)²` for a helix, of which `x (x² + 1)` for an axis and `x²` for a slide need fewer.
+    """
+    powers = [vectors @ Ad(inverse(body.home)).T]
+    if body.moves and len(vectors) < 6:
+        bracket = ad(body.twist).T
+        for _ in range(4):
+            powers.append(powers[-1] @ bracket)
+    return np.vstack(powers)
+
+
+def _span(parts: list[np.ndarray], width: int) -> np.ndarray:
+    """Independent rows that span the rows of some matrices, orthonormal where they are not exact."""
+    rows = np.vstack([np.zeros((0, width), dtype=int), *parts])
+    if rows.dtype == object:
+        return reduced_rows(rows)[0]
+    _, s, vt = np.linalg.svd(rows, full_matrices=False)
+    return vt[s > ROUNDING * s.max(initial=0)]

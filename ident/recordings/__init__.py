@@ -1,0 +1,1 @@
+"""What was measured: recordings, the files that hold them, and the total wrench."""

@@ -1,0 +1,103 @@
+"""The channels of a log: what columns hold, found by name where no mapping says, complete and in SI units."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.recordings.mapping import GROUND, HUGE, KINDS, ColumnMapping, Columns, Sensor, check_no_column_twice
+from ident.recordings.table import Table
+
+
+def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> ColumnMapping:
+    """A mapping and what the names of columns tell besides.
+
+    Raises:
+        ValueError: Time or the position of a joint is not to be found, names are ambiguous, or a column has two uses.
+    """
+    columns, sensors = dict(mapping.columns), dict(mapping.sensors)
+    if "time" not in columns:
+        columns["time"] = Columns((_named(table, "time", ("time", "t")),))
+    for joint in joints:
+        for kind, patterns in KINDS.items():
+            if f"joints.{joint}.{kind}" not in columns:
+                name = _named(table, f"the {kind} of joint '{joint}'", [p.format(joint) for p in patterns])
+                columns[f"joints.{joint}.{kind}"] = Columns((name,))
+        if not columns[f"joints.{joint}.position"].names[0]:
+            names = ", ".join(p.format(joint) for p in KINDS["position"])
+            raise ValueError(
+                f"joint '{joint}' needs a column of its positions, named {names} or mapped; {table.available()}. "
+                f"Where it does not move, --fix {joint} [VALUE] leaves it out."
+            )
+    if not columns["time"].names[0]:
+        raise ValueError(f"a log needs a column of times, named time or t or mapped; {table.available()}.")
+    if GROUND not in sensors:
+        ground = {
+            f"wrenches.{GROUND}.{kind}": tuple(
+                _named(table, f"the {kind} of the ground", (f"{GROUND}_{kind}.{c}", f"{GROUND}_{letter}{c}"))
+                for c in "xyz"
+            )
+            for kind, letter in (("force", "f"), ("torque", "m"))
+        }
+        if any(name for names in ground.values() for name in names):
+            columns |= {key: Columns(names) for key, names in ground.items()}
+            sensors[GROUND] = Sensor()
+    check_no_column_twice(columns)
+    return replace(mapping, columns=columns, sensors=sensors)
+
+
+def _named(table: Table, what: str, names: Sequence[str]) -> str:
+    found = [name for name in names if name in table.cells]
+    if len(found) > 1:
+        raise ValueError(f"columns {' and '.join(found)} may both be {what}; keep one of them, or map one.")
+    return found[0] if found else ""
+
+
+def read_channels(table: Table, mapping: ColumnMapping, notes: list[str]) -> dict[str, np.ndarray]:
+    """Numbers of everything but the time.
+
+    Args:
+        table: The file.
+        mapping: What its columns hold, complete.
+        notes: Sentences on what was detected; more are appended.
+
+    Returns:
+        By key of the mapping, in SI units, NaN in the columns of what is missing (N, 1), (N, 3) or (N, 4).
+
+    Raises:
+        ValueError: A column has no numbers, not all of them, or numbers out of range.
+    """
+    channels = {key: _read(table, key, columns, notes) for key, columns in mapping.columns.items() if key != "time"}
+    others = [n for n in table.cells if n not in mapping.used and re.fullmatch(r".+_(force\.[xyz]|f[xyz])", n)]
+    if others:
+        notes.append(
+            f"Columns {', '.join(others)} look like a wrench; without an entry under [wrenches] it is not used."
+        )
+    if mapping.has_base:
+        channels["base.quaternion"] = _continuous(table, channels["base.quaternion"])
+    return channels
+
+
+def _read(table: Table, key: str, columns: Columns, notes: list[str]) -> np.ndarray:
+    x = np.full((len(table.rows), len(columns.names)), np.nan)
+    for k, name in enumerate(columns.names):
+        if name:
+            x[:, k] = table.column(name, key, HUGE / columns.factor)
+            if np.isnan(x[:, k]).all():
+                if key.endswith((".position", ".quaternion")):
+                    raise ValueError(f"column '{name}' is empty, but {key} needs it.")
+                notes.append(f"Column '{name}' ({key}) is empty and taken as missing.")
+    return x * columns.factor
+
+
+def _continuous(table: Table, quaternion: np.ndarray) -> np.ndarray:
+    """Unit quaternions whose signs do not jump (N, 4)."""
+    norm = np.linalg.norm(quaternion, axis=1)
+    wrong = np.abs(norm - 1) > 0.01
+    if wrong.any():
+        i = int(wrong.argmax())
+        raise ValueError(f"{table.row(i)}, base.quaternion needs a norm of 1, got {norm[i]:g}.")
+    turned = (quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0
+    signs = np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)
+    return quaternion * (signs / norm)[:, None]

@@ -1,0 +1,233 @@
+"""The mapping of a log: which of its columns hold what, in which units, as names or a TOML file tell."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ident.recordings.table import short
+
+HUGE = 1e8
+"""No position, velocity, force or torque in SI units is larger."""
+
+GROUND = "ground"
+"""Name of the wrench at the base; all others are contacts."""
+
+KINDS = {
+    "position": ("{}_position", "q_{}", "{}"),
+    "velocity": ("{}_velocity", "dq_{}"),
+    "acceleration": ("{}_acceleration", "ddq_{}"),
+    "torque": ("{}_torque", "tau_{}"),
+}
+"""What a log may hold of a joint, and the names of the column that holds it."""
+
+_DEG = np.pi / 180
+_SQUARED = ("^2", "2", "²")
+_ANGLE = {"rad": 1.0, "deg": _DEG}
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_FORCE = {"N": 1.0, "kN": 1e3}
+_MOMENT = {"N m": 1.0, "Nm": 1.0, "N mm": 1e-3, "Nmm": 1e-3, "kN m": 1e3, "kNm": 1e3}
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "hinge position": _ANGLE,
+    "hinge velocity": {f"{u}/s": f for u, f in _ANGLE.items()} | {"rpm": np.pi / 30},
+    "hinge acceleration": {f"{u}/s{s}": f for u, f in _ANGLE.items() for s in _SQUARED},
+    "hinge torque": _MOMENT,
+    "slide position": _LENGTH,
+    "slide velocity": {f"{u}/s": f for u, f in _LENGTH.items()},
+    "slide acceleration": {f"{u}/s{s}": f for u, f in _LENGTH.items() for s in _SQUARED},
+    "slide torque": _FORCE,
+    "force": _FORCE,
+    "torque": _MOMENT,
+    "length": _LENGTH,
+}
+"""Units of every quantity, as factors to SI; the first is what a log without a mapping has."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns that make one quantity, "" for those that are missing, and its unit as a factor to SI."""
+
+    names: tuple[str, ...]
+    factor: float = 1.0
+    unit_stated: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """What a wrench acts on; attributes as those of `ident.recordings.log.Wrench`."""
+
+    body: str | None = None
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    applied_to_link: bool = True
+
+
+@dataclass
+class ColumnMapping:
+    """Which columns hold what.
+
+    Attributes:
+        columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, `base.position`
+            and `base.quaternion`.
+        sensors: Sensors of the wrenches by name.
+    """
+
+    columns: dict[str, Columns] = field(default_factory=dict)
+    sensors: dict[str, Sensor] = field(default_factory=dict)
+
+    @property
+    def has_base(self) -> bool:
+        """Whether the base moves."""
+        return "base.position" in self.columns
+
+    @property
+    def used(self) -> set[str]:
+        """Names of all columns that are mapped."""
+        return {name for columns in self.columns.values() for name in columns.names}
+
+
+def read_mapping(path: Path, joints: Sequence[str], bodies: Sequence[str], slides: Sequence[str]) -> ColumnMapping:
+    """Reads a mapping file.
+
+    Raises:
+        ValueError: The file is missing or malformed, or names what the mechanism does not have.
+    """
+    if not path.is_file():
+        raise ValueError(f"{path}: a mapping of columns is a TOML file that exists.")
+    try:
+        entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        return _mapping(entries, joints, bodies, slides)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ValueError(f"{path}: a mapping of columns needs to be TOML in UTF-8 ({error}).") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
+    """Refuses a column that would stand for two quantities."""
+    users: dict[str, str] = {}
+    for user, used in columns.items():
+        for name in filter(None, used.names):
+            if name in users:
+                raise ValueError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.")
+            users[name] = user
+
+
+def _mapping(
+    entries: Mapping[str, Any], joints: Sequence[str], bodies: Sequence[str], slides: Sequence[str]
+) -> ColumnMapping:
+    _check_keys("the mapping", entries, ("time", "joints", "wrenches", "base"))
+    mapping = ColumnMapping()
+    if "time" in entries:
+        mapping.columns["time"] = _single("time", entries["time"], "time")
+    of_joints = _entry("joints", entries.get("joints", {}))
+    _check_keys("[joints]", of_joints, joints)
+    for joint, quantities in of_joints.items():
+        _check_keys(f"[joints.{joint}]", _entry(f"joints.{joint}", quantities), tuple(KINDS))
+        for kind, entry in quantities.items():
+            key, unit = f"joints.{joint}.{kind}", f"{'slide' if joint in slides else 'hinge'} {kind}"
+            mapping.columns[key] = _single(key, entry, unit)
+    for name, entry in _entry("wrenches", entries.get("wrenches", {})).items():
+        mapping.columns |= _wrench_columns(f"wrenches.{name}", _entry(f"wrenches.{name}", entry))
+        mapping.sensors[name] = _sensor(name, entry, bodies)
+    if "base" in entries:
+        entry = _entry("base", entries["base"])
+        _check_keys("[base]", entry, ("position", "quaternion", "unit"))
+        length = _factor("base", entry, "unit", "length")
+        mapping.columns["base.position"] = _several("base.position", entry.get("position"), 3, *length)
+        mapping.columns["base.quaternion"] = _several("base.quaternion", entry.get("quaternion"), 4)
+    check_no_column_twice(mapping.columns)
+    return mapping
+
+
+def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
+    keys = ("force", "torque", "unit", "torque_unit", "position", "quaternion", "rpy_deg", "body", "applied_to_link")
+    _check_keys(f"[{where}]", entry, keys)
+    columns = {
+        key: _several(key, entry.get(kind, ["", "", ""]), 3, *_factor(where, entry, unit, kind), gaps=True)
+        for key, kind, unit in ((f"{where}.force", "force", "unit"), (f"{where}.torque", "torque", "torque_unit"))
+    }
+    if not any(name for several in columns.values() for name in several.names):
+        raise ValueError(f"[{where}] needs at least one column under force or torque.")
+    return columns
+
+
+def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Sensor:
+    where, body = f"wrenches.{name}", entry.get("body")
+    if name == GROUND and body is not None:
+        raise ValueError(f"[{where}] needs no body: the ground acts at the base; got {short(body)}.")
+    if name != GROUND and body not in bodies:
+        raise ValueError(f"[{where}] needs a body, one of {', '.join(bodies)}; got {short(body)}.")
+    applied = entry.get("applied_to_link", True)
+    if not isinstance(applied, bool):
+        raise ValueError(f"{where}.applied_to_link needs true or false, got {short(applied)}.")
+    return Sensor(body, _pose(where, entry), applied)
+
+
+def _pose(where: str, entry: Mapping[str, Any]) -> np.ndarray:
+    if "quaternion" in entry and "rpy_deg" in entry:
+        raise ValueError(f"[{where}] needs a quaternion or rpy_deg, got both.")
+    T = np.eye(4)
+    T[:3, 3] = _vector(f"{where}.position", entry.get("position", [0, 0, 0]), 3)
+    if "rpy_deg" in entry:
+        T[:3, :3] = Rotation.from_euler("xyz", _vector(f"{where}.rpy_deg", entry["rpy_deg"], 3), True).as_matrix()
+        return T
+    quaternion = _vector(f"{where}.quaternion", entry.get("quaternion", [1, 0, 0, 0]), 4)
+    if not 0.99 < np.linalg.norm(quaternion) < 1.01:
+        raise ValueError(f"{where}.quaternion needs four numbers w, x, y, z of norm 1, got {quaternion.tolist()}.")
+    T[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    return T
+
+
+def _vector(where: str, value: Any, size: int) -> np.ndarray:
+    numbers = isinstance(value, list) and all(type(x) in (int, float) and abs(x) < HUGE for x in value)
+    if not numbers or len(value) != size:
+        raise ValueError(f"{where} needs a list of {size} numbers, got {short(value)}.")
+    return np.array(value, float)
+
+
+def _single(where: str, entry: Any, quantity: str) -> Columns:
+    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`."""
+    if isinstance(entry, str):
+        return Columns((entry.strip(),))
+    _check_keys(where, _entry(where, entry), ("column", "unit"))
+    name = entry.get("column")
+    if not isinstance(name, str):
+        raise ValueError(f"{where} needs the name of a column, got {short(name)}.")
+    return Columns((name.strip(),), *_factor(where, entry, "unit", quantity))
+
+
+def _several(
+    where: str, names: Any, size: int, factor: float = 1.0, unit_stated: bool = False, *, gaps: bool = False
+) -> Columns:
+    """Columns of a vector; with gaps, "" stands for a missing one."""
+    if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"{where} needs a list of {size} columns, got {short(names)}.")
+    if not gaps and not all(name.strip() for name in names):
+        raise ValueError(f"{where} needs {size} columns, none of them may be missing; got {short(names)}.")
+    return Columns(tuple(name.strip() for name in names), factor, unit_stated)
+
+
+def _factor(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tuple[float, bool]:
+    choices = UNITS[quantity]
+    if key not in entry:
+        return 1.0, False
+    if not isinstance(entry[key], str) or entry[key] not in choices:
+        raise ValueError(f"{where}.{key} needs one of {', '.join(choices)}; got {short(entry[key])}.")
+    return choices[entry[key]], True
+
+
+def _entry(where: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{where} needs a table of entries, got {short(value)}.")
+    return value
+
+
+def _check_keys(where: str, entry: Mapping[str, Any], choices: Sequence[str]) -> None:
+    for key in entry:
+        if key not in choices:
+            raise ValueError(f"{where} has no entry '{short(key)}'; valid are {', '.join(choices) or 'none'}.")

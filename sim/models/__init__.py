@@ -1,0 +1,1 @@
+"""MJCF and URDF files read as mechanisms, and written back with other inertias."""

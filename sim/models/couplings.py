@@ -1,0 +1,152 @@
+"""What acts on a MuJoCo mechanism besides the joints of its tree: equality constraints, tendons and flexes."""
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+import mujoco
+
+from sim.models.names import joint_name, name_of
+from sim.models.notes import note
+
+_JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
+_GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
+
+WORLD_SIDE = -1
+"""Stands for the world where a joint connects it to a body, so that what acts there passes through the ground."""
+
+
+class Coupling(NamedTuple):
+    """One equality constraint, tendon or flex.
+
+    Attributes:
+        name: Its name, made up where the model gives none.
+        kind: What it is, for a message.
+        bodies: Ids of the bodies that it acts on, those on both sides of a joint.
+        joints: Names of the joints that it acts on alone, None where it may act on all between its bodies.
+    """
+
+    name: str
+    kind: str
+    bodies: set[int]
+    joints: set[str] | None
+
+    def __str__(self) -> str:
+        return f"{self.kind} '{self.name}'" + (f" of {', '.join(sorted(self.joints))}" if self.joints else "")
+
+
+def couplings(model: mujoco.MjModel) -> list[Coupling]:
+    """All tendons, flexes and active equality constraints of a model."""
+    tendons = [_tendon(model, t) for t in range(model.ntendon)]
+    flexes = [_flex(model, f) for f in range(model.nflex)]
+    equalities = [_equality(model, e, tendons, flexes) for e in range(model.neq) if model.eq_active0[e]]
+    return tendons + flexes + equalities
+
+
+def check_couplings(
+    model: mujoco.MjModel, base: str | None, members: Sequence[int], ignore: Collection[str], fixed: Collection[str]
+) -> None:
+    """Refuses couplings of a mechanism with its surroundings, whose wrench its equations lack.
+
+    What couples bodies of the mechanism pulls at both alike: it changes joint torques, see `check_torques`, but neither
+    the wrench at the base nor those of contacts.
+
+    Args:
+        model: Compiled model.
+        base: Name of the base body, None for the world.
+        members: Ids of the mechanism's bodies.
+        ignore: Names of couplings to leave out.
+        fixed: Names of joints that do not move, which need no forces.
+
+    Warns:
+        ModelNote: Bodies of the mechanism are coupled.
+
+    Raises:
+        ValueError: A coupling reaches outside and is not ignored, or a name is unknown.
+    """
+    acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
+    inside = {*members, WORLD_SIDE} if base is None else set(members)
+    _refuse([c for c in acting if not c.bodies <= inside], "which reach outside the mechanism")
+    if acting:
+        note(
+            f"The equations leave out {', '.join(map(str, acting))}; between bodies of the mechanism "
+            "this changes joint torques, but no wrench."
+        )
+
+
+def check_torques(
+    model: mujoco.MjModel, members: Sequence[int], ignore: Collection[str], joints: Collection[str]
+) -> None:
+    """Refuses couplings that act on joints whose torques, or motions, are meant to be free of them.
+
+    Args:
+        model: Compiled model.
+        members: Ids of the mechanism's bodies.
+        ignore: Names of couplings to leave out.
+        joints: Names of the joints.
+
+    Raises:
+        ValueError: There is a coupling that is not ignored, or a name is unknown.
+    """
+    acting = _acting(model, members, ignore) if joints else []
+    _refuse([c for c in acting if c.joints is None or c.joints & set(joints)], "which act on its joints")
+
+
+def _acting(model: mujoco.MjModel, members: Sequence[int], ignore: Collection[str]) -> list[Coupling]:
+    every = couplings(model)
+    unknown = set(ignore) - {coupling.name for coupling in every}
+    if unknown:
+        raise ValueError(
+            f"The model has no active equality constraint, tendon or flex named {', '.join(sorted(unknown))}; "
+            f"it has {', '.join(coupling.name for coupling in every) or 'none'}."
+        )
+    return [c for c in every if c.bodies & set(members) and c.name not in ignore]
+
+
+def _refuse(acting: Sequence[Coupling], why: str) -> None:
+    if acting:
+        names = [c.name for c in acting]
+        raise ValueError(
+            f"The equations of a tree do not hold the forces of {', '.join(map(str, acting))}, {why}. Leave them out "
+            f"with --ignore {' '.join(names)} (in Python, ignore={names})."
+        )
+
+
+def _sides(model: mujoco.MjModel, joints: Sequence[int]) -> set[int]:
+    """Ids of the bodies on both sides of joints."""
+    bodies = {int(model.jnt_bodyid[j]) for j in joints}
+    return bodies | {int(model.body_parentid[b]) or WORLD_SIDE for b in bodies}
+
+
+def _tendon(model: mujoco.MjModel, t: int) -> Coupling:
+    name = name_of(model, mujoco.mjtObj.mjOBJ_TENDON, t)
+    part = slice(model.tendon_adr[t], model.tendon_adr[t] + model.tendon_num[t])
+    wrapped = list(zip(model.wrap_type[part].tolist(), model.wrap_objid[part].tolist(), strict=True))
+    joints = [k for kind, k in wrapped if kind == _JOINT]
+    if joints:
+        return Coupling(name, "tendon", _sides(model, joints), {joint_name(model, j) for j in joints})
+    sites = {int(model.site_bodyid[k]) for kind, k in wrapped if kind == _SITE}
+    return Coupling(name, "tendon", sites | {int(model.geom_bodyid[k]) for kind, k in wrapped if kind in _GEOMS}, None)
+
+
+def _flex(model: mujoco.MjModel, f: int) -> Coupling:
+    vertices = slice(model.flex_vertadr[f], model.flex_vertadr[f] + model.flex_vertnum[f])
+    nodes = slice(model.flex_nodeadr[f], model.flex_nodeadr[f] + model.flex_nodenum[f])
+    # The vertices of a flex that has nodes are on no body.
+    bodies = {*model.flex_vertbodyid[vertices].tolist(), *model.flex_nodebodyid[nodes].tolist()} - {-1}
+    return Coupling(name_of(model, mujoco.mjtObj.mjOBJ_FLEX, f), "flex", bodies, None)
+
+
+def _equality(model: mujoco.MjModel, e: int, tendons: Sequence[Coupling], flexes: Sequence[Coupling]) -> Coupling:
+    name = name_of(model, mujoco.mjtObj.mjOBJ_EQUALITY, e)
+    kind = mujoco.mjtEq(model.eq_type[e]).name.removeprefix("mjEQ_").lower()
+    what = f"equality ({kind})"
+    objects = [int(k) for k in (model.eq_obj1id[e], model.eq_obj2id[e]) if k >= 0]
+    if kind == "joint":
+        return Coupling(name, what, _sides(model, objects), {joint_name(model, j) for j in objects})
+    if kind == "tendon" or kind.startswith("flex"):
+        parts = [(tendons if kind == "tendon" else flexes)[k] for k in objects]
+        joints = None if any(c.joints is None for c in parts) else set().union(*(c.joints or () for c in parts))
+        return Coupling(name, what, set().union(*(c.bodies for c in parts)), joints)
+    if model.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE:
+        objects = [int(model.site_bodyid[k]) for k in objects]
+    return Coupling(name, what, set(objects), None)

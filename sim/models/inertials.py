@@ -1,0 +1,120 @@
+"""Inertias of bodies as MuJoCo has them: principal moments about the centre of mass, in axes of their own."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from sim.models.names import body_name
+from sim.models.notes import note
+
+OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
+"""Compiler settings, besides inertiafromgeom, that change inertias which a file states."""
+
+SMALLEST = 1e-12
+"""Mass in kg, and moment in kg m², that MuJoCo's compiler takes for those of a body that moves."""
+
+
+class Inertial(NamedTuple):
+    """Inertia of one body as MuJoCo has it.
+
+    Attributes:
+        mass: Mass in kg.
+        pos: Centre of mass in the body's frame, m (3,).
+        quat: Quaternion `w, x, y, z` of the principal axes (4,).
+        moments: Principal moments about the centre of mass, kg m² (3,).
+    """
+
+    mass: float
+    pos: np.ndarray
+    quat: np.ndarray
+    moments: np.ndarray
+
+
+def inertial_of(mass: float, com: np.ndarray, inertia: np.ndarray) -> Inertial:
+    """From the inertia about the centre of mass in body axes (3, 3)."""
+    moments, axes = np.linalg.eigh(inertia)
+    second = moments.sum() / 2 - moments
+    if second.min() > -1e-9 * abs(second).max():
+        # MuJoCo asks for A + B >= C, which rounding may break.
+        moments = np.maximum(second, 0).sum() - np.maximum(second, 0)
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, axes.ravel())
+    return Inertial(float(mass), com, quat, moments)
+
+
+def bodies_in_order(root: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
+    """A body and all on it, in the order of the compiled model; `MjSpec.bodies` has another in MuJoCo 3.3."""
+    yield root
+    for child in root.bodies:
+        yield from bodies_in_order(child)
+
+
+def set_inertials(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
+    """States the inertias of bodies, given by their ids, explicitly."""
+    bodies = list(bodies_in_order(spec.worldbody))
+    for b, inertial in inertials.items():
+        body = bodies[b]
+        body.explicitinertial = True
+        body.mass, body.ipos, body.iquat, body.inertia = inertial
+        body.fullinertia = [np.nan, 0, 0, 0, 0, 0]
+        body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+
+def overrides(spec: mujoco.MjSpec) -> bool:
+    """Whether compiler settings change inertias that a model states."""
+    compiler = spec.compiler
+    from_geoms = compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    return bool(from_geoms or any(getattr(compiler, key) > 0 for key in OVERRIDING))
+
+
+def compiled_as_stated(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """The compiled model with the inertias that a specification states, also where the compiler refuses them."""
+    refused = {} if overrides(spec) else dict(_refused(spec))
+    if not refused:
+        return spec.compile()
+    spheres = spec.copy()
+    for b, stated in refused.items():
+        moment = max(*stated.moments, SMALLEST)
+        set_inertials(spheres, {b: stated._replace(mass=max(stated.mass, SMALLEST), moments=np.full(3, moment))})
+    model = spheres.compile()
+    for b, stated in refused.items():
+        model.body_mass[b], model.body_inertia[b] = stated.mass, stated.moments
+    return model
+
+
+def _refused(spec: mujoco.MjSpec) -> Iterator[tuple[int, Inertial]]:
+    """Ids and inertias of the bodies that are not to MuJoCo's taste; without `<inertial>` they have no mass in URDF."""
+    nothing_else = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    for b, body in enumerate(bodies_in_order(spec.worldbody)):
+        stated = Inertial(body.mass, body.ipos.copy(), body.iquat.copy(), body.inertia.copy())
+        if not body.explicitinertial and nothing_else:
+            stated = Inertial(0.0, np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3))
+        elif not body.explicitinertial or np.isfinite(body.fullinertia[0]):
+            continue
+        small = stated.mass < SMALLEST or min(stated.moments) < SMALLEST
+        if stated.mass >= 0 and (not is_balanced(stated.moments) or (small and body.joints)):
+            yield b, stated
+
+
+def is_balanced(moments: np.ndarray) -> bool:
+    """Whether a rigid body may have these principal moments, A + B ≥ C."""
+    a, b, c = moments
+    return bool(a + b >= c and a + c >= b and b + c >= a)
+
+
+def note_inertias(model: mujoco.MjModel) -> None:
+    """Names bodies whose inertia no rigid body has, and moving ones without mass.
+
+    Warns:
+        ModelNote: There are such bodies.
+    """
+    odd = [body_name(model, b) for b in range(1, model.nbody) if not is_balanced(model.body_inertia[b])]
+    if odd:
+        note(f"The inertia stated for {', '.join(odd)} is taken as it is, but no rigid body has it (A + B < C).")
+    together = np.bincount(model.body_weldid, model.body_mass)
+    empty = [body_name(model, b) for b in range(1, model.nbody) if model.body_jntnum[b] and not together[b]]
+    if empty:
+        note(f"No mass is stated for {', '.join(empty)}, which joints move; it is taken as zero.")

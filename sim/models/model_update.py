@@ -1,0 +1,232 @@
+"""Models with other inertial parameters: φ written back into MJCF and URDF, every other element untouched."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+import mujoco
+import numpy as np
+
+from ident.geometry.inertia import com_from_parameters, pseudo_inertia
+from ident.recordings.atomic import replacing
+from sim.models.inertials import (
+    OVERRIDING,
+    Inertial,
+    bodies_in_order,
+    compiled_as_stated,
+    inertial_of,
+    overrides,
+    set_inertials,
+)
+from sim.models.mujoco_model import BEYOND, body_parameters, mechanism_bodies, parameters_from_model
+from sim.models.names import body_name
+from sim.models.urdf import model_from_urdf, parsed, sentence
+
+Editable: TypeAlias = mujoco.MjSpec | str | Path
+"""What can be updated: a specification, or the path of an MJCF or URDF file."""
+
+EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
+"""Elements of MJCF that make bodies which are not written in the file itself."""
+
+
+def updated_spec(
+    source: Editable, phi: np.ndarray, base: str | None = None, beyond: Sequence[str] = BEYOND
+) -> mujoco.MjSpec:
+    """The model with other inertial parameters.
+
+    Where compiler settings would change them (`inertiafromgeom`, `settotalmass`, …) these are switched off, and bodies
+    outside the mechanism state the inertias that they had.
+
+    Args:
+        source: The model; a specification is not changed but copied.
+        phi: φ of the bodies of `tree_from_model`, in its order (10 b,).
+        base: Name of the base body, as for `tree_from_model`.
+        beyond: Names of bodies at which the mechanism ends.
+
+    Returns:
+        The specification, compiled.
+
+    Raises:
+        ValueError: MuJoCo cannot read or compile the model, φ does not fit its bodies, or a body is not physical.
+    """
+    spec = _specification(source)
+    _write_into(spec, _inertials(spec, source, phi, base, beyond))
+    _check(_compiled(spec, source), "The model", phi, base, beyond)
+    return spec
+
+
+def write_model(
+    path: str | Path, source: Editable, phi: np.ndarray, base: str | None = None, beyond: Sequence[str] = BEYOND
+) -> None:
+    """Writes a model with other inertial parameters, as URDF if `path` ends so, otherwise as MJCF.
+
+    The text of a file stays as it is but for inertias (and, in another folder, for where MJCF finds its meshes and
+    textures). Files with `EXPANDED` elements, specifications, and URDF as MJCF are written by MuJoCo, which rounds
+    numbers other than inertias to six digits.
+
+    Args:
+        path: File to write; its folder must exist.
+        source: The model; a URDF file if that is to be written.
+        phi: φ of the bodies of `tree_from_model`, in its order (10 b,).
+        base: Name of the base body, as for `tree_from_model`.
+        beyond: Names of bodies at which the mechanism ends.
+
+    Raises:
+        ValueError: As for `updated_spec`; a URDF file is asked for from something else; or the file does not read
+            back as φ.
+    """
+    path, phi = Path(path), np.asarray(phi, float)
+    urdf = path.suffix.lower() == ".urdf"
+    if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
+        raise ValueError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
+    spec = _specification(source)
+    inertials = _inertials(spec, source, phi, base, beyond, unchanged=urdf)
+    if urdf:
+        root = _urdf(parsed(Path(str(source))), inertials, spec)
+    else:
+        _write_into(spec, inertials)
+        _compiled(spec, source)
+        root = ET.fromstring(spec.to_xml()) if isinstance(source, mujoco.MjSpec) else parsed(Path(source))
+        if root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED):
+            root = ET.fromstring(spec.to_xml())
+        _mjcf(root, inertials)
+        _keep_files(root, spec, path.parent, source)
+    with replacing(path) as temporary:
+        temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
+        _check(_compiled(_specification(temporary), path, as_stated=urdf), path, phi, base, beyond)
+
+
+def _specification(source: Editable) -> mujoco.MjSpec:
+    if isinstance(source, mujoco.MjModel):
+        raise ValueError("A compiled model cannot be updated; give its specification or its file.")
+    if isinstance(source, mujoco.MjSpec):
+        return source.copy()
+    if _is_urdf(source):
+        return model_from_urdf(source)
+    try:
+        return mujoco.MjSpec.from_file(str(source))
+    except ValueError as error:
+        raise sentence(source, error) from None
+
+
+def _inertials(
+    spec: mujoco.MjSpec,
+    source: Editable,
+    phi: np.ndarray,
+    base: str | None,
+    beyond: Sequence[str],
+    *,
+    unchanged: bool = False,
+) -> dict[int, Inertial]:
+    """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change.
+
+    With `unchanged`, bodies that are not physical may stay as they are.
+    """
+    model = _compiled(spec, source, as_stated=True)
+    members = mechanism_bodies(model, base, beyond)
+    phi = np.asarray(phi, float)
+    if phi.shape != (10 * len(members),) or not np.isfinite(phi).all():
+        names = ", ".join(body_name(model, b) for b in members)
+        raise ValueError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
+    inertials = {}
+    if overrides(spec):
+        for b in set(range(1, model.nbody)) - set(members):
+            body = model.body(b)
+            inertials[b] = Inertial(body.mass[0], body.ipos.copy(), body.iquat.copy(), body.inertia.copy())
+    for b, own in zip(members, phi.reshape(-1, 10), strict=True):
+        eigenvalues = np.linalg.eigvalsh(pseudo_inertia(own))
+        if own.any() and (eigenvalues[0] < -1e-12 * eigenvalues[-1] or own[0] <= 0):
+            if unchanged and np.allclose(own, body_parameters(model, b), rtol=1e-12, atol=0):
+                continue
+            raise ValueError(f"The parameters of '{body_name(model, b)}' are not those of a physical body.")
+        inertials[b] = inertial_of(*(com_from_parameters(own) if own[0] else (0.0, np.zeros(3), np.zeros((3, 3)))))
+    return inertials
+
+
+def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
+    if overrides(spec):
+        spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        spec.compiler.settotalmass, spec.compiler.balanceinertia = -1, False
+        spec.compiler.boundmass = spec.compiler.boundinertia = 0
+    set_inertials(spec, inertials)
+
+
+def _mjcf(root: ET.Element, inertials: dict[int, Inertial]) -> None:
+    bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
+    for b, inertial in inertials.items():
+        body = bodies[b - 1]
+        for old in body.findall("inertial"):
+            body.remove(old)
+        mass, pos, quat, moments = inertial
+        numbers: dict[str, Iterable[float]] = {"mass": [mass], "pos": pos, "quat": quat, "diaginertia": moments}
+        body.insert(0, ET.Element("inertial", {key: _text(x) for key, x in numbers.items()}))
+        body[0].tail = body.text
+    for compiler in root.findall("compiler"):
+        for key in OVERRIDING:
+            compiler.attrib.pop(key, None)
+        if compiler.get("inertiafromgeom") == "true":
+            compiler.set("inertiafromgeom", "auto")
+
+
+def _keep_files(root: ET.Element, spec: mujoco.MjSpec, folder: Path, source: Editable) -> None:
+    """Lets a file in another folder find the meshes and textures of the source's."""
+    home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
+    assets = root.findall("asset/*[@file]")
+    if not assets or (home.resolve() == folder.resolve() and not isinstance(source, mujoco.MjSpec)):
+        return
+    for compiler in root.findall("compiler"):
+        for key in ("assetdir", "meshdir", "texturedir"):
+            compiler.attrib.pop(key, None)
+    folders = {key: str((home / getattr(spec, key)).resolve()) for key in ("meshdir", "texturedir")}
+    root.insert(0, ET.Element("compiler", folders))
+
+
+def _urdf(root: ET.Element, inertials: dict[int, Inertial], spec: mujoco.MjSpec) -> ET.Element:
+    links = {link.get("name"): link for link in root.findall("link")}
+    names = [body.name for body in bodies_in_order(spec.worldbody)]
+    for b, (mass, com, quat, moments) in inertials.items():
+        link = links[names[b]]
+        R = np.empty(9)
+        mujoco.mju_quat2Mat(R, quat)
+        inertia = R.reshape(3, 3) @ np.diag(moments) @ R.reshape(3, 3).T
+        old = link.find("inertial")
+        if old is None and mass == 0:
+            continue
+        element = ET.Element("inertial")
+        ET.SubElement(element, "origin", {"xyz": _text(com), "rpy": "0 0 0"})
+        ET.SubElement(element, "mass", {"value": _text([mass])})
+        entries = {f"i{'xyz'[i]}{'xyz'[j]}": _text([inertia[i, j]]) for i in range(3) for j in range(i, 3)}
+        ET.SubElement(element, "inertia", entries)
+        element.tail = link.text if old is None else old.tail
+        if old is not None:
+            link.remove(old)
+        link.insert(0, element)
+    return root
+
+
+def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, base: str | None, beyond: Sequence[str]) -> None:
+    """Raises unless a model holds φ, to 1e-9 of each body's largest parameter."""
+    wanted = np.asarray(phi, float)
+    found = parameters_from_model(model, base, beyond)
+    if found.shape == wanted.shape:
+        error, size = (np.abs(x).reshape(-1, 10).max(axis=1) for x in (found - wanted, wanted))
+        if (error <= 1e-9 * size).all():
+            return
+    raise ValueError(f"{what}: MuJoCo does not read the parameters back as they were written.")
+
+
+def _compiled(spec: mujoco.MjSpec, source: Editable, *, as_stated: bool = False) -> mujoco.MjModel:
+    try:
+        return compiled_as_stated(spec) if as_stated else spec.compile()
+    except ValueError as error:
+        raise sentence("The model" if isinstance(source, mujoco.MjSpec) else source, error) from None
+
+
+def _is_urdf(path: str | Path) -> bool:
+    return parsed(Path(path)).tag == "robot"
+
+
+def _text(numbers: Iterable[float]) -> str:
+    """Numbers with all their digits."""
+    return " ".join(repr(float(x)) for x in numbers)

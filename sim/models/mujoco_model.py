@@ -1,0 +1,302 @@
+"""Mechanisms read from compiled MuJoCo models: the only place where MuJoCo's conventions are converted to ours."""
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+import mujoco
+import numpy as np
+
+import scenes
+from ident.geometry import se3
+from ident.geometry.inertia import parameters_from_com
+from ident.mechanism.body import BASE, Body, ball_twist, free_joint
+from ident.mechanism.tree import BaseMotion, Tree
+from sim.models.couplings import check_couplings
+from sim.models.inertials import compiled_as_stated, note_inertias
+from sim.models.names import body_id, body_name, id_of, joint_name
+from sim.models.urdf import model_from_urdf, parsed
+
+Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
+"""A compiled model, a specification, or the path of an MJCF or URDF file."""
+
+BEYOND = ("load_cell", *(f"load_cell_{contact}" for contact in scenes.CONTACTS))
+"""Bodies at which a mechanism ends: what a force sensor carries lies beyond it."""
+
+_FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("FREE", "BALL", "SLIDE"))
+
+
+def compiled(source: Source) -> mujoco.MjModel:
+    """The compiled model of any source.
+
+    Inertias that a URDF file or a specification states stay as they are, also where MuJoCo's own compiler refuses them.
+
+    Warns:
+        ModelNote: No rigid body has such an inertia, or a moving body has none.
+
+    Raises:
+        ValueError: The file does not exist, or MuJoCo cannot read or compile it.
+    """
+    if isinstance(source, mujoco.MjModel):
+        return source
+    model = compiled_as_stated(source) if isinstance(source, mujoco.MjSpec) else _compiled_file(Path(source))
+    note_inertias(model)
+    return model
+
+
+def _compiled_file(path: Path) -> mujoco.MjModel:
+    root = parsed(path)
+    if path.suffix.lower() not in (".xml", ".urdf"):
+        raise ValueError(f"A model file ends in .xml or .urdf, got '{path}'.")
+    try:
+        if root.tag == "robot":
+            return compiled_as_stated(model_from_urdf(path))
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        text = " ".join(str(error).split())
+        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
+def tree_from_model(
+    source: Source,
+    base: str | None = None,
+    beyond: Sequence[str] = BEYOND,
+    *,
+    merge_welds: bool = False,
+    ignore: Collection[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
+) -> Tree:
+    """The kinematic tree of a body and everything on it.
+
+    Args:
+        source: The model.
+        base: Name of the body whose frame is {0}; it comes first in the tree, welded to {0}. What moves it is not part
+            of the tree: a base that does not rest needs its `base_motion`. Without a name, {0} is the world's frame and
+            all bodies are in the tree.
+        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
+        merge_welds: Make welded bodies one with what carries them.
+        ignore: Names of equality constraints and tendons to leave out of the equations.
+        fix: Names of the tree's joints that do not move, with their coordinates, rad, m or a quaternion; an empty
+            sequence for those of the reference configuration.
+
+    Returns:
+        Bodies in MuJoCo's order, which puts parents first; the joints' coordinates and velocities are MuJoCo's own. Of
+        several joints on one body, all but the last carry massless links.
+
+    Warns:
+        ModelNote: Equality constraints or tendons that nobody ignores act between bodies of the tree, which changes
+            its joint torques, but neither the base wrench nor contact wrenches.
+
+    Raises:
+        ValueError: The base or a joint to fix does not exist, or equality constraints or tendons that nobody ignores
+            reach outside the tree.
+    """
+    model = compiled(source)
+    members = mechanism_bodies(model, base, beyond)
+    check_couplings(model, base, members, ignore, fix or ())
+    tree = _tree(model, members, base)
+    if fix:
+        rest = rest_coordinates(model, base, beyond)
+        tree = tree.fixed({joint: q if len(q) else rest.get(joint, ()) for joint, q in fix.items()})
+    return tree.without_welds()[0] if merge_welds else tree
+
+
+def parameters_from_model(
+    source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND, *, merge_welds: bool = False
+) -> np.ndarray:
+    """Stacked φ of the bodies of `tree_from_model`, about their body frames (10 b,).
+
+    MuJoCo stores principal moments about the centre of mass in the axes of an inertial frame of their own.
+
+    Raises:
+        ValueError: The base does not exist, nothing in the tree has a mass, or a body has numbers that are not finite.
+    """
+    model = compiled(source)
+    members = mechanism_bodies(model, base, beyond)
+    if not model.body_mass[members].any():
+        raise ValueError(f"A mechanism needs mass; {', '.join(body_name(model, b) for b in members)} have none.")
+    stacked = np.concatenate([body_parameters(model, b) for b in members])
+    if not (finite := np.isfinite(stacked.reshape(-1, 10)).all(axis=1)).all():
+        name = body_name(model, members[int(finite.argmin())])
+        raise ValueError(
+            f"Body '{name}' needs a finite mass, centre of mass and inertia, the model has NaN or infinity."
+        )
+    return _tree(model, members, base).without_welds()[1] @ stacked if merge_welds else stacked
+
+
+def body_parameters(model: mujoco.MjModel, b: int) -> np.ndarray:
+    """φ of one body about its body frame (10,)."""
+    R = _rotation(model.body_iquat[b])
+    return parameters_from_com(model.body_mass[b], model.body_ipos[b], R @ np.diag(model.body_inertia[b]) @ R.T)
+
+
+def state_columns(
+    source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the states of the tree, its fixed joints included, stand in MuJoCo's.
+
+    Returns:
+        Indices into qpos (n_q,), and into qvel and qacc (n,).
+    """
+    model = compiled(source)
+    members = [b for b in mechanism_bodies(model, base, beyond) if base is None or body_name(model, b) != base]
+    dofs = np.flatnonzero(np.isin(model.dof_bodyid, members))
+    joints = np.flatnonzero(np.isin(model.jnt_bodyid, members))
+    sizes = {_FREE: 7, _BALL: 4}
+    qpos = [model.jnt_qposadr[j] + np.arange(sizes.get(int(model.jnt_type[j]), 1)) for j in joints]
+    return np.concatenate([np.zeros(0, int), *qpos]), dofs
+
+
+def rest_coordinates(source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND) -> dict[str, np.ndarray]:
+    """Coordinates of the tree's joints in the reference configuration, by their names, each (1,) or (4,)."""
+    model = compiled(source)
+    tree = _tree(model, mechanism_bodies(model, base, beyond), base)
+    coordinates = tree.body_coordinates(model.qpos0[state_columns(model, base, beyond)[0]])
+    return {tree.bodies[i].joint: coordinates[i] for i in tree.moving}
+
+
+def base_motion(source: Source, base: str, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray) -> BaseMotion:
+    """Motion of a base that does not rest, from MuJoCo's states.
+
+    Args:
+        source: The model.
+        base: Name of the body whose frame is {0}.
+        qpos: Positions (N, nq); `qvel` and `qacc` velocities and accelerations (N, nv).
+
+    Returns:
+        N samples, in the world's frame.
+    """
+    model = compiled(source)
+    b = body_id(model, base)
+    data = mujoco.MjData(model)
+    T, V, dV = np.tile(np.eye(4), (len(qpos), 1, 1)), np.empty((len(qpos), 6)), np.empty((len(qpos), 6))
+    gravity, turning_first = gravity_of(model), np.empty(6)
+    for k, (q, dq, ddq) in enumerate(zip(qpos, qvel, qacc, strict=True)):
+        data.qpos, data.qvel, data.qacc = q, dq, ddq
+        for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel, mujoco.mj_rnePostConstraint):
+            stage(model, data)
+        T[k, :3, :3], T[k, :3, 3] = data.xmat[b].reshape(3, 3), data.xpos[b]
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, b, turning_first, 1)
+        V[k] = np.roll(turning_first, 3)
+        mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_XBODY, b, turning_first, 1)
+        dV[k] = np.roll(turning_first, 3)
+        # MuJoCo's acceleration is that of a point, and an accelerometer's: gravity is in it.
+        dV[k, :3] += T[k, :3, :3].T @ gravity - np.cross(V[k, 3:], V[k, :3])
+    return BaseMotion(T, V, dV)
+
+
+def gravity_of(model: mujoco.MjModel) -> np.ndarray:
+    """Acceleration of gravity in the world's axes, zero where the model switches it off, m/s² (3,)."""
+    off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    return np.zeros(3) if off else model.opt.gravity.copy()
+
+
+def gravity_in_base(source: Source, base: str | None = None) -> np.ndarray:
+    """Acceleration of gravity in the axes of a base at rest; for one that moves, in the world's, m/s² (3,)."""
+    model = compiled(source)
+    R = np.eye(3)
+    b = 0 if base is None else body_id(model, base)
+    while b != 0:
+        if model.body_jntnum[b]:
+            return gravity_of(model)
+        R = _rotation(model.body_quat[b]) @ R
+        b = model.body_parentid[b]
+    return R.T @ gravity_of(model)
+
+
+def site_on_tree(
+    source: Source, site: str, base: str | None = None, beyond: Sequence[str] = BEYOND
+) -> tuple[str, np.ndarray]:
+    """Where a sensor's site sits on the mechanism.
+
+    Args:
+        source: The model.
+        site: Name of the site, on a body of the mechanism or on one welded beyond its end.
+        base: Name of the base body, as for `tree_from_model`.
+        beyond: Names of bodies at which the mechanism ends.
+
+    Returns:
+        Name of the mechanism's body that carries it (with welds kept), and the site's pose in that body's frame (4, 4).
+
+    Raises:
+        ValueError: The site does not exist, or is not fixed to a body of the mechanism.
+    """
+    model = compiled(source)
+    s = id_of(model, mujoco.mjtObj.mjOBJ_SITE, site)
+    members = mechanism_bodies(model, base, beyond)
+    b, pose = model.site_bodyid[s], _pose(model.site_pos[s], model.site_quat[s])
+    while b not in members:
+        if b == 0 or model.body_jntnum[b]:
+            raise ValueError(f"Site '{site}' is not fixed to a body of the mechanism on '{base or 'the world'}'.")
+        pose = _pose(model.body_pos[b], model.body_quat[b]) @ pose
+        b = model.body_parentid[b]
+    return body_name(model, b), pose
+
+
+def mechanism_bodies(model: mujoco.MjModel, base: str | None, beyond: Sequence[str] = BEYOND) -> list[int]:
+    """Ids of the bodies of a mechanism, up to where it ends; mocap bodies are none, nothing acts on them.
+
+    Args:
+        model: Compiled model.
+        base: Name of the body that carries the others, first in the list; without a name all bodies, but not the world.
+        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
+    """
+    members = [0] if base is None else [body_id(model, base)]
+    for b in range(members[0] + 1, model.nbody):
+        outside = model.body_mocapid[b] >= 0 or body_name(model, b) in beyond
+        if model.body_parentid[b] in members and not outside:
+            members.append(b)
+    members = members[1:] if base is None else members
+    if not members:
+        raise ValueError("The model has no body besides the world.")
+    return members
+
+
+def _tree(model: mujoco.MjModel, members: Sequence[int], base: str | None) -> Tree:
+    bodies: list[Body] = []
+    place = {0: BASE}
+    for b in members:
+        if base is not None and b == members[0]:
+            bodies.append(Body(base, BASE, np.eye(4), np.zeros(6)))
+        else:
+            bodies += _links(model, b, place[int(model.body_parentid[b])], len(bodies))
+        place[b] = len(bodies) - 1
+    return Tree(tuple(bodies))
+
+
+def _links(model: mujoco.MjModel, b: int, parent: int, index: int) -> list[Body]:
+    """A body and, before it, the massless links of its joints but the last; `index` is where they go in the tree."""
+    name, home = body_name(model, b), _pose(model.body_pos[b], model.body_quat[b])
+    joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
+    if not joints:
+        return [Body(name, parent, home, np.zeros(6))]
+    links: list[Body] = []
+    for k, j in enumerate(joints):
+        joint = joint_name(model, j)
+        if model.jnt_type[j] == _FREE:
+            return list(free_joint(joint, name, parent, index))
+        twist, reference = _joint(model, j)
+        last = k == len(joints) - 1
+        links.append(Body(name if last else f"{name}:{joint}", parent, home @ reference, twist, joint, not last))
+        parent, home = index + k, np.eye(4)
+    return links
+
+
+def _joint(model: mujoco.MjModel, j: int) -> tuple[np.ndarray, np.ndarray]:
+    """Twist of a joint in the body frame, and the pose at coordinate zero in that of the reference configuration."""
+    if model.jnt_type[j] == _BALL:
+        return ball_twist(model.jnt_pos[j]), np.eye(4)
+    axis = model.jnt_axis[j]
+    slide = model.jnt_type[j] == _SLIDE
+    twist = np.concatenate([axis, np.zeros(3)] if slide else [np.cross(model.jnt_pos[j], axis), axis])
+    return twist, se3.exp(twist, -model.qpos0[model.jnt_qposadr[j]])
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    out = np.zeros(9)
+    mujoco.mju_quat2Mat(out, quaternion)
+    return out.reshape(3, 3)
+
+
+def _pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    return se3.pose(_rotation(quaternion), position)

@@ -1,0 +1,1 @@
+"""How a mechanism moves: excitations, and their design."""

@@ -1,0 +1,122 @@
+"""How far a mechanism runs into itself and its surroundings, posture by posture, as MuJoCo sees it."""
+
+import copy
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from sim.models.names import body_name
+
+
+class Collisions:
+    """Contacts that the motion of some joints of a model can make or break, all others standing still.
+
+    MuJoCo's own filters hold: parents and children do not collide, nor do excluded pairs or geoms whose `contype` and
+    `conaffinity` do not match. Parents here include pedestals that stand still, which MuJoCo takes for the world.
+    Bodies that no moving joint lies between are left alone: what touches there, such as feet on the floor, touches all
+    the time.
+    """
+
+    def __init__(self, model: mujoco.MjModel, joints: Sequence[int], clearance: float) -> None:
+        """Prepares a copy of the model.
+
+        Args:
+            model: The model; joints stand at its reference configuration.
+            joints: Ids of the hinge and slide joints that move, in the order of q.
+            clearance: Distance below which geoms count as touching, m.
+        """
+        self._model = copy.deepcopy(model)
+        self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        self._data = mujoco.MjData(self._model)
+        self._columns = model.jnt_qposadr[list(joints)]
+        self._carrier = _carriers(model, joints)
+        self._body = model.geom_bodyid
+        self._pedestal, self._stands_on = _pedestals(model)
+        self.clearance = clearance
+
+    def depth(self, q: np.ndarray, clearance: float | None = None) -> np.ndarray:
+        """How far below the clearance geoms are, summed over the contacts, m.
+
+        Args:
+            q: Positions of the moving joints, rad or m (N, n).
+            clearance: Another clearance than the usual one, m.
+
+        Returns:
+            Zero where nothing touches (N,).
+        """
+        clearance = self.clearance if clearance is None else clearance
+        self._model.geom_margin[:] = clearance
+        self._model.pair_margin[:] = clearance
+        return np.array([np.sum(clearance - self._contacts(posture, clearance)[1]) for posture in q])
+
+    def touching(self, q: np.ndarray) -> dict[tuple[str, str], int]:
+        """Pairs of bodies that come closer than the clearance, each with the first sample at which they do.
+
+        Args:
+            q: Positions of the moving joints, rad or m (N, n).
+        """
+        found: dict[tuple[str, str], int] = {}
+        for sample in np.flatnonzero(self.depth(q)):
+            geoms, _ = self._contacts(q[sample], self.clearance)
+            for a, b in np.sort(self._body[geoms], axis=1):
+                found.setdefault((body_name(self._model, a), body_name(self._model, b)), int(sample))
+        return found
+
+    def _contacts(self, posture: np.ndarray, clearance: float) -> tuple[np.ndarray, np.ndarray]:
+        """Geoms (k, 2) and distances (k,) of the contacts that count."""
+        self._data.qpos[self._columns] = posture
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_collision(self._model, self._data)
+        geoms, distance = self._data.contact.geom.reshape(-1, 2), self._data.contact.dist
+        a, b = self._body[geoms].T
+        counts = (distance < clearance) & self._apart(a, b)
+        return geoms[counts], distance[counts]
+
+    def _apart(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Whether a moving joint lies between bodies and neither is the pedestal of the other (k,)."""
+        apart = self._carrier[a] != self._carrier[b]
+        for moving, still in ((a, b), (b, a)):
+            apart &= (self._pedestal[still] == 0) | (self._stands_on[moving] != self._pedestal[still])
+        return apart
+
+    def pairs(self) -> int:
+        """How many pairs of geoms are watched; zero where a model has no geoms that can collide."""
+        model = self._model
+        first, second = np.triu_indices(model.ngeom, 1)
+        a, b = self._body[first], self._body[second]
+        kind, partner = model.geom_contype, model.geom_conaffinity
+        match = ((kind[first] & partner[second]) | (kind[second] & partner[first])) != 0
+        weld_a, weld_b = model.body_weldid[a], model.body_weldid[b]
+        parent = model.body_weldid[model.body_parentid]
+        related = (weld_a != 0) & (weld_b != 0) & ((parent[weld_a] == weld_b) | (parent[weld_b] == weld_a))
+        if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
+            related[:] = False
+        excluded = np.isin((np.minimum(a, b) << 16) + np.maximum(a, b), model.exclude_signature)
+        declared = self._apart(self._body[model.pair_geom1], self._body[model.pair_geom2])
+        return int(np.sum(match & ~related & ~excluded & self._apart(a, b)) + np.sum(declared))
+
+
+def _carriers(model: mujoco.MjModel, joints: Sequence[int]) -> np.ndarray:
+    """For every body the one, itself or further in, that the last moving joint before it moves; 0 for none (nbody,)."""
+    moved = set(model.jnt_bodyid[list(joints)].tolist())
+    carrier = np.zeros(model.nbody, int)
+    for b in range(1, model.nbody):
+        carrier[b] = b if b in moved else carrier[model.body_parentid[b]]
+    return carrier
+
+
+def _pedestals(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """For every body the outermost of the bodies it stands still with, and of those its joint is fixed to (nbody,).
+
+    Both are ids of bodies on the world, 0 where there is none: for the first where a body moves, for the second where
+    it does not, or where its joint is fixed to a moving body or to the world itself.
+    """
+    pedestal, stands_on = np.zeros(model.nbody, int), np.zeros(model.nbody, int)
+    for b in range(1, model.nbody):
+        parent, weld = model.body_parentid[b], model.body_weldid[b]
+        if weld == 0:
+            pedestal[b] = pedestal[parent] or b
+        else:
+            stands_on[b] = pedestal[model.body_parentid[weld]]
+    return pedestal, stands_on

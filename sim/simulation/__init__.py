@@ -1,0 +1,1 @@
+"""Scenes stepped by MuJoCo, and what their sensors read."""

@@ -1,0 +1,99 @@
+"""What the surroundings exert on a mechanism in MuJoCo, and a fall to see it."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sim.models.mujoco_model import mechanism_bodies
+from sim.models.names import body_name
+from sim.simulation.rollout import steps_per_sample
+from sim.simulation.simulate import RATE
+
+
+@dataclass(frozen=True, eq=False)
+class Fall:
+    """A passive motion with its contacts; everything in a sample belongs to one instant.
+
+    Attributes:
+        time: Sample times, s (N,).
+        qpos: MuJoCo's positions (N, nq).
+        qvel: Its velocities (N, nv).
+        qacc: Its accelerations (N, nv).
+        contacts: For the name of every body ever touched, the wrench `[F; τ]` that the surroundings apply to it, in its
+            own frame, N and N m (N, 6); zero while nothing touches it.
+    """
+
+    time: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    qacc: np.ndarray
+    contacts: dict[str, np.ndarray]
+
+
+def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE) -> Fall:
+    """Lets go of a scene at its home, with all controls at zero, and records what happens.
+
+    Args:
+        model: Compiled model.
+        base: Name of the body that carries the mechanism whose contacts are recorded.
+        seconds: Duration, s.
+        rate: Samples per second.
+
+    Raises:
+        ValueError: The base does not exist, the duration is too short for one sample, or the timestep does not divide
+            the time between samples.
+    """
+    if not 1 <= seconds * rate < np.inf:
+        raise ValueError(f"A fall needs at least one sample, got {seconds:g} s at {rate:g} Hz.")
+    steps = steps_per_sample(model, rate)
+    samples = round(seconds * rate)
+    data = mujoco.MjData(model)
+    qpos, qvel, qacc = (np.empty((samples, size)) for size in (model.nq, model.nv, model.nv))
+    contacts: dict[str, np.ndarray] = {}
+    for k in range(samples):
+        # A step leaves accelerations and contacts at the state before it; a forward call puts all at this instant.
+        mujoco.mj_forward(model, data)
+        qpos[k], qvel[k], qacc[k] = data.qpos, data.qvel, data.qacc
+        for body, wrench in contact_wrenches(model, data, base).items():
+            contacts.setdefault(body, np.zeros((samples, 6)))[k] = wrench
+        mujoco.mj_step(model, data, steps)
+    return Fall(np.arange(samples) / rate, qpos, qvel, qacc, contacts)
+
+
+def contact_wrenches(model: mujoco.MjModel, data: mujoco.MjData, base: str) -> dict[str, np.ndarray]:
+    """What ideal sensors would measure where a mechanism is touched; its own bodies' contacts are no surroundings.
+
+    Args:
+        model: Compiled model.
+        data: Its state, after `mj_forward`.
+        base: Name of the body that carries the mechanism.
+
+    Returns:
+        For the name of every body touched, the wrench `[F; τ]` that the surroundings apply to it, in its own frame, N
+        and N m (6,).
+
+    Raises:
+        ValueError: The base does not exist.
+    """
+    members = mechanism_bodies(model, base)
+    wrenches: dict[str, np.ndarray] = {}
+    for k, contact in enumerate(data.contact):
+        first, second = model.geom_bodyid[contact.geom]
+        if (first in members) == (second in members):
+            continue
+        body = second if second in members else first
+        wrench = _on_second(model, data, k, body) * (1 if body == second else -1)
+        name = body_name(model, body)
+        wrenches[name] = wrenches.get(name, 0) + wrench
+    return wrenches
+
+
+def _on_second(model: mujoco.MjModel, data: mujoco.MjData, k: int, body: int) -> np.ndarray:
+    """Wrench of a contact's first geom on its second one, in the frame of a body (6,)."""
+    in_contact = np.zeros(6)
+    mujoco.mj_contactForce(model, data, k, in_contact)
+    # The rows of a contact's frame are its axes in the world, of a body's matrix the world's axes in the body.
+    force, torque = in_contact.reshape(2, 3) @ data.contact[k].frame.reshape(3, 3)
+    torque = torque + np.cross(data.contact[k].pos - data.xpos[body], force)
+    return (np.stack([force, torque]) @ data.xmat[body].reshape(3, 3)).ravel()

@@ -1,0 +1,88 @@
+import threading
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import closing
+from itertools import count, islice
+from multiprocessing import get_context
+
+import pytest
+
+from ident.estimation.in_order import in_order
+
+
+def test_it_is_map_whoever_finishes_first():
+    released = {k: threading.Event() for k in range(8)}
+    released[7].set()
+
+    def function(k):
+        # Every item waits for the one after it.
+        assert released[k].wait(timeout=60)
+        released.get(k - 1, threading.Event()).set()
+        return k**2
+
+    with ThreadPoolExecutor(8) as executor:
+        assert list(in_order(executor, function, range(8), ahead=8)) == list(map(lambda k: k**2, range(8)))
+        assert list(in_order(executor, function, [])) == []
+
+
+def test_processes_are_executors():
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        assert list(in_order(executor, abs, [-1, -2, -3])) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("ahead", [1, 3, 16])
+def test_endless_items_are_drawn_only_so_far_ahead(ahead):
+    drawn = count()
+    with ThreadPoolExecutor(2) as executor, closing(in_order(executor, str, drawn, ahead=ahead)) as results:
+        assert list(islice(results, 10)) == [str(k) for k in range(10)]
+    assert next(drawn) == 10 + ahead - 1
+
+
+def test_pending_items_are_cancelled_when_nobody_takes_their_results():
+    busy, go, done = threading.Event(), threading.Event(), []
+
+    def function(k):
+        if k:
+            busy.set()
+            assert go.wait(timeout=60)
+        done.append(k)
+
+    with ThreadPoolExecutor(1) as executor:
+        with closing(in_order(executor, function, range(100), ahead=5)) as results:
+            next(results)
+            assert busy.wait(timeout=60)
+        go.set()
+    # Item 1 was being worked on, items 2 to 4 were in the queue.
+    assert done == [0, 1]
+
+
+def test_an_error_comes_at_its_turn_and_cancels_what_follows():
+    done = []
+
+    def function(k):
+        done.append(k)
+        return 1 / (3 - k)
+
+    with ThreadPoolExecutor(1) as executor:
+        results = in_order(executor, function, count(), ahead=2)
+        assert list(islice(results, 3)) == [1 / 3, 1 / 2, 1]
+        with pytest.raises(ZeroDivisionError):
+            next(results)
+    assert done in ([0, 1, 2, 3], [0, 1, 2, 3, 4])
+    assert list(results) == []
+
+
+def test_an_error_among_the_items_cancels_what_is_pending():
+    def items():
+        yield 1
+        raise OSError("unreadable")
+
+    with ThreadPoolExecutor(1) as executor, pytest.raises(OSError, match="unreadable"):
+        list(in_order(executor, str, items()))
+
+
+def test_nothing_ahead_is_refused():
+    with (
+        ThreadPoolExecutor(1) as executor,
+        pytest.raises(ValueError, match="submitted ahead, got 0"),
+    ):
+        list(in_order(executor, str, [1], ahead=0))

@@ -1,0 +1,129 @@
+"""What `stream` says of recordings with something wrong, against what was done to them."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from commands import refusal
+
+import scenes
+from experiments import identify, stream
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate
+
+
+@cache
+def recording():
+    return simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=943)
+
+
+def arguments(tmp_path, *more, units=None, **channels):
+    original = recording()
+    units = original.units if units is None else units
+    changed = replace(original, measured={**original.measured, **channels}, true={}, noise={}, units=units)
+    spec = scenes.load("double_pendulum")
+    spec.compile()
+    (tmp_path / "model.xml").write_text(spec.to_xml())
+    changed.save(tmp_path / "log.npz")
+    files = [str(tmp_path / name) for name in ("model.xml", "log.npz")]
+    return [*files, "--base", "base", "--piece", "300", "--out", str(tmp_path / "out"), *more]
+
+
+def judged(tmp_path, **channels):
+    assert stream.main(arguments(tmp_path, **channels)) == 0
+    found = json.loads((tmp_path / "out" / "estimate.json").read_text())
+    return found, " ".join(finding["text"] for finding in found["findings"] if finding["doubt"])
+
+
+def test_a_sound_recording_is_usable(tmp_path, capsys):
+    found, doubts = judged(tmp_path)
+    assert doubts == ""
+    assert found["verdict"] == "Usable: fitted residuals are at most 0.09 of the signal in Fy, Fz, Mx, My, Mz."
+    wrench = recording().wrench("ground")
+    rms = np.array(found["residual_norms"]) / np.sqrt(943)
+    np.testing.assert_allclose(list(found["residual_ratio"].values()), rms / wrench.std(axis=0), rtol=1e-9)
+    assert f"Verdict: {found['verdict']}" in capsys.readouterr().out
+
+
+def test_an_empty_force_a_wrong_sign_and_kilonewtons_are_doubts(tmp_path):
+    force, torque = recording()["ground_force"], recording()["ground_torque"]
+    found, doubts = judged(tmp_path, ground_force=0 * force)
+    assert found["verdict"].startswith("Do not use it as it is: 2 findings below speak against it")
+    assert "The wrenches weigh 0.00 kg, the model 20.99 kg" in doubts
+    assert "Constant, though the motion would change it: Fy, Fz." in doubts
+    _, doubts = judged(tmp_path, ground_force=-force, ground_torque=-torque)
+    assert "the opposite sign: against the model's own prediction its relative error would fall from 2.00 to" in doubts
+    assert "The wrenches weigh -21." in doubts
+    _, doubts = judged(tmp_path, ground_force=force / 1000, ground_torque=torque / 1000)
+    assert "The force is at most 0.232 N where the mechanism weighs 206 N: its unit may be kN." in doubts
+
+
+def test_an_offset_is_a_doubt(tmp_path):
+    _, doubts = judged(tmp_path, ground_force=recording()["ground_force"] + [25, 0, 0])
+    assert "More is left over than the channel varies, as of a constant offset" in doubts and "Fx (4" in doubts
+
+
+def test_stuck_channels_are_named(tmp_path):
+    force = recording()["ground_force"]
+    _, doubts = judged(tmp_path, ground_force=np.where(np.arange(3) == 1, force[0], force))
+    assert "Constant, though the motion would change it: Fy." in doubts
+    _, doubts = judged(tmp_path, joint1_velocity=0 * recording()["joint1_velocity"])
+    assert "Constant, though the motion would change it: joint1_velocity." in doubts
+    _, doubts = judged(tmp_path, ground_force=np.random.default_rng(0).normal(force, 6 * np.ones(3)))
+    assert "Predicted poorly, fitted residual over standard deviation in brackets: Fy (0." in doubts
+
+
+def test_what_cannot_be_fitted_is_refused(tmp_path, capsys):
+    original = recording()
+    nothing = {name: 0 * original[name] for name in ("ground_force", "ground_torque")}
+    assert "Every channel of the total wrench is constant" in refusal(
+        stream.main, arguments(tmp_path, **nothing), capsys
+    )
+    turned = {name: 3 * np.rad2deg(original[name]) for name in ("joint1_position", "joint2_position")}
+    said = refusal(stream.main, arguments(tmp_path, units={}, **turned), capsys)
+    assert "channel 'joint1_position' ranges over" in said and "looks like degrees" in said
+    for name, what in (("joint1_velocity", "channel 'joint1_velocity'"), ("ground_force", "the total wrench")):
+        said = refusal(stream.main, arguments(tmp_path, **{name: 1e300 * original[name]}), capsys)
+        assert f"{what} needs numbers below 1e+08, got " in said
+    said = refusal(stream.main, arguments(tmp_path, units={"ground_force": "kN"}), capsys)
+    assert "channel 'ground_force' is in kN, but a recording needs N." in said
+    said = refusal(stream.main, arguments(tmp_path, units={"joint1_position": "furlong"}), capsys)
+    assert "channel 'joint1_position' is in furlong, but a recording needs rad." in said
+    said = refusal(stream.main, arguments(tmp_path, joint1_velocity=np.ones((943, 3))), capsys)
+    assert "channel 'joint1_velocity' needs one number a sample, got shape (300, 3)." in said
+
+
+def test_a_base_on_which_nothing_moves_is_named(tmp_path, capsys):
+    given = [*arguments(tmp_path), "--base", "link2"]
+    assert "Nothing moves on this base: link2 without joints; see --base." in refusal(stream.main, given, capsys)
+    assert "Nothing moves on this base: name another one (--base)" in refusal(
+        identify.main, [*given[:2], "--base", "link2", "--cutoff", "auto", "--out", str(tmp_path / "out")], capsys
+    )
+    ball = '<body name="a"><joint name="neck" type="ball"/><geom size="1"/></body>'
+    (tmp_path / "model.xml").write_text(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
+    assert "but not the ball joint 'neck'" in refusal(stream.main, given[:2], capsys)
+
+
+@pytest.mark.parametrize("name", [stream.FILE, "estimate.json"])
+def test_a_recording_is_never_written_over(tmp_path, capsys, name):
+    model, log, *given = arguments(tmp_path)
+    result = tmp_path / "out" / name
+    result.parent.mkdir()
+    result.write_bytes((tmp_path / "log.npz").read_bytes())
+    links = tmp_path / "symbolic.npz", tmp_path / "hard.npz"
+    links[0].symlink_to(result)
+    links[1].hardlink_to(result)
+    for path in (result, *links):
+        said = refusal(stream.main, [model, str(path), *given], capsys)
+        assert f"The results would replace '{result}', which is the input '{path}'; choose another --out." in said
+    assert result.read_bytes() == (tmp_path / "log.npz").read_bytes()
+    assert stream.main([model, log, *given]) == 0
+
+
+def test_a_refused_run_leaves_no_folder(tmp_path, capsys):
+    given = arguments(tmp_path)
+    (tmp_path / "log.npz").write_text("no archive")
+    refusal(stream.main, given, capsys)
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+
+from ident.mechanism.body import BASE
+from ident.mechanism.dh import Frame, tree_from_mdh
+from ident.model.regressor import base_wrench_regressor
+
+
+def rotation(axis, angle):
+    i, j = [k for k in range(3) if k != axis]
+    R = np.eye(4)
+    R[i, i] = R[j, j] = np.cos(angle)
+    R[i, j], R[j, i] = (-np.sin(angle), np.sin(angle)) if axis != 1 else (np.sin(angle), -np.sin(angle))
+    return R
+
+
+def translation(axis, amount):
+    T = np.eye(4)
+    T[axis, 3] = amount
+    return T
+
+
+def test_a_row_is_khalil_and_kleinfingers_product():
+    frame = Frame("1", None, "fixed", alpha=0.3, d=0.2, theta=-1.1, r=0.7, gamma=0.5, b=-0.4)
+    expected = rotation(2, 0.5) @ translation(2, -0.4) @ rotation(0, 0.3) @ translation(0, 0.2)
+    expected = expected @ rotation(2, -1.1) @ translation(2, 0.7)
+    np.testing.assert_allclose(frame.home, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(("kind", "moved"), [("revolute", "theta"), ("prismatic", "r")])
+def test_the_joint_adds_to_its_angle_or_distance(kind, moved):
+    row = {"alpha": 0.3, "d": 0.2, "theta": -1.1, "r": 0.7}
+    tree = tree_from_mdh([Frame("1", None, kind, **row)])
+    shifted = Frame("1", None, "fixed", **(row | {moved: row[moved] + 0.6}))
+    np.testing.assert_allclose(tree.poses(np.array([0.6]))[0], shifted.home, atol=1e-15)
+
+
+def test_fixed_frames_fold_away_on_a_branching_tree():
+    tree = tree_from_mdh(
+        [
+            Frame("pedestal", None, "fixed", r=0.5),
+            Frame("turn", "pedestal", "revolute", alpha=0.4, inertia=False),
+            Frame("column", "turn", "fixed", d=0.3),
+            Frame("left", "column", "revolute", gamma=0.2, d=0.1),
+            Frame("right", "column", "prismatic", gamma=-0.2, d=0.1, inertia=False),
+            Frame("tool", "right", "fixed", theta=0.3, r=0.2),
+            Frame("camera", "right", "fixed", d=0.1),
+        ]
+    )
+    assert tree.names == ("pedestal", "column", "left", "tool", "camera")
+    assert [body.parent for body in tree.bodies] == [BASE, 0, 1, 1, 3]
+    assert tree.joints == ("turn", "left", "right")
+    q = np.array([0.3, -0.8, 0.25])
+    at = {name: T for name, T in zip(tree.names, tree.poses(q), strict=True)}
+    turn = translation(2, 0.5) @ rotation(0, 0.4) @ rotation(2, 0.3)
+    column = turn @ translation(0, 0.3)
+    right = column @ rotation(2, -0.2) @ translation(0, 0.1) @ translation(2, 0.25)
+    np.testing.assert_allclose(at["column"], column, atol=1e-15)
+    left = column @ rotation(2, 0.2) @ translation(0, 0.1) @ rotation(2, -0.8)
+    np.testing.assert_allclose(at["left"], left, atol=1e-15)
+    np.testing.assert_allclose(at["tool"], right @ rotation(2, 0.3) @ translation(2, 0.2), atol=1e-15)
+    np.testing.assert_allclose(at["camera"], right @ translation(0, 0.1), atol=1e-15)
+
+
+def test_a_link_without_inertia_keeps_its_joint():
+    tree = tree_from_mdh(
+        [Frame("1", None, "revolute", inertia=False), Frame("2", "1", "revolute", alpha=np.pi / 2, d=0.3)]
+    )
+    assert tree.names == ("1", "2")
+    states = np.random.default_rng(0).normal(size=(3, 5, 2))
+    assert base_wrench_regressor(tree, *states, gravity=[0, 0, -9.81]).shape == (5, 6, 10)
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (
+            [Frame("1", None, "spherical")],
+            r"Row 1 \(frame '1'\) needs a joint type out of revolute, prismatic, fixed, got",
+        ),
+        ([Frame("1", None, "fixed"), Frame("1", None, "fixed")], "Row 2 gives frame '1' a second time"),
+        (
+            [Frame("1", "2", "fixed"), Frame("2", "1", "fixed")],
+            r"Row 1 .*parent from a row before it \(none but the base",
+        ),
+        ([Frame("1", None, "fixed"), Frame("2", "9", "fixed")], r"Row 2 .*before it \(1\), got '9'"),
+    ],
+)
+def test_tables_that_are_no_trees_are_refused(frames, message):
+    with pytest.raises(ValueError, match=message):
+        tree_from_mdh(frames)

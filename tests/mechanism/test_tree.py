@@ -1,0 +1,193 @@
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_tree, random_twist
+
+from ident.geometry import se3
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import BaseMotion, Tree
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+
+
+def test_table_2_is_a_double_pendulum():
+    tree = double_pendulum(base=(0.1, 0.2, 0.3))
+    q1, q2 = 0.4, -1.1
+    poses = tree.poses(np.array([q1, q2]))
+    end = poses[2] @ [0, 0, 1, 1]
+    elbow = np.array([0.1, 0.2 - 0.425 * np.sin(q1), 0.3 + 0.425 * np.cos(q1)])
+    np.testing.assert_allclose(poses[2][:3, 3], elbow, atol=1e-15)
+    np.testing.assert_allclose(end[:3] - elbow, [0, -np.sin(q1 + q2), np.cos(q1 + q2)], atol=1e-15)
+    assert tree.joints == ("link1", "link2")
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_home_poses_come_back_at_zero(seed):
+    rng = np.random.default_rng(seed)
+    T_0i = np.stack([random_pose(rng) for _ in range(4)])
+    xi = np.stack([random_twist(rng, k) for k in ("welded", "revolute", "prismatic", "helical")])
+    tree = Tree.from_home_poses("abcd", T_0i, xi, parents=[BASE, 0, 1, 0])
+    np.testing.assert_allclose(tree.poses(np.zeros(3)), T_0i, atol=1e-13)
+
+
+def test_poses_take_batches():
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, 6)
+    q = random_states(rng, tree, 5)[0]
+    np.testing.assert_allclose(tree.poses(q)[3], tree.poses(q[3]), atol=1e-14)
+
+
+def test_with_twists_replaces_the_joints_only():
+    tree = double_pendulum()
+    twists = np.stack([random_twist(np.random.default_rng(k), "revolute") for k in range(2)])
+    other = tree.with_twists(twists)
+    np.testing.assert_array_equal([other.bodies[i].twist for i in other.moving], twists)
+    np.testing.assert_array_equal(other.bodies[2].home, tree.bodies[2].home)
+    assert not tree.bodies[1].twist[:3].any()
+
+
+def test_the_mechanism_cannot_be_changed_by_accident():
+    with pytest.raises(ValueError, match="read-only"):
+        double_pendulum().bodies[1].twist[0] = 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"home": np.diag([2.0, 1, 1, 1])}, "rigid home pose"),
+        ({"home": np.eye(3)}, "4×4"),
+        ({"twist": np.array([0, 0, 0, 0, 0, 2.0])}, "joint twist"),
+        ({"twist": np.zeros(5)}, "joint twist"),
+        ({"twist": np.full(6, np.nan)}, "joint twist"),
+        ({"home": np.full((4, 4), np.nan)}, "rigid home pose"),
+    ],
+)
+def test_bad_bodies_are_refused(change, message):
+    good = {"name": "arm", "parent": BASE, "home": np.eye(4), "twist": np.zeros(6)}
+    with pytest.raises(ValueError, match=f"'arm'.*{message}"):
+        Body(**(good | change))
+
+
+def test_parents_come_first():
+    with pytest.raises(ValueError, match=r"'b'.*parent index from -1 to 0, got 1"):
+        Tree((Body("a", BASE, np.eye(4), np.zeros(6)), Body("b", 1, np.eye(4), np.zeros(6))))
+
+
+def test_names_stand_once():
+    body = Body("a", BASE, np.eye(4), np.zeros(6))
+    with pytest.raises(ValueError, match="name of its own for every body; 'a' stands twice"):
+        Tree((body, body))
+    hinge = Body("a", BASE, np.eye(4), np.array([0, 0, 0, 1.0, 0, 0]), "elbow")
+    with pytest.raises(ValueError, match="for every joint; 'elbow' stands twice"):
+        Tree((hinge, replace(hinge, name="b")))
+
+
+def test_a_tree_has_bodies_with_whole_parents():
+    with pytest.raises(ValueError, match="at least one body"):
+        Tree(())
+    with pytest.raises(ValueError, match=r"parent index from -1 to -1, got -0.5"):
+        Tree((Body("a", -0.5, np.eye(4), np.zeros(6)),))
+    with pytest.raises(ValueError, match=r"Parents come before their children, got \(1, -1\)"):
+        Tree.from_home_poses("ab", np.stack([np.eye(4)] * 2), np.zeros((2, 6)), [1, -1])
+
+
+def test_a_free_joint_has_seven_coordinates():
+    with pytest.raises(ValueError, match=r"coordinates \(N, 7\).* got \(3, 6\), \(3, 6\) and \(3, 6\)"):
+        BaseMotion.from_free_joint(*np.ones((3, 3, 6)))
+
+
+def test_joint_values_need_a_column_for_each_joint():
+    with pytest.raises(ValueError, match=r"2 columns \(link1, link2\), got shape \(3,\)"):
+        double_pendulum().poses(np.zeros(3))
+
+
+def test_mirrored_frames_are_refused():
+    with pytest.raises(ValueError, match="rigid home pose"):
+        Body("arm", BASE, np.diag([1.0, 1, -1, 1]), np.zeros(6))
+
+
+def test_poses_are_rigid():
+    rng = np.random.default_rng(3)
+    tree = random_tree(rng, 5)
+    for T in tree.poses(random_states(rng, tree, 1)[0][0]):
+        np.testing.assert_allclose(se3.inverse(T) @ T, np.eye(4), atol=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_merged_welds_need_the_same_wrench_and_torques(seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, 8, kinds=("revolute", "ball", "welded", "welded"), massless=0.3)
+    merged, X = tree.without_welds()
+    assert sum(not body.moves for body in merged.bodies) <= 1
+    assert merged.joints == tree.joints
+    states, phi = random_states(rng, tree, 3), random_phi(rng, len(tree.inertial))
+    for regressor in (base_wrench_regressor, joint_torque_regressor):
+        expected = regressor(tree, *states, gravity=GRAVITY) @ phi
+        found = regressor(merged, *states, gravity=GRAVITY) @ (X @ phi)
+        np.testing.assert_allclose(found, expected, atol=1e-12 * max(1, abs(expected).max(initial=0)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"V": np.zeros((2, 6))}, r"T \(N, 4, 4\), V \(N, 6\) and dV \(N, 6\), got V \(2, 6\)"),
+        ({"dV": np.full((3, 6), np.nan)}, "finite"),
+        ({"T": np.zeros((3, 4, 4))}, "rigid poses"),
+    ],
+)
+def test_bad_motions_of_a_base_are_refused(change, message):
+    good = {"T": np.tile(np.eye(4), (3, 1, 1)), "V": np.zeros((3, 6)), "dV": np.zeros((3, 6))}
+    with pytest.raises(ValueError, match=message):
+        BaseMotion(**(good | change))
+
+
+def test_twists_of_no_joint_are_refused():
+    with pytest.raises(ValueError, match="or a ball joint's 6×3"):
+        Body("arm", BASE, np.eye(4), np.ones((6, 3)))
+
+
+def test_trees_of_the_same_values_are_equal():
+    """So that what was found for one holds for its copy in another process."""
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, 5)
+    copy = pickle.loads(pickle.dumps(tree))
+    assert copy == tree and hash(copy) == hash(tree) and copy is not tree
+    turned = Tree((*tree.bodies[:-1], replace(tree.bodies[-1], home=random_pose(rng))))
+    assert turned != tree and tree != "tree" and tree.bodies[0] != "body"
+
+
+def test_fixed_joints_stand_still():
+    """Regressors of the tree with constant coordinates and no rates of these joints."""
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        tree = random_tree(rng, massless=0.2)
+        if not tree.moving:
+            continue
+        states = random_states(rng, tree, 4)
+        still = [tree.bodies[i] for i in tree.moving if rng.uniform() < 0.5]
+        names = {body.joint for body in still}
+        coordinates = {}
+        dealt = [tree.body_coordinates(states[0]), *(tree.body_velocities(x) for x in states[1:])]
+        for body, q, dq, ddq in zip(tree.bodies, *dealt, strict=True):
+            if body.joint in names:
+                q[:], dq[:], ddq[:] = q[0], 0, 0
+                coordinates[body.joint] = q[0]
+        fixed = tree.fixed(coordinates)
+        assert set(fixed.joints) == set(tree.joints) - names
+        moves = [body.joint not in names for body in tree.bodies]
+        less = [np.hstack([x for x, k in zip(part, moves, strict=True) if k] or [np.empty((4, 0))]) for part in dealt]
+        np.testing.assert_allclose(fixed.poses(less[0]), tree.poses(states[0]), atol=1e-12)
+        expected = base_wrench_regressor(tree, *states, gravity=GRAVITY)
+        found = base_wrench_regressor(fixed, *less, gravity=GRAVITY)
+        np.testing.assert_allclose(found, expected, atol=1e-11 * abs(expected).max())
+
+
+def test_what_cannot_be_fixed_is_refused():
+    tree = double_pendulum()
+    for coordinates, message in {
+        "knee": "no joint 'knee' to fix; the joints are link1, link2",
+        "link1": r"'link1' is fixed at 1 finite coordinates, got \[1.0, 2.0\]",
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            tree.fixed({coordinates: [1, 2]})

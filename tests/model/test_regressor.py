@@ -1,0 +1,175 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanisms import (
+    GRAVITY,
+    double_pendulum,
+    random_phi,
+    random_pose,
+    random_states,
+    random_tree,
+    random_twist,
+    tilted_axis,
+)
+
+from ident.geometry.se3 import coAd
+from ident.mechanism.body import BASE, Body, ball_twist, free_joint
+from ident.mechanism.tree import BaseMotion, Tree
+from ident.model import dim, regressor
+from ident.parameters.base_parameters import find_base_parameters
+
+
+def both(tree, states, gravity):
+    batched = regressor.base_wrench_regressor(tree, *states, gravity=gravity)
+    single = [dim.base_wrench_regressor(tree, *x, gravity=gravity) for x in zip(*states, strict=True)]
+    return batched, np.array(single)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_closed_form_equals_the_papers_recursion(seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng)
+    batched, single = both(tree, random_states(rng, tree, 5), rng.normal(size=3))
+    np.testing.assert_allclose(batched, single, rtol=0, atol=1e-12 * abs(single).max())
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_joint_torques_are_those_of_the_recursion(seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng)
+    phi, states, gravity = random_phi(rng, len(tree.inertial)), random_states(rng, tree, 5), rng.normal(size=3)
+    found = regressor.joint_torque_regressor(tree, *states, gravity=gravity) @ phi
+    each = [dim.inverse_dynamics(tree, phi, *x, gravity=gravity)[1] for x in zip(*states, strict=True)]
+    np.testing.assert_allclose(found, each, rtol=0, atol=1e-12 * max(1, np.max(np.abs(each), initial=0)))
+
+
+def test_chunks_join_without_a_seam():
+    rng = np.random.default_rng(0)
+    tree = double_pendulum()
+    states = random_states(rng, tree, 2 * regressor.CHUNK + 3)
+    whole = regressor.base_wrench_regressor(tree, *states, gravity=[0, 0, -9.81])
+    for k in (0, regressor.CHUNK - 1, regressor.CHUNK, 2 * regressor.CHUNK + 2):
+        one = regressor.base_wrench_regressor(tree, *(x[k : k + 1] for x in states), gravity=[0, 0, -9.81])
+        np.testing.assert_allclose(whole[k], one[0], atol=1e-13)
+
+
+@pytest.mark.parametrize("torques", [False, True])
+@pytest.mark.parametrize("seed", range(40))
+def test_recorded_equations_are_those_of_one_sample(seed, torques):
+    """Long recordings run a program, short ones are evaluated sample by sample; bases rest or move."""
+    rng = np.random.default_rng(seed)
+    tree, samples = random_tree(rng), regressor.FEW + 3
+    of = regressor.joint_torque_regressor if torques else regressor.base_wrench_regressor
+    states, gravity = random_states(rng, tree, samples), rng.normal(size=3)
+    moving = BaseMotion.from_free_joint(rng.normal(size=(samples, 7)), *rng.normal(size=(2, samples, 6)))
+    for base in (None, moving):
+        whole = of(tree, *states, gravity=gravity, base=base)
+        for k in range(samples):
+            sample = None if base is None else BaseMotion(base.T[k : k + 1], base.V[k : k + 1], base.dV[k : k + 1])
+            one = of(tree, *(x[k : k + 1] for x in states), gravity=gravity, base=sample)
+            np.testing.assert_allclose(whole[k], one[0], rtol=0, atol=1e-13 * max(1, np.max(abs(one), initial=0)))
+
+
+@pytest.mark.parametrize("samples", [3, 50])
+@pytest.mark.parametrize("of", [regressor.base_wrench_regressor, regressor.joint_torque_regressor])
+def test_only_requested_columns_are_computed(of, samples):
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, 6)
+    states = random_states(rng, tree, samples)
+    columns = [33, 4, 4, 11]
+    every = of(tree, *states, gravity=GRAVITY)
+    np.testing.assert_array_equal(of(tree, *states, gravity=GRAVITY, columns=columns), every[:, :, columns])
+    assert of(tree, *states, gravity=GRAVITY, columns=[]).shape == (*every.shape[:2], 0)
+    np.testing.assert_array_equal(of(tree, *states, gravity=GRAVITY, columns=iter(columns)), every[:, :, columns])
+    with pytest.raises(ValueError, match="has columns 0 to 59, not 60"):
+        of(tree, *states, gravity=GRAVITY, columns=[3, 60])
+
+
+def test_what_the_geometry_makes_zero_or_constant_is_not_computed():
+    """Two links that turn about X: the base's columns are constant, and forces along X and most inertias vanish."""
+    tree = double_pendulum()
+    program = regressor.regressor_program(tree, np.array(GRAVITY), range(30), moving=False, torques=False)
+    tilted = tree.with_twists([[0, 0, 0, *tilted_axis(5, 10)], [0, 0, 0, *tilted_axis(7, 40)]])
+    general = regressor.regressor_program(tilted, np.array(GRAVITY), range(30), moving=False, torques=False)
+    assert len(program.code) < 150 < 500 < len(general.code) < 700
+    base_only = regressor.regressor_program(tree, np.array(GRAVITY), range(10), moving=False, torques=False)
+    assert base_only.code == () and len(base_only.constants) == 3
+
+
+def test_lapack_takes_the_matrix_without_a_copy():
+    rng = np.random.default_rng(0)
+    tree = double_pendulum()
+    Y = regressor.base_wrench_regressor(tree, *random_states(rng, tree, 70), gravity=[0, 0, -9.81])
+    assert Y.shape == (70, 6, 30)
+    assert Y.transpose(2, 1, 0).flags.c_contiguous
+
+
+def test_parallel_axes_leave_the_force_along_them_empty():
+    rng = np.random.default_rng(0)
+    tree = double_pendulum()
+    Y = regressor.base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=[0, 0, -9.81])
+    assert abs(Y[:, 0]).max() < 1e-12 < abs(Y[:, 1:]).max(axis=(0, 2)).min()
+
+
+def test_a_moving_base_is_a_free_joint_seen_from_the_body():
+    """Cut at a free joint, the rest needs the wrench that the joint's forces are, written in the body's frame."""
+    rng = np.random.default_rng(0)
+    arm = Body("arm", 3, random_pose(rng), random_twist(rng, "revolute"), "elbow")
+    whole = Tree((*free_joint("root", "b", BASE, 0), arm))
+    cut = Tree((Body("b", BASE, np.eye(4), np.zeros(6)), replace(arm, parent=0)))
+    q, dq, ddq = random_states(rng, whole, 5)
+    base = BaseMotion.from_free_joint(q[:, :7], dq[:, :6], ddq[:, :6])
+    expected = regressor.base_wrench_regressor(whole, q, dq, ddq, gravity=GRAVITY)
+    found = regressor.base_wrench_regressor(cut, q[:, 7:], dq[:, 6:], ddq[:, 6:], gravity=GRAVITY, base=base)
+    np.testing.assert_allclose(coAd(base.T) @ found, expected, atol=1e-12 * abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_dim_and_the_closed_form_agree_on_a_moving_base(seed):
+    rng = np.random.default_rng(seed)
+    tree, base_states = random_tree(rng), (rng.normal(size=(4, 7)), *rng.normal(size=(2, 4, 6)))
+    base, states = BaseMotion.from_free_joint(*base_states), random_states(rng, tree, 4)
+    found = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, base=base)
+    for k in range(4):
+        sample = BaseMotion(base.T[k], base.V[k], base.dV[k])
+        expected = dim.base_wrench_regressor(tree, *(x[k] for x in states), gravity=GRAVITY, base=sample)
+        np.testing.assert_allclose(found[k], expected, rtol=0, atol=1e-12 * abs(expected).max())
+
+
+def test_a_base_needs_as_many_samples_as_the_joints():
+    states = random_states(np.random.default_rng(0), double_pendulum(), 3)
+    base = BaseMotion(np.eye(4)[None], np.zeros((1, 6)), np.zeros((1, 6)))
+    with pytest.raises(ValueError, match="3 joint states need as many samples of the base's motion"):
+        regressor.base_wrench_regressor(double_pendulum(), *states, gravity=GRAVITY, base=base)
+
+
+@pytest.mark.parametrize("gravity", [9.81, [9.81], [0, 9.81], [[0, 0, -9.81]], [0, 0, np.nan]])
+def test_gravity_has_three_finite_numbers(gravity):
+    tree = double_pendulum()
+    states = random_states(np.random.default_rng(0), tree, 3)
+    with pytest.raises(ValueError, match="Gravity needs three finite numbers"):
+        regressor.base_wrench_regressor(tree, *states, gravity=gravity)
+    with pytest.raises(ValueError, match="Gravity needs three finite numbers"):
+        find_base_parameters(tree, gravity=gravity)
+
+
+def test_joint_states_are_finite():
+    tree = double_pendulum()
+    q, dq, ddq = random_states(np.random.default_rng(0), tree, 3)
+    dq[1, 1] = np.nan
+    with pytest.raises(ValueError, match="Joint states need finite numbers"):
+        regressor.base_wrench_regressor(tree, q, dq, ddq, gravity=GRAVITY)
+
+
+def test_a_zero_quaternion_is_refused():
+    ball = Tree((Body("arm", BASE, np.eye(4), ball_twist(np.zeros(3)), "shoulder"),))
+    q = np.array([[1.0, 0, 0, 0], [0, 0, 0, 0]])
+    with pytest.raises(ValueError, match="'shoulder' needs quaternions; that of sample 1 is zero"):
+        regressor.base_wrench_regressor(ball, q, np.zeros((2, 3)), np.zeros((2, 3)), gravity=GRAVITY)
+
+
+def test_states_of_different_shapes_are_refused():
+    tree = double_pendulum()
+    with pytest.raises(ValueError, match=r"shapes \(N, 2\), .* got \(5, 2\), \(4, 2\) and \(5, 2\)"):
+        regressor.base_wrench_regressor(tree, np.zeros((5, 2)), np.zeros((4, 2)), np.zeros((5, 2)), gravity=[0, 0, -1])

@@ -1,0 +1,80 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ident.model.tape import Program, Tape
+
+OPERATIONS = ("+", "-", "*", "negative", "sin", "cos", "-1", "0", "1", "half")
+
+
+def grown(values, choices):
+    """Expressions made of earlier ones, the same way for numbers and for signals."""
+    values = list(values)
+    numbers = {"-1": -1, "0": 0, "1": 1.0, "half": 0.5}
+    for operation, i, j in choices:
+        a, b = values[i % len(values)], values[j % len(values)]
+        if operation in numbers:
+            values += [a * numbers[operation], numbers[operation] - a, a + numbers[operation], a - numbers[operation]]
+        elif operation in ("sin", "cos"):
+            values.append({"sin": np.sin, "cos": np.cos}[operation](a))
+        else:
+            values.append(-a if operation == "negative" else {"+": a + b, "-": a - b, "*": a * b}[operation])
+    return values
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 40), st.integers(0, 40)), max_size=25),
+    st.lists(st.integers(0, 80), min_size=1, max_size=8),
+)
+def test_a_program_computes_what_was_written(choices, wanted):
+    inputs = np.random.default_rng(0).uniform(-0.5, 0.5, size=(3, 5))
+    tape = Tape(3)
+    written, computed = grown(tape.inputs, choices), grown(inputs, choices)
+    picks = [k % len(written) for k in wanted]
+    program = Program.of(tape, [written[k] for k in picks])
+    out = np.zeros((len(picks), 5))
+    program.fill(out)
+    program.run(inputs, out)
+    expected = np.array([np.broadcast_to(np.clip(computed[k], -1e300, 1e300), 5) for k in picks])
+    np.testing.assert_allclose(out, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
+
+
+def test_zeros_and_ones_cost_nothing():
+    tape = Tape(2)
+    a, b = tape.inputs
+    assert a * 0 == 0 and 0 * a == 0 and a - a == 0
+    assert a * 1 is a and a + 0 is a and a - 0 is a and -1 * -a is a
+    assert a + b is b + a and a * b is b * a and a + (-b) is a - b and (-a) * b is -(a * b)
+    before = len(tape.steps)
+    assert (a * b) * 1 + 0 is b * a and len(tape.steps) == before
+
+
+def test_what_no_result_needs_is_not_computed():
+    tape = Tape(2)
+    a, b = tape.inputs
+    _ = np.sin(b) * a
+    program = Program.of(tape, [a + b, 3.0, 0.0, a + b, a])
+    assert [operation for operation, *_ in program.code] == [np.add, np.positive, np.positive]
+    out = np.zeros((5, 4))
+    program.fill(out)
+    inputs = np.arange(8.0).reshape(2, 4)
+    program.run(inputs, out)
+    np.testing.assert_array_equal(out, [inputs.sum(axis=0), [3] * 4, [0] * 4, inputs.sum(axis=0), inputs[0]])
+
+
+def test_results_of_a_chain_share_one_register():
+    tape = Tape(1)
+    x = tape.inputs[0]
+    for _ in range(50):
+        x = np.sin(x) + 0.5
+    assert Program.of(tape, [x]).registers == 1
+
+
+def test_formulas_of_arrays_run_on_signals():
+    rng = np.random.default_rng(0)
+    A, x = rng.normal(size=(3, 3)), rng.normal(size=(3, 7))
+    tape = Tape(3)
+    program = Program.of(tape, list(A @ np.cos(np.array(tape.inputs)) / 2 - np.ones(3)))
+    out = np.zeros((3, 7))
+    program.run(x, out)
+    np.testing.assert_allclose(out, A @ np.cos(x) / 2 - 1, atol=1e-15)

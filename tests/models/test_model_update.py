@@ -1,0 +1,244 @@
+import os
+import re
+import warnings
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from mechanisms import random_phi
+
+import scenes
+from ident.geometry.inertia import com_from_parameters
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from sim.models.model_update import updated_spec, write_model
+from sim.models.mujoco_model import gravity_in_base, parameters_from_model, state_columns, tree_from_model
+from sim.models.urdf import model_from_urdf
+
+MJCF = """<mujoco><!-- kept --><compiler angle="radian"{compiler}/>
+<default><default class="c"><joint damping="0.123456789"/></default></default>
+<worldbody><geom name="floor" type="plane" size="1 1 1"/><body name="base" pos="0.123456789 0 1">
+<geom size=".1"/><body pos="0 0 0.3333333333"><joint class="c" name="u" axis="1 0.123456789 0"/><geom size=".1"/>
+<site name="tip" pos="0.987654321 0 0"/><frame pos="0 0 1"><body name="hand"><inertial pos=".1 0 0" mass="1.5"
+fullinertia=".2 .3 .4 .01 0 0"/><joint name="w" axis="0 1 0"/></body></frame></body></body>
+<body name="other" pos="2 0 0"><inertial pos="0 0 .1" mass="2" diaginertia=".1 .1 .1"/><geom size=".2"/></body>
+</worldbody></mujoco>"""
+
+URDF = """<robot name="arm">{extension}<!-- kept -->
+<link name="root">{mesh}<inertial><mass value="3"/><origin xyz="0 0 .1" rpy="0 .2 0"/>
+<inertia ixx=".01" iyy=".02" izz=".015" ixy="0" ixz="0.001" iyz="0"/></inertial></link>
+<link name="upper"><inertial><mass value="2"/><origin xyz="0 0 .1"/>
+<inertia ixx=".01" iyy=".02" izz=".015" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><box size="1 1 1"/></geometry></collision></link>
+<link name="tool">{mesh}<inertial><mass value="1"/><inertia ixx=".01" iyy=".02" izz=".015" ixy="0" ixz="0" iyz="0"/>
+</inertial></link><link name="flange">{mesh}</link>
+<joint name="elbow" type="continuous"><parent link="root"/><child link="upper"/><axis xyz="0 1 0"/></joint>
+<joint name="f" type="fixed"><parent link="upper"/><child link="tool"/><origin xyz="0 0 1" rpy="0.3 0 0"/></joint>
+<joint name="g" type="fixed"><parent link="tool"/><child link="flange"/></joint></robot>"""
+MESH = """<visual><geometry><mesh filename="package://gone/a.dae"/></geometry><material name="steel">
+<texture filename="package://gone/steel.png"/></material></visual>
+<collision><geometry><mesh filename="package://gone/a.stl"/></geometry></collision>"""
+OVERRIDES = ("", ' inertiafromgeom="true"', ' boundmass="1.7" boundinertia=".3"', ' balanceinertia="true"')
+
+
+def written(tmp_path, text, name):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    return written(tmp_path, URDF.format(mesh=MESH, extension=""), "arm.urdf")
+
+
+def compiled(path):
+    return mujoco.MjModel.from_xml_path(str(path))
+
+
+def assert_others_untouched(found, expected, members):
+    """All fields of a compiled model are the same but those that follow from the inertias of some bodies."""
+    follow = r"body_(mass|subtreemass|invweight0|ipos|iquat|inertia|sameframe|simple)|(geom|site)_sameframe"
+    follow += r"|dof_(invweight0|M0|length|simplenum)|(actuator_acc|tendon_invweight|light_poscom|cam_poscom)0|bvh_.*"
+    follow += r"|names|paths|.*map.*|.*[MDBC]_.*"
+    fields = [f for f in dir(expected) if isinstance(getattr(expected, f, None), np.ndarray) and f[0] != "_"]
+    kept = [f for f in fields if not re.fullmatch(follow, f)]
+    assert len(kept) > 100
+    for field in kept:
+        ours, theirs = getattr(found, field), getattr(expected, field)
+        np.testing.assert_array_equal(ours, theirs, err_msg=field)
+    others = [b for b in range(expected.nbody) if b not in members]
+    for field in ("body_mass", "body_ipos", "body_inertia"):
+        np.testing.assert_allclose(getattr(found, field)[others], getattr(expected, field)[others], rtol=1e-12)
+
+
+@pytest.mark.parametrize("compiler", OVERRIDES)
+@pytest.mark.parametrize("kind", ["file", "specification"])
+def test_an_updated_mjcf_reads_back_as_the_parameters_with_all_else_untouched(tmp_path, compiler, kind):
+    path = written(tmp_path, MJCF.format(compiler=compiler), "arm.xml")
+    source = path if kind == "file" else mujoco.MjSpec.from_file(str(path))
+    phi = random_phi(np.random.default_rng(0), 3)
+    spec = updated_spec(source, phi, "base")
+    np.testing.assert_allclose(parameters_from_model(spec, "base"), phi, rtol=1e-9, atol=1e-12)
+    before = compiled(path)
+    assert_others_untouched(spec.compile(), before, {1, 2, 3})
+    out = tmp_path / "updated.xml"
+    write_model(out, source, phi, "base")
+    np.testing.assert_allclose(parameters_from_model(out, "base"), phi, rtol=1e-9, atol=1e-12)
+    if kind == "file":
+        assert_others_untouched(compiled(out), before, {1, 2, 3})
+        assert "<!-- kept -->" in out.read_text(encoding="utf-8")
+
+
+def test_total_mass_settings_do_not_scale_the_parameters(tmp_path):
+    path = written(tmp_path, MJCF.format(compiler=' settotalmass="50"'), "arm.xml")
+    phi = random_phi(np.random.default_rng(0), 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MuJoCo 4 deprecates the setting
+        write_model(tmp_path / "new.xml", path, phi, "base")
+        other = compiled(path).body("other").mass
+    np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml", "base"), phi, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(compiled(tmp_path / "new.xml").body("other").mass, other)
+
+
+@pytest.mark.parametrize("name, base", [("double_pendulum", "base"), ("humanoid", "pelvis"), ("humanoid", None)])
+def test_scenes_round_trip(tmp_path, name, base):
+    spec = scenes.load(name)
+    before = spec.compile()
+    phi = parameters_from_model(before, base)
+    phi = phi * np.repeat(np.random.default_rng(1).uniform(0.5, 2, len(phi) // 10), 10)
+    write_model(tmp_path / "new.xml", spec, phi, base)
+    np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml", base), phi, rtol=1e-9, atol=1e-12)
+    assert_others_untouched(updated_spec(spec, phi, base).compile(), before, range(before.nbody))
+    np.testing.assert_allclose(parameters_from_model(spec, base), parameters_from_model(before, base))
+
+
+def test_an_updated_model_simulates_to_the_same_wrenches(tmp_path):
+    path = written(tmp_path, MJCF.format(compiler=""), "arm.xml")
+    phi = random_phi(np.random.default_rng(2), 3)
+    write_model(tmp_path / "new.xml", path, phi, "base")
+    model = compiled(tmp_path / "new.xml")
+    model.dof_damping[:] = 0
+    tree, gravity = tree_from_model(path, "base"), gravity_in_base(path, "base")
+    coordinates, dofs = state_columns(path, "base")
+    states = np.random.default_rng(3).normal(size=(3, 20, 2))
+    torque, wrench = np.empty((20, 2)), np.empty((20, 6))
+    data = mujoco.MjData(model)
+    for k in range(20):
+        data.qpos[coordinates], data.qvel[dofs], data.qacc[dofs] = (x[k] for x in states)
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        torque[k] = data.qfrc_inverse[dofs]
+        # The force that carries body 1, about the centre of its subtree, turning part first.
+        force = data.cfrc_int[1]
+        moment = force[:3] + np.cross(data.subtree_com[model.body_rootid[1]] - data.xpos[1], force[3:])
+        wrench[k] = np.concatenate([force[3:], moment])
+    expected = (joint_torque_regressor(tree, *states, gravity=gravity) @ phi)[:, :2]
+    np.testing.assert_allclose(torque, expected, atol=1e-9 * abs(expected).max())
+    expected = base_wrench_regressor(tree, *states, gravity=gravity) @ phi
+    np.testing.assert_allclose(wrench, expected, atol=1e-9 * abs(expected).max())
+
+
+def test_meshes_are_found_from_another_folder(tmp_path):
+    (tmp_path / "assets").mkdir()
+    (tmp_path / "out").mkdir()
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    written(tmp_path / "assets", corners, "a.obj")
+    text = MJCF.format(compiler=' meshdir="assets"').replace(
+        "<worldbody>", '<asset><mesh file="a.obj"/></asset><worldbody>'
+    )
+    text = text.replace('<geom size=".1"/>', '<geom type="mesh" mesh="a"/>')
+    path = written(tmp_path, text, "arm.xml")
+    phi = random_phi(np.random.default_rng(0), 3)
+    for source in (path, mujoco.MjSpec.from_file(str(path))):
+        write_model(tmp_path / "out" / "new.xml", source, phi, "base")
+        assert compiled(tmp_path / "out" / "new.xml").nmesh == 1
+
+
+def test_included_bodies_are_updated_as_well(tmp_path):
+    written(tmp_path, '<mujoco><body name="arm"><joint/><geom size=".1"/></body></mujoco>', "part.xml")
+    text = (
+        '<mujoco><worldbody><body name="base"><geom size=".1"/><include file="part.xml"/></body></worldbody></mujoco>'
+    )
+    path = written(tmp_path, text, "whole.xml")
+    phi = random_phi(np.random.default_rng(0), 2)
+    write_model(tmp_path / "new.xml", path, phi)
+    np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml"), phi, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("extension", ["", '<mujoco><compiler fusestatic="true" discardvisual="false"/></mujoco>'])
+def test_a_urdf_keeps_its_root_and_needs_no_meshes(tmp_path, extension):
+    path = written(tmp_path, URDF.format(mesh=MESH, extension=extension), "arm.urdf")
+    model = model_from_urdf(path).compile()
+    names = ("root", "upper", "tool", "flange")
+    assert tree_from_model(model).names == names
+    assert [model.body(name).mass[0] for name in names] == [3, 2, 1, 0]
+    phi = parameters_from_model(model, "root")
+    turn = np.array([[np.cos(0.2), 0, np.sin(0.2)], [0, 1, 0], [-np.sin(0.2), 0, np.cos(0.2)]])
+    inertia = turn @ [[0.01, 0, 0.001], [0, 0.02, 0], [0.001, 0, 0.015]] @ turn.T
+    np.testing.assert_allclose(com_from_parameters(phi[:10])[2], inertia, atol=1e-12)
+
+
+def test_a_root_link_named_world_is_the_world(tmp_path):
+    text = URDF.format(mesh=MESH, extension='<link name="world"/>').replace(
+        "</robot>",
+        '<joint name="stand" type="fixed"><parent link="world"/><child link="root"/></joint></robot>',
+    )
+    model = model_from_urdf(written(tmp_path, text, "arm.urdf")).compile()
+    assert model.body("root").mass[0] == 3
+    assert tree_from_model(model, "root").names == ("root", "upper", "tool", "flange")
+
+
+@pytest.mark.parametrize("suffix", [".urdf", ".xml"])
+def test_urdf_in_gives_urdf_or_mjcf_out(tmp_path, urdf, suffix):
+    phi = random_phi(np.random.default_rng(0), 4)
+    phi[-10:] = 0
+    out = tmp_path / f"new{suffix}"
+    write_model(out, urdf, phi, "root")
+    again = model_from_urdf(out) if suffix == ".urdf" else out
+    np.testing.assert_allclose(parameters_from_model(again, "root"), phi, rtol=1e-9, atol=1e-12)
+    assert tree_from_model(again, "root").names == ("root", "upper", "tool", "flange")
+    if suffix == ".urdf":
+        text = out.read_text(encoding="utf-8")
+        assert text.count("package://gone/a.stl") == 3 and "<!-- kept -->" in text and "fusestatic" not in text
+
+
+def test_the_human_of_the_recording_has_three_bodies(tmp_path):
+    data = os.environ.get("MULTICONTACT_DATA")
+    if not data:
+        pytest.skip("MULTICONTACT_DATA does not tell where the recorded data are.")
+    folder = Path(data) / "human_bowing"
+    path = folder / "threeLinkHuman_subject1_sensorExt.urdf"
+    model = model_from_urdf(path).compile()
+    assert [model.body(name).mass[0] for name in ("foot", "leg", "torso")] == [3.0639, 25.5563, 33.0707]
+    expected = parameters_from_model(folder / "three_link_human.xml", "foot")
+    np.testing.assert_allclose(parameters_from_model(model, "foot"), expected, atol=1e-9)
+    phi = random_phi(np.random.default_rng(0), 3)
+    for source in (path, folder / "three_link_human.xml"):
+        write_model(tmp_path / f"new{source.suffix}", source, phi, "foot")
+    for spec in (model_from_urdf(tmp_path / "new.urdf"), tmp_path / "new.xml"):
+        np.testing.assert_allclose(parameters_from_model(spec, "foot"), phi, rtol=1e-9, atol=1e-12)
+
+
+def test_what_cannot_be_updated_is_refused_in_a_sentence(tmp_path, urdf):
+    path = written(tmp_path, MJCF.format(compiler=""), "arm.xml")
+    phi = random_phi(np.random.default_rng(0), 3)
+    bad = phi.copy()
+    bad[14] = -1
+    broken = written(tmp_path, "<mujoco><worldbody>", "broken.xml")
+    wrong = written(tmp_path, "<mujoco><worldbody><bod/></worldbody></mujoco>", "wrong.xml")
+    before = set(tmp_path.iterdir())
+    for call, message in {
+        lambda: write_model(tmp_path / "x.xml", path, phi[:-1], "base"): "base, body2, hand need 30 finite parameters",
+        lambda: write_model(tmp_path / "x.xml", path, bad, "base"): "'body2' are not those of a physical body",
+        lambda: write_model(tmp_path / "x.urdf", path, phi, "base"): "write 'x.xml' instead",
+        lambda: updated_spec(compiled(path), phi, "base"): "compiled model cannot be updated",
+        lambda: updated_spec(tmp_path / "none.xml", phi): "exists, got",
+        lambda: updated_spec(broken, phi): "no XML that can be read",
+        lambda: updated_spec(wrong, phi): "wrong.xml: ",
+        lambda: model_from_urdf(path): "a URDF file has a <robot>, this one a <mujoco>",
+        lambda: model_from_urdf(written(tmp_path, "<robot name='x'><link/></robot>", "arm.urdf")): "arm.urdf: ",
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            call()
+    assert set(tmp_path.iterdir()) == before

@@ -1,0 +1,304 @@
+import mujoco
+import numpy as np
+import pytest
+
+from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
+from sim.models.couplings import check_torques
+from sim.models.mujoco_model import (
+    base_motion,
+    gravity_in_base,
+    mechanism_bodies,
+    parameters_from_model,
+    state_columns,
+    tree_from_model,
+)
+from sim.models.notes import ModelNote
+
+
+def xml(body, before="", after=""):
+    return (
+        f'<mujoco><compiler angle="radian"/><worldbody>{before}<body name="base">'
+        f'<geom size=".1"/>{body}</body></worldbody>{after}</mujoco>'
+    )
+
+
+def world(bodies):
+    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+
+
+def model(body, before="", after=""):
+    return mujoco.MjModel.from_xml_string(xml(body, before, after))
+
+
+ARM = '<body name="arm"><joint name="elbow"/><geom size=".1"/></body>'
+TOOL = ARM.replace("</body>", '<body name="tool" pos="0 0 .2"><geom size=".1"/></body></body>')
+SITES = '<body name="arm"><joint name="elbow"/><geom size=".1"/><site name="tip"/></body>'
+HINGES = '<body name="arm"><joint name="u"/><joint name="w" axis="1 0 0"/><geom size=".1"/></body>'
+
+
+def test_only_the_bodies_on_the_base_belong_to_the_tree():
+    other = '<body name="pad"><joint type="slide"/><geom size=".1"/></body>'
+    m = model(ARM, other)
+    assert tree_from_model(m, "base").names == ("base", "arm")
+    assert tree_from_model(m, "base").joints == ("elbow",)
+    assert parameters_from_model(m, "base").shape == (20,)
+    assert tree_from_model(m).names == ("pad", "base", "arm")
+    assert [list(x) for x in state_columns(m, "base")] == [[1], [1]]
+
+
+def test_mocap_bodies_are_not_part_of_a_mechanism():
+    m = model(ARM, '<body name="hand" mocap="true"><geom size=".1"/></body>')
+    assert tree_from_model(m).names == ("base", "arm")
+
+
+def test_a_model_comes_compiled_as_a_specification_or_as_a_file(tmp_path):
+    text = xml(ARM)
+    path = tmp_path / "arm.xml"
+    path.write_text(text, encoding="utf-8")
+    sources = (mujoco.MjModel.from_xml_string(text), mujoco.MjSpec.from_string(text), path, str(path))
+    for source in sources:
+        assert tree_from_model(source).names == ("base", "arm")
+        np.testing.assert_array_equal(parameters_from_model(source), parameters_from_model(sources[0]))
+
+
+def test_several_joints_on_a_body_are_links_without_mass():
+    tree = tree_from_model(model(HINGES))
+    assert tree.names == ("base", "arm:u", "arm")
+    assert tree.joints == tree.freedoms == ("u", "w")
+    assert [tree.names[i] for i in tree.inertial] == ["base", "arm"]
+
+
+def test_freedoms_of_a_free_body_and_a_ball_are_named():
+    ball = '<body name="hand"><joint name="wrist" type="ball"/><geom size=".1"/></body>'
+    m = world(f'<body name="arm"><freejoint name="root"/><geom size=".1"/>{ball}</body>')
+    expected = ("root:x", "root:y", "root:z", "root.x", "root.y", "root.z", "wrist.x", "wrist.y", "wrist.z")
+    assert tree_from_model(m).freedoms == expected
+    assert tree_from_model(m, "arm").freedoms == expected[-3:]
+
+
+def test_welded_bodies_are_kept_or_merged():
+    m = model(TOOL)
+    kept, merged = tree_from_model(m, "base"), tree_from_model(m, "base", merge_welds=True)
+    assert kept.names == ("base", "arm", "tool")
+    assert merged.names == ("base", "arm")
+    phi = parameters_from_model(m, "base", merge_welds=True)
+    states = np.random.default_rng(0).normal(size=(3, 7, 1))
+    expected = base_wrench_regressor(kept, *states, gravity=m.opt.gravity) @ parameters_from_model(m, "base")
+    found = base_wrench_regressor(merged, *states, gravity=m.opt.gravity) @ phi
+    np.testing.assert_allclose(found, expected, atol=1e-12 * abs(expected).max())
+
+
+def test_gravity_is_turned_with_a_base_at_rest():
+    turned = '<body euler="90 0 0"><body name="base"{}>{}<geom size=".1"/></body></body>'
+    fixed = world(turned.format(' euler="0 90 0"', ""))
+    np.testing.assert_allclose(gravity_in_base(fixed, "base"), [0, -9.81, 0], atol=1e-12)
+    moving = world(turned.format("", "<joint/>"))
+    np.testing.assert_allclose(gravity_in_base(moving, "base"), [0, 0, -9.81])
+
+
+def test_rotors_and_viscous_friction_are_mujocos_armature_and_damping():
+    joints = (
+        '<joint name="u" armature=".3" damping=".7"/>',
+        '<joint name="w" axis="1 0 0" armature=".2" damping=".1"/>',
+    )
+    m = model(HINGES.replace('<joint name="u"/><joint name="w" axis="1 0 0"/>', "".join(joints)))
+    tree = tree_from_model(m)
+    states = np.random.default_rng(0).normal(size=(3, 20, 2))
+    data = mujoco.MjData(m)
+    forces = np.empty((20, 2))
+    for k in range(20):
+        data.qpos, data.qvel, data.qacc = (x[k] for x in states)
+        mujoco.mj_inverse(m, data)
+        forces[k] = data.qfrc_inverse
+    Y = joint_torque_regressor(tree, *states, gravity=m.opt.gravity, drive=("rotor", "viscous"))
+    phi = np.concatenate([parameters_from_model(m), m.dof_armature, m.dof_damping])
+    np.testing.assert_allclose(Y @ phi, forces, atol=1e-12)
+    assert drive_names(tree, ("rotor", "viscous")) == ("Ia(u)", "Ia(w)", "Fv(u)", "Fv(w)")
+
+
+def test_coulomb_friction_has_the_sign_of_the_velocity():
+    tree = tree_from_model(model(HINGES))
+    dq = np.array([[1.0, -2.0], [0.0, 3.0]])
+    Y = joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("coulomb",))
+    np.testing.assert_array_equal(Y[:, :, -2:], [[[1, 0], [0, -1]], [[0, 0], [0, 1]]])
+    with pytest.raises(ValueError, match="Drive parameters are a list out of rotor, viscous, coulomb, got stiction"):
+        joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("stiction",))
+
+
+LOOP = '<equality><connect name="loop" body1="arm" body2="world" anchor="0 0 0"/></equality>'
+WELD = '<equality><weld name="grip" site1="tip" site2="nail"/></equality>'
+GEAR = '<equality><joint name="gear" joint1="u" joint2="w"/></equality>'
+CABLE = '<tendon><fixed name="cable"><joint joint="elbow" coef="1"/></fixed></tendon>'
+ROPE = '<tendon><spatial><site site="tip"/><site site="nail"/></spatial></tendon>'
+NAIL = '<site name="nail"/>'
+ON_BASE = '<site name="nail" pos="0 0 1"/>'
+
+
+@pytest.mark.parametrize(
+    ("m", "name", "kind"),
+    [
+        (model(ARM, after=LOOP), "loop", r"equality \(connect\)"),
+        (model(SITES, NAIL, WELD), "grip", r"equality \(weld\)"),
+        (model(SITES, NAIL, ROPE), "tendon0", "tendon"),
+    ],
+)
+def test_couplings_with_the_surroundings_are_refused_by_name_or_ignored_by_name(m, name, kind):
+    message = f"do not hold the forces of {kind} '{name}', which reach outside the mechanism. .*--ignore {name} "
+    for base in (None, "base"):
+        with pytest.raises(ValueError, match=message):
+            tree_from_model(m, base)
+    assert "arm" in tree_from_model(m, ignore=(name,)).names
+    with pytest.raises(ValueError, match=f"no active equality constraint, tendon or flex named nothing; it has {name}"):
+        tree_from_model(m, ignore=("nothing",))
+
+
+@pytest.mark.parametrize(
+    ("m", "name", "what", "joints"),
+    [
+        (model(HINGES, after=GEAR), "gear", r"equality \(joint\) 'gear' of u, w", ("u", "w")),
+        (model(ARM, after=CABLE), "cable", "tendon 'cable' of elbow", ("elbow",)),
+        (model(ON_BASE + SITES, after=ROPE), "tendon0", "tendon 'tendon0'", ("elbow",)),
+    ],
+)
+def test_couplings_between_bodies_are_noted_and_refused_for_the_torques_of_their_joints(m, name, what, joints):
+    with pytest.warns(ModelNote, match=f"leave out {what}; .* changes joint torques, but no wrench"):
+        tree = tree_from_model(m, "base")
+    assert tree == tree_from_model(m, "base", ignore=(name,))
+    members = mechanism_bodies(m, "base")
+    check_torques(m, members, (), ())
+    check_torques(m, members, (name,), joints)
+    for joint in joints:
+        with pytest.raises(ValueError, match=f"the forces of {what}, which act on its joints. .*--ignore {name} "):
+            check_torques(m, members, (), (joint,))
+
+
+def test_couplings_of_joints_matter_to_no_others_and_not_where_these_are_fixed():
+    m = model(HINGES + ARM.replace("arm", "leg"), after=GEAR)
+    check_torques(m, mechanism_bodies(m, "base"), (), ("elbow",))
+    assert tree_from_model(m, "base", fix={"u": [], "w": [0.3]}).joints == ("elbow",)
+    with pytest.warns(ModelNote, match="gear"):
+        tree_from_model(m, "base", fix={"w": []})
+
+
+def test_a_joint_of_the_base_couples_it_with_what_carries_it():
+    rails = '<body name="base"><joint name="rail" type="slide"/><geom size=".1"/>' + ARM + "</body>"
+    drive = '<equality><joint name="drive" joint1="rail" joint2="elbow"/></equality>'
+    m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{rails}</worldbody>{drive}</mujoco>")
+    with pytest.raises(ValueError, match="'drive' of elbow, rail, which reach outside"):
+        tree_from_model(m, "base")
+    with pytest.warns(ModelNote, match="drive"):
+        tree_from_model(m)
+
+
+WRAPPED = '<tendon><spatial name="belt"><site site="nail"/><geom geom="pulley"/><site site="nail2"/></spatial></tendon>'
+FLEX = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" mass="1"/>'
+
+
+def test_a_tendon_around_a_body_and_a_flex_on_it_are_couplings():
+    around = '<body name="arm"><joint/><geom name="pulley" type="cylinder" size=".1 .1"/></body>'
+    m = model(around, '<site name="nail" pos="1 0 0"/><site name="nail2" pos="-1 0 0"/>', WRAPPED)
+    with pytest.raises(ValueError, match="tendon 'belt'"):
+        tree_from_model(m, "base")
+    with pytest.warns(ModelNote, match="flex 'cloth'"):
+        tree_from_model(model(FLEX))
+
+
+def test_equalities_that_are_switched_off_do_not_matter():
+    assert "arm" in tree_from_model(model(ARM, after=LOOP.replace("<connect", '<connect active="false"'))).names
+
+
+def test_bodies_without_names_get_names_of_their_own():
+    m = world('<body><joint/><geom size=".1"/></body><body name="body1"><joint/><geom size=".1"/></body>')
+    tree = tree_from_model(m)
+    assert tree.names == ("body1_", "body1")
+    assert len(set(tree.joints)) == 2
+    assert tree_from_model(m, "body1_").names == ("body1_",)
+
+
+BETWEEN = """<mujoco><option gravity="1 2 -9"/><worldbody><site name="nail" pos="0 0 2"/><body name="base">
+<geom size=".2"/><site name="ground"/>
+<body name="a" pos=".3 0 .1"><joint name="u" axis="0 1 0"/><geom type="box" size=".1 .2 .3" pos=".1 0 .3"/>
+<site name="tip" pos=".1 .2 .3"/></body>
+<body name="b" pos="-.3 0 0"><joint name="w" axis="1 0 0"/><geom type="box" size=".3 .2 .1" pos=".1 0 .3"/>
+<body name="c" pos="0 0 .5"><joint name="k" type="slide" axis="0 .6 .8"/><geom size=".1"/></body></body>
+</body></worldbody><sensor><force site="ground"/><torque site="ground"/></sensor>{}</mujoco>"""
+INSIDE = (
+    '<connect body1="a" body2="c" anchor="0 0 .2"/>',
+    '<weld body1="a" body2="c"/>',
+    '<joint joint1="u" joint2="k" polycoef=".3 2 0 0 0"/>',
+)
+OUTSIDE = ('<connect body1="a" anchor="0 0 .2"/>', '<weld site1="tip" site2="nail"/>')
+
+
+@pytest.mark.parametrize("equality", INSIDE + OUTSIDE)
+def test_only_couplings_with_the_surroundings_show_in_the_base_wrench(equality):
+    """In MuJoCo's own constrained motion, against the sensors below the base, where all is in place at first."""
+    m = mujoco.MjModel.from_xml_string(BETWEEN.format(f"<equality>{equality}</equality>"))
+    m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    tree, phi = tree_from_model(m, "base", ignore=("equality0",)), parameters_from_model(m, "base")
+    states, readings, data = np.random.default_rng(0).normal(size=(3, 10, 3)), np.empty((10, 6)), mujoco.MjData(m)
+    pulls, states[0] = np.empty((10, 3)), m.qpos0
+    for k in range(10):
+        data.qpos, data.qvel = states[0][k], states[1][k]
+        mujoco.mj_forward(m, data)
+        states[2][k], readings[k], pulls[k] = data.qacc, data.sensordata, data.qfrc_constraint
+    wrench = base_wrench_regressor(tree, *states, gravity=gravity_in_base(m, "base")) @ phi
+    torque = joint_torque_regressor(tree, *states, gravity=gravity_in_base(m, "base")) @ phi
+    np.testing.assert_allclose(torque, pulls, atol=1e-9 * abs(pulls).max())
+    assert (abs(pulls).max(axis=1) > 0.1).all()
+    apart = abs(wrench - readings).max(axis=1) / abs(wrench).max(axis=1)
+    assert (apart < 1e-10).all() if equality in INSIDE else (apart > 0.01).all()
+
+
+def test_a_world_without_bodies_is_refused():
+    with pytest.raises(ValueError, match="no body besides the world"):
+        tree_from_model(world(""))
+
+
+def test_couplings_of_others_do_not_matter():
+    rails = '<body name="cart"><joint name="rail" type="slide"/><geom size=".1"/></body>'
+    pulley = '<tendon><fixed name="cable"><joint joint="rail" coef="1"/></fixed></tendon>'
+    assert tree_from_model(model(ARM, rails, pulley), "base").names == ("base", "arm")
+
+
+def test_a_mechanism_without_mass_is_refused():
+    light = world('<body name="ghost"><site/></body><body name="rock"><geom size="1"/></body>')
+    with pytest.raises(ValueError, match="A mechanism needs mass; ghost have none"):
+        parameters_from_model(light, "ghost")
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "message"),
+    [
+        ("missing.xml", None, "file that exists, got '.*missing.xml'"),
+        ("broken.xml", "<mujoco><worldbody>", "broken.xml: .*XML"),
+        ("odd.xml", "<mujoco><worldbody><bone/></worldbody></mujoco>", "odd.xml: .*bone"),
+    ],
+)
+def test_files_that_are_no_models_are_refused(tmp_path, path, text, message):
+    if text is not None:
+        (tmp_path / path).write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        tree_from_model(tmp_path / path)
+
+
+@pytest.mark.parametrize("function", [tree_from_model, parameters_from_model, gravity_in_base, state_columns])
+def test_unknown_bases_are_refused(function):
+    with pytest.raises(ValueError, match="no body named 'foot'; its bodies are base, arm"):
+        function(model(ARM), "foot")
+
+
+def test_the_motion_of_a_base_at_rest_is_none():
+    m = model(ARM)
+    still = base_motion(m, "base", *np.ones((3, 4, 1)))
+    np.testing.assert_array_equal(still.T, np.tile(np.eye(4), (4, 1, 1)))
+    np.testing.assert_allclose([still.V, still.dV], 0, atol=1e-12)
+
+
+def test_bodies_with_numbers_that_are_not_finite_are_named():
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body name='a'><geom size='1'/></body></worldbody></mujoco>"
+    )
+    model.body_inertia[1, 2] = np.nan
+    with pytest.raises(ValueError, match="Body 'a' needs a finite mass, centre of mass and inertia"):
+        parameters_from_model(model)

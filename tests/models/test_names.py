@@ -1,0 +1,63 @@
+"""Bodies and joints without names of their own, through everything that names them."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from experiments import excite
+from ident.geometry.inertia import parameter_names
+from ident.recordings.recording import Recording
+from sim.models.joints import gravity_at_rest, joints_of
+from sim.models.model_update import write_model
+from sim.models.mujoco_model import parameters_from_model, rest_coordinates, site_on_tree, tree_from_model
+from sim.motion.collisions import Collisions
+from sim.motion.excitation import Excitation
+from sim.simulation.contacts import contact_wrenches
+from sim.simulation.simulate import simulate
+
+UNNAMED = """<mujoco><worldbody><geom type="plane" size="2 2 .1" pos="0 0 -1"/>
+<body><geom size=".1"/><site/>
+<body name="body1" pos="0 0 .3"><joint name="joint1" axis="1 0 0" range="-100 100"/><geom size=".1"/>
+<body pos="0 0 .3"><joint axis="0 1 0" range="-100 100"/><geom size=".1" pos="0 0 .5"/></body></body></body></worldbody>
+<actuator><position joint="joint1" kp="500" kv="50"/></actuator>
+<sensor><jointpos joint="joint1"/></sensor></mujoco>"""
+"""The first body and the second joint have no names, and what their ids would give is taken."""
+
+
+@pytest.fixture
+def path(tmp_path):
+    out = tmp_path / "unnamed.xml"
+    out.write_text(UNNAMED, encoding="utf-8")
+    return out
+
+
+def test_all_that_names_bodies_and_joints_gives_them_the_same_names(path, tmp_path):
+    model = mujoco.MjModel.from_xml_path(str(path))
+    tree = tree_from_model(model, "body1_")
+    assert tree.names == ("body1_", "body1", "body3")
+    assert tree.joints == ("joint1", "joint1_") == tuple(rest_coordinates(model, "body1_"))
+    assert [joint.name for joint in joints_of(model, "body1_")] == list(tree.joints)
+    assert site_on_tree(model, "site0", "body1_")[0] == "body1_"
+    np.testing.assert_allclose(gravity_at_rest(model, "body1_"), [0, 0, -9.81])
+    assert ("body1_", "body3") in Collisions(model, [0, 1], 0.01).touching(np.array([[1.7, 1.7], [0, 3.1]]))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0, np.pi
+    mujoco.mj_forward(model, data)
+    assert contact_wrenches(model, data, "body1_") == {}
+    phi = parameters_from_model(model, "body1_")
+    assert len(phi) == len(parameter_names(3))
+    write_model(tmp_path / "new.xml", path, 2 * phi, "body1_")
+    np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml", "body1_"), 2 * phi, rtol=1e-9, atol=1e-12)
+
+
+def test_joints_without_names_are_excited(path, tmp_path):
+    arguments = [str(path), "--base", "body1_", "--seconds", "4", "--starts", "1", "--iterations", "2"]
+    assert excite.main([*arguments, "--collisions", "ignore", "--formats", "png", "--out", str(tmp_path)]) == 0
+    channels = Recording.load(next(tmp_path.rglob("trajectory.npz"))).measured
+    assert {"joint1_position", "joint1__position"} <= set(channels)
+
+
+def test_scenes_with_joints_without_names_are_simulated():
+    excitation = Excitation([0.1], [[1.0]], [[1.0]], [[0.0]])
+    recording = simulate(mujoco.MjSpec.from_string(UNNAMED), excitation, samples=5)
+    np.testing.assert_allclose(recording.true["sensor0"], 0.1, atol=0.1)

@@ -1,0 +1,132 @@
+"""URDF files as they come: what they state, whether a body can have it or not."""
+
+import os
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ident.geometry.inertia import parameters_from_com, symmetric
+from ident.model.regressor import base_wrench_regressor
+from sim.models.inertials import is_balanced
+from sim.models.model_update import write_model
+from sim.models.mujoco_model import compiled, parameters_from_model, tree_from_model
+from sim.models.notes import ModelNote
+
+LINK = """<link name="l{i}"><inertial><mass value="{m!r}"/><origin xyz="{c}" rpy="{rpy}"/>
+<inertia {entries}/></inertial></link>"""
+JOINT = """<joint name="j{i}" type="{kind}"><parent link="l{parent}"/><child link="l{i}"/><axis xyz="0 1 0"/>
+<origin xyz="0 0 .3"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+
+
+def numbers(x):
+    return " ".join(map(repr, np.asarray(x, float).tolist()))
+
+
+def random_urdf(rng, bodies):
+    """Links with any symmetric matrix for an inertia, tiny, without mass, without extent or without inertial.
+
+    Returns:
+        The text, φ as stated, and names of the links whose inertia no body can have.
+    """
+    text, phi, odd = [], [], []
+    for i in range(bodies):
+        what = rng.choice(["any", "tiny", "point", "no mass", "nothing", "no inertial"]) if i else "any"
+        size = {"any": 1.0, "tiny": 1e-14, "no mass": 1.0}.get(what, 0.0)
+        m = {"any": rng.uniform(0.1, 3), "tiny": 1e-14, "point": 0.5}.get(what, 0.0)
+        c, rpy, entries = rng.normal(size=3), rng.uniform(-1, 1, 3), size * rng.normal(size=6)
+        if what == "no inertial":
+            text.append(f'<link name="l{i}"/>')
+            c, entries = np.zeros(3), np.zeros(6)
+        else:
+            keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+            named = " ".join(f'{key}="{x!r}"' for key, x in zip(keys, entries.tolist(), strict=True))
+            text.append(LINK.format(i=i, m=float(m), c=numbers(c), rpy=numbers(rpy), entries=named))
+        R = Rotation.from_euler("xyz", rpy).as_matrix()
+        phi.append(parameters_from_com(m, c, R @ symmetric(entries) @ R.T))
+        if not is_balanced(np.linalg.eigvalsh(symmetric(entries))) and entries.any():
+            odd.append(f"l{i}")
+        if i:
+            kind = str(rng.choice(["revolute", "prismatic", "fixed"]))
+            text.append(JOINT.format(i=i, kind=kind, parent=int(rng.integers(0, i))))
+    return f'<robot name="r">{"".join(text)}</robot>', np.concatenate(phi), odd
+
+
+@pytest.mark.filterwarnings("ignore::sim.models.notes.ModelNote")
+def test_parameters_are_those_that_the_file_states_and_are_written_back(tmp_path):
+    path, new = tmp_path / "r.urdf", tmp_path / "new.urdf"
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        text, phi, odd = random_urdf(rng, int(rng.integers(2, 9)))
+        path.write_text(text, encoding="utf-8")
+        model = compiled(path)
+        tree = tree_from_model(model)
+        order = np.array([int(name[1:]) for name in tree.names])
+        stated = phi.reshape(-1, 10)[order]
+        found = parameters_from_model(model).reshape(-1, 10)
+        assert (abs(found - stated) <= 1e-12 * abs(stated).max(axis=1, keepdims=True)).all()
+        write_model(new, path, found.ravel())
+        np.testing.assert_allclose(parameters_from_model(new), found.ravel(), rtol=1e-12, atol=1e-30)
+        heavy = found.copy()
+        heavy[order == 0] = parameters_from_com(2.0, np.zeros(3), np.eye(3))
+        write_model(new, path, heavy.ravel())
+        np.testing.assert_allclose(parameters_from_model(new), heavy.ravel(), rtol=1e-9, atol=1e-12)
+        if odd:
+            with pytest.warns(ModelNote, match=f"{odd[0]}.* no rigid body has it"):
+                compiled(path)
+            with pytest.raises(ValueError, match="are not those of a physical body"):
+                write_model(tmp_path / "new.xml", path, found.ravel())
+
+
+STATED = """<robot name="r"><link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="{}" ixy="0" ixz="0"
+iyz="0"/></inertial></link><link name="b"/><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>
+<link name="c">{}</link><joint name="f" type="fixed"><parent link="b"/><child link="c"/></joint></robot>"""
+MASS = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def test_notes_name_bodies_and_say_nothing_of_others(tmp_path):
+    path = tmp_path / "r.urdf"
+    for izz, inertial, message in (
+        ("2.1", MASS.format(1), r"stated for a is taken as it is, but no rigid body has it \(A \+ B < C\)"),
+        ("2", "", "No mass is stated for b, which joints move; it is taken as zero"),
+    ):
+        path.write_text(STATED.format(izz, inertial), encoding="utf-8")
+        with pytest.warns(ModelNote, match=message) as notes:
+            model = compiled(path)
+        assert len(notes) == 1
+        assert base_wrench_regressor(tree_from_model(model), *np.ones((3, 1, 1)), gravity=[0, 0, -9.81]).any()
+    path.write_text(STATED.format("2", MASS.format(1)), encoding="utf-8")
+    assert compiled(path).body("c").mass == 1
+
+
+BODY = '<mujoco><worldbody><body name="a"><joint/><geom size=".1"/></body></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize("encoding", ["x-none", "rot13", "hex", "utf-7", "idna", "shift_jis", "undefined", ""])
+def test_encodings_that_are_none_are_refused_in_a_sentence(tmp_path, encoding):
+    path = tmp_path / "a.xml"
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{BODY}', encoding="utf-8")
+    with pytest.raises(ValueError, match=r"a\.xml: no XML that can be read: "):
+        compiled(path)
+
+
+def test_files_without_anything_and_names_that_are_no_text_are_refused(tmp_path):
+    nameless = tmp_path / os.fsdecode(b"a\xff.xml")
+    nameless.write_text(BODY, encoding="utf-8")
+    with pytest.raises(ValueError, match="has to be text in UTF-8"):
+        compiled(nameless)
+    for text, message in {
+        "": "no XML that can be read",
+        "<robot name='r'/>": "has a <link> for every body, this one has none",
+        STATED.format("nan", ""): "link 'a' needs finite numbers and no negative mass; its inertia is",
+        STATED.format("1", MASS.format(-1)): "link 'c' needs finite numbers and no negative mass; its mass is",
+    }.items():
+        (tmp_path / "a.urdf").write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match=message):
+            compiled(tmp_path / "a.urdf")
+
+
+def test_files_with_accents_in_their_names_are_read(tmp_path):
+    (tmp_path / "größe.xml").write_text(BODY, encoding="utf-8")
+    assert mujoco.mj_id2name(compiled(tmp_path / "größe.xml"), mujoco.mjtObj.mjOBJ_BODY, 1) == "a"

@@ -1,0 +1,223 @@
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from mechanisms import (
+    GRAVITY,
+    SCREWS,
+    double_pendulum,
+    random_phi,
+    random_states,
+    random_tree,
+    regrouping_error,
+    tilted_axis,
+)
+from random_models import random_model
+
+from experiments.studies import paper
+from ident.estimation.estimate import identify
+from ident.estimation.samples import Samples
+from ident.geometry.inertia import parameter_names
+from ident.geometry.se3 import pose, rotation
+from ident.mechanism.body import Body
+from ident.mechanism.tree import Tree
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters.base_parameters import find_base_parameters
+from sim.models.mujoco_model import gravity_in_base, tree_from_model
+
+TABLE_NAMES = list(paper.TABLE_3)
+
+
+def regressor_of(tree, samples=60, seed=0):
+    states = random_states(np.random.default_rng(seed), tree, samples)
+    return base_wrench_regressor(tree, *states, gravity=GRAVITY)
+
+
+def base_of(tree, **options):
+    return find_base_parameters(regressor_of(tree), parameter_names(len(tree.inertial)), **options)
+
+
+def test_double_pendulum_has_the_papers_base_parameters():
+    base = base_of(double_pendulum())
+    assert list(base.names) == TABLE_NAMES
+    assert base.expressions() == (
+        *("m1 + m2 + m3", "m1rx1 + m2rx2 + m3rx3", "m1ry1", "m2ry2", "m2rz2 + 0.425 m3", "Ixx2 + 0.180625 m3"),
+        *("Ixy2", "Ixz2 - 0.425 m3rx3", "m3ry3", "m3rz3", "Ixx3", "Ixy3", "Ixz3"),
+    )
+    assert set(base.unseen) == {
+        *("m1rz1", "Ixx1", "Iyy1", "Izz1", "Ixy1", "Ixz1", "Iyz1"),
+        *("Iyy2", "Izz2", "Iyz2", "Iyy3", "Izz3", "Iyz3"),
+    }
+
+
+@pytest.mark.parametrize("tilt_deg", [10.0**-k for k in range(-1, 13)])
+def test_parallel_axes_have_rank_13_however_little_they_tilt(tilt_deg):
+    axis = tilted_axis(tilt_deg, 120)
+    tree = double_pendulum(axis, axis)
+    assert base_of(tree).rank == find_base_parameters(tree).rank == 13
+
+
+def test_parallel_tilted_axes_have_rank_13_in_other_columns():
+    axis = tilted_axis(5, 120)
+    base = base_of(double_pendulum(axis, axis))
+    expected = "m1 m1rx1 m1ry1 m2rx2 m2ry2 Ixx2 Iyy2 Izz2 m3rx3 m3ry3 Ixx3 Iyy3 Izz3"
+    assert base.names == tuple(expected.split())
+
+
+@pytest.mark.parametrize("difference_deg", [1e-3, 0.01, 1, 90])
+def test_axes_that_are_not_parallel_have_rank_15(difference_deg):
+    assert base_of(double_pendulum(tilted_axis(5, 120), tilted_axis(5 + difference_deg, 120))).rank == 15
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_regrouping_predicts_the_same_wrench(seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng)
+    base, phi = base_of(tree), random_phi(rng, len(tree.inertial))
+    Y = regressor_of(tree, samples=20, seed=99)
+    expected = Y @ phi
+    np.testing.assert_allclose(base.reduce(Y) @ base.regroup(phi), expected, atol=1e-8 * abs(expected).max())
+    assert base.rank == np.linalg.matrix_rank(Y.reshape(-1, Y.shape[-1]), tol=1e-8 * np.linalg.norm(Y))
+
+
+def test_selection_is_the_first_independent_columns():
+    rng = np.random.default_rng(0)
+    a, b, c = rng.normal(size=(3, 50))
+    Y = np.stack([0 * a, a, 2 * a, b, a - 3 * b, 1e6 * c, c + b], axis=1)
+    base = find_base_parameters(Y, "opqrstu")
+    assert base.names == ("p", "r", "t")
+    assert base.unseen == ("o",)
+    assert base.expressions() == ("p + 2 q + s", "r - 3 s + u", "t + 1e-06 u")
+
+
+def test_pinned_names_describe_the_same_wrench():
+    axis = tilted_axis(5, 120)
+    tree = double_pendulum(axis, axis)
+    own, pinned = base_of(tree), base_of(tree, kept=TABLE_NAMES)
+    phi, Y = random_phi(np.random.default_rng(0), 3), regressor_of(tree)
+    assert list(pinned.names) == TABLE_NAMES
+    expected = own.reduce(Y) @ own.regroup(phi)
+    np.testing.assert_allclose(pinned.reduce(Y) @ pinned.regroup(phi), expected, atol=1e-9 * abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("kept", "message"),
+    [
+        (["m1", "m9"], "named m9"),
+        (TABLE_NAMES[:-1], "12 names of rank 12, where the regressor has rank 13"),
+        ([*TABLE_NAMES[:-1], "m2"], "13 names of rank 12"),
+        ([*TABLE_NAMES[:-1], "Iyy2"], "13 names of rank 12"),
+    ],
+)
+def test_pinned_names_that_are_no_basis_are_refused(kept, message):
+    with pytest.raises(ValueError, match=message):
+        base_of(double_pendulum(), kept=kept)
+
+
+@pytest.mark.parametrize("Y", [np.zeros((5, 6, 30)), np.full((5, 6, 30), np.nan)])
+def test_regressors_without_numbers_are_refused(Y):
+    with pytest.raises(ValueError, match="finite numbers that are not all zero"):
+        find_base_parameters(Y)
+
+
+def test_names_must_match_the_columns():
+    with pytest.raises(ValueError, match="30 columns needs as many names, got 2"):
+        find_base_parameters(regressor_of(double_pendulum()), ["a", "b"])
+
+
+def unit_condition(base, Y):
+    """Condition number of the kept columns at unit length."""
+    kept = base.reduce(Y).reshape(-1, base.rank)
+    return np.linalg.cond(kept / np.linalg.norm(kept, axis=0))
+
+
+def tree_of_any_kind(seed, bodies):
+    """Trees and chains of all kinds of joints, with gravity any way or none."""
+    rng = np.random.default_rng(seed)
+    if seed % 4 == 3:
+        model = random_model(rng, bodies)
+        return rng, tree_from_model(model, "b0"), gravity_in_base(model, "b0")
+    kinds = {"massless": 0.1} if seed % 4 == 0 else {"kinds": SCREWS} if seed % 4 == 1 else {"kinds": ("revolute",)}
+    return rng, random_tree(rng, bodies, chain=seed % 4 == 2, **kinds), GRAVITY * (seed % 5 > 0)
+
+
+def test_kept_columns_span_the_regressor_of_every_tree():
+    check_regroupings(40)
+
+
+def check_regroupings(trees):
+    """Of 2 to 60 bodies: what the dependent columns are made of holds at states that nobody has seen."""
+    for seed, bodies in enumerate(np.geomspace(2, 60, trees).astype(int)):
+        rng, tree, gravity = tree_of_any_kind(seed, bodies)
+        Y = base_wrench_regressor(tree, *random_states(rng, tree, 40 + 5 * len(tree.bodies)), gravity=gravity)
+        if not Y.any():
+            continue
+        base = find_base_parameters(tree, gravity=gravity)
+        assert regrouping_error(base, Y) <= 1e-10, (seed, bodies)
+        assert unit_condition(base, Y) <= 1e7, (seed, bodies)
+        assert base.gap[0] > 1e-6 > 1e-12 > base.gap[1], (seed, bodies)
+
+
+def test_chains_that_stretch_far_pass_over_nearly_dependent_columns():
+    """The first independent columns of a chain in general position get ten times as dependent with every joint."""
+    rng = np.random.default_rng(0)
+    short = find_base_parameters(random_tree(rng, 5, kinds=("revolute",), chain=True))
+    assert short.passed_over == () and short.remark == ""
+    far = find_base_parameters(random_tree(rng, 40, kinds=("revolute",), chain=True))
+    assert far.rank == 7 * 39 + 1
+    assert set(far.passed_over) <= {far.parameters[k] for k in far.dependent}
+    assert far.remark.endswith(f"{', '.join(far.passed_over)}.")
+
+
+def test_a_long_chain_is_identified():
+    """Noise-free data of 40 bodies give every base parameter to 1e-8, and no motion is blamed."""
+    rng = np.random.default_rng(0)
+    tree, phi = random_tree(rng, 40, kinds=("revolute",), chain=True), random_phi(rng, 40)
+    states = random_states(rng, tree, 600)
+    wrench = base_wrench_regressor(tree, *states, gravity=GRAVITY) @ phi
+    estimate = identify(tree, Samples(*states, wrench), gravity=GRAVITY)
+    np.testing.assert_allclose(estimate.psi, estimate.parameters.regroup(phi), rtol=1e-8)
+
+
+@pytest.mark.parametrize("length", [1e-4, 1e-2, 1e3])
+def test_regrouping_holds_in_any_unit_of_length(length):
+    rng = np.random.default_rng(1)
+    tree = random_tree(rng, 15)
+    metres = find_base_parameters(tree, gravity=GRAVITY)
+    bodies = []
+    for body in tree.bodies:
+        home, twist = body.home.copy(), body.twist.copy()
+        home[:3, 3] *= length
+        twist[:3] *= length if twist[3:].any() else 1
+        bodies.append(replace(body, home=home, twist=twist))
+    scaled = Tree(tuple(bodies))
+    base = find_base_parameters(scaled, gravity=GRAVITY)
+    Y = base_wrench_regressor(scaled, *random_states(rng, scaled, 100), gravity=GRAVITY)
+    assert base.rank == metres.rank
+    assert regrouping_error(base, Y) <= 1e-10
+
+
+def test_names_are_those_of_exact_numbers():
+    """Chains in general position whose lengths and rotations are fractions: the first independent columns are kept."""
+    fractions = np.vectorize(Fraction, otypes=[object])
+    for seed in range(3):
+        rng, chain = np.random.default_rng(seed), []
+        for k in range(4):
+            home = pose(rotation(fractions(rng.integers(1, 4, 4))), fractions(rng.integers(-2, 3, 3)))
+            twist = np.eye(6, dtype=int)[rng.choice([2, 3, 4, 5])] * (k > 0)
+            chain.append(Body(f"b{k}", k - 1, home, fractions(twist), f"j{k}" if k else ""))
+        exact = find_base_parameters(Tree(tuple(chain)), gravity=fractions([0, 0, -1]))
+        rounded = Tree(tuple(replace(b, home=b.home.astype(float), twist=b.twist.astype(float)) for b in chain))
+        base = find_base_parameters(rounded, gravity=np.array([0.0, 0, -1]))
+        assert base.passed_over == ()
+        assert base.names == exact.names
+        np.testing.assert_allclose(base.beta, exact.beta.astype(float), atol=1e-10)
+
+
+def test_pinned_columns_that_make_up_the_others_only_roughly_are_refused():
+    a, b = np.random.default_rng(0).normal(size=(2, 50))
+    Y = np.stack([a, a + 3e-9 * b, b], axis=1)
+    assert find_base_parameters(Y, "pqr").names == ("p", "r")
+    with pytest.raises(ValueError, match="so nearly dependent"):
+        find_base_parameters(Y, "pqr", kept="pq")

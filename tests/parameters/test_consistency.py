@@ -1,0 +1,354 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanisms import GRAVITY, SCREWS, random_phi, random_states, random_tree
+from scipy.linalg import block_diag
+from scipy.optimize import brentq, minimize
+from scipy.stats import chi2
+
+import scenes
+from ident.geometry.inertia import PARAMETERS, parameters_from_pseudo_inertia, pseudo_inertia
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.consistency import consistent_parameters, physical_prior
+from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
+
+SEEDS = range(8)
+EXACT = 1e-12
+"""Factor on a covariance from which ψ is as good as known."""
+
+
+def mechanism(seed, bodies=None):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, bodies)
+    base, count = find_base_parameters(tree), len(tree.inertial)
+    root = rng.normal(size=(base.rank, base.rank))
+    covariance = 1e-4 * (root @ root.T + np.eye(base.rank))
+    return rng, tree, base, random_phi(rng, count), random_phi(rng, count), covariance
+
+
+def bodies(phi):
+    return pseudo_inertia(np.reshape(phi, (-1, 10)))
+
+
+def assert_physical(phi):
+    assert (np.linalg.eigvalsh(bodies(phi)) > 0).all()
+
+
+def regrouping(base):
+    """A of `A φ = ψ`."""
+    return base.regroup(np.eye(len(base.parameters))).T
+
+
+def forms(rows):
+    """Symmetric matrices (…, b, 4, 4) whose products with the pseudo-inertias are rows (…, 10 b) times φ."""
+    # φ = Σ φ_k e_k and J is linear in φ, so the matrix is found by least squares on its ten entries.
+    J = pseudo_inertia(np.eye(10)).reshape(10, 16)
+    return (rows.reshape(*rows.shape[:-1], -1, 10) @ np.linalg.pinv(J).T).reshape(*rows.shape[:-1], -1, 4, 4)
+
+
+@pytest.mark.parametrize("count", [2, 3, 8, 15, 30])
+def test_base_parameters_of_physical_bodies_are_kept_and_so_is_the_wrench(count):
+    rng, tree, base, truth, prior, covariance = mechanism(count, count)
+    psi = base.regroup(truth)
+    found = consistent_parameters(psi, EXACT * covariance, base, prior)
+    assert found.attainable and not found.moved() and found.raised == ()
+    np.testing.assert_allclose(base.regroup(found.phi), psi, atol=1e-9 * abs(psi).max())
+    np.testing.assert_array_equal(found.psi, base.regroup(found.phi))
+    assert_physical(found.phi)
+    Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=GRAVITY)
+    np.testing.assert_allclose(Y @ found.phi, Y @ truth, atol=1e-9 * abs(Y @ truth).max())
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_other_physical_bodies_with_these_base_parameters_are_closer_to_the_prior(seed):
+    """The gradient `P⁻¹ - J⁻¹` of the divergence is zero in all directions that leave ψ alone, and it is convex."""
+    _, _, base, truth, prior, covariance = mechanism(seed)
+    found = consistent_parameters(base.regroup(truth), covariance, base, prior)
+    gradient = np.linalg.inv(bodies(prior)) - np.linalg.inv(bodies(found.phi))
+    along = np.einsum("bij,kij->bk", gradient, pseudo_inertia(np.eye(10))).ravel()
+    A = regrouping(base)
+    np.testing.assert_allclose(A.T @ np.linalg.lstsq(A.T, along, rcond=None)[0], along, atol=1e-7 * abs(gradient).max())
+    ratio = np.linalg.solve(bodies(prior), bodies(found.phi))
+    divergence = np.trace(ratio, axis1=1, axis2=2) - np.linalg.slogdet(ratio)[1] - 4
+    np.testing.assert_allclose(found.divergence, divergence, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_prior_that_is_the_truth_is_given_back(seed):
+    _, _, base, truth, _, covariance = mechanism(seed)
+    found = consistent_parameters(base.regroup(truth), covariance, base, truth)
+    np.testing.assert_allclose(found.phi, truth, atol=1e-9 * abs(truth).max())
+    np.testing.assert_allclose(found.divergence, 0, atol=1e-12)
+
+
+def test_a_prior_with_the_very_base_parameters_is_attainable():
+    base = find_base_parameters(random_tree(np.random.default_rng(0), 2, ("revolute",)))
+    prior = np.tile([1.0, 0, 0, 0, 2, 2, 2, 0, 0, 0], 2)
+    whole = replace(base, kept=tuple(range(20)), dependent=(), beta=np.zeros((20, 0)))
+    found = consistent_parameters(prior, np.eye(20), whole, prior)
+    assert found.attainable and found.distance < 1e-12
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_base_parameters_that_no_bodies_have_move_to_the_nearest_that_some_have(seed):
+    """As far as a search over all `J = L Lᵀ` gets that starts where the solution is."""
+    rng, _, base, truth, prior, covariance = mechanism(seed, 3)
+    psi = base.regroup(truth)
+    psi = psi - abs(psi) * rng.uniform(2, 4, size=len(psi))
+    found = consistent_parameters(psi, covariance, base, prior)
+    assert not found.attainable
+    assert_physical(found.phi)
+    np.testing.assert_allclose(found.shift, (found.psi - psi) / np.sqrt(np.diag(covariance)))
+    moves = [abs(by) for _, by in found.moved()]
+    assert moves == sorted(moves, reverse=True) and moves[0] == abs(found.shift).max()
+    root, P = np.linalg.cholesky(covariance), np.linalg.cholesky(bodies(prior))
+
+    def square(L):
+        L = P @ L.reshape(-1, 4, 4)
+        off = np.linalg.solve(
+            root, base.regroup(parameters_from_pseudo_inertia(L @ np.swapaxes(L, 1, 2)).ravel()) - psi
+        )
+        slope = forms(regrouping(base).T @ np.linalg.solve(root.T, off))
+        return off @ off, (4 * np.swapaxes(P, 1, 2) @ slope @ L).ravel()
+
+    start = np.linalg.cholesky(np.linalg.solve(P, np.swapaxes(np.linalg.solve(P, bodies(found.phi)), 1, 2)))
+    np.testing.assert_allclose(square(start.ravel())[0], found.distance**2, rtol=1e-9)
+    best = minimize(square, start.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": 200})
+    larger = np.sum(best.x**2) / (4 * len(P))
+    assert found.distance**2 <= (1 + 1e-3 * max(1, larger / 10)) * best.fun
+
+
+@pytest.mark.parametrize(("uncertain", "attainable"), [(0.5, True), (0.1, False)])
+def test_one_negative_inertia_is_reported(uncertain, attainable):
+    model = scenes.load("double_pendulum").compile()
+    tree, prior = tree_from_model(model, "base"), parameters_from_model(model, "base")
+    base = find_base_parameters(tree, gravity=gravity_in_base(model, "base"))
+    psi, std = base.regroup(prior), np.full(base.rank, 0.02)
+    std[base.names.index("Ixx3")] = uncertain
+    model_has, psi[base.names.index("Ixx3")] = psi[base.names.index("Ixx3")], -0.3
+    found = consistent_parameters(psi, np.diag(std**2), base, prior)
+    assert found.attainable == attainable
+    assert_physical(found.phi)
+    name, by = found.moved()[0]
+    assert name == "Ixx3" and 0.3 / uncertain < by < 1.001 * (0.3 + model_has) / uncertain
+    # Bodies on the edge of what is physical would be nearer, and without any resemblance to the model.
+    assert found.divergence.max() < 10
+    assert found.moved(1e9) == ()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("attainable", [True, False])
+def test_units_do_not_matter(seed, attainable):
+    """Tonnes and millimetres give the same bodies."""
+    _, _, base, truth, prior, covariance = mechanism(seed)
+    psi = base.regroup(truth) if attainable else -base.regroup(truth)
+    mass, length = 1e-3, 1e3
+    power = [0 if name == "m" else 1 if name.startswith("mr") else 2 for name in PARAMETERS]
+    scale = np.tile(mass * length ** np.array(power, float), len(prior) // 10)
+    kept, dependent = scale[list(base.kept)], scale[list(base.dependent)]
+    scaled = replace(base, beta=kept[:, None] * base.beta / dependent)
+    found = consistent_parameters(psi, covariance, base, prior)
+    again = consistent_parameters(kept * psi, np.outer(kept, kept) * covariance, scaled, scale * prior)
+    assert again.attainable == found.attainable == attainable
+    np.testing.assert_allclose(again.distance, found.distance, rtol=1e-2, atol=1e-6)
+    if attainable:
+        np.testing.assert_allclose(again.phi / scale, found.phi, atol=1e-9 * abs(found.phi).max())
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e-1, 1e2, 1e6])
+def test_the_prior_may_be_far_off(factor):
+    _, _, base, truth, prior, covariance = mechanism(1)
+    psi = base.regroup(truth)
+    found = consistent_parameters(psi, EXACT * covariance, base, factor * prior)
+    assert found.attainable
+    np.testing.assert_allclose(found.psi, psi, atol=1e-9 * abs(psi).max())
+
+
+def test_the_size_of_a_covariance_matters_only_where_psi_is_uncertain():
+    _, _, base, truth, prior, covariance = mechanism(2)
+    wanted = consistent_parameters(base.regroup(truth), EXACT * covariance, base, prior).phi
+    found = consistent_parameters(base.regroup(truth), 1e-2 * EXACT * covariance, base, prior)
+    np.testing.assert_allclose(found.phi, wanted, atol=1e-9 * abs(wanted).max())
+    found = consistent_parameters(base.regroup(truth), 1e20 * covariance, base, prior)
+    np.testing.assert_allclose(found.phi, prior, rtol=1e-12)
+    assert not found.divergence.any()
+
+
+def test_a_prior_without_mass_or_extent_is_raised_to_a_minimum():
+    _, _, base, truth, prior, covariance = mechanism(4, 4)
+    prior[:10] = 0
+    prior[14:20] = 0
+    prior[11:14] = 0
+    prior[34] = -1
+    found = consistent_parameters(base.regroup(truth), covariance, base, prior)
+    assert found.raised == (0, 1, 3)
+    assert_physical(found.prior)
+    assert_physical(found.phi)
+    np.testing.assert_allclose(found.prior[20:30], prior[20:30], atol=1e-12)
+    np.testing.assert_allclose(found.prior[0], 1e-6 * prior[[0, 10, 20, 30]].sum())
+    larger, raised = physical_prior(prior, minimum=0.1)
+    assert {0, 1, 3} <= set(raised)
+    assert larger[0] > found.prior[0]
+
+
+def test_base_parameters_of_massless_bodies_are_met_as_nearly_as_matters():
+    _, _, base, truth, prior, covariance = mechanism(5, 5)
+    found = consistent_parameters(0 * base.regroup(truth), covariance, base, prior)
+    assert_physical(found.phi)
+    assert found.attainable and found.distance < np.sqrt(base.rank)
+
+
+def weighed(tree, base, phi, rng, noise=0.05, samples=300):
+    """Covariance of base parameters from wrenches with noise of a fraction of their size."""
+    Y = base.reduce(base_wrench_regressor(tree, *random_states(rng, tree, samples), gravity=GRAVITY))
+    size = np.sqrt(np.mean((Y @ base.regroup(phi)) ** 2, axis=0))
+    rows = Y / (noise * np.maximum(size, 0.1 * size.max()))[:, None]
+    return np.linalg.inv(np.einsum("nci,ncj->ij", rows, rows))
+
+
+def measured(rng, psi, covariance):
+    """ψ with noise."""
+    return psi + np.linalg.cholesky(covariance) @ rng.normal(size=len(psi))
+
+
+def unphysical(seed, count):
+    """Base parameters that no bodies have, and most are far from: some moments of inertia are negative."""
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, count, SCREWS)
+    base, prior, truth = find_base_parameters(tree), random_phi(rng, count), random_phi(rng, count)
+    covariance = weighed(tree, base, truth, rng)
+    truth.reshape(-1, 10)[:, 4:7] *= -0.5
+    return base, prior, measured(rng, base.regroup(truth), covariance), covariance
+
+
+def test_duality_proves_that_no_bodies_as_near_to_psi_are_closer_to_the_prior():
+    """A multiplier λ bounds the divergence of all J whose ψ is within d: `λᵀψ - d |λ| + Σ log det(P⁻¹ - A*λ) P`."""
+    unattainable = 0
+    for seed in range(20):
+        base, prior, psi, covariance = unphysical(seed, 2 + seed % 5)
+        found = consistent_parameters(psi, covariance, base, prior)
+        unattainable += not found.attainable
+        A, inverse = forms(regrouping(base)), np.linalg.inv(bodies(prior))
+        gradient = inverse - np.linalg.inv(bodies(found.phi))
+        multiplier = np.linalg.lstsq(A.reshape(len(psi), -1).T, gradient.ravel(), rcond=None)[0]
+        room = found.distance * np.sqrt(multiplier @ covariance @ multiplier)
+        sign, volume = np.linalg.slogdet((inverse - np.tensordot(multiplier, A, 1)) @ bodies(prior))
+        assert (sign > 0).all()
+        assert found.divergence.sum() <= 1.001 * (multiplier @ psi - room + volume.sum())
+    assert unattainable >= 8
+
+
+def settings():
+    """The double pendulum and an arm of seven bodies, with what a recording tells of them."""
+    model = scenes.load("double_pendulum").compile()
+    rng = np.random.default_rng(0)
+    arm, phi = random_tree(rng, 7, ("revolute",)), random_phi(rng, 7)
+    for tree, prior in ((tree_from_model(model, "base"), parameters_from_model(model, "base")), (arm, phi)):
+        base = find_base_parameters(tree)
+        yield rng, base, prior, weighed(tree, base, prior, rng)
+
+
+def test_noise_moves_no_mass_of_a_true_prior_by_more_than_its_own_uncertainty():
+    for rng, base, prior, covariance in settings():
+        kept = 0
+        for _ in range(50):
+            psi = measured(rng, base.regroup(prior), covariance)
+            found = consistent_parameters(psi, covariance, base, prior)
+            assert found.attainable == (found.distance**2 <= chi2.ppf(0.95, base.rank))
+            assert (abs(found.phi - prior)[::10] <= found.mass_std).all()
+            kept += not found.divergence.any()
+        assert kept >= 45
+
+
+def test_what_the_data_know_of_other_bodies_than_the_priors_is_kept():
+    """ψ moves by about two standard deviations, and predicts better than the estimate does by itself."""
+    for rng, base, prior, covariance in settings():
+        free = closer = 0
+        for _ in range(20):
+            L, change = np.linalg.cholesky(bodies(prior)), rng.normal(size=(len(prior) // 10, 4, 4))
+            L = L @ (np.eye(4) + 10 ** rng.uniform(-3, -0.5) * change)
+            truth = base.regroup(parameters_from_pseudo_inertia(L @ np.swapaxes(L, 1, 2)).ravel())
+            psi = measured(rng, truth, covariance)
+            found = consistent_parameters(psi, covariance, base, prior)
+            assert found.distance**2 < chi2.ppf(0.999, base.rank) and abs(found.shift).max() < 4
+            free += (psi - truth) @ np.linalg.solve(covariance, psi - truth)
+            closer += (found.psi - truth) @ np.linalg.solve(covariance, found.psi - truth)
+        assert closer < free
+
+
+def test_the_standard_deviation_of_a_mass_is_the_masses_own_size_where_nothing_tells_it():
+    _, _, base, _, prior, covariance = mechanism(3, 4)
+    found = consistent_parameters(base.regroup(prior), 1e12 * covariance, base, prior)
+    np.testing.assert_allclose(found.mass_std, prior[::10], rtol=1e-3)
+    variances = (1e-3 * prior[0]) ** 2 * np.ones(40)
+    found = consistent_parameters(prior, np.diag(variances), everything(base), 2 * prior)
+    np.testing.assert_allclose(found.mass_std, 1e-3 * prior[0], rtol=1e-2)
+
+
+def everything(base):
+    """A regrouping for which every parameter is a base parameter."""
+    count = len(base.parameters)
+    return replace(base, kept=tuple(range(count)), dependent=(), beta=np.zeros((count, 0)))
+
+
+@pytest.mark.parametrize("excess", [1.2, 2.0, 10.0])
+def test_the_prior_counts_as_the_likelihood_of_its_width_says(excess):
+    """All parameters equally well known: `r log u + d₀²/u` with `u = 1 + w²/σ²` says where the interval ends."""
+    rng, _, base, _, prior, _ = mechanism(5, 4)
+    r, L, unit = len(prior), np.linalg.cholesky(bodies(prior)), np.eye(16).reshape(16, 4, 4)
+    moves = parameters_from_pseudo_inertia(
+        L[:, None] @ ((unit + np.swapaxes(unit, 1, 2)) / 2) @ np.swapaxes(L, 1, 2)[:, None]
+    )
+    metric = block_diag(*(m.T @ m for m in moves))
+    z = rng.normal(size=r)
+    z *= np.sqrt(excess * r) / np.linalg.norm(z)
+    found = consistent_parameters(
+        prior + 1e-6 * np.linalg.cholesky(metric) @ z, 1e-12 * metric, everything(base), prior
+    )
+    limit = r * np.log(excess) + r + 3.84
+    if r * excess <= limit:
+        assert not found.divergence.any()
+    else:
+        u = brentq(lambda u: r * np.log(u) + r * excess / u - limit, excess, 100 * excess)
+        np.testing.assert_allclose(found.distance, np.sqrt(r * excess) / u, rtol=0.02)
+
+
+def test_what_one_combination_alone_contradicts_is_not_overlooked():
+    """No width that all share is likely where all but one parameter are known well and true; yet the prior is wrong."""
+    model = scenes.load("double_pendulum").compile()
+    prior = parameters_from_model(model, "base")
+    base = find_base_parameters(tree_from_model(model, "base"), gravity=gravity_in_base(model, "base"))
+    std = np.where(np.array(base.names) == "Ixx3", 1.0, 1e-3)
+    for excess in (1, 7):
+        psi = base.regroup(prior) + excess * np.where(std == 1, std, 0)
+        found = consistent_parameters(psi, np.diag(std**2), base, prior)
+        assert found.attainable and found.divergence.any() == (excess == 7)
+        assert found.distance <= np.sqrt(chi2.ppf(0.95, 13))
+
+
+def test_what_makes_no_sense_is_refused_in_a_sentence():
+    _, _, base, truth, prior, covariance = mechanism(0)
+    psi, b = base.regroup(truth), len(prior) // 10
+    negative, empty, infinite = prior.copy(), 0 * prior, prior.copy()
+    negative[10], infinite[3] = -1, np.inf
+    skew, still = covariance.copy(), covariance.copy()
+    skew[0, 1] += 1
+    still[0] = still[:, 0] = 0
+    odd = replace(base, parameters=(*base.parameters, "Ia(u)"))
+    names = [f"link{k}" for k in range(b)]
+    for args, message in [
+        ((psi[1:], covariance, base, prior), "This regrouping needs ψ"),
+        ((psi, covariance[1:], base, prior), "This regrouping needs ψ"),
+        ((psi, covariance, base, prior[:-1]), "This regrouping needs ψ"),
+        ((psi, covariance, odd, prior), "leave drives out of it"),
+        ((psi * np.nan, covariance, base, prior), "finite numbers"),
+        ((psi, covariance, base, infinite), "finite numbers"),
+        ((psi, skew, base, prior), "symmetric and positive definite"),
+        ((psi, still, base, prior), "positive variance; it is not for m1"),
+        ((psi, covariance, base, negative), "at least zero; negative: link1"),
+        ((psi, covariance, base, empty), "A prior needs mass and extent"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            consistent_parameters(*args, bodies=names)

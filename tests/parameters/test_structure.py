@@ -1,0 +1,185 @@
+"""The structural rank and regrouping against the numeric ones, OpenSYMORO's, and known formulas."""
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from mechanisms import (
+    GRAVITY,
+    JOINTS,
+    double_pendulum,
+    random_phi,
+    random_pose,
+    random_states,
+    random_tree,
+    random_twist,
+    regrouping_error,
+    tilted_axis,
+)
+from test_against_opensymoro import DATA, tree_of
+
+from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
+from ident.geometry.se3 import coAd, inverse
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import BaseMotion, Tree
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.parameters.base_parameters import find_base_parameters, separating_sensors
+from ident.parameters.structure import Sensors, structure_matrix
+
+BASE_WRENCH, TORQUES, BOTH = Sensors(), Sensors(False, True), Sensors(True, True)
+
+
+def test_coefficients_are_exact():
+    base = find_base_parameters(double_pendulum())
+    coefficients = {round(abs(c), 9): abs(c) for c in base.beta[base.beta != 0]}
+    for exact in (0.425, 0.425**2, 1.0):
+        assert abs(coefficients[round(exact, 9)] - exact) < 1e-15
+
+
+@pytest.mark.parametrize("sensors", [BASE_WRENCH, TORQUES, BOTH], ids=["wrench", "torques", "both"])
+@pytest.mark.parametrize("seed", range(100))
+def test_structure_equals_the_regressor_at_random_states(seed, sensors):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, int(rng.integers(2, 9)), massless=0.2)
+    gravity = 5 * rng.normal(size=3)
+    states = random_states(rng, tree, 20 * len(tree.bodies))
+    parts = []
+    if sensors.base_wrench:
+        parts.append(base_wrench_regressor(tree, *states, gravity=gravity))
+    if sensors.joint_torques:
+        parts.append(joint_torque_regressor(tree, *states, gravity=gravity))
+    Y = np.concatenate(parts, axis=1)
+    if not Y.any():
+        pytest.skip("nothing that moves has a mass")
+    exact = find_base_parameters(tree, gravity=gravity, sensors=sensors)
+    numeric = find_base_parameters(Y, kept=exact.names)
+    assert numeric.rank == exact.rank
+    np.testing.assert_allclose(exact.beta, numeric.beta, rtol=0, atol=1e-9 * max(1, abs(exact.beta).max()))
+    assert exact.gap[0] > 1e-6 > 1e-12 > exact.gap[1]
+
+
+@pytest.mark.parametrize("path", DATA, ids=lambda path: path.stem)
+@pytest.mark.parametrize(("key", "sensors"), [("base_wrench", BASE_WRENCH), ("joint_torque", TORQUES)])
+def test_structure_equals_opensymoros_regrouping(path, key, sensors):
+    golden = json.loads(path.read_text(encoding="utf-8"))
+    expected = golden[f"grouping_{key}"]
+    tree = tree_of(golden)
+    base = find_base_parameters(tree, golden["parameters"], gravity=np.array(golden["gravity"]), sensors=sensors)
+    assert base.rank == expected["rank"]
+    assert list(base.names) == expected["kept"]
+
+
+def test_ranks_of_axes_that_are_not_parallel():
+    tree = double_pendulum(tilted_axis(5, 0), tilted_axis(5, 90))
+    assert find_base_parameters(tree).rank == 15
+    assert find_base_parameters(tree, sensors=TORQUES).rank == 10
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 12])
+def test_rank_of_a_floating_chain_of_revolute_joints(n):
+    rng = np.random.default_rng(n)
+    tree = random_tree(rng, n, kinds=("revolute",))
+    assert find_base_parameters(tree, sensors=Sensors(moving_base=True)).rank == 10 + 7 * (n - 1)
+
+
+def test_regrouping_keeps_the_wrench():
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, 8)
+    base, phi = find_base_parameters(tree, gravity=GRAVITY), random_phi(rng, 8)
+    Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=GRAVITY)
+    expected = Y @ phi
+    np.testing.assert_allclose(base.reduce(Y) @ base.regroup(phi), expected, atol=1e-11 * abs(expected).max())
+
+
+def test_without_gravity_less_is_seen():
+    assert find_base_parameters(double_pendulum(), gravity=np.zeros(3)).rank < 13
+
+
+def test_which_sensor_would_separate_more():
+    gains = separating_sensors(double_pendulum(), gravity=GRAVITY)
+    assert not gains["base wrench"] and not gains["joint torques"]
+    assert len(gains["moving base"]) == 24 - 13
+    assert gains["not parallel"] == ("m2rx2", "Iyy2", "Izz2", "m3rx3", "Iyy3", "Izz3")
+    torques = separating_sensors(double_pendulum(), gravity=GRAVITY, sensors=TORQUES)
+    assert torques["base wrench"] == ("m1", "m1rx1", "m1ry1", "Ixy2", "Ixz2", "Ixy3", "Ixz3")
+
+
+def test_structure_of_a_welded_tree_is_its_weight():
+    tree = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
+    assert structure_matrix(tree, gravity=GRAVITY).shape[1] == 30
+    assert find_base_parameters(tree).names == ("m1", "m1rx1", "m1ry1")
+
+
+def test_what_cannot_have_base_parameters_is_refused():
+    tree = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
+    with pytest.raises(ValueError, match="see no parameter of this mechanism"):
+        find_base_parameters(tree, sensors=TORQUES)
+    with pytest.raises(ValueError, match="massless bodies has no parameters"):
+        find_base_parameters(Tree(tuple(replace(body, massless=True) for body in tree.bodies)))
+    with pytest.raises(ValueError, match="base wrench, joint torques, or both"):
+        Sensors(False, False)
+
+
+def test_exact_numbers_give_exact_coefficients():
+    """Fractions go through: a pendulum of length 17/40 has its square in it."""
+
+    def exact(x):
+        return np.vectorize(Fraction, otypes=[object])(x)
+
+    tree = double_pendulum()
+    bodies = tuple(replace(body, home=exact(body.home), twist=exact(body.twist)) for body in tree.bodies)
+    base = find_base_parameters(Tree(bodies), gravity=exact([0, 0, -1]))
+    assert base.names == find_base_parameters(tree).names
+    assert Fraction(0.425) ** 2 in base.beta
+    assert "Ixx2 + (" in base.expressions()[5]
+    with pytest.raises(ValueError, match="can be pinned for numbers"):
+        find_base_parameters(Tree(bodies), gravity=exact([0, 0, -1]), kept=base.names)
+
+
+def test_pseudo_inertia_and_back():
+    phi = random_phi(np.random.default_rng(0), 4).reshape(4, 10)
+    np.testing.assert_allclose(parameters_from_pseudo_inertia(pseudo_inertia(phi)), phi, atol=1e-14)
+
+
+@pytest.mark.parametrize("moving_base", [False, True], ids=["resting", "moving"])
+def test_channels_of_the_base_wrench_see_what_their_regressor_shows(moving_base):
+    """Ranks and regroupings of some rows of the regressor, in frames at any pose and along frame axes, 40 trees."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        kinds = ("helical", "revolute") if seed % 4 == 0 else JOINTS
+        tree = random_tree(rng, int(rng.integers(2, 6)), kinds=kinds, massless=0.1)
+        pose = random_pose(rng) if seed % 2 else np.eye(4)
+        rows = coAd(inverse(pose))[rng.choice(6, int(rng.integers(1, 6)), replace=False)]
+        samples = 40 * len(tree.bodies)
+        states = random_states(rng, tree, samples)
+        free = rng.normal(size=(samples, 7)), *rng.normal(size=(2, samples, 6))
+        motion = BaseMotion.from_free_joint(*free) if moving_base else None
+        Y = rows @ base_wrench_regressor(tree, *states, gravity=GRAVITY, base=motion)
+        if not Y.any():
+            continue
+        sensors = Sensors(moving_base=moving_base, channels=rows)
+        exact = find_base_parameters(tree, gravity=GRAVITY, sensors=sensors)
+        assert find_base_parameters(Y).rank == exact.rank, seed
+        assert regrouping_error(exact, Y) <= 1e-9, seed
+
+
+def test_one_moment_of_a_helix_needs_every_power_of_its_bracket():
+    """Without gravity one moment sees a helix through 1, sin θ, cos θ, θ sin θ and θ cos θ."""
+    rng = np.random.default_rng(0)
+    tree = Tree((Body("b", BASE, random_pose(rng), random_twist(rng, "helical"), "j"),))
+    moment = Sensors(channels=np.eye(6)[[3]])
+    base = find_base_parameters(tree, gravity=np.zeros(3), sensors=moment)
+    Y = base_wrench_regressor(tree, *random_states(rng, tree, 50), gravity=np.zeros(3))[:, [3]]
+    assert base.rank == find_base_parameters(Y).rank == 5
+    assert regrouping_error(base, Y) <= 1e-12
+
+
+def test_channels_that_are_no_rows_of_a_wrench_are_refused():
+    for channels in (np.eye(5), np.zeros((1, 6)), np.full((1, 6), np.nan), np.zeros((0, 6)), [1, 0, 0, 0, 0, 0]):
+        with pytest.raises(ValueError, match=r"rows \(k, 6\)"):
+            Sensors(channels=channels)
+    with pytest.raises(ValueError, match=r"rows \(k, 6\)"):
+        Sensors(False, True, channels=np.eye(6))
+    assert hash(Sensors(channels=np.eye(6))) == hash(Sensors(channels=tuple(map(tuple, np.eye(6)))))

@@ -1,0 +1,441 @@
+import os
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from malformed_logs import (
+    BAD_LOGS,
+    BAD_MAPPINGS,
+    DQ,
+    GROUND_COLUMNS,
+    JOINTS,
+    PLAIN,
+    SOUND,
+    WRENCH,
+    N,
+    Q,
+    T,
+    logs,
+    mappings,
+    retimed,
+    text,
+)
+from scipy.spatial.transform import Rotation
+
+from ident.recordings.log import GROUND, UNITS, Log, read_log
+from ident.recordings.recording import Recording
+from ident.recordings.suggestion import suggested_mapping
+
+BODIES = ("leg", "torso")
+
+
+def read(tmp_path, content, mapping=None, **options):
+    (tmp_path / "log.csv").write_bytes(content.encode() if isinstance(content, str) else content)
+    columns = None
+    if mapping is not None:
+        columns = tmp_path / "columns.toml"
+        columns.write_text(mapping, encoding="utf-8")
+    return read_log(tmp_path / "log.csv", JOINTS, BODIES, columns, **options)
+
+
+def assert_plain(log, exact=True):
+    np.testing.assert_allclose(log.time, T, atol=1e-12)
+    np.testing.assert_allclose(log.q, Q, rtol=0 if exact else 1e-12, atol=0 if exact else 1e-12)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        text(PLAIN),
+        text(PLAIN, end="\r\n"),
+        text(PLAIN, end="\r"),
+        text(PLAIN).rstrip(),
+        text(PLAIN, ";"),
+        text(PLAIN, ";", ","),
+        text(PLAIN, "\t"),
+        text(PLAIN, "\t", ","),
+        "\ufeff" + text(PLAIN),
+        text(PLAIN).encode("utf-16"),
+        text(PLAIN).replace(",", " , "),
+        text(PLAIN).replace("\n", ",\n"),
+        text(PLAIN).replace("q_hip", '"q_hip"'),
+        "# a comment\n\n" + text(PLAIN) + "\n\n",
+        text({"time": T, "remark": T, "q_hip": Q[:, 1], "q_ankle": Q[:, 0]}).replace("\n0.01,0.01,", "\n0.01,ouch,"),
+    ],
+)
+def test_what_spreadsheets_write_is_read(tmp_path, content):
+    log = read(tmp_path, content)
+    assert_plain(log)
+    assert (log.dq, log.ddq, log.torques, log.base, log.wrenches, log.notes) == (None, None, None, None, {}, ())
+    assert np.isclose(log.rate, 100)
+
+
+@pytest.mark.parametrize("names", [("{}_position", "{}_velocity"), ("q_{}", "dq_{}"), ("{}", "{}_velocity")])
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+def test_joints_by_name(tmp_path, names, suffix):
+    columns = {"t": T} | {n.format(j): x for n, s in zip(names, (Q, DQ)) for j, x in zip(JOINTS, s.T)}  # noqa: B905
+    columns |= {f"ddq_{j}": -DQ[:, k] for k, j in enumerate(JOINTS)} | {"tau_hip": T + 1}
+    if suffix == "npz":
+        np.savez(tmp_path / "log.npz", **columns)
+        log = read_log(tmp_path / "log.npz", JOINTS)
+    else:
+        log = read(tmp_path, text(columns))
+    assert_plain(log)
+    np.testing.assert_array_equal(log.dq, DQ)
+    np.testing.assert_array_equal(log.ddq, -DQ)
+    np.testing.assert_array_equal(log.torques, np.stack([np.full(N, np.nan), T + 1], axis=1))
+
+
+def test_the_ground_wrench_by_name_with_missing_channels(tmp_path):
+    board = {name: x for name, x in GROUND_COLUMNS.items() if name[-2:] in ("fz", "mx", "my")}
+    wrench = read(tmp_path, text(PLAIN | board)).wrenches[GROUND]
+    np.testing.assert_array_equal(wrench.values[:, 2:5], WRENCH[:, 2:5])
+    assert np.isnan(wrench.values[:, [0, 1, 5]]).all()
+    assert wrench.body is None
+    assert wrench.applied_to_link
+    np.testing.assert_array_equal(wrench.pose, np.eye(4))
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+def test_recordings_of_this_project(tmp_path, suffix):
+    channels = {f"{j}_{kind}": x for kind, s in (("position", Q), ("velocity", DQ)) for j, x in zip(JOINTS, s.T)}  # noqa: B905
+    channels |= {"ground_force": WRENCH[:, :3], "ground_torque": WRENCH[:, 3:], "contact_force": WRENCH[:, :3]}
+    channels |= {"leg_position": WRENCH[:, :3], "leg_orientation": WRENCH[:, :4]}
+    recording = Recording(T, channels, {k: x + 1 for k, x in channels.items()}, {"ground_force": "N"})
+    recording.save(tmp_path / f"r.{suffix}")
+    log = read_log(tmp_path / f"r.{suffix}", JOINTS)
+    assert_plain(log)
+    np.testing.assert_array_equal(log.dq, DQ)
+    np.testing.assert_array_equal(log.wrenches[GROUND].values, WRENCH)
+    assert log.notes == (
+        "Columns contact_force.x, contact_force.y, contact_force.z look like a wrench; without an entry under "
+        "[wrenches] it is not used.",
+    )
+
+
+MAPPING = """
+time = { column = "t", unit = "ms" }
+[joints.ankle]
+position = { column = "winkel", unit = "deg" }
+velocity = { column = "rate", unit = "deg/s" }
+[joints.hip]
+position = "h"
+velocity = "dh"
+torque = { column = "h_moment", unit = "N mm" }
+[wrenches.ground]
+force = ["p1", "p2", "p3"]
+torque = ["", "p5", ""]
+unit = "kN"
+torque_unit = "N mm"
+position = [0.1, 0, -0.2]
+rpy_deg = [0, 0, 90]
+applied_to_link = false
+[wrenches.handle]
+force = ["h1", "h2", "h3"]
+body = "torso"
+quaternion = [0.5, 0.5, 0.5, 0.5]
+[base]
+position = ["x", "y", "z"]
+quaternion = ["qw", "qx", "qy", "qz"]
+unit = "mm"
+"""
+
+
+def mapped():
+    turns = Rotation.from_rotvec(np.outer(9 * T, [0, 0, 1])).as_quat(scalar_first=True)
+    columns = {"t": 1000 * T, "winkel": np.rad2deg(Q[:, 0]), "rate": np.rad2deg(DQ[:, 0]), "h": Q[:, 1], "dh": DQ[:, 1]}
+    columns |= {"h_moment": 1000 * T} | {f"p{k + 1}": WRENCH[:, k] for k in range(6)}
+    columns |= {f"h{k + 1}": -WRENCH[:, k] for k in range(3)} | dict(zip("xyz", 1000 * WRENCH.T))  # noqa: B905
+    return columns | dict(zip(("qw", "qx", "qy", "qz"), turns.T * (-1) ** np.arange(N))), turns  # noqa: B905
+
+
+def test_a_mapping_names_converts_and_places(tmp_path):
+    columns, turns = mapped()
+    log = read(tmp_path, text(columns), MAPPING)
+    assert_plain(log, exact=False)
+    np.testing.assert_allclose(log.dq, DQ, atol=1e-12)
+    np.testing.assert_allclose(log.torques[:, 1], T, atol=1e-12)
+    ground, handle = log.wrenches[GROUND], log.wrenches["handle"]
+    np.testing.assert_allclose(ground.values[:, :3], 1000 * WRENCH[:, :3])
+    np.testing.assert_allclose(ground.values[:, 4], WRENCH[:, 4] / 1000)
+    assert np.isnan(ground.values[:, [3, 5]]).all()
+    np.testing.assert_allclose(ground.pose, [[0, -1, 0, 0.1], [1, 0, 0, 0], [0, 0, 1, -0.2], [0, 0, 0, 1]], atol=1e-12)
+    assert not ground.applied_to_link
+    assert handle.body == "torso"
+    assert handle.applied_to_link
+    np.testing.assert_allclose(handle.pose[:3, :3], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-12)
+    np.testing.assert_allclose(log.base[:, :3, 3], WRENCH[:, :3])
+    expected = Rotation.from_quat(turns, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(log.base[:, :3, :3], expected, atol=1e-12)
+
+
+def test_a_base_pose_alone_makes_a_log_of_one_body(tmp_path):
+    columns, _ = mapped()
+    (tmp_path / "log.csv").write_text(text(columns))
+    (tmp_path / "c.toml").write_text('time = { column = "t", unit = "ms" }\n' + MAPPING[MAPPING.index("[base]") :])
+    log = read_log(tmp_path / "log.csv", (), ("hand",), tmp_path / "c.toml")
+    assert log.q.shape == (N, 0)
+    assert log.base.shape == (N, 4, 4)
+
+
+def test_jitter_is_resampled_and_told(tmp_path):
+    time = T + np.r_[0, np.random.default_rng(0).uniform(-0.0008, 0.0008, N - 2), 0]
+    q = np.stack([3 * time, 1 - time], axis=1)
+    log = read(tmp_path, text({"time": time, "ankle": q[:, 0], "hip": q[:, 1]}))
+    np.testing.assert_allclose(log.q, np.stack([3 * log.time, 1 - log.time], axis=1), atol=1e-12)
+    np.testing.assert_allclose(np.diff(log.time), log.time[-1] / (len(log.time) - 1))
+    (note,) = log.notes
+    assert "jitter" in note
+    assert "resampled linearly" in note
+    assert "doubt the clock" not in note
+
+
+def test_rounded_stamps_are_resampled(tmp_path):
+    time = np.round(np.arange(N) / 400, 3)
+    (note,) = read(tmp_path, retimed(time)).notes
+    assert "doubt the clock" in note
+
+
+def test_repeated_samples_are_dropped_and_told(tmp_path):
+    keep = np.sort(np.r_[np.arange(N), 7, 7, 20])
+    log = read(tmp_path, text({name: x[keep] for name, x in PLAIN.items()}))
+    assert_plain(log)
+    assert log.notes == ("Samples that repeat the one before were dropped: 3, the first is row 10.",)
+
+
+def test_clocks_that_count_from_1970(tmp_path):
+    log = read(tmp_path, retimed(1.7e9 + T))
+    np.testing.assert_allclose(log.time, T, atol=1e-6)
+    assert log.notes == ("Times start at 1700000000 s; they are counted from there.",)
+
+
+def test_incomplete_velocities_are_not_used(tmp_path):
+    log = read(tmp_path, text(PLAIN | {"dq_hip": DQ[:, 1]}))
+    assert log.dq is None
+    assert log.notes == ("No velocity of ankle is recorded; those of the other joints are not used.",)
+
+
+def test_an_empty_optional_column_is_missing(tmp_path):
+    content = text(PLAIN | {"ground_fz": T, "tau_hip": T * np.nan}).replace("nan", "")
+    log = read(tmp_path, content)
+    assert log.torques is None
+    assert log.notes == ("Column 'tau_hip' (joints.hip.torque) is empty and taken as missing.",)
+
+
+def test_forces_far_below_the_weight_are_suspected(tmp_path):
+    content = text(PLAIN | {"ground_fz": 0.6 + 0 * T, "ground_mx": T})
+    assert "may be kN" in read(tmp_path, content, weight=600.0).notes[0]
+    assert read(tmp_path, content, weight=60.0).notes == ()
+    stated = '[wrenches.ground]\nforce = ["", "", "ground_fz"]\nunit = "N"\n'
+    assert read(tmp_path, content, stated, weight=600.0).notes == ()
+
+
+def test_many_turns_are_radians_when_stated_and_lengths_of_slides(tmp_path):
+    content = text({**PLAIN, "q_hip": 100 * T})
+    stated = '[joints.hip]\nposition = { column = "q_hip", unit = "rad" }'
+    np.testing.assert_array_equal(read(tmp_path, content, stated).q[:, 1], 100 * T)
+    np.testing.assert_array_equal(read(tmp_path, content, slides=("hip",)).q[:, 1], 100 * T)
+
+
+def test_a_column_that_names_find_can_be_left_out(tmp_path):
+    content = text(PLAIN | {"dq_ankle": 9 * T, "dq_hip": T})
+    assert read(tmp_path, content, '[joints.hip]\nvelocity = ""').dq is None
+
+
+@pytest.mark.parametrize(("content", "message"), BAD_LOGS.values(), ids=BAD_LOGS.keys())
+def test_bad_logs_are_one_sentence(tmp_path, content, message):
+    with pytest.raises(ValueError) as error:
+        read(tmp_path, content)
+    assert str(error.value).startswith(f"{tmp_path / 'log.csv'}: ")
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("mapping", "message"), BAD_MAPPINGS.values(), ids=BAD_MAPPINGS.keys())
+def test_bad_mappings_are_one_sentence(tmp_path, mapping, message):
+    with pytest.raises(ValueError) as error:
+        read(tmp_path, text(PLAIN), mapping)
+    assert message in str(error.value)
+    assert str(error.value).startswith(str(tmp_path))
+    assert "\n" not in str(error.value)
+
+
+def test_base_quaternions_have_norm_one(tmp_path):
+    columns, _ = mapped()
+    columns["qw"] = columns["qw"] + (np.arange(N) == 5)
+    with pytest.raises(ValueError, match=r"row 7, base.quaternion needs a norm of 1, got"):
+        read(tmp_path, text(columns), MAPPING)
+
+
+def test_bad_archives_are_one_sentence(tmp_path):
+    def savez(**arrays):
+        np.savez(tmp_path / "log.npz", **arrays)
+
+    np.save(tmp_path / "log.npy", T)
+    (tmp_path / "log.npz").write_bytes((tmp_path / "log.npy").read_bytes())
+    cases = [
+        (lambda: None, "needs to be an npz archive of arrays (not a zip archive)"),
+        (lambda: savez(**PLAIN, note=np.array([{}, 1], object)), "pickled objects are not read"),
+        (lambda: savez(time=T, ankle=T, hip=T[1:]), "'hip' has 39 and 'time' has 40"),
+        (lambda: savez(remark=np.array("none")), "at least 10 samples, it has 0"),
+        (
+            lambda: savez(time=T, ankle=T, hip=np.where(np.arange(N) == 5, np.nan, T)),
+            "sample 5, column 'hip' is empty or NaN",
+        ),
+        (lambda: savez(time=T, ankle=T, q=Q), "joint 'hip' needs a column of its positions"),
+        (lambda: (tmp_path / "log.npz").write_bytes(archive[:-30]), "npz archive of arrays ("),
+    ]
+    savez(**PLAIN)
+    archive = (tmp_path / "log.npz").read_bytes()
+    (tmp_path / "log.npz").write_bytes((tmp_path / "log.npy").read_bytes())
+    for make, message in cases:
+        make()
+        with pytest.raises(ValueError) as error:
+            read_log(tmp_path / "log.npz", JOINTS)
+        assert message in str(error.value)
+        assert "log.npz: " in str(error.value)
+
+
+def test_files_that_are_no_logs(tmp_path):
+    for name in ("missing.csv", "log.xlsx", "."):
+        with pytest.raises(ValueError, match=r"a log is a \.csv, \.tsv, \.txt or \.npz file that exists"):
+            read_log(tmp_path / name, JOINTS)
+    (tmp_path / "log.csv").write_text(text(PLAIN))
+    with pytest.raises(ValueError, match=r"no.toml: a mapping of columns is a TOML file that exists"):
+        read_log(tmp_path / "log.csv", JOINTS, columns=tmp_path / "no.toml")
+    with pytest.raises(ValueError, match="but not the ball joint 'hip'"):
+        read_log(tmp_path / "log.csv", JOINTS, balls=("hip",))
+
+
+@pytest.mark.parametrize(
+    ("columns", "lines"),
+    [
+        (
+            ("Fx", "Fy", "Fz", "Mx", "My", "Mz", "remark"),
+            ["[wrenches.ground]", 'force = ["Fx", "Fy", "Fz"]', 'torque = ["Mx", "My", "Mz"]'],
+        ),
+        (
+            ("1_ground_force_vx", "1_ground_force_vy", "1_ground_force_vz", "1_ground_force_px", "1_ground_torque_y"),
+            [
+                "[wrenches.ground]",
+                'force = ["1_ground_force_vx", "1_ground_force_vy", "1_ground_force_vz"]',
+                'torque = ["", "1_ground_torque_y", ""]',
+            ],
+        ),
+        (("grf z", "COPx", "Fz2", "Mx2"), ["[wrenches.ground]", 'force = ["", "", "Fz2"]', 'torque = ["Mx2", "", ""]']),
+        (("grf z",), ["[wrenches.ground]", 'force = ["", "", "grf z"]', 'torque = ["", "", ""]']),
+        (("Hip Moment (Nm)", "emg"), ["[joints.hip]", 'torque = "Hip Moment (Nm)"']),
+        (("tau1", "tau2"), ["[joints.ankle]", 'torque = "tau1"', "[joints.hip]", 'torque = "tau2"']),
+        (("emg", "theta", "temperature_x"), []),
+        ((), []),
+    ],
+)
+def test_what_looks_like_a_wrench_or_a_torque_is_suggested(columns, lines):
+    sentence, *suggested = suggested_mapping(columns, JOINTS).split("\n")
+    assert suggested == lines
+    assert all(name in sentence for name in columns)
+
+
+@settings(max_examples=100, derandomize=True, deadline=None, database=None)
+@given(st.lists(st.text(max_size=4), max_size=3), st.text(min_size=1, max_size=4))
+def test_what_is_suggested_can_be_read(texts, joint):
+    """Any names of columns and joints: the lines are TOML, and name these columns."""
+    columns = [f"{text}{end}" for text in texts for end in ("_fx", ".Torque.Z", f" tau {joint}")]
+    for given_columns in (columns, columns[2::3]):
+        lines = suggested_mapping(given_columns, [joint]).split("\n")[1:]
+        entries = tomllib.loads("\n".join(lines))
+        ground, joints = entries.get("wrenches", {}).get("ground", {}), entries.get("joints", {})
+        named = [*ground.get("force", []), *ground.get("torque", []), *(j["torque"] for j in joints.values())]
+        assert set(filter(None, named)) <= set(given_columns)
+        assert set(joints) <= {joint}
+
+
+def test_units_start_with_those_of_the_si():
+    assert all(next(iter(factors.values())) == 1 for factors in UNITS.values())
+
+
+FUZZ = settings(
+    max_examples=200,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+
+
+def outcome(tmp_path, content, mapping=None):
+    (tmp_path / "log.csv").write_bytes(content)
+    (tmp_path / "c.toml").write_bytes(mapping or b"")
+    try:
+        log = read_log(tmp_path / "log.csv", JOINTS, BODIES, tmp_path / "c.toml", weight=500.0)
+    except ValueError as error:
+        assert str(tmp_path) in str(error)
+        return
+    assert isinstance(log, Log)
+    assert np.isfinite(log.q).all()
+    assert log.q.shape == (len(log.time), 2)
+    assert (np.diff(log.time) > 0).all()
+
+
+@FUZZ
+@given(content=logs())
+def test_any_log_is_read_or_refused(tmp_path, content):
+    outcome(tmp_path, content)
+
+
+@FUZZ
+@given(mapping=mappings())
+def test_any_mapping_is_read_or_refused(tmp_path, mapping):
+    outcome(tmp_path, SOUND.encode(), mapping)
+
+
+@FUZZ
+@given(place=st.integers(0, 1500), byte=st.integers(0, 255))
+def test_any_archive_is_read_or_refused(tmp_path, place, byte):
+    np.savez(tmp_path / "log.npz", **PLAIN)
+    content = bytearray((tmp_path / "log.npz").read_bytes())
+    content[place % len(content)] = byte
+    (tmp_path / "log.npz").write_bytes(content)
+    try:
+        assert isinstance(read_log(tmp_path / "log.npz", JOINTS), Log)
+    except ValueError as error:
+        assert "log.npz" in str(error)
+
+
+@pytest.mark.skipif("MULTICONTACT_DATA" not in os.environ, reason="needs the recorded data in MULTICONTACT_DATA")
+def test_a_person_bowing(tmp_path):
+    path = Path(os.environ["MULTICONTACT_DATA"]) / "human_bowing" / "bowing.csv"
+    (tmp_path / "c.toml").write_text(
+        '[wrenches.ground]\nforce = ["foot_fx", "foot_fy", "foot_fz"]\ntorque = ["foot_mx", "foot_my", "foot_mz"]\n'
+    )
+    log = read_log(path, JOINTS, BODIES, tmp_path / "c.toml", weight=600.0)
+    assert log.q.shape == log.dq.shape == log.ddq.shape == (1465, 2)
+    assert np.isclose(log.rate, 100)
+    assert 590 < log.wrenches[GROUND].values[:, 2].mean() < 620
+    assert ["plate_fx" in note for note in log.notes] == [True]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_largest_time_and_the_largest_number(tmp_path, sign):
+    """No clock shows more than 1e12 s, and no channel more than 1e8 of its SI unit, whatever unit it is in."""
+    read(tmp_path, retimed(9e11 * sign + 10 * T), 'time = { column = "time", unit = "s" }')
+    with pytest.raises(ValueError, match=r"row 2, column 'time' needs numbers below 1e\+12"):
+        read(tmp_path, retimed(1.1e12 * sign + 10 * T), 'time = { column = "time", unit = "s" }')
+    kilo = '[wrenches.ground]\nforce = ["", "", "ground_fz"]\nunit = "kN"'
+    for mapping, limit in ((None, 1e8), (kilo, 1e5)):
+        force = text(PLAIN | {"ground_fz": 0.9 * sign * limit + T})
+        np.testing.assert_allclose(read(tmp_path, force, mapping).wrenches[GROUND].values[0, 2], 0.9e8 * sign)
+        with pytest.raises(ValueError, match=r"row 2, column 'ground_fz' needs numbers below"):
+            read(tmp_path, text(PLAIN | {"ground_fz": 1.1 * sign * limit + T}), mapping)
+
+
+def test_positions_in_degrees_with_rates_in_radians_are_refused(tmp_path):
+    time = np.arange(400) / 100
+    columns = {"time": time, "ankle": np.sin(time), "dq_ankle": np.cos(time)}
+    swing = {"hip": np.rad2deg(0.1 * np.sin(time)), "dq_hip": 0.1 * np.cos(time)}
+    with pytest.raises(ValueError, match=r"velocity of joint 'hip' is 0\.0175 times the derivative of its position"):
+        read(tmp_path, text(columns | swing))
+    assert read(tmp_path, text(columns | swing), slides=("hip",)).dq is not None

@@ -1,0 +1,188 @@
+import numpy as np
+import pytest
+
+from ident.recordings.recording import Recording
+
+RNG = np.random.default_rng(0)
+CHANNELS = {
+    "elbow_position": RNG.normal(size=20),
+    "elbow_velocity": RNG.normal(size=20) * 1e-17,
+    "elbow_acceleration": RNG.normal(size=20) * 1e300,
+    "ground_force": RNG.normal(size=(20, 3)),
+    "ground_torque": RNG.normal(size=(20, 3)),
+    "arm_position": RNG.normal(size=(20, 3)),
+    "arm_orientation": RNG.normal(size=(20, 4)),
+    "imu": RNG.normal(size=(20, 6)),
+}
+RECORDING = Recording(
+    time=np.arange(20) / 3,
+    measured=CHANNELS,
+    true={name: x + 1 for name, x in CHANNELS.items()},
+    units={"ground_force": "N", "elbow_position": "rad"},
+    noise={"ground_force": 0.1, "elbow_position": 0.01},
+    provenance={"scene": 'arm, and "more"', "seed": 3, "nested": {"a": [1, 2.5, None]}},
+)
+
+
+@pytest.mark.parametrize("suffix", ["npz", "csv"])
+@pytest.mark.parametrize("with_truth", [True, False])
+def test_saving_and_loading_lose_nothing(tmp_path, suffix, with_truth):
+    recording = RECORDING if with_truth else Recording(RECORDING.time, CHANNELS)
+    recording.save(tmp_path / f"r.{suffix}")
+    loaded = Recording.load(tmp_path / f"r.{suffix}")
+    np.testing.assert_array_equal(loaded.time, recording.time)
+    for kind in ("measured", "true"):
+        assert list(getattr(loaded, kind)) == list(getattr(recording, kind))
+        for name, x in getattr(recording, kind).items():
+            np.testing.assert_array_equal(getattr(loaded, kind)[name], x)
+    for kind in ("units", "noise", "provenance"):
+        assert getattr(loaded, kind) == getattr(recording, kind)
+    assert [p.name for p in tmp_path.iterdir()] == [f"r.{suffix}"]
+
+
+def test_channels_by_role():
+    q, dq, ddq = RECORDING.joint_states(["elbow"])
+    np.testing.assert_array_equal(q[:, 0], CHANNELS["elbow_position"])
+    np.testing.assert_array_equal(ddq[:, 0], CHANNELS["elbow_acceleration"])
+    assert dq.shape == (20, 1)
+    np.testing.assert_array_equal(RECORDING.wrench("ground")[:, 3:], CHANNELS["ground_torque"])
+    np.testing.assert_array_equal(RECORDING.poses("arm")[:, :3, 3], CHANNELS["arm_position"])
+    w, x, y, z = CHANNELS["arm_orientation"][4] / np.linalg.norm(CHANNELS["arm_orientation"][4])
+    assert np.isclose(RECORDING.poses("arm")[4, 2, 1], 2 * (y * z + w * x))
+    np.testing.assert_array_equal(RECORDING.joint_noise(["elbow"])[0], [0.01])
+    np.testing.assert_array_equal(RECORDING.joint_noise(["elbow"])[1], [0.0])
+
+
+def test_noise_free_swaps_the_truth_in():
+    np.testing.assert_array_equal(RECORDING.noise_free["imu"], CHANNELS["imu"] + 1)
+    with pytest.raises(ValueError, match="no true values"):
+        _ = Recording(RECORDING.time, CHANNELS).noise_free
+
+
+def test_missing_channels_are_named_with_those_there_are():
+    with pytest.raises(ValueError, match="'knee_position'; it has arm_orientation, arm_position"):
+        RECORDING.joint_states(["knee"])
+
+
+def test_recordings_are_frozen():
+    with pytest.raises(ValueError, match="read-only"):
+        RECORDING["imu"][0] = 0
+
+
+@pytest.mark.parametrize(
+    ("time", "channels", "message"),
+    [
+        ([0.0, 1, 1], {}, "must increase; sample 2 does not"),
+        ([0.0, np.nan], {}, "'time' needs finite numbers; sample 1 is nan"),
+        ([[0.0, 1]], {}, "'time' needs N > 0 samples"),
+        ([0.0, 1], {"a": [1.0, 2, 3]}, r"'a' needs 2 samples along its first axis, got shape \(3,\)"),
+        ([0.0, 1], {"a": [[1.0, 2], [3, np.inf]]}, "'a' needs finite numbers; sample 1 is inf"),
+    ],
+)
+def test_bad_channels_are_refused(time, channels, message):
+    with pytest.raises(ValueError, match=message):
+        Recording(time, channels)
+
+
+def test_truth_needs_the_same_channels():
+    with pytest.raises(ValueError, match="same channels"):
+        Recording([0.0], {"a": [1.0]}, {"b": [1.0]})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time,a\n0,1\n1,oops\n", "row 3, column 'a' needs a number, got 'oops'"),
+        ("# units: {}\ntime,a\n0,1\n1\n", "row 4 has 1 cells where the header has 2"),
+        ("time,a\n0,1\n1,nan\n", "row 3, column 'a' needs a finite number, got 'nan'"),
+        ("", "no header row"),
+        ("a,b\n1,2\n", "needs a column 'time'; it has a, b"),
+        ("time,a,a\n0,1,2\n", "names a more than once"),
+        ("time,a.x,a.z\n0,1,2\n", "channel 'a' needs the components 0, 1, it has x, z"),
+        ("time,a,a.x\n0,1,2\n", "channel 'a' needs the components"),
+        ("time,a\n", "a recording needs samples, it has none"),
+        ("# foo: {}\ntime\n0\n", "units, noise, provenance, each a JSON object; not 'foo'"),
+        ("# units: 5\ntime\n0\n", "each a JSON object; not 'units'"),
+        ("# units: {oops\ntime\n0\n", "row 1 needs '# units', noise or provenance in JSON"),
+        ("time,a\n0,1\n\n1,2\n", "row 3 is blank"),
+        ("time,a\n0,1\n  \n1,2\n", "row 3 has 1 cells where the header has 2"),
+        ("time,a\n0,1\n1,2,\n", "row 3 has 3 cells where the header has 2"),
+        ("time,true:a\n0,1\n", "True values need the same channels"),
+    ],
+)
+def test_bad_files_name_the_place(tmp_path, text, message):
+    (tmp_path / "bad.csv").write_text(text)
+    with pytest.raises(ValueError, match=f"bad.csv.*{message}"):
+        Recording.load(tmp_path / "bad.csv")
+
+
+def test_files_that_are_no_recordings(tmp_path):
+    (tmp_path / "r.npz").write_text("not a zip")
+    for name in ("r.npz", "missing.csv", "r.mat"):
+        with pytest.raises(ValueError, match=name):
+            Recording.load(tmp_path / name)
+    with pytest.raises(ValueError, match=r"as .npz or .csv, got 'r.mat'"):
+        RECORDING.save(tmp_path / "r.mat")
+
+
+def test_a_failed_save_leaves_the_old_file(tmp_path, monkeypatch):
+    RECORDING.save(tmp_path / "r.npz")
+    before = (tmp_path / "r.npz").read_bytes()
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np.lib.format, "write_array", full)
+    with pytest.raises(OSError, match=r"r\.npz' could not be written \(No space left on device\) and is as it was"):
+        RECORDING.save(tmp_path / "r.npz")
+    assert (tmp_path / "r.npz").read_bytes() == before
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_components_are_read_by_name(tmp_path):
+    (tmp_path / "r.csv").write_text("\ufefftime,q.x,q.y,q.z,q.w,f.z,f.y,f.x\n0,1,2,3,4,5,6,7\n", encoding="utf-8")
+    recording = Recording.load(tmp_path / "r.csv")
+    np.testing.assert_array_equal(recording["q"], [[4, 1, 2, 3]])
+    np.testing.assert_array_equal(recording["f"], [[7, 6, 5]])
+
+
+@pytest.mark.parametrize("name", ["time", "a,b", "a.b", "true:a", "#a", " a", "a\n", ""])
+def test_names_that_a_file_could_not_hold_are_refused(name):
+    with pytest.raises(ValueError, match="name cannot be"):
+        Recording([0.0], {name: [1.0]})
+
+
+@pytest.mark.parametrize("level", [-1.0, np.nan, np.inf, "loud", None])
+def test_noise_levels_must_be_levels(level):
+    with pytest.raises(ValueError, match="noise of channel 'a' needs a standard deviation"):
+        Recording([0.0], {"a": [1.0]}, noise={"a": level})
+
+
+def test_text_that_is_not_in_utf_8_is_refused(tmp_path):
+    (tmp_path / "r.csv").write_bytes("time,Kraft_°\n0,1\n".encode("latin-1"))
+    with pytest.raises(ValueError, match=r"r\.csv: the file needs to be text in UTF-8, a byte 0xb0 is not"):
+        Recording.load(tmp_path / "r.csv")
+
+
+def test_lines_may_end_as_on_windows_and_blank_ones_may_follow(tmp_path):
+    (tmp_path / "r.csv").write_bytes(b"time,a\r\n0,1\r\n1,2\r\n\r\n\r\n")
+    np.testing.assert_array_equal(Recording.load(tmp_path / "r.csv")["a"], [1, 2])
+
+
+CELLS = ["1", "-0.0", "1e-400", "5e-324", "0.1", "1.7976931348623157e308", "9007199254740993", "1_0", "\u0661", " 7 "]
+
+
+@pytest.mark.parametrize("odd", CELLS)
+def test_a_cell_is_the_number_that_python_reads(tmp_path, odd):
+    rows = [f"{k},{cell}" for k, cell in enumerate([*CELLS[:7], odd])]
+    (tmp_path / "r.csv").write_text("\n".join(["time,a", *rows]), encoding="utf-8")
+    a = Recording.load(tmp_path / "r.csv")["a"]
+    np.testing.assert_array_equal(a, [float(cell) for cell in [*CELLS[:7], odd]])
+    assert np.signbit(a[1])
+
+
+def test_a_truncated_file_is_one_sentence(tmp_path):
+    RECORDING.save(tmp_path / "r.npz")
+    (tmp_path / "r.npz").write_bytes((tmp_path / "r.npz").read_bytes()[:-200])
+    with pytest.raises(ValueError, match=r"r\.npz"):
+        Recording.load(tmp_path / "r.npz")

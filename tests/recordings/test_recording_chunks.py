@@ -1,0 +1,198 @@
+"""Recordings read piece by piece: the same as whole ones, in little memory, and as strict."""
+
+import io
+import tracemalloc
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ident.recordings.recording import Recording
+
+METADATA = {"units": {"a": "rad"}, "noise": {"a": 0.1}, "provenance": {"seed": 3, "nested": [1, None]}}
+
+
+def recording(samples, with_truth=False, seed=0):
+    rng = np.random.default_rng(seed)
+    shapes = {"a": (samples,), "force": (samples, 3), "pose": (samples, 4), "imu": (samples, 6)}
+    scale = 10.0 ** rng.integers(-300, 300, samples)
+    measured = {name: (rng.normal(size=shape).T * scale).T for name, shape in shapes.items()}
+    true = {name: -x for name, x in measured.items()} if with_truth else {}
+    return Recording(np.cumsum(rng.uniform(0.1, 1, samples)), measured, true, **METADATA)
+
+
+def channels(pieces):
+    """Everything that pieces hold sample by sample, put together."""
+    kinds = [{"time": p.time, **p.measured, **{f"true:{k}": x for k, x in p.true.items()}} for p in pieces]
+    assert len({tuple(kind) for kind in kinds}) == 1
+    return {name: np.concatenate([kind[name] for kind in kinds]) for name in kinds[0]}
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(1, 30), st.integers(1, 40), st.sampled_from(["csv", "npz"]), st.booleans(), st.integers(0, 2**32 - 1)
+)
+def test_pieces_put_together_are_the_whole(tmp_path_factory, length, samples, suffix, with_truth, seed):
+    path = tmp_path_factory.getbasetemp() / f"whole.{suffix}"
+    original = recording(length, with_truth, seed)
+    original.save(path)
+    pieces, whole = list(Recording.chunks(path, samples)), Recording.load(path)
+    assert [len(p.time) for p in pieces] == [min(samples, length - k) for k in range(0, length, samples)]
+    expected = channels([original])
+    for read in (channels(pieces), channels([whole])):
+        assert list(read) == list(expected)
+        assert all(read[name].tobytes() == x.tobytes() for name, x in expected.items())
+    for piece in pieces:
+        assert {name: getattr(piece, name) for name in METADATA} == METADATA
+
+
+def archive(path, metadata="{}", compression=zipfile.ZIP_STORED, **members):
+    """An npz file of arrays, or of bytes where a member is to be malformed; double underscores stand for slashes."""
+    with zipfile.ZipFile(path, "w", compression) as out:
+        for name, content in {"metadata": np.array(metadata), **members}.items():
+            stream = io.BytesIO()
+            if isinstance(content, bytes):
+                stream.write(content)
+            else:
+                np.lib.format.write_array(stream, content)
+            out.writestr(f"{name.replace('__', '/')}.npy", stream.getvalue())
+    return path
+
+
+@pytest.mark.parametrize("dtype", ["<f8", ">f8", "<f4", "<i2", ">i8", "?"])
+def test_members_may_be_compressed_and_of_any_real_type(tmp_path, dtype):
+    x = np.array([[1, 0], [0, 1], [1, 1], [0, 0], [1, 0]], dtype)
+    path = archive(tmp_path / "r.npz", compression=zipfile.ZIP_DEFLATED, time=np.arange(5), measured__a=x)
+    read = channels(Recording.chunks(path, 2))
+    np.testing.assert_array_equal(read["a"], x.astype(float))
+    np.testing.assert_array_equal(Recording.load(path).time, np.arange(5.0))
+
+
+def test_arrays_in_fortran_order_are_saved_in_the_other_and_read_whole(tmp_path):
+    x = np.asfortranarray(np.arange(12.0).reshape(4, 3))
+    path = archive(tmp_path / "r.npz", time=np.arange(4.0), measured__a=x)
+    np.testing.assert_array_equal(Recording.load(path)["a"], x)
+    with pytest.raises(ValueError, match=r"r\.npz: member 'measured/a' .*Fortran order is not read in pieces"):
+        next(Recording.chunks(path, 3))
+    Recording.load(path).save(path)
+    np.testing.assert_array_equal(channels(Recording.chunks(path, 3))["a"], x)
+
+
+NPY = io.BytesIO()
+np.lib.format.write_array(NPY, np.arange(5.0))
+
+
+@pytest.mark.parametrize(
+    ("member", "message"),
+    [
+        (np.array([None] * 5), "needs real numbers, it holds object"),
+        (np.ones(5, complex), "needs real numbers, it holds complex128"),
+        (np.array(["1"] * 5), "needs real numbers, it holds <U1"),
+        (np.ones(4), "the times are 5 samples, it has 4"),
+        (np.ones((5, 1, 1)), "has one or two dimensions, it has 3"),
+        (np.array(1.0), "has one or two dimensions, it has 0"),
+        (NPY.getvalue()[:-8], r"array of \(5,\) float64 has another size than its 32 bytes"),
+        (NPY.getvalue() + b"more", r"array of \(5,\) float64 has another size than its 44 bytes"),
+        (NPY.getvalue()[:40], "reading array header"),
+        (NPY.getvalue().replace(b"(5,)", b"(5,("), "Cannot parse header|EOF in multi-line"),
+        (NPY.getvalue().replace(b"NUMPY\x01", b"NUMPY\x03"), "header of version 1 or 2, it has version 3"),
+        (b"", "magic string"),
+    ],
+)
+def test_a_member_that_is_no_channel_is_named(tmp_path, member, message):
+    path = archive(tmp_path / "r.npz", time=np.arange(5.0), measured__b=np.ones(5), measured__a=member)
+    for read in (Recording.load, lambda path: next(Recording.chunks(path, 2))):
+        with pytest.raises(ValueError, match=rf"r\.npz: member 'measured/a' cannot be read \(.*({message})"):
+            read(path)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ("{oops", "member 'metadata' cannot be read"),
+        ("[1]", "member 'metadata' cannot be read .a JSON object is needed, it holds .1."),
+        ('{"foo": {}}', "each a JSON object; not 'foo'"),
+    ],
+)
+def test_metadata_that_are_none_are_refused(tmp_path, metadata, message):
+    with pytest.raises(ValueError, match=rf"r\.npz: .*{message}"):
+        Recording.load(archive(tmp_path / "r.npz", metadata, time=np.arange(5.0)))
+
+
+def test_an_archive_without_times_is_none_of_ours(tmp_path):
+    with pytest.raises(ValueError, match=r"r\.npz: a recording needs a member 'time'; it has metadata, measured/a\."):
+        Recording.load(archive(tmp_path / "r.npz", measured__a=np.ones(5)))
+
+
+def test_wherever_a_file_ends_early_or_a_byte_is_wrong_it_is_one_sentence_or_harmless(tmp_path):
+    original, path = recording(20), tmp_path / "r.npz"
+    original.save(path)
+    data, expected = path.read_bytes(), {name: x.tobytes() for name, x in channels([original]).items()}
+    for k in range(0, len(data), 29):
+        path.write_bytes(data[:k])
+        with pytest.raises(ValueError, match=r"r\.npz: ") as raised:
+            list(Recording.chunks(path, 6))
+        assert "\n" not in str(raised.value)
+        path.write_bytes(data[:k] + bytes([data[k] ^ 4]) + data[k + 1 :])
+        try:
+            read = channels(Recording.chunks(path, 6))
+        except ValueError as error:
+            assert str(path) in str(error)
+        else:
+            # A member whose name has become another one is a stranger's, which may be there.
+            assert {name: x.tobytes() for name, x in read.items()}.items() <= expected.items()
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("9,oops", "row 11, column 'a' needs a number, got 'oops'"),
+        ("9,inf", "row 11, column 'a' needs a finite number, got 'inf'"),
+        ("9", "row 11 has 1 cells where the header has 2"),
+        ("8,1", "Recorded times must increase; sample 9 does not"),
+        ("\n9,1", "row 11 is blank"),
+    ],
+)
+@pytest.mark.parametrize("samples", [1, 3, 5, 100])
+def test_a_late_fault_is_found_when_its_piece_is_due(tmp_path, row, message, samples):
+    rows = [f"{k},{k}" for k in range(9)]
+    (tmp_path / "r.csv").write_text("\n".join(["time,a", *rows, row, "20,20"]))
+    pieces = Recording.chunks(tmp_path / "r.csv", samples)
+    for _ in range(9 // samples):
+        next(pieces)
+    with pytest.raises(ValueError, match=rf"r\.csv: {message}"):
+        next(pieces)
+
+
+@pytest.mark.parametrize("samples", [1, 4, 100])
+def test_late_faults_of_an_archive_name_the_sample(tmp_path, samples):
+    x = np.arange(10.0)
+    path = archive(tmp_path / "r.npz", time=x, measured__a=np.where(x == 7, np.nan, x))
+    with pytest.raises(ValueError, match=r"r\.npz: Channel 'a' needs finite numbers; sample 7 is nan"):
+        list(Recording.chunks(path, samples))
+    path = archive(tmp_path / "r.npz", time=np.where(x == 8, 7, x), measured__a=x)
+    with pytest.raises(ValueError, match=r"r\.npz: Recorded times must increase; sample 8 does not"):
+        list(Recording.chunks(path, samples))
+
+
+def test_pieces_need_a_file_and_samples(tmp_path):
+    with pytest.raises(ValueError, match=r"that exists, got 'missing\.csv'"):
+        next(Recording.chunks("missing.csv"))
+    (tmp_path / "r.csv").write_text("time\n0\n")
+    with pytest.raises(ValueError, match="needs at least one sample, got 0"):
+        next(Recording.chunks(tmp_path / "r.csv", 0))
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+def test_memory_does_not_grow_with_the_file(tmp_path, suffix):
+    peaks = []
+    for length in (500, 3_000, 30_000):
+        recording(length).save(tmp_path / f"r.{suffix}")
+        tracemalloc.start()
+        assert sum(len(piece.time) for piece in Recording.chunks(tmp_path / f"r.{suffix}", 500)) == length
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[2] < 1.1 * peaks[1]
+    assert peaks[2] < (tmp_path / f"r.{suffix}").stat().st_size / 4

@@ -1,0 +1,120 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, settling, smoothed
+
+RATE = 100.0
+T = np.arange(1200) / RATE
+TONES = np.array([[0.5, 1.0], [1.7, 0.3], [2.9, 0.2]])
+
+
+def tones(t):
+    w, a = 2 * np.pi * TONES[:, 0], TONES[:, 1]
+    angle = np.multiply.outer(t, w) + np.arange(3)
+    return (a * np.sin(angle)).sum(1), (a * w * np.cos(angle)).sum(1), (-a * w**2 * np.sin(angle)).sum(1)
+
+
+@pytest.mark.parametrize("cutoff", [1.0, 3.0, 10.0])
+@pytest.mark.parametrize("frequency", [0.5, 3.0, 6.0])
+def test_the_filter_has_its_gain_and_no_phase(cutoff, frequency):
+    x = np.sin(2 * np.pi * frequency * T)
+    inner = slice(settling(RATE, cutoff), -settling(RATE, cutoff))
+    warped = np.tan(np.pi * np.array([frequency, cutoff]) / RATE)
+    gain = 1 / (1 + (warped[0] / warped[1]) ** 4)
+    np.testing.assert_allclose(low_pass(x, RATE, cutoff)[inner], gain * x[inner], atol=2e-3)
+
+
+def test_differences_are_exact_for_quartics():
+    t = T[:60]
+    dx, ddx = differences(np.stack([t**4, t**2], axis=1), RATE)
+    np.testing.assert_allclose(dx[2:-2], np.stack([4 * t**3, 2 * t], axis=1)[2:-2], atol=1e-10)
+    np.testing.assert_allclose(ddx[2:-2], np.stack([12 * t**2, 2 + 0 * t], axis=1)[2:-2], atol=1e-8)
+    assert np.isfinite(dx).all()
+    assert np.isfinite(ddx).all()
+
+
+def test_velocities_and_accelerations_of_tones():
+    expected = tones(T)
+    found = smoothed(expected[0], RATE, 30.0)
+    inner = slice(settling(RATE, 10.0), -settling(RATE, 10.0))
+    for x, y in zip(found, expected, strict=True):
+        assert np.abs(x - y)[inner].max() < 2e-4 * np.abs(y).max()
+
+
+def test_columns_stay_apart_and_missing_ones_stay_missing():
+    x = np.stack([tones(T)[0], np.full(len(T), np.nan), np.cos(T)], axis=1)
+    for together, alone in zip(smoothed(x, RATE, 4.0), smoothed(x[:, 2], RATE, 4.0), strict=True):
+        assert together.shape == x.shape
+        assert np.isnan(together[:, 1]).all()
+        np.testing.assert_allclose(together[:, 2], alone, atol=1e-9)
+
+
+def test_settling_is_one_and_a_half_periods():
+    assert settling(100, 3.0) == 50
+    assert settling(1000, 4.0) == 375
+
+
+@pytest.mark.parametrize("rate", [50, 100, 1000])
+def test_a_signal_without_noise_is_not_cut(rate):
+    t = np.arange(12 * rate) / rate
+    x, _, ddx = tones(t)
+    cutoff = chosen_cutoff(x, rate)
+    inner = slice(rate, -rate)
+    assert np.abs(smoothed(x, rate, cutoff)[0] - x)[inner].max() < 0.02
+    assert np.std((smoothed(x, rate, cutoff)[2] - ddx)[inner]) < 0.06 * ddx.std()
+
+
+@pytest.mark.parametrize("rate", [100, 1000])
+@pytest.mark.parametrize("noise", [1e-5, 1e-4, 1e-3, 1e-2])
+def test_noise_lowers_the_cutoff_but_not_below_the_signal(rate, noise):
+    t = np.arange(12 * rate) / rate
+    x = np.stack([tones(t)[0], np.sin(2 * np.pi * 2.9 * t)], axis=1)
+    x += noise * np.random.default_rng(0).normal(size=x.shape)
+    assert 1.9 * 2.9 < chosen_cutoff(x, rate) <= chosen_cutoff(tones(t)[0], rate)
+
+
+def test_columns_that_rest_have_no_say():
+    x = tones(T)[0] + 1e-3 * np.random.default_rng(1).normal(size=len(T))
+    more = np.stack([x, np.ones_like(x), np.full_like(x, np.nan)], axis=1)
+    assert chosen_cutoff(more, RATE) == chosen_cutoff(x, RATE)
+
+
+@pytest.mark.parametrize(
+    ("x", "message"),
+    [
+        (np.zeros((40, 2)), "at least 50 samples, got 40"),
+        (np.ones((100, 2)), "a column that moves below 10 Hz"),
+        (np.random.default_rng(0).normal(size=(500, 1)), "not noise alone; state a cut-off"),
+        (np.sin(2 * np.pi * 30 * T), "a column that moves below 10 Hz"),
+    ],
+)
+def test_no_cutoff_is_invented(x, message):
+    with pytest.raises(ValueError, match=message):
+        chosen_cutoff(x, RATE)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: low_pass(T, RATE, 50.0), "from 0.001 Hz to below half the rate, 50 Hz, got 50 Hz"),
+        (lambda: low_pass(T, RATE, 1e-9), "from 0.001 Hz to below half the rate, 50 Hz, got 1e-09 Hz"),
+        (lambda: low_pass(T, RATE, 0.0), "got 0 Hz"),
+        (lambda: low_pass(T, RATE, np.nan), "got nan Hz"),
+        (lambda: low_pass(T[:9], RATE, 3.0), "more than 9 samples, got 9"),
+        (lambda: differences(T[:4], RATE), "at least 5 samples, got 4"),
+    ],
+)
+def test_bad_input_is_one_sentence(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+@pytest.mark.skipif("MULTICONTACT_DATA" not in os.environ, reason="needs the recorded data in MULTICONTACT_DATA")
+def test_a_person_bowing_needs_a_few_hertz():
+    path = Path(os.environ["MULTICONTACT_DATA"]) / "human_bowing" / "bowing.csv"
+    q = np.loadtxt(path, delimiter=",", skiprows=1, usecols=(1, 2))
+    for part in (q, q[: len(q) * 6 // 10], q[:700], q[700:]):
+        assert 2 < chosen_cutoff(part, 100.0) < 5

@@ -1,0 +1,196 @@
+import numpy as np
+import pytest
+from mechanisms import GRAVITY, random_phi, random_pose, random_states, random_tree
+
+from ident.geometry import se3
+from ident.model import dim
+from ident.recordings.wrench import Contact, total_wrench, transform_covariance, transform_wrench
+
+
+@pytest.fixture(params=range(10))
+def rng(request):
+    return np.random.default_rng(request.param)
+
+
+def test_a_force_gets_its_moment_from_its_arm():
+    T = np.eye(4)
+    T[:3, 3] = [0, 0, 2]
+    np.testing.assert_array_equal(transform_wrench(T, [1.0, 0, 0, 0, 0, 0]), [1, 0, 0, 0, 2, 0])
+
+
+def test_transport_conserves_power_and_composes(rng):
+    a, b, F, V = random_pose(rng), random_pose(rng), rng.normal(size=6), rng.normal(size=6)
+    assert np.isclose(transform_wrench(a, F) @ (se3.Ad(a) @ V), F @ V)
+    np.testing.assert_allclose(transform_wrench(a @ b, F), transform_wrench(a, transform_wrench(b, F)), atol=1e-11)
+
+
+def test_covariance_is_that_of_moved_samples(rng):
+    T, root = random_pose(rng), rng.normal(size=(6, 6))
+    samples = rng.normal(size=(20000, 6)) @ root.T
+    expected = np.cov(transform_wrench(T, samples).T)
+    found = transform_covariance(T, root @ root.T)
+    np.testing.assert_allclose(found, expected, atol=0.06 * abs(expected).max())
+
+
+def random_contacts(rng, tree, samples):
+    """Contacts on random bodies, and the wrenches that the links exert there."""
+    bodies = rng.choice(tree.names, size=rng.integers(1, 5))
+    wrenches = rng.normal(size=(len(bodies), samples, 6))
+    poses = [random_pose(rng) for _ in bodies]
+    return list(bodies), wrenches, poses
+
+
+def test_equation_15_walked_down_the_tree_gives_equation_17(rng):
+    tree = random_tree(rng)
+    phi = random_phi(rng, len(tree.inertial))
+    q, dq, ddq = random_states(rng, tree, 4)
+    bodies, wrenches, poses = random_contacts(rng, tree, 4)
+    ground = np.zeros((4, 6))
+    for k in range(4):
+        # Eq. 15: each link passes on what its children need, plus its own motion, plus its contact.
+        T, V, dV = dim.forward_recursion(tree, q[k], dq[k], ddq[k], GRAVITY)
+        force = [np.zeros(6) for _ in tree.bodies]
+        for i, phi_i in zip(tree.inertial, phi.reshape(-1, 10), strict=True):
+            force[i] = dim.body_regressor(V[i], dV[i]) @ phi_i
+        for body, wrench, pose in zip(bodies, wrenches, poses, strict=True):
+            force[tree.names.index(body)] += se3.coAd(pose) @ wrench[k]
+        for i in reversed(range(len(tree.bodies))):
+            carried = se3.coAd(T[i]) @ force[i]
+            if tree.bodies[i].parent < 0:
+                ground[k] += carried
+            else:
+                force[tree.bodies[i].parent] = force[tree.bodies[i].parent] + carried
+    contacts = [Contact(str(b), w, p) for b, w, p in zip(bodies, wrenches, poses, strict=True)]
+    Y = np.array([dim.base_wrench_regressor(tree, *x, gravity=GRAVITY) for x in zip(q, dq, ddq, strict=True)])
+    total = total_wrench(tree, q, ground, contacts)
+    np.testing.assert_allclose(total.wrench, Y @ phi, atol=1e-11 * abs(ground).max())
+    assert total.covariance is None
+
+
+def test_a_wrench_applied_to_the_link_has_the_other_sign(rng):
+    tree = random_tree(rng)
+    q = random_states(rng, tree, 3)[0]
+    bodies, wrenches, poses = random_contacts(rng, tree, 3)
+    by_link = [Contact(str(b), w, p) for b, w, p in zip(bodies, wrenches, poses, strict=True)]
+    to_link = [Contact.applied_to_link(str(b), -w, p) for b, w, p in zip(bodies, wrenches, poses, strict=True)]
+    full = Contact.applied_to_link("b", wrenches[0], poses[0], np.eye(6), np.arange(3.0))
+    assert full.covariance is not None and full.time is not None
+    ground = rng.normal(size=(3, 6))
+    np.testing.assert_array_equal(
+        total_wrench(tree, q, ground, by_link).wrench, total_wrench(tree, q, ground, to_link).wrench
+    )
+
+
+def test_covariances_of_all_sensors_add_up(rng):
+    tree = random_tree(rng)
+    q = random_states(rng, tree, 2)[0]
+    bodies, _, poses = random_contacts(rng, tree, 2)
+    roots = rng.normal(size=(len(bodies) + 1, 6, 6))
+    covariances = roots @ roots.transpose(0, 2, 1)
+    contacts = [Contact(str(b), np.zeros((2, 6)), p, c) for b, p, c in zip(bodies, poses, covariances[1:], strict=True)]
+    found = total_wrench(tree, q, np.zeros((2, 6)), contacts, ground_covariance=covariances[0]).covariance
+    for k in range(2):
+        A = [se3.coAd(tree.poses(q[k])[tree.names.index(b)] @ p) for b, p in zip(bodies, poses, strict=True)]
+        expected = covariances[0] + sum(a @ c @ a.T for a, c in zip(A, covariances[1:], strict=True))
+        np.testing.assert_allclose(found[k], expected, atol=1e-12 * abs(expected).max())
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_without_a_ground_wrench_the_contacts_are_all_there_is(rng, known):
+    tree = random_tree(rng)
+    q = random_states(rng, tree, 3)[0]
+    bodies, wrenches, poses = random_contacts(rng, tree, 3)
+    contacts = [
+        Contact(str(b), w, p, np.eye(6) if known else None) for b, w, p in zip(bodies, wrenches, poses, strict=True)
+    ]
+    found = total_wrench(tree, q, None, contacts)
+    exact_zero = total_wrench(tree, q, np.zeros((3, 6)), contacts, ground_covariance=np.zeros((6, 6)))
+    np.testing.assert_array_equal(found.wrench, exact_zero.wrench)
+    if known:
+        np.testing.assert_array_equal(found.covariance, exact_zero.covariance)
+    else:
+        assert found.covariance is None
+
+
+def test_in_free_flight_the_total_wrench_is_known_to_be_zero():
+    found = total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [])
+    np.testing.assert_array_equal(found.wrench, np.zeros((4, 6)))
+    np.testing.assert_array_equal(found.covariance, np.zeros((4, 6, 6)))
+
+
+def test_a_ground_wrench_that_does_not_exist_has_no_covariance():
+    with pytest.raises(ValueError, match="covariance of the ground wrench needs a ground wrench, got None"):
+        total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [], ground_covariance=np.eye(6))
+
+
+TREE = random_tree(np.random.default_rng(0), 3)
+WRENCH = np.zeros((4, 6))
+
+
+@pytest.mark.parametrize(
+    ("contact", "message"),
+    [
+        (lambda: Contact("hand", WRENCH, np.eye(4)), "on 'hand', but the mechanism's bodies are b0, b1, b2"),
+        (lambda: Contact("b1", WRENCH, None), r"'b1' needs the pose of its sensor's frame.*got none"),
+        (lambda: Contact("b1", WRENCH, np.eye(3)), r"frame, \(4, 4\) or \(4, 4, 4\), got \(3, 3\)"),
+        (lambda: Contact("b1", WRENCH[:3], np.eye(4)), "'b1' needs 4 samples like the joint states, got 3"),
+        (lambda: Contact("b1", WRENCH[:, :5], np.eye(4)), r"'b1' needs finite wrenches \(N, 6\), got shape \(4, 5\)"),
+        (lambda: Contact("b1", WRENCH * np.nan, np.eye(4)), "'b1' needs finite wrenches"),
+        (lambda: Contact("b1", WRENCH, np.eye(4), np.eye(3)), r"covariance \(6, 6\), got shape \(3, 3\)"),
+        (
+            lambda: Contact("b1", WRENCH, np.eye(4), time=np.array([0, 1, 2.5, 3])),
+            "'b1' needs the joint states' sample times; they differ by up to 0.5 s, most at sample 2",
+        ),
+        (
+            lambda: Contact("b1", WRENCH, np.eye(4), time=np.full(4, np.nan)),
+            "'b1' needs the joint states' sample times",
+        ),
+        (lambda: Contact("b1", WRENCH, np.eye(4), time=np.arange(9.0)), r"'b1' needs 4 sample times, got shape \(9,\)"),
+        (lambda: Contact("b1", WRENCH, 2 * np.eye(4)), "'b1' needs the pose of its sensor's frame"),
+        (lambda: Contact("b1", WRENCH, np.eye(4) * np.nan), "'b1' needs the pose of its sensor's frame"),
+        (lambda: Contact("b1", WRENCH, np.eye(4), np.triu(np.ones((6, 6)))), "'b1' needs a symmetric covariance"),
+    ],
+)
+def test_contacts_that_do_not_fit_are_refused(contact, message):
+    q = np.zeros((4, len(TREE.moving)))
+    with pytest.raises(ValueError, match=message):
+        total_wrench(TREE, q, WRENCH, [contact()], time=np.arange(4.0))
+
+
+def test_ground_wrench_needs_the_states_samples():
+    with pytest.raises(ValueError, match=r"4 joint states need finite ground wrenches \(4, 6\), got shape \(3, 6\)"):
+        total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH[:3], [])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"time": np.arange(3.0)}, r"as many sample times, got shape \(3,\)"),
+        ({"ground_covariance": np.eye(3)}, r"ground wrench needs a symmetric covariance \(6, 6\), got shape \(3, 3\)"),
+    ],
+)
+def test_ground_options_must_fit(options, message):
+    with pytest.raises(ValueError, match=message):
+        total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH, [], **options)
+
+
+def test_ground_wrenches_must_be_finite():
+    with pytest.raises(ValueError, match="finite ground wrenches"):
+        total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH * np.nan, [])
+
+
+@pytest.mark.parametrize("ground", [WRENCH, None])
+def test_joint_states_must_be_finite(ground):
+    with pytest.raises(ValueError, match="total wrench needs finite joint states"):
+        total_wrench(TREE, np.full((4, len(TREE.moving)), np.nan), ground, [])
+
+
+def test_the_measured_arrays_stay_as_they_are_and_times_agree_to_a_nanosecond(rng):
+    tree = random_tree(rng)
+    q, _, _ = random_states(rng, tree, 4)
+    ground, exerted, time = rng.normal(size=(4, 6)), rng.normal(size=(4, 6)), np.arange(4) / 100
+    kept = ground.copy(), exerted.copy()
+    total_wrench(tree, q, ground, [Contact(tree.names[0], exerted, np.eye(4), time=time + 1e-10)], time=time)
+    np.testing.assert_array_equal((ground, exerted), kept)
+    with pytest.raises(ValueError, match="sample times; they differ by up to 1e-08 s"):
+        total_wrench(tree, q, ground, [Contact(tree.names[0], exerted, np.eye(4), time=time + 1e-8)], time=time)

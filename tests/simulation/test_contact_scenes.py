@@ -1,0 +1,213 @@
+"""The contact scenes, with MuJoCo's own contact forces as the oracle of the load cell."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import scenes
+from experiments.studies.contacts import problem, total
+from ident.geometry import se3
+from ident.model.regressor import base_wrench_regressor
+from ident.recordings.wrench import transform_wrench
+from sim.models.mujoco_model import gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate
+
+FREE = scenes.load("double_pendulum").compile()
+
+
+@pytest.fixture(scope="module", params=(*scenes.CONTACTS, "pad handle"))
+def contact(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def recording(contact):
+    return simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+
+
+PLACES = {
+    "contact": ("link2", [0, 0, 0.4]),
+    "contact_pad": ("link2", [0, 0, 0.4]),
+    "contact_handle": ("link1", [0.06, 0, 0.425]),
+}
+
+
+def test_the_mechanism_ends_at_the_load_cells(contact):
+    model = scenes.load("double_pendulum", contact=contact).compile()
+    assert tree_from_model(model, "base").names == ("base", "link1", "link2")
+    np.testing.assert_array_equal(parameters_from_model(model, "base"), parameters_from_model(FREE, "base"))
+    for site in scenes.load_cells(contact).values():
+        body, pose = site_on_tree(model, site, "base")
+        assert body == PLACES[site][0]
+        np.testing.assert_allclose(pose[:3, 3], PLACES[site][1])
+
+
+def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact, recording):
+    known = problem(contact)
+    states = recording.joint_states(known.tree.joints)
+    data = mujoco.MjData(FREE)
+    expected = np.empty((len(recording.time), 6))
+    for k, (q, dq, ddq) in enumerate(zip(*states, strict=True)):
+        data.qpos, data.qvel, data.qacc = q, dq, ddq
+        mujoco.mj_inverse(FREE, data)
+        expected[k] = data.sensordata[:6]
+    found = total(known, recording).wrench
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * abs(expected).max())
+    assert abs(recording.wrench("ground") - expected).max() > 30
+
+
+def test_servos_still_track(recording):
+    assert recording.provenance["tracking_error_rad"] < 0.15
+
+
+@pytest.mark.parametrize("contact", ["pad", "pad handle"])
+def test_the_pad_is_touched_several_times(contact):
+    recording = simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+    touching = recording["pad_normal_force"] > 0
+    assert 0.25 < touching.mean() < 0.8
+    assert np.sum(~touching[:-1] & touching[1:]) >= 4
+    site = scenes.load_cells(contact)["pad"]
+    assert 40 < np.linalg.norm(recording[f"{site}_force"], axis=1).max() < 400
+
+
+def test_the_pad_is_a_spring_with_friction():
+    model = scenes.load("double_pendulum", contact="pad").compile()
+    assert model.jnt_stiffness[model.joint("pad").id] == 400
+    assert model.geom_condim[model.geom("pad").id] == model.geom_condim[model.geom("tip").id] == 6
+    assert model.geom_friction[model.geom("pad").id][0] == 0.5
+
+
+@pytest.mark.parametrize("contact", ["handle", "pad handle"])
+def test_the_handle_keeps_all_six_components_alive(contact):
+    recording = simulate(scenes.load("double_pendulum", contact=contact), DOUBLE_PENDULUM, noise_scale=0)
+    force, torque = np.hsplit(recording.wrench(scenes.load_cells(contact)["handle"]), 2)
+    assert (force.std(axis=0) > 10).all()
+    assert (torque.std(axis=0) > 1).all()
+    # A free moment: no single force on any line gives this wrench, because the moment is not normal to the force.
+    pitch = np.abs(np.sum(force * torque, axis=1)) / np.linalg.norm(force, axis=1)
+    assert np.median(pitch) > 0.5
+
+
+def cell_state(contact):
+    """A state in contact, with the model and the data; the model has MuJoCo's contact sensor where MuJoCo has one."""
+    spec = scenes.load("double_pendulum", contact=contact)
+    spec.compile()
+    xml = spec.to_xml()
+    if hasattr(mujoco.mjtSensor, "mjSENS_CONTACT"):
+        own = '<contact name="own" geom1="pad" geom2="tip" data="force" reduce="netforce"/>'
+        xml = xml.replace("</sensor>", f"{own}</sensor>")
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    data.qpos[:2] = DOUBLE_PENDULUM.trajectory(np.zeros(1))[0][0]
+    return model, data
+
+
+@pytest.mark.parametrize("velocity", [(0.3, -0.2, 0.1), (-0.5, 0.4, -0.2), (0.0, 1.0, 0.05)])
+def test_load_cell_agrees_with_mujocos_contacts(velocity):
+    # The cell reads what link 2 exerts on cell and tip: their motion and weight less the contact force on them.
+    model, data = cell_state("pad")
+    data.qvel[:] = velocity
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 1
+    frame, force = data.contact[0].frame.reshape(3, 3), np.zeros(6)
+    mujoco.mj_contactForce(model, data, 0, force)
+    # MuJoCo gives the force of the first geom on the second one, in the contact frame.
+    on_second = np.concatenate([frame.T @ force[:3], frame.T @ force[3:]])
+    tip_is_second = data.contact[0].geom2 == model.geom("tip").id
+    T_contact = np.eye(4)
+    T_contact[:3, 3] = data.contact[0].pos
+    on_tip = transform_wrench(T_contact, on_second if tip_is_second else -on_second)
+
+    tree = tree_from_model(model, "base", beyond=())
+    phi = parameters_from_model(model, "base", beyond=())
+    phi[:30] = 0
+    joints = [model.joint(name) for name in tree.joints]
+    state = [np.array([[x[j.qposadr[0] if k == 0 else j.dofadr[0]] for j in joints]])
+             for k, x in enumerate((data.qpos, data.qvel, data.qacc))]  # fmt: skip
+    gravity = gravity_in_base(model, "base")
+    inertial = (base_wrench_regressor(tree, *state, gravity=gravity) @ phi)[0]
+    cell = tree.poses(state[0])[0, tree.names.index("load_cell")]
+    measured = np.concatenate([data.sensor("contact_force").data, data.sensor("contact_torque").data])
+    T_base = np.eye(4)
+    T_base[:3, 3] = -model.body("base").pos
+    expected = inertial - transform_wrench(T_base, on_tip)
+    np.testing.assert_allclose(transform_wrench(cell, measured), expected, atol=1e-9 * abs(measured).max())
+    assert abs(on_tip[:3]).max() > 5
+    if hasattr(mujoco.mjtSensor, "mjSENS_CONTACT"):
+        own = data.sensor("own").data
+        np.testing.assert_allclose(abs(own), abs(on_tip[:3]), atol=1e-12 * abs(own).max())
+
+
+def test_load_cells_agree_with_mujocos_constraint_forces(contact):
+    # A cell reads what the link exerts on it: its motion and weight less what the surroundings exert on it, be it a
+    # contact's force or a weld's.
+    model = scenes.load("double_pendulum", contact=contact).compile()
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    tree = tree_from_model(model, "base", beyond=(), ignore=["grip"] * model.nmocap)
+    data.qpos[:2] = DOUBLE_PENDULUM.trajectory(np.zeros(1))[0][0]
+    mujoco.mj_kinematics(model, data)
+    for velocity in [(0.3, -0.2), (-0.5, 0.4), (0.0, 1.0)]:
+        data.qvel[:2] = velocity
+        if model.nmocap:
+            held = data.body(model.eq_obj1id[0])
+            data.mocap_pos[0], data.mocap_quat[0] = held.xpos + rng.normal(scale=0.01, size=3), held.xquat
+        mujoco.mj_forward(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        q, dq, ddq = (x[None, :2] for x in (data.qpos, data.qvel, data.qacc))
+        Y = base_wrench_regressor(tree, q, dq, ddq, gravity=gravity_in_base(model, "base"))[0]
+        for site in scenes.load_cells(contact).values():
+            cell = tree.names.index(site.replace("contact", "load_cell"))
+            own = slice(10 * cell, 10 * cell + 10)
+            inertial = Y[:, own] @ parameters_from_model(model, "base", beyond=())[own]
+            # MuJoCo writes torque first, about the centre of mass of the whole tree, in the world's axes.
+            external = data.cfrc_ext[model.body(tree.names[cell]).id]
+            centre = se3.pose(np.eye(3), data.subtree_com[model.body("base").id] - model.body("base").pos)
+            on_cell = transform_wrench(centre, np.roll(external, 3))
+            measured = np.concatenate([data.sensor(f"{site}_{kind}").data for kind in ("force", "torque")])
+            found = transform_wrench(tree.poses(q)[0, cell], measured)
+            np.testing.assert_allclose(found, inertial - on_cell, rtol=0, atol=1e-10 * abs(found).max())
+            assert abs(on_cell[:3]).max() > 5
+
+
+def test_the_touch_sensor_reads_the_normal_force():
+    model, data = cell_state("pad")
+    mujoco.mj_forward(model, data)
+    force = np.zeros(6)
+    mujoco.mj_contactForce(model, data, 0, force)
+    assert force[0] > 5
+    assert np.isclose(data.sensor("pad_normal_force").data[0], force[0], rtol=1e-12)
+
+
+def test_a_hand_needs_something_to_hold():
+    spec = scenes.load("double_pendulum", contact="handle")
+    spec.compile()
+    xml = spec.to_xml()
+    start, end = xml.index("<equality>"), xml.index("</equality>")
+    loose = mujoco.MjSpec.from_string(xml[:start] + xml[end + len("</equality>") :])
+    with pytest.raises(ValueError, match="Mocap body 'handle' needs a weld whose body1 is what it holds"):
+        simulate(loose, DOUBLE_PENDULUM, samples=1)
+
+
+@pytest.mark.parametrize("contact", ["wall", "pad wall", "wall handle pad"])
+def test_unknown_contact_lists_the_known_ones(contact):
+    with pytest.raises(ValueError, match="'wall'; the contacts are pad, handle"):
+        scenes.load("double_pendulum", contact=contact)
+
+
+def test_several_contacts_are_different_ones_in_any_order():
+    first, second = (scenes.load("double_pendulum", contact=contact) for contact in ("pad handle", "handle pad"))
+    first.compile(), second.compile()
+    assert first.to_xml() == second.to_xml()
+    with pytest.raises(ValueError, match="different ones, got 'pad handle pad'"):
+        scenes.load("double_pendulum", contact="pad handle pad")
+    with pytest.raises(ValueError, match="No contact is named ''"):
+        scenes.load("double_pendulum", contact="")
+
+
+def test_a_site_beyond_a_joint_is_not_on_the_mechanism():
+    model = scenes.load("double_pendulum", contact="pad").compile()
+    with pytest.raises(ValueError, match="'pad' is not fixed to a body of the mechanism"):
+        site_on_tree(model, "pad", "base")
+    with pytest.raises(ValueError, match="no site named 'palm'; its sites are ground, link1"):
+        site_on_tree(model, "palm", "base")

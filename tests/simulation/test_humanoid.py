@@ -1,0 +1,205 @@
+"""A humanoid that falls: without a ground sensor, the sum of all contact wrenches is what Y φ equals (Eq. 3)."""
+
+import mujoco
+import numpy as np
+import pytest
+from mechanisms import random_states
+
+import scenes
+from ident.estimation.estimate import identify
+from ident.estimation.samples import Samples
+from ident.geometry.inertia import pseudo_inertia
+from ident.mechanism.tree import BaseMotion
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.structure import Sensors
+from ident.recordings.wrench import Contact, total_wrench
+from sim.models.mujoco_model import gravity_in_base, parameters_from_model, state_columns, tree_from_model
+from sim.simulation.contacts import contact_wrenches, fall
+
+MODEL = scenes.load("humanoid").compile()
+TREE, PHI = tree_from_model(MODEL, "pelvis"), parameters_from_model(MODEL, "pelvis")
+GRAVITY = gravity_in_base(MODEL, "pelvis")
+SENSORS = Sensors(moving_base=True)
+FREE = 7, 6, 6
+"""Entries of the free joint in qpos, qvel and qacc."""
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return fall(MODEL, "pelvis", seconds=2.5)
+
+
+@pytest.fixture(scope="module")
+def contacts(motion):
+    return [Contact.applied_to_link(body, wrench, np.eye(4)) for body, wrench in motion.contacts.items()]
+
+
+@pytest.fixture(scope="module")
+def touching(motion):
+    """Whether each body touches the floor at each sample (bodies, N)."""
+    return np.array([wrench.any(axis=1) for wrench in motion.contacts.values()])
+
+
+def joint_states(motion):
+    coordinates, dofs = state_columns(MODEL, "pelvis")
+    return motion.qpos[:, coordinates], motion.qvel[:, dofs], motion.qacc[:, dofs]
+
+
+def pelvis(motion):
+    free = (x[:, :size] for x, size in zip((motion.qpos, motion.qvel, motion.qacc), FREE, strict=True))
+    return BaseMotion.from_free_joint(*free)
+
+
+@pytest.fixture(scope="module")
+def Y(motion):
+    return base_wrench_regressor(TREE, *joint_states(motion), gravity=GRAVITY, base=pelvis(motion))
+
+
+def test_it_is_a_person():
+    assert np.count_nonzero(MODEL.body_mass) == len(TREE.inertial) == 18
+    assert 60 < MODEL.body_mass.sum() < 75
+    assert (np.linalg.eigvalsh(pseudo_inertia(PHI.reshape(-1, 10))) > 0).all()
+    assert MODEL.body_jntnum.max() == 3
+    kinds = [mujoco.mjtJoint(kind).name.removeprefix("mjJNT_") for kind in MODEL.jnt_type]
+    assert {kind: kinds.count(kind) for kind in kinds} == {"FREE": 1, "HINGE": 26, "BALL": 3}
+    arm, leg = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot", "toes")
+    sides = {f"{side}_{part}" for side in ("left", "right") for part in arm + leg}
+    assert sides | {"pelvis", "abdomen", "thorax", "head"} == {TREE.names[i] for i in TREE.inertial}
+
+
+def test_left_and_right_are_mirror_images():
+    mirror = np.array([1, -1, 1])
+    for b in range(1, MODEL.nbody):
+        left = MODEL.body(b)
+        right = MODEL.body(left.name.replace("left", "right"))
+        np.testing.assert_allclose(right.mass, left.mass, rtol=1e-12)
+        if left.id != right.id:
+            np.testing.assert_allclose(right.pos, mirror * left.pos, atol=1e-12)
+            np.testing.assert_allclose(right.ipos, mirror * left.ipos, atol=1e-12)
+
+
+def test_it_comes_without_variants():
+    for variant in ({"tilt_deg": 5}, {"azimuth_deg": 5}, {"contact": "pad"}):
+        with pytest.raises(ValueError, match="'humanoid' has neither tilt nor contact to choose; double_pendulum has"):
+            scenes.load("humanoid", **variant)
+
+
+def test_many_bodies_touch_the_floor_and_others_from_sample_to_sample(motion, touching):
+    assert not touching[:, 0].any()
+    assert touching.sum(axis=0).max() >= 8
+    assert (touching.sum(axis=0) >= 3).mean() > 0.5
+    assert (touching[:, 1:] != touching[:, :-1]).any(axis=0).sum() > 30
+    assert max(np.linalg.norm(wrench[:, :3], axis=1).max() for wrench in motion.contacts.values()) > 1000
+    assert np.isfinite(motion.qacc).all() and abs(motion.qvel).max() < 100
+
+
+def test_contact_wrenches_sum_up_to_the_base_wrench(motion, contacts, Y):
+    found = total_wrench(TREE, joint_states(motion)[0], None, contacts).wrench
+    np.testing.assert_allclose(found, Y @ PHI, rtol=0, atol=1e-8)
+    assert abs(found[:, :3]).max() > 1000 and abs(found[:, 3:]).max() > 100
+
+
+def test_with_the_world_as_base_the_free_joint_is_one_of_the_joints(motion, contacts):
+    tree, phi = tree_from_model(MODEL), parameters_from_model(MODEL)
+    Y = base_wrench_regressor(tree, motion.qpos, motion.qvel, motion.qacc, gravity=gravity_in_base(MODEL))
+    found = total_wrench(tree, motion.qpos, None, contacts).wrench
+    np.testing.assert_allclose(found, Y @ phi, rtol=0, atol=1e-8)
+
+
+def test_no_contact_may_be_left_out(motion, contacts, Y):
+    for left_out in contacts:
+        others = [contact for contact in contacts if contact is not left_out]
+        found = total_wrench(TREE, joint_states(motion)[0], None, others).wrench
+        force = np.linalg.norm(left_out.exerted_by_link[:, :3], axis=1)
+        np.testing.assert_allclose(np.linalg.norm((found - Y @ PHI)[:, :3], axis=1), force, rtol=0, atol=1e-8)
+        assert force.max() > 1
+
+
+def test_in_flight_nothing_is_needed_from_outside(motion, touching, Y):
+    flight = np.arange(len(motion.time)) < touching.any(axis=0).argmax()
+    assert flight.sum() > 15
+    assert abs(motion.qvel[flight, 6:]).max() > 1
+    np.testing.assert_allclose((Y @ PHI)[flight], 0, atol=1e-9)
+    assert abs(total_wrench(TREE, joint_states(motion)[0], None, []).wrench).max() == 0
+
+
+def test_structural_rank_is_the_numeric_rank():
+    rng = np.random.default_rng(0)
+    base = BaseMotion.from_free_joint(*(rng.uniform(-2, 2, size=(100, size)) for size in FREE))
+    Y = base_wrench_regressor(TREE, *random_states(rng, TREE, 100), gravity=GRAVITY, base=base)
+    assert find_base_parameters(Y).rank == find_base_parameters(TREE, sensors=SENSORS).rank == 159
+
+
+def test_a_fall_identifies_every_base_parameter(motion, contacts):
+    base = find_base_parameters(TREE, sensors=SENSORS)
+    total = total_wrench(TREE, joint_states(motion)[0], None, contacts)
+    samples = Samples(*joint_states(motion), total.wrench, pelvis(motion))
+    np.testing.assert_allclose(identify(TREE, samples, gravity=GRAVITY).psi, base.regroup(PHI), atol=1e-9)
+
+
+def test_contacts_between_its_own_bodies_are_internal(motion):
+    data = mujoco.MjData(MODEL)
+    own, force = 0.0, np.zeros(6)
+    for qpos, qvel in zip(motion.qpos[::5], motion.qvel[::5], strict=True):
+        data.qpos, data.qvel = qpos, qvel
+        mujoco.mj_forward(MODEL, data)
+        on_floor = set()
+        for k, contact in enumerate(data.contact):
+            first, second = MODEL.geom_bodyid[contact.geom]
+            mujoco.mj_contactForce(MODEL, data, k, force)
+            if first == 0:
+                on_floor.add(MODEL.body(second).name)
+            else:
+                own = max(own, force[0])
+        assert set(contact_wrenches(MODEL, data, "pelvis")) == on_floor
+    assert own > 100
+
+
+STACK = """
+<mujoco>
+  <option tolerance="1e-20"/>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="top" pos="0.02 0 0.26" euler="10 20 30"><freejoint/><geom size="0.1" density="500"/></body>
+    <body name="bottom" pos="0 0 0.085" euler="40 50 60"><freejoint/><geom size="0.1" pos="0.01 0 0"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("base", ["top", "bottom"])
+def test_another_mechanism_belongs_to_the_surroundings(base):
+    model = mujoco.MjModel.from_xml_string(STACK)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert len(data.contact) == 2
+    wrenches = contact_wrenches(model, data, base)
+    assert set(wrenches) == {base}
+    tree, phi = tree_from_model(model, base), parameters_from_model(model, base)
+    k = model.body(base).id - 1
+    free = (x[None, size * k : size * (k + 1)] for x, size in zip((data.qpos, data.qvel, data.qacc), FREE, strict=True))
+    none = np.zeros((1, 0))
+    Y = base_wrench_regressor(tree, none, none, none, gravity=GRAVITY, base=BaseMotion.from_free_joint(*free))
+    np.testing.assert_allclose(wrenches[base], (Y @ phi)[0], atol=1e-9)
+    assert abs(wrenches[base][:3]).max() > 10
+
+
+def test_unknown_bases_are_refused():
+    model = mujoco.MjModel.from_xml_string(STACK.replace(' name="bottom"', ""))
+    with pytest.raises(ValueError, match="no body named 'pelvis'; its bodies are top, body2"):
+        fall(model, "pelvis", seconds=1)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "rate", "message"),
+    [
+        (0, 100, "at least one sample, got 0 s at 100 Hz"),
+        (np.inf, 100, "at least one sample, got inf s at 100 Hz"),
+        (1, 300, r"timestep of 0.001 s must divide 0.0033\d* s"),
+        (1, 2000, r"timestep of 0.001 s must divide 0.0005 s"),
+    ],
+)
+def test_falls_that_cannot_be_sampled_are_refused(seconds, rate, message):
+    with pytest.raises(ValueError, match=message):
+        fall(MODEL, "pelvis", seconds=seconds, rate=rate)

@@ -1,0 +1,129 @@
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import scenes
+from ident.model.regressor import base_wrench_regressor
+from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.sensors import sensors
+from sim.simulation.simulate import RATE, SAMPLES, simulate, with_noise
+
+
+@pytest.fixture(scope="module")
+def spec():
+    return scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120)
+
+
+@pytest.fixture(scope="module")
+def recording(spec):
+    return simulate(spec, DOUBLE_PENDULUM, seed=1)
+
+
+def test_recording_is_the_papers_in_length_and_rate(recording):
+    assert len(recording.time) == SAMPLES == 943
+    np.testing.assert_allclose(np.diff(recording.time), 0.01, atol=1e-12)
+    assert recording.time[-1] == pytest.approx(9.42)
+
+
+def test_servos_track_the_excitation(recording):
+    assert recording.provenance["tracking_error_rad"] < 0.0003
+    excitation_rng, _ = np.random.default_rng(1).spawn(2)
+    q, _, _ = DOUBLE_PENDULUM.trajectory(recording.time, excitation_rng)
+    measured = recording.noise_free.joint_states(["joint1", "joint2"])[0]
+    assert abs(measured - q).max() == pytest.approx(recording.provenance["tracking_error_rad"])
+
+
+def test_all_channels_are_of_the_same_instant(spec, recording):
+    model = spec.compile()
+    truth = recording.noise_free
+    states = truth.joint_states(["joint1", "joint2"])
+    tree, phi = tree_from_model(model, "base"), parameters_from_model(model, "base")
+    wrench = base_wrench_regressor(tree, *states, gravity=gravity_in_base(model, "base")) @ phi
+    np.testing.assert_allclose(truth.wrench("ground"), wrench, atol=1e-11 * abs(wrench).max())
+    np.testing.assert_allclose(truth.poses("link2"), tree.poses(states[0])[:, 2], atol=1e-13)
+
+
+def test_accelerations_are_rates_of_velocities(recording):
+    # Without a one-step shift central differences agree to their own error, with it they would not (jerk 16 rad/s³).
+    _, dq, ddq = recording.noise_free.joint_states(["joint1", "joint2"])
+    central = (dq[2:] - dq[:-2]) * RATE / 2
+    assert np.median(abs(central - ddq[1:-1])) < 0.02 < np.median(abs(central - ddq[2:]))
+
+
+def test_noise_has_the_declared_levels_and_is_white(spec, recording):
+    declared = {s.name: s.noise for s in sensors(spec.compile())}
+    assert dict(recording.noise) == declared
+    for name, std in declared.items():
+        if name.endswith("_orientation"):
+            true, measured = (Rotation.from_quat(x[name], scalar_first=True) for x in (recording.true, recording))
+            noise = (true.inv() * measured).as_rotvec()
+        else:
+            noise = recording[name] - recording.true[name]
+        assert np.isclose(noise.std(), std, rtol=0.1), name
+        flat = noise.reshape(len(noise), -1)
+        correlation = np.mean(flat[1:] * flat[:-1]) / std**2
+        assert abs(correlation) < 4 / np.sqrt(flat[1:].size), name
+
+
+def test_units(recording):
+    assert recording.units["ground_force"] == "N"
+    assert recording.units["joint2_acceleration"] == "rad/s²"
+
+
+def test_same_seed_same_numbers_other_seed_other_noise(spec, recording):
+    again, other = simulate(spec, DOUBLE_PENDULUM, seed=1), simulate(spec, DOUBLE_PENDULUM, seed=2)
+    for name, x in recording.measured.items():
+        np.testing.assert_array_equal(again[name], x)
+        assert (other[name] != x).any()
+
+
+def test_zero_noise_scale_records_the_truth(spec):
+    recording = simulate(spec, DOUBLE_PENDULUM, samples=5, noise_scale=0)
+    for name, x in recording.true.items():
+        np.testing.assert_allclose(recording[name], x, atol=1e-15)
+    q, _, _ = DOUBLE_PENDULUM.trajectory(recording.time)
+    np.testing.assert_allclose(recording.noise_free.joint_states(["joint1", "joint2"])[0], q, atol=2e-3)
+
+
+def test_noise_can_be_drawn_again_around_the_same_truth(recording):
+    again = with_noise(recording, np.random.default_rng(5))
+    assert (again["ground_force"] != recording["ground_force"]).all()
+    np.testing.assert_array_equal(again.true["ground_force"], recording.true["ground_force"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"samples": 0}, "at least one sample, got 0"),
+        ({"noise_scale": -1}, "from 0 to 1000, got -1"),
+        ({"noise_scale": np.nan}, "from 0 to 1000, got nan"),
+    ],
+)
+def test_senseless_arguments_are_refused(spec, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        simulate(spec, DOUBLE_PENDULUM, **arguments)
+
+
+def test_a_timestep_must_divide_the_sampling_interval():
+    spec = scenes.load("double_pendulum")
+    spec.option.timestep = 0.003
+    with pytest.raises(ValueError, match=r"0.003 s must divide 0.01 s"):
+        simulate(spec, DOUBLE_PENDULUM, samples=1)
+
+
+def test_servos_must_match_the_excitation():
+    one_joint = replace(DOUBLE_PENDULUM, offset=[0.0], amplitude=[[1.0]], frequency=[[1.0]], phase=[[0.0]])
+    with pytest.raises(ValueError, match="1 joints needs as many position servos, the scene has 2"):
+        simulate(scenes.load("double_pendulum"), one_joint, samples=1)
+
+
+def test_a_user_sensor_must_belong_to_a_joint():
+    spec = scenes.load("double_pendulum")
+    sensor = spec.sensor("joint1_acceleration")
+    sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_BODY, "link1"
+    with pytest.raises(ValueError, match="'joint1_acceleration' must report one number of a hinge"):
+        simulate(spec, DOUBLE_PENDULUM, samples=1)

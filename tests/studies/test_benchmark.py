@@ -1,0 +1,184 @@
+"""The benchmark runs and compares like with like; what it claims without a clock holds. No time is asserted."""
+
+import json
+import sys
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from commands import refusal
+
+from experiments.benchmark import (
+    bounds,
+    command,
+    identification,
+    monte_carlo,
+    peers,
+    tables,
+    targets,
+    timing,
+    words,
+)
+from experiments.benchmark.mechanisms import chain, double_pendulum, humanoid, in_general_position, mechanisms
+from ident.parameters.base_parameters import STANDARD_GRAVITY
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    out = tmp_path_factory.mktemp("benchmark")
+    assert command.main(["--quick", "--formats", "png", "--out", str(out)]) == 0
+    found = json.loads((out / command.FILE).read_text(encoding="utf-8"))
+    for name in tables.tables(found):
+        for suffix in ("csv", "md", "tex"):
+            assert (out / f"{name}.{suffix}").stat().st_size
+    assert (out / "figure_benchmark.png").exists() == bool(found["comparisons"])
+    return found
+
+
+def numbers(node):
+    if isinstance(node, dict):
+        node = list(node.values())
+    if isinstance(node, list):
+        return [x for part in node for x in numbers(part)]
+    return [node] if isinstance(node, float) else []
+
+
+def test_a_quick_run_measures_everything(results):
+    assert np.isfinite(numbers(results)).all()
+    assert min(numbers([results[key] for key in ("limits", "simulations", "shared", "peaks", "accuracies")])) > 0
+    assert {row["task"] for row in results["distances"]} == {"regressor", "accumulation"}
+    assert [row["threads"] for row in results["simulations"]] == [1, 1, 2]
+    assert results["machine"]["cores"] >= 1
+    assert results["machine"]["blas_threads"] == "1"
+    assert set(results["machine"]["versions"]) >= {"python", "numpy", "mujoco"}
+
+
+def test_a_quick_run_compares_every_task_on_every_mechanism(results):
+    pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
+    found = {(row["task"], row["mechanism"]) for row in results["comparisons"]}
+    assert found >= {(task, m.name) for task in identification.TASKS for m in mechanisms()}
+    assert found >= {(task, "double pendulum") for task in monte_carlo.TASKS}
+    for row in results["comparisons"]:
+        assert row["ratio"] == pytest.approx(row["theirs"] / row["ours"])
+        assert 0 < row["lowest"] <= row["highest"]
+    assert not results["notes"]
+
+
+def test_results_are_shown_without_anything_to_compare_with(results):
+    alone = results | {"comparisons": []}
+    assert all(table.text() for table in tables.tables(alone).values())
+    assert "peak memory" in " ".join(words.findings(alone))
+    for shown in (tables.table_overview, words.readme_block):
+        with pytest.raises(ValueError, match="extra 'peers'"):
+            shown(alone)
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_measured(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(command, "measured", lambda effort: pytest.fail("measured first"))
+    (tmp_path / "file").touch()
+    assert "needs to be a writable folder" in refusal(command.main, ["--out", str(tmp_path / "file")], capsys)
+
+
+def test_a_missing_peer_is_named_with_its_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    names, missing = peers.installed()
+    assert names == ()
+    assert "'pinocchio'" in missing[0]
+    assert ".[peers]" in missing[0]
+
+
+def test_ways_take_turns():
+    calls = []
+    times = timing.alternating([lambda: calls.append("a"), lambda: calls.append("b")], seconds=0, least=3)
+    assert "".join(calls) == "ab" * 4
+    assert times.shape == (3, 2)
+    assert (times >= 0).all()
+
+
+def test_ratio_is_that_of_the_medians():
+    assert timing.ratio(np.array([[1.0, 4], [2, 6], [10, 10]])) == (3, 1, 4)
+
+
+@pytest.mark.parametrize("peer", peers.PEERS)
+@pytest.mark.parametrize("mechanism", mechanisms(), ids=lambda mechanism: mechanism.name)
+def test_peers_have_the_same_regressor(mechanism, peer):
+    pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
+    samples = mechanism.samples(20)
+    other = peers.PEERS[peer](mechanism.tree, STANDARD_GRAVITY)
+    Y = other.regressor(*other.states((samples.q, samples.dq, samples.ddq), samples.base))
+    own = mechanism.regressor(samples)
+    np.testing.assert_allclose(Y[..., other.columns(range(own.shape[2]))], own, rtol=0, atol=1e-12 * abs(own).max())
+
+
+def test_what_differs_is_not_timed():
+    with pytest.raises(ValueError, match=r"arms: results differ by 5\.0e-01"):
+        identification.check_agreement("arms", np.array([1.0, 2.0]), np.array([1.0, 4.0]))
+    with pytest.raises(ValueError, match="nan"):
+        identification.check_agreement("arms", np.array([np.nan]), np.array([1.0]))
+
+
+def test_mechanisms_are_what_their_names_say():
+    assert [(m.name, len(m.tree.bodies)) for m in mechanisms()[::2]] == [
+        ("double pendulum", 3),
+        ("7-link arm", 8),
+        ("30-body tree", 30),
+    ]
+    parents = [body.parent for body in humanoid().bodies]
+    # Depth first: a body follows its parent, or a limb that is finished.
+    assert all(parent == i - 1 or i - 1 not in parents for i, parent in enumerate(parents) if i)
+    assert parents.count(0) == parents.count(15) == 3
+    axes = [body.twist[3:] for body in in_general_position(chain(8)).bodies[1:]]
+    assert (np.abs(axes) > 1e-3).all()
+
+
+def test_pieces_are_all_samples_and_differ():
+    sizes, first = zip(*((len(piece), piece.q[0, 0]) for piece in double_pendulum().pieces(25, 10)), strict=True)
+    assert sizes == (10, 10, 5)
+    assert len(set(first)) == 3
+
+
+def test_trials_draw_their_own_noise_around_one_truth():
+    trials = monte_carlo.Trials.of(400)
+    drawn = [trials.drawn(seed) for seed in range(50)]
+    assert np.array_equal(drawn[3].wrench, trials.drawn(3).wrench)
+    for name, level in zip(("q", "dq", "ddq", "wrench"), trials.noise, strict=True):
+        errors = np.array([getattr(samples, name) - getattr(trials.true, name) for samples in drawn])
+        np.testing.assert_allclose(errors.std(axis=(0, 1)), level, rtol=0.05)
+
+
+def test_householder_solves_exactly_solvable_least_squares():
+    # A rational problem whose solution is known from its normal equations in exact arithmetic.
+    A, b = np.array([[1, 2], [3, 4], [5, 7], [1, 0]]), np.array([1, -2, 3, 5])
+    (p, q, r), (u, v) = (A[:, 0] @ A[:, 0], A[:, 0] @ A[:, 1], A[:, 1] @ A[:, 1]), A.T @ b
+    exact = [Fraction(int(r * u - q * v), int(p * r - q * q)), Fraction(int(p * v - q * u), int(p * r - q * q))]
+    found = bounds._householder(A.astype(np.longdouble), b.astype(np.longdouble))
+    np.testing.assert_allclose(found.astype(float), [float(x) for x in exact], rtol=1e-15)
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).eps >= np.finfo(float).eps, reason="no extended precision here")
+def test_estimates_are_as_accurate_as_those_of_householders_qr():
+    found = bounds.accuracies()
+    assert found[0].condition_number < 40
+    assert found[-1].condition_number > 1e7
+    for accuracy in found:
+        assert accuracy.ours <= targets.ERROR * accuracy.qr
+    # The problems are hard enough to tell methods apart.
+    assert found[-1].normal > 1e4 * found[-1].qr
+
+
+def test_peak_memory_does_not_grow_with_the_samples():
+    few, many = bounds.peaks((20_000, 200_000))
+    for peak in (few, many):
+        assert max(peak.streamed, peak.in_memory) < targets.MEMORY
+    assert many.streamed < few.streamed + 1
+    # Arrays are checked for finite numbers, a byte a number at a time.
+    assert many.in_memory < few.in_memory + 2
+
+
+def test_targets_stand_beside_what_was_measured(results):
+    row = {"task": "regressor", "mechanism": "double pendulum", "samples": 100_000, "ratio": 4.5}
+    table = targets.table_targets(results | {"comparisons": [row]})
+    measured = {row[0]: row[-1] for row in table.rows}
+    assert measured["ratio, regressor, double pendulum, N = 100000"] == 4.5
+    assert measured["ratio, regressor, 7-link arm, N = 100000"] is None
+    assert measured["peak memory of a stream, MB"] > 0

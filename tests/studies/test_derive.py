@@ -1,0 +1,354 @@
+"""The symbolic model against the numeric one (extra `symbolic`)."""
+
+import ctypes
+import json
+import re
+import shutil
+import subprocess
+import sys
+from functools import cache
+
+import numpy as np
+import pytest
+from commands import refusal
+from mechanisms import random_states, random_tree
+from scipy.spatial.transform import Rotation
+from test_against_opensymoro import DATA, tree_of
+
+import experiments
+from experiments import derive
+from ident.geometry import se3
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.tree import Tree
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters.base_parameters import find_base_parameters
+from sim.models.mujoco_model import tree_from_model
+
+sympy = pytest.importorskip("sympy", reason="sympy is in the extra 'symbolic'")
+codegen = pytest.importorskip("experiments.symbols.codegen")
+symbolic = pytest.importorskip("experiments.symbols.symbolic")
+
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+LATEX = shutil.which("pdflatex")
+WARNINGS = ["-std=c99", "-Wall", "-Wextra", "-Werror"]
+TABLE_PSI = {
+    "m1": "m1 + m2 + m3",
+    "m1rx1": "m1rx1 + m2rx2 + m3rx3",
+    "m1ry1": "m1ry1",
+    "m2ry2": "m2ry2",
+    "m2rz2": "m2rz2 + l_1*m3",
+    "Ixx2": "Ixx2 + l_1**2*m3",
+    "Ixy2": "Ixy2",
+    "Ixz2": "Ixz2 - l_1*m3rx3",
+    "m3ry3": "m3ry3",
+    "m3rz3": "m3rz3",
+    "Ixx3": "Ixx3",
+    "Ixy3": "Ixy3",
+    "Ixz3": "Ixz3",
+}
+
+
+def golden(name):
+    return tree_of(json.loads(next(path for path in DATA if path.stem == name).read_text(encoding="utf-8")))
+
+
+def random(seed):
+    kinds = ("revolute", "prismatic", "helical", "ball")
+    return random_tree(np.random.default_rng(seed), 3, kinds=kinds, massless=0.2)
+
+
+TREES = {path.stem: path.stem for path in DATA} | {f"random {seed}": seed for seed in range(4)}
+
+
+@cache
+def case(name):
+    """A numeric tree and its symbolic model."""
+    if name in derive.TABLES:
+        tree, lengths = getattr(symbolic, name)()
+        return symbolic.with_values(tree, lengths), symbolic.derive(tree, lengths)
+    tree = golden(name) if isinstance(TREES[name], str) else random(TREES[name])
+    return tree, symbolic.derive(*symbolic.exact_tree(tree))
+
+
+def generated_python(model):
+    namespace = {}
+    exec(codegen.python_source(model, "a mechanism"), namespace)
+    assert namespace["PARAMETERS"] == model.base.parameters
+    assert namespace["KEPT"] == model.base.kept
+    return namespace["base_wrench_regressor"]
+
+
+def chain(folder, *bodies, name="arm.xml"):
+    """A model file of bodies, one on another, each of its attributes, its joint's and its geom's."""
+    parts = [f"<body {body}><joint {joint}/><geom {geom}/>" for body, joint, geom in bodies]
+    text = f"<worldbody>{''.join(parts)}{'</body>' * len(bodies)}</worldbody>"
+    path = folder / name
+    path.write_text(f'<mujoco><compiler angle="radian"/>{text}</mujoco>', encoding="utf-8")
+    return path
+
+
+def general_arm(folder):
+    """Six revolute joints in general directions."""
+    rng = np.random.default_rng(1)
+    numbers = [[" ".join(f"{x:.4f}" for x in rng.normal(size=3) * size) for size in (0.3, 0.1, 1)] for _ in range(6)]
+    return chain(folder, *((f'pos="{p}"', f'pos="{c}" axis="{axis}"', 'size=".1"') for p, c, axis in numbers))
+
+
+def nearly_at_right_angles(folder, angle):
+    """Three joints, the angles between which are given with some digits."""
+    joint, geom = 'axis="0 0 1"', 'size=".1"'
+    turns = ('pos="0 0 1"', f'pos="0 .3 .5" euler="{angle} 0 0"', f'pos=".2 0 .5" euler="0 {angle} 0"')
+    return chain(folder, *((turn, joint, geom) for turn in turns))
+
+
+def assert_is_the_regressor(tree, function):
+    rng = np.random.default_rng(0)
+    states = random_states(rng, tree, 5)
+    gravity = rng.normal(size=3)
+    expected = base_wrench_regressor(tree, *states, gravity=gravity)
+    for k, state in enumerate(zip(*states, strict=True)):
+        np.testing.assert_allclose(function(*state, gravity), expected[k], rtol=0, atol=1e-12 * abs(expected[k]).max())
+
+
+@pytest.mark.parametrize("table", derive.TABLES)
+def test_base_parameters_of_the_double_pendulum(table):
+    _, model = case(table)
+    assert model.exact
+    found = model.base_expressions()
+    assert list(found) == list(TABLE_PSI)
+    for name, expression in TABLE_PSI.items():
+        assert sympy.expand(found[name] - sympy.sympify(expression, {"l_1": symbolic.Symbol("l_1")})) == 0
+
+
+def test_both_tables_give_one_model():
+    (tree_1, model_1), (tree_2, model_2) = case("table_1"), case("table_2")
+    assert (model_1.Y - model_2.Y).any() == 0 or all(sympy.expand(x) == 0 for x in (model_1.Y - model_2.Y).flat)
+    for a, b in zip(tree_1.bodies, tree_2.bodies, strict=True):
+        np.testing.assert_array_equal(a.home, b.home)
+        np.testing.assert_array_equal(a.twist, b.twist)
+
+
+def test_parallel_axes_leave_exactly_nothing_of_the_force_along_them():
+    _, model = case("table_2")
+    assert all(sympy.trigsimp(sympy.expand(x)) in (0, -model.gravity[0]) for x in model.Y[0])
+
+
+@pytest.mark.parametrize("name", [*derive.TABLES, *TREES])
+def test_generated_python_is_the_regressor(name):
+    tree, model = case(name)
+    assert_is_the_regressor(tree, generated_python(model))
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+@pytest.mark.parametrize("name", [*derive.TABLES, *TREES])
+def test_generated_c_is_the_regressor(name, tmp_path):
+    tree, model = case(name)
+    source, library = tmp_path / "regressor.c", tmp_path / "regressor.so"
+    source.write_text(codegen.c_source(model, name), encoding="utf-8")
+    subprocess.run([COMPILER, *WARNINGS, "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
+    function = ctypes.CDLL(str(library)).base_wrench_regressor
+
+    def regressor(*arguments):
+        lengths = [list(model.lengths.values())] if model.lengths else []
+        arrays = [np.array(x, float) for x in (*arguments, *lengths)]
+        Y = np.full(model.Y.shape, np.nan)
+        function(*(x.ctypes.data_as(ctypes.c_void_p) for x in (*arrays, Y)))
+        return Y
+
+    assert_is_the_regressor(tree, regressor)
+
+
+@pytest.mark.parametrize("name", [path.stem for path in DATA])
+def test_exact_coefficients_are_the_numeric_ones(name):
+    tree, model = case(name)
+    assert model.exact
+    pinned = find_base_parameters(tree, kept=model.base.names)
+    exact = np.array([[float(sympy.sympify(c).subs(model.lengths)) for c in row] for row in model.base.beta])
+    np.testing.assert_allclose(exact, pinned.beta, rtol=0, atol=1e-9 * abs(exact).max())
+
+
+def test_a_length_of_zero_is_no_symbol():
+    _, model = case("rx90")
+    assert sorted(symbol.name for symbol in model.lengths) == ["l3x", "l4y"]
+
+
+def test_directions_that_coincide_to_rounding_give_decimals():
+    """Two axes along z, one of them by way of turns about x and y that no fractions undo."""
+    there, back = np.eye(4), np.eye(4)
+    there[:3, :3] = Rotation.from_euler("xy", [0.3, 0.4]).as_matrix()
+    back[:3, :3] = there[:3, :3].T @ Rotation.from_euler("z", 0.2).as_matrix()
+    z = np.array([0, 0, 0, 0, 0, 1.0])
+    bodies = (
+        Body("mast", BASE, np.eye(4), z, "slew"),
+        Body("bracket", 0, there, np.zeros(6)),
+        Body("jib", 1, back @ se3.pose(np.eye(3), np.array([0.5, 0, 0])), z, "swing"),
+    )
+    tree = Tree(bodies)
+    model = symbolic.derive(*symbolic.exact_tree(tree))
+    assert model.reason == "directions of this model coincide only to rounding"
+    assert model.base.rank == find_base_parameters(tree).rank
+    assert_is_the_regressor(tree, generated_python(model))
+
+
+def test_many_lengths_in_general_directions_give_decimals():
+    tree = random_tree(np.random.default_rng(0), 5, kinds=("revolute",))
+    model = symbolic.derive(*symbolic.exact_tree(tree))
+    assert "lengths and directions that are not along frame axes" in model.reason
+    assert model.base.names == find_base_parameters(tree).names
+    assert_is_the_regressor(tree, generated_python(model))
+
+
+def test_command_writes_latex_python_and_c(tmp_path, capsys):
+    assert derive.main(["table_2", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "m2rz2      l_1*m3 + m2rz2" in printed
+    assert "with joint axes that are not parallel: m2rx2, Iyy2, Izz2, m3rx3, Iyy3, Izz3." in printed
+    files = {path.name for path in (tmp_path / "table_2").iterdir()}
+    assert files == {"dim.tex", "regressor.py", "regressor.c", "base_parameters.csv", "provenance.json"}
+    tex = (tmp_path / "table_2" / "dim.tex").read_text(encoding="utf-8")
+    assert r"\left(m_{2}r_{z,2}\right)_R &= l_{1} m_{3} + m_{2}r_{z,2}" in tex
+    assert tex.count(r"\begin{align*}") == tex.count(r"\end{align*}") == 3
+
+
+def test_a_general_arm_of_six_joints_is_derived(tmp_path, capsys):
+    assert derive.main([str(general_arm(tmp_path)), "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "are decimals, because there are 36 lengths and directions that are not along frame axes." in printed
+    table = printed[: printed.index("The coefficients")]
+    assert all(len(digits.replace(".", "").strip("0")) <= 6 for digits in re.findall(r"\d[.\d]+", table))
+    assert (tmp_path / "arm" / "dim.tex").read_text(encoding="utf-8").count(r"\begin{align*}") == 3
+
+
+@pytest.mark.skipif(LATEX is None, reason="no pdflatex")
+@pytest.mark.parametrize("name", ["table_1", "rx90", "prr_nonplanar", "random 0", "general arm"])
+def test_equations_stay_on_the_page(name, tmp_path):
+    if name == "general arm":
+        model = symbolic.derive(*symbolic.exact_tree(tree_from_model(general_arm(tmp_path))))
+    else:
+        _, model = case(name)
+    document = rf"""\documentclass[11pt,a4paper]{{article}}
+    \usepackage{{amsmath}}
+    \begin{{document}}
+    {codegen.latex_source(model, name)}
+    \end{{document}}"""
+    (tmp_path / "dim.tex").write_text(document, encoding="ascii")
+    command = [LATEX, "-interaction=nonstopmode", "-halt-on-error", "dim.tex"]
+    subprocess.run(command, cwd=tmp_path, check=True, stdout=subprocess.DEVNULL)
+    log = (tmp_path / "dim.log").read_text(encoding="latin-1")
+    assert r"Overfull \vbox" not in log
+    assert max(map(float, re.findall(r"Overfull \\hbox \(([\d.]+)pt", log)), default=0) < 30
+
+
+def test_few_operations_are_written_in_sines_of_sums_of_angles():
+    _, model = case("table_1")
+    tex = codegen.latex_source(model, "table_1")
+    assert r"\sin{(q_{1} + q_{2} )}" in tex
+    assert r"x_{7}" not in tex
+    long, rows = r"Y_{4,9} &= ", tex.split("\n")
+    start = next(k for k, row in enumerate(rows) if row.startswith(long))
+    assert [row[:10] for row in rows[start + 1 : start + 3]] == [r"&\quad + x"] * 2
+
+
+def test_lengths_are_set_with_their_axis_and_body_below():
+    _, model = case("rx90")
+    assert r"\left(m_{3}r_{y,3}\right)_R &= l_{y,4} m_{4}" in codegen.latex_source(model, "rx90")
+
+
+def test_sums_break_at_signs_within_few_parentheses():
+    terms = " + ".join(f"a_{{{k}}} (b + c)" for k in range(12))
+    first, *others = codegen._broken(rf"Y &= - {terms} - \frac{{d + e}}{{f}}").split(" \\\\\n")
+    assert first.startswith("Y &= - a_{0} (b + c) + a_{1}")
+    assert len(others) > 0
+    assert all(re.match(r"&\\quad [+-] ", line) for line in others)
+    assert all(line.count("(") == line.count(")") for line in (first, *others))
+    assert others[-1].endswith(r"\frac{d + e}{f}")
+
+
+def test_right_angles_of_ten_digits_are_right_angles(tmp_path):
+    base = [
+        symbolic.derive(*symbolic.exact_tree(tree_from_model(nearly_at_right_angles(tmp_path, angle)))).base
+        for angle in ("1.57079632679", "1.570796326794896619")
+    ]
+    assert base[0].names == base[1].names
+    assert (base[0].beta == base[1].beta).all()
+
+
+def test_other_angles_of_few_digits_are_printed_as_decimals(tmp_path, capsys):
+    path = nearly_at_right_angles(tmp_path, "1.5708")
+    assert derive.main([str(path), "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "3.67320510331e-6*Iyy2" in printed
+    assert not re.search(r"\d{14}", printed[: printed.index("Not seen")])
+    assert not re.search(r"\d{14}", (tmp_path / "arm" / "base_parameters.csv").read_text(encoding="utf-8"))
+
+
+def test_decimals_that_are_whole_to_their_digits_are_whole_numbers():
+    x, y = sympy.symbols("x y")
+    assert str(symbolic.decimals(100.000000001245 * x + 1.23456789 * y, 6)) == "100*x + 1.23457*y"
+    assert str(symbolic.decimals(100.000000001245 * x, 14)) == "100.00000000124*x"
+
+
+@pytest.mark.parametrize("name", ['q"""x', "two\nlines", "\u202eleft", "*/ x", "..", ". .", "größe"])
+def test_any_file_name_gives_code_that_compiles(name, tmp_path, capsys):
+    path = chain(tmp_path, ("", 'axis="1 0 0"', 'size=".1"'), name=f"{name.replace('/', '')}.xml")
+    assert derive.main([str(path), "--out", str(tmp_path / "out")]) == 0
+    (folder,) = (tmp_path / "out").iterdir()
+    assert re.fullmatch(r"[\w.: -]*\w[\w.: -]*", folder.name, flags=re.ASCII)
+    texts = {file.name: file.read_text(encoding="ascii") for file in folder.iterdir() if file.suffix != ".json"}
+    compile(texts["regressor.py"], "regressor.py", "exec")
+    assert all(line.startswith("%") for line in texts["dim.tex"].split(r"{\allowdisplaybreaks")[0].splitlines())
+    if COMPILER is not None:
+        subprocess.run([COMPILER, *WARNINGS, "-c", "-o", tmp_path / "o", folder / "regressor.c"], check=True)
+
+
+@pytest.mark.parametrize("name", ['q"""x', "two\nlines", "\u202e", "*/ x", "back\\"])
+def test_any_name_given_to_the_generators_is_made_plain(name):
+    _, model = case("table_1")
+    for source in (codegen.python_source, codegen.c_source, codegen.latex_source):
+        assert codegen.plain(name) in source(model, name).splitlines()[0]
+
+
+@pytest.mark.parametrize("option", ["--base", "--ignore"])
+def test_options_of_model_files_are_refused_with_the_tables(option, capsys):
+    expected = "options --base and --ignore need an MJCF or URDF file, got 'table_2'."
+    assert expected in refusal(derive.main, ["table_2", option, "foot"], capsys)
+
+
+def test_a_model_without_bodies_or_mass_is_refused(tmp_path, capsys):
+    assert "no body besides the world" in refusal(derive.main, [str(chain(tmp_path))], capsys)
+    light = tmp_path / "light.xml"
+    light.write_text('<mujoco><worldbody><body name="ghost"/></worldbody></mujoco>', encoding="utf-8")
+    assert "A mechanism needs mass; ghost" in refusal(derive.main, [str(light)], capsys)
+
+
+def test_help_says_which_wrench_and_which_gravity(capsys):
+    with pytest.raises(SystemExit):
+        derive.main(["--help"])
+    assert "wrench at the base" in (text := " ".join(capsys.readouterr().out.split()))
+    assert "gravity along -Z of the base frame" in text
+
+
+def test_command_takes_a_model_file(tmp_path, capsys):
+    path = tmp_path / "crane.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="mast"><joint name="slew" axis="0 0 1"/><geom size=".1"/>'
+        '<body name="jib" pos="0 0 2"><joint name="luff" axis="1 0 0"/><geom size=".1"/></body></body>'
+        "</worldbody></mujoco>",
+        encoding="utf-8",
+    )
+    assert derive.main([str(path), "--out", str(tmp_path / "out")]) == 0
+    assert "Base parameters of crane" in capsys.readouterr().out
+    assert "l2z = 2.0" in (tmp_path / "out" / "crane" / "regressor.c").read_text(encoding="utf-8")
+    assert "no body named 'foot'" in refusal(derive.main, [str(path), "--base", "foot"], capsys)
+
+
+def test_a_file_that_does_not_exist_is_refused(capsys):
+    assert "file that exists, got 'table_3'" in refusal(derive.main, ["table_3"], capsys)
+
+
+def test_the_missing_extra_is_named(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "sympy", None)
+    for module in ("symbolic", "codegen"):
+        monkeypatch.delitem(sys.modules, f"experiments.{module}")
+        monkeypatch.delattr(experiments, module)
+    assert "package 'sympy', which the extra 'symbolic' brings" in refusal(derive.main, ["table_1"], capsys)

@@ -1,0 +1,253 @@
+import csv
+import json
+
+import mujoco
+import numpy as np
+import pytest
+from commands import refusal
+
+from experiments import excite
+from experiments.studies import excitation
+from ident.recordings.recording import Recording
+from sim.motion.collisions import Collisions
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.motion.excitation_design import Limits, _Search, design, random_start, scaled_into
+from sim.motion.fourier import FourierTrajectory
+
+TIME = np.arange(943) / 100
+LIMITS = Limits([-1.0, -2.0], [1.5, 0.0], [1.0, 3.0], [2.0, 8.0])
+QUICK = ["--starts", "1", "--iterations", "5", "--formats", "png"]
+
+FOLDING = """
+<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="2 2 0.1"/>
+    <body name="column" pos="0 0 0.7">
+      <geom type="sphere" size="0.1" mass="2"/>
+      <body name="upper">
+        <joint name="lift" axis="0 1 0" range="-170 170"/>
+        <geom type="capsule" size="0.05" fromto="0 0 0 0 0 0.4" mass="2"/>
+        <body name="fore" pos="0 0 0.4">
+          <joint name="fold" axis="0 1 0" range="-175 175"/>
+          <geom type="capsule" size="0.04" fromto="0 0 0 0 0 0.3" mass="1"/>
+          <body name="hand" pos="0 0 0.3"><geom type="sphere" size="0.06" mass="1"/></body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+"""An arm whose forearm and hand can hit its column and the floor."""
+
+
+@pytest.fixture
+def arm(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(FOLDING)
+    return path
+
+
+def arm_problem(model, joints=None):
+    return excitation.problem(model, "column", joints, sensors="wrench", noise=(0.5, 0.05))
+
+
+def test_the_papers_condition_number_is_more_than_halved(tmp_path, capsys):
+    assert excite.main(["double_pendulum", "--starts", "3", "--iterations", "30", "--out", str(tmp_path)]) == 0
+    assert "Condition number before, the paper's excitation: 38.2" in capsys.readouterr().out
+    files = {path.name for path in tmp_path.iterdir()}
+    assert {"trajectory.csv", "trajectory.npz", "figure_excitation.png", "figure_excitation.pdf"} <= files
+    assert {"table_quality.csv", "table_limits.csv", "provenance.json"} <= files
+    rows = list(csv.DictReader((tmp_path / "table_quality.csv").read_text().splitlines()))
+    number = next(row for row in rows if row["criterion"] == "condition_number")
+    assert float(number["before"]) == pytest.approx(38.16, abs=0.01)
+    assert float(number["after"]) < 38.1 / 2
+
+    recording = Recording.load(tmp_path / "trajectory.csv")
+    np.testing.assert_array_equal(recording.time, TIME)
+    states = recording.joint_states(["joint1", "joint2"])
+    allowed = DOUBLE_PENDULUM.trajectory(TIME)
+    assert (states[0] > allowed[0].min(axis=0)).all() and (states[0] < allowed[0].max(axis=0)).all()
+    for found, limit in zip(states[1:], allowed[1:], strict=True):
+        assert (abs(found).max(axis=0) < abs(limit).max(axis=0)).all()
+        np.testing.assert_allclose(found[[0, -1]], 0, atol=1e-12)
+    binary = Recording.load(tmp_path / "trajectory.npz")
+    np.testing.assert_array_equal(binary.joint_states(["joint1", "joint2"]), states)
+
+    series = json.loads((tmp_path / "provenance.json").read_text())["recording"]["series"]
+    again = FourierTrajectory(series["duration"], series["center"], series["coefficients"])
+    np.testing.assert_allclose(again.states(TIME), states, atol=1e-12)
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path, arm):
+    runs = {"a": "0", "b": "0", "c": "1"}
+    for name, seed in runs.items():
+        assert excite.main([str(arm), "--seed", seed, "--seconds", "5", *QUICK, "--out", str(tmp_path / name)]) == 0
+    a, b, c = ((tmp_path / name / "trajectory.csv").read_bytes() for name in runs)
+    assert a == b != c
+
+
+@pytest.mark.parametrize("criterion", excitation.CRITERIA)
+@pytest.mark.parametrize("sensors", excitation.SENSORS)
+def test_each_criterion_improves(arm, criterion, sensors):
+    model = mujoco.MjModel.from_xml_path(str(arm))
+    problem = excitation.problem(model, "column", None, sensors=sensors, noise=(0.5, 0.05))
+    start = random_start(LIMITS, 5.0, 4, np.random.default_rng(0))
+    cost = excitation.cost(problem, criterion)
+    found = design(cost, LIMITS, start, iterations=15)
+    time = np.arange(501) / 100
+    before, after = (excitation.quality(problem, *trajectory.states(time)) for trajectory in (start, found))
+    if criterion == "condition":
+        assert after["condition_number"] < 0.9 * before["condition_number"]
+    else:
+        assert after["log_det_information"] > before["log_det_information"] + 1
+
+
+def test_limits_are_kept_between_the_samples():
+    time = np.linspace(0, 4, 20_001)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        assert (LIMITS.use(*random_start(LIMITS, 4.0, 6, rng).states(time)) < 1).all()
+        wild = FourierTrajectory(4.0, 5 * rng.normal(size=2), 5 * rng.normal(size=(2, 10)))
+        assert (LIMITS.use(*wild.states(time)) > 1).any()
+        assert (LIMITS.use(*scaled_into(wild, LIMITS).states(time)) < 1).all()
+
+
+def test_the_searchs_gradient_is_that_of_its_value(arm):
+    model = mujoco.MjModel.from_xml_path(str(arm))
+    problem = arm_problem(model)
+    collisions = Collisions(model, [joint.id for joint in problem.joints], 0.05)
+    limits = Limits([2.0, 2.0], [2.9, 3.0], [1.0, 1.0], [3.0, 3.0])
+    search = _Search(excitation.cost(problem, "condition"), limits, 5.0, 3, collisions)
+    x = 0.2 * np.random.default_rng(0).normal(size=search.shape[0] * search.shape[1])
+    assert search.depths(search.trajectory(x).states(np.linspace(0, 5, 50))[0]).any()
+    value, gradient = search.value_and_gradient(x, 100.0)
+    assert value == pytest.approx(search.value(search.trajectory(x), 100.0))
+    direction, h = np.random.default_rng(1).normal(size=len(x)), 1e-5
+    values = [search.value(search.trajectory(x + sign * h * direction), 100.0) for sign in (1, -1)]
+    assert gradient @ direction == pytest.approx((values[0] - values[1]) / (2 * h), rel=1e-3)
+
+
+def test_collisions_are_found_and_named(arm):
+    model = mujoco.MjModel.from_xml_path(str(arm))
+    postures = np.array([[0.0, 0.0], [0.0, 3.0], [2.9, 0.0]])
+    both = Collisions(model, [0, 1], 0.005)
+    assert (both.depth(postures) > 0).tolist() == [False, True, True]
+    folded, on_floor = {("column", "fore"): 1, ("column", "hand"): 1}, {("world", "fore"): 2, ("world", "hand"): 2}
+    assert both.touching(postures) == folded | on_floor
+    # Above the column by 0.4 - 0.04 - 0.1 m; what the locked joint carries, closer to the column, does not count.
+    assert Collisions(model, [1], 0.3).depth(np.zeros((1, 1))) == pytest.approx([0.04])
+
+
+def test_the_pairs_that_can_collide_are_counted():
+    # Forearm and hand with column and floor, and the upper arm with the floor.
+    assert Collisions(mujoco.MjModel.from_xml_string(FOLDING), [0, 1], 0.005).pairs() == 5
+    excluded = FOLDING.replace("</mujoco>", '<contact><exclude body1="hand" body2="column"/></contact></mujoco>')
+    assert Collisions(mujoco.MjModel.from_xml_string(excluded), [0, 1], 0.005).pairs() == 4
+    ghost = mujoco.MjModel.from_xml_string(FOLDING.replace("<geom ", '<geom contype="0" conaffinity="0" '))
+    assert Collisions(ghost, [0, 1], 0.005).pairs() == 0
+
+
+def test_a_pedestal_is_a_parent_like_any_other():
+    text = FOLDING.replace('fromto="0 0 0 0 0 0.4" mass="2"', 'fromto="0 0 -0.2 0 0 0.4" mass="2"')
+    model = mujoco.MjModel.from_xml_string(text)
+    assert not Collisions(model, [0, 1], 0.005).touching(np.zeros((1, 2)))
+
+
+def test_a_motion_around_collisions_is_found(arm):
+    model = mujoco.MjModel.from_xml_path(str(arm))
+    problem = arm_problem(model)
+    limits = Limits([-1.5, -2.9], [1.5, 2.9], [2.0, 3.0], [8.0, 12.0])
+    cost = excitation.cost(problem, "information")
+    time = np.linspace(0, 6, 2001)
+    collisions = Collisions(model, [0, 1], 0.01)
+    start = random_start(limits, 6.0, 4, np.random.default_rng(0))
+    careless = design(cost, limits, start, iterations=30)
+    assert collisions.depth(careless.states(time)[0]).any()
+    careful = design(cost, limits, start, collisions=collisions, iterations=30)
+    assert not collisions.depth(careful.states(time)[0]).any()
+    assert (limits.use(*careful.states(time)) < 1).all()
+
+
+def test_a_motion_that_must_collide_is_refused(arm, tmp_path, capsys):
+    overlapping = tmp_path / "overlapping.xml"
+    overlapping.write_text(FOLDING.replace('size="0.1" mass="2"', 'size="0.5" mass="2"'))
+    error = refusal(excite.main, [str(overlapping), *QUICK, "--out", str(tmp_path / "out")], capsys)
+    assert "in every posture" in error and "'column' and 'fore'" in error
+    folded = [str(arm), "--joints", "fold", "--position", "2.9", "3.0", *QUICK, "--out", str(tmp_path / "out")]
+    assert "come closer than 0.005 m" in refusal(excite.main, folded, capsys)
+    assert not (tmp_path / "out").exists()
+    assert excite.main([*folded, "--collisions", "ignore"]) == 0
+    assert "Collisions: not checked." in capsys.readouterr().out
+
+
+def test_other_joints_rest(arm, tmp_path):
+    assert excite.main([str(arm), "--joints", "lift", "--seconds", "4", *QUICK, "--out", str(tmp_path / "out")]) == 0
+    recording = Recording.load(tmp_path / "out" / "trajectory.npz")
+    q, dq, ddq = recording.joint_states(["lift", "fold"])
+    assert len(recording.time) == 401 and np.ptp(q[:, 0]) > 0.1
+    assert not np.any([q[:, 1], dq[:, 1], ddq[:, 1]])
+    assert recording.units["lift_acceleration"] == "rad/s²"
+
+
+def test_a_locked_joint_is_no_source_of_parameters(arm):
+    model = mujoco.MjModel.from_xml_path(str(arm))
+    problem = arm_problem(model, ["fold"])
+    assert problem.base.rank < arm_problem(model).base.rank
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    Y = problem.regressor(q, dq, ddq).reshape(-1, problem.base.rank)
+    assert np.linalg.matrix_rank(Y) == problem.base.rank
+
+
+ALONE = '<mujoco><worldbody><body name="a">{}<geom size="0.1" mass="1"/></body></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize(
+    ("model", "arguments", "message"),
+    [
+        ("arm", ["--joints", "elbow"], "Joint 'elbow' does not exist; the joints to choose from are lift, fold."),
+        ("arm", ["--seconds", "0.1"], "5 harmonics at 100 Hz need 0.5 s to 10000 s"),
+        ("arm", ["--seconds", "1e9"], "got 1e+09 s"),
+        ("arm", ["--seconds", "-1"], "needs a positive number, got '-1'"),
+        ("arm", ["--velocity", "fast"], "needs a positive number, got 'fast'"),
+        ("arm", ["--acceleration", "nan"], "needs a positive number, got 'nan'"),
+        ("arm", ["--harmonics", "1"], "needs a whole number of 2 to 100, got '1'"),
+        ("arm", ["--position", "1", "-1"], "a lower limit below the upper one, got 1 to -1 rad"),
+        ("arm", ["--position", "4", "5"], "where the model allows -2.96706 to 2.96706"),
+        ("arm", ["--position", "nan", "1"], "a lower limit below the upper one"),
+        ("arm", ["--base", "pelvis"], "no body named 'pelvis'"),
+        ("arm", ["--criterion", "beauty"], "invalid choice: 'beauty'"),
+        ("nowhere.xml", [], "an MJCF or URDF file that exists, got 'nowhere.xml'"),
+        (ALONE.format(""), [], "needs a hinge or slide joint; this mechanism has none"),
+        (ALONE.format('<joint name="b" type="ball"/>'), ["--joints", "b"], "needs a hinge or slide joint"),
+        (
+            ALONE.format('<joint name="s" type="slide" range="-1 1"/><joint name="b" type="ball"/>'),
+            ["--joints", "b"],
+            "Joint 'b' is neither hinge nor slide; the joints to choose from are s.",
+        ),
+        (ALONE.format('<joint name="j"/>'), [], "Joint 'j' has no range in the model; give one with --position LOW"),
+    ],
+)
+def test_bad_input_is_one_sentence(model, arguments, message, arm, tmp_path, capsys):
+    if model == "arm":
+        model = str(arm)
+    elif model.startswith("<"):
+        path = tmp_path / "model.xml"
+        path.write_text(model)
+        model = str(path)
+    out = tmp_path / "out"
+    assert message in " ".join(refusal(excite.main, [model, *QUICK, *arguments, "--out", str(out)], capsys).split())
+    assert not out.exists()
+
+
+def test_the_force_on_a_slide_sees_only_mass():
+    model = mujoco.MjModel.from_xml_string(ALONE.format('<joint name="j" type="slide" range="-1 1"/>'))
+    problem = excitation.problem(model, None, None, sensors="torque", noise=(2.0, 1.0))
+    assert problem.base.names == ("m1",)
+    assert problem.weights().tolist() == [0.5]
+
+
+def test_bad_limits_are_refused():
+    with pytest.raises(ValueError, match=r"a lower one below an upper one, got \[1.0\] and \[0.0\]"):
+        Limits([1.0], [0.0], [1.0], [1.0])
+    with pytest.raises(ValueError, match=r"velocity need to be positive and finite, got \[0.0\]"):
+        Limits([0.0], [1.0], [0.0], [1.0])

@@ -1,0 +1,541 @@
+"""The command that identifies a user's own mechanism: on the real recording, on spoilt scenes, and on bad input."""
+
+import json
+import os
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from commands import refusal
+from scipy.spatial.transform import Rotation
+
+import scenes
+from experiments import identify
+from experiments.output import identify_report
+from experiments.studies import verdict
+from experiments.studies.identification import identify_log
+from experiments.studies.preparation import prepare
+from ident.estimation.robust import robust_fit
+from ident.geometry.inertia import pseudo_inertia
+from ident.recordings.recording import Recording
+from sim.models.mujoco_model import parameters_from_model
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate
+
+PENDULUM = Path(scenes.__file__).parent / "double_pendulum.xml"
+DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "human_bowing"
+needs_data = pytest.mark.skipif(
+    not (os.environ.get("MULTICONTACT_DATA") and DATA.is_dir()), reason="MULTICONTACT_DATA names no recorded data"
+)
+
+BOWING = """
+[joints.ankle]
+position = "q_ankle"
+velocity = ""
+acceleration = ""
+[joints.hip]
+position = "q_hip"
+velocity = ""
+acceleration = ""
+[wrenches.ground]
+force = ["foot_fx", "foot_fy", "foot_fz"]
+torque = ["foot_mx", "foot_my", "foot_mz"]
+"""
+
+CONTACT = """
+[wrenches.tip]
+body = "link2"
+force = ["contact_force.x", "contact_force.y", "contact_force.z"]
+torque = ["contact_torque.x", "contact_torque.y", "contact_torque.z"]
+position = {position}
+quaternion = {quaternion}
+applied_to_link = {applied}
+"""
+
+
+@cache
+def recording(tilt_deg=0.0, contact=None):
+    return simulate(
+        scenes.load("double_pendulum", tilt_deg=tilt_deg, azimuth_deg=120, contact=contact), DOUBLE_PENDULUM
+    )
+
+
+def with_channels(original, **channels):
+    return replace(original, measured={**original.measured, **channels}, true={}, noise={})
+
+
+def cell_mapping(contact="pad", applied="false"):
+    """Mapping of the load cell: it measures what the link exerts on its surroundings."""
+    from sim.models.mujoco_model import site_on_tree
+
+    _, pose = site_on_tree(scenes.load("double_pendulum", contact=contact).compile(), "contact", "base")
+    quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
+    return CONTACT.format(position=pose[:3, 3].tolist(), quaternion=quaternion.tolist(), applied=applied)
+
+
+def ground_frame(R):
+    quaternion = Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()
+    columns = [[f"ground_{kind}.{axis}" for axis in "xyz"] for kind in ("force", "torque")]
+    return f"[wrenches.ground]\nquaternion = {quaternion}\nforce = {columns[0]}\ntorque = {columns[1]}\n"
+
+
+def found(tmp_path, log, mapping=None, **options):
+    """Findings on the aligned pendulum's model, as one text, and the result."""
+    path, columns = tmp_path / "log.csv", None
+    log.save(path)
+    if mapping:
+        columns = tmp_path / "columns.toml"
+        columns.write_text(mapping, encoding="utf-8")
+    result = identify_log(prepare(PENDULUM, path, base="base", columns=columns), **options)
+    return " ".join(finding.text for finding in verdict.findings(result) if finding.doubt), result
+
+
+@pytest.fixture
+def bowing(tmp_path):
+    columns = tmp_path / "bowing.toml"
+    columns.write_text(BOWING, encoding="utf-8")
+    return columns
+
+
+@needs_data
+@pytest.mark.parametrize("model", ["three_link_human.xml", "threeLinkHuman_subject1_sensorExt.urdf"])
+def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
+    arguments = [str(DATA / model), str(DATA / "bowing.csv"), "--columns", str(bowing), "--cutoff", "3"]
+    assert identify.main([*arguments, "--name", "bow", "--out", str(tmp_path)]) == 0
+    printed, estimate = capsys.readouterr().out, json.loads((tmp_path / "bow" / "estimate.json").read_text())
+    held_out = {channel: numbers["ratio"] for channel, numbers in estimate["held_out"].items()}
+    assert held_out["Fx"] <= 0.31 and held_out["Fz"] <= 0.42 and held_out["My"] <= 0.23
+    value = dict(zip(estimate["columns"], estimate["values"], strict=True))
+    std = dict(zip(estimate["columns"], estimate["std"], strict=True))
+    assert abs(value["m1"] - 61.65) < 0.1
+    assert abs(value["m3rz3"] - 8.5) < 0.4
+    assert abs(value["offset(Fx)"] - 4.5) < 2 * std["offset(Fx)"] < 1
+    assert "Not explained by this motion, held-out residual over standard deviation in brackets: Fy" in printed
+    assert "Mx (1." in printed
+    suffix = Path(model).suffix
+    assert {path.name for path in (tmp_path / "bow").iterdir()} >= {
+        "report.html",
+        f"model{suffix}",
+        "figure_held_out.png",
+    }
+
+
+@pytest.mark.usefixtures("undrawn")
+@needs_data
+def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, tmp_path):
+    arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
+    assert identify.main([*arguments, "--cutoff", "3", "--no-offsets", "--out", str(tmp_path)]) == 0
+    assert (
+        "Constant offsets are in the measurements and were not fitted (--offsets does): Fx 4.5"
+        in capsys.readouterr().out
+    )
+
+
+@needs_data
+def test_the_plates_own_frame_is_named(bowing):
+    """The plate measures what the human does to it, in axes of its own."""
+    text = bowing.read_text(encoding="utf-8").replace("foot_", "plate_")
+    bowing.write_text(text, encoding="utf-8")
+    prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
+    result = identify_log(prepared)
+    text = " ".join(finding.text for finding in verdict.findings(result))
+    assert "'ground' looks as if it had a frame that is turned (its axes look like x -> -y, y -> -x, z -> -z)" in text
+
+
+@needs_data
+def test_the_other_sign_of_the_bow_is_named_as_such(bowing):
+    flipped = bowing.read_text(encoding="utf-8") + "applied_to_link = false\n"
+    bowing.write_text(flipped, encoding="utf-8")
+    prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
+    text = " ".join(finding.text for finding in verdict.findings(identify_log(prepared)))
+    assert "'ground' looks as if it had the opposite sign: against" in text
+
+
+@pytest.mark.usefixtures("undrawn")
+@needs_data
+def test_full_parameters_of_the_human_are_physical_and_predict_as_well(bowing, tmp_path):
+    arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
+    assert identify.main([*arguments, "--cutoff", "3", "--name", "bow", "--out", str(tmp_path)]) == 0
+    phi = parameters_from_model(tmp_path / "bow" / "model.xml")
+    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
+    result = identify_log(prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0))
+    assert_predicts_as_well(result, phi)
+
+
+def assert_predicts_as_well(result, phi):
+    """Held-out weighted residuals of full parameters exceed those of the free fit by less than 1 %."""
+    prepared = result.prepared
+    part = slice(result.part.stop, len(prepared.time) - prepared.edge)
+    values = result.fit.values.copy()
+    change = prepared.base.reduce(prepared.Y[part]) @ (prepared.base.regroup(phi) - values[: prepared.base.rank])
+    explained = [c not in result.unexplained for c in prepared.channels]
+    scale = result.fit.scale[explained]
+    before = np.linalg.norm(result.held_out.residual[:, explained] / scale)
+    after = np.linalg.norm((result.held_out.residual - change)[:, explained] / scale)
+    assert after < 1.01 * before
+
+
+def test_the_aligned_scene_is_usable(tmp_path):
+    doubts, result = found(tmp_path, recording())
+    assert not doubts
+    truth = result.prepared.base.regroup(result.prepared.prior)
+    assert abs(result.psi - truth).max() < 0.15
+
+
+def test_tilted_axes_are_named_with_their_angle(tmp_path):
+    doubts, result = found(tmp_path, recording(tilt_deg=5.0))
+    assert "Joint axes are probably off: that of joint1 by" in doubts
+    assert (abs(np.degrees(result.misalignment.angle) - 5) < 0.5).all()
+    assert result.condition_number < 100
+
+
+def test_a_flipped_wrench_is_named(tmp_path):
+    log = recording()
+    flipped = {name: -log.measured[name] for name in ("ground_force", "ground_torque")}
+    doubts, _ = found(tmp_path, with_channels(log, **flipped))
+    assert "'ground' looks as if it had the opposite sign:" in doubts
+
+
+def test_a_transposed_frame_is_named(tmp_path):
+    log, R = recording(), Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
+    in_sensor = {name: log.measured[name] @ R for name in ("ground_force", "ground_torque")}
+    doubts, _ = found(tmp_path, with_channels(log, **in_sensor), ground_frame(R))
+    assert not doubts
+    doubts, _ = found(tmp_path, with_channels(log, **in_sensor), ground_frame(R.T))
+    assert "'ground' looks as if it had a frame that is transposed" in doubts
+
+
+@pytest.mark.parametrize("contact", ["pad", "handle"])
+def test_a_contact_is_used_missed_when_left_out_and_recognised_when_flipped(tmp_path, contact):
+    log = recording(contact=contact)
+    doubts, _ = found(tmp_path, log, cell_mapping(contact))
+    assert not doubts
+    doubts, result = found(tmp_path, log)
+    assert "A contact may be left out" in doubts
+    if contact == "pad":
+        assert result.contact.body == "link2"
+    doubts, _ = found(tmp_path, log, cell_mapping(contact, applied="true"))
+    assert "'tip' looks as if it had the opposite sign" in doubts
+
+
+def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path):
+    log, rng = recording(), np.random.default_rng(0)
+    _, clean = found(tmp_path, log)
+    spoilt = {name: np.array(log.measured[name]) for name in ("ground_force", "ground_torque", "joint1_position")}
+    for name, values in spoilt.items():
+        bad = rng.choice(len(values), len(values) // 100, replace=False)
+        size = 3.0 if "position" in name else 50 * values.std()
+        values[bad] += size * rng.choice([-1.0, 1.0], size=(len(bad), *values.shape[1:]))
+    _, result = found(tmp_path, with_channels(log, **spoilt))
+    rank = clean.prepared.base.rank
+    assert (abs(result.psi - clean.psi) < 1.96 * clean.fit.std[:rank]).all()
+    assert any("outliers" in note for note in result.prepared.notes)
+
+
+def test_a_balance_board_of_three_channels(tmp_path):
+    log = recording()
+    mapping = (
+        '[wrenches.ground]\nforce = ["", "", "ground_force.z"]\ntorque = ["ground_torque.x", "ground_torque.y", ""]\n'
+    )
+    doubts, result = found(tmp_path, log, mapping)
+    assert result.prepared.channels == ("Fz", "Mx", "My")
+    assert not doubts
+
+
+def test_another_log_judges(tmp_path):
+    path, other = tmp_path / "log.csv", tmp_path / "other.csv"
+    recording().save(path)
+    simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=7).save(other)
+    prepared = [prepare(PENDULUM, p, base="base") for p in (path, other)]
+    result = identify_log(prepared[0], other=prepared[1])
+    assert result.part.stop == len(result.prepared.time)
+    assert result.held_out.ratio[2] < 0.1
+
+
+def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
+    _, result = found(tmp_path, recording(), offsets=False, weighted=False, holdout=0.05)
+    columns, part = result.prepared.reduced, result.part
+    expected = robust_fit(columns[part], result.prepared.measured[part], weighted=False)
+    np.testing.assert_array_equal(result.fit.values, expected.values)
+
+
+def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys):
+    log = tmp_path / "log.csv"
+    recording().save(log)
+    assert identify.main([str(PENDULUM), str(log), "--base", "base", "--name", "me", "--out", str(tmp_path)]) == 0
+    result = identify_log(prepare(PENDULUM, log, base="base"))
+    phi = parameters_from_model(tmp_path / "me" / "model.xml", "base")
+    assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
+    assert_predicts_as_well(result, phi)
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "me" / "model.xml")).nu == 2
+    page = (tmp_path / "me" / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64") == 3 and "http" not in page.replace("http-equiv", "")
+    assert "<h1>double_pendulum.xml, identified from log.csv</h1>" in page and "2 is link1, 3 is link2" in page
+    links = {link for link in re.findall(r'href="([^#"]*)"', page) if link}
+    assert {"table_base_parameters.csv", "figure_held_out.pdf"} <= links
+    assert all((tmp_path / "me" / link).is_file() for link in links)
+    assert "Usable: held-out residuals are at most" in capsys.readouterr().out
+
+
+def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path):
+    path, light = tmp_path / "log.csv", tmp_path / "light.xml"
+    recording().save(path)
+    result = identify_log(prepare(PENDULUM, path, base="base"))
+    full = identify_report.full_parameters(result)
+    assert not any("Masses beyond" in finding.text for finding in identify_report.all_findings(result, full))
+    spec = scenes.load("double_pendulum")
+    spec.body("link2").mass /= 3
+    spec.compile()
+    light.write_text(spec.to_xml(), encoding="utf-8")
+    result = identify_log(prepare(light, path, base="base"))
+    full = identify_report.full_parameters(result)
+    (named,) = (f for f in identify_report.all_findings(result, full) if "Masses beyond" in f.text)
+    assert not named.doubt and "which the data show: link2 1" in named.text and "(model: 4.43 kg)" in named.text
+    result.prepared.prior[10] = 0
+    unseen = replace(full, mass_std=full.phi[::10])
+    (named,) = (f for f in identify_report.all_findings(result, unseen) if "Masses beyond" in f.text)
+    assert (
+        named.doubt and "though the data hardly see them: link1" in named.text and "(model: none), link2" in named.text
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([str(PENDULUM), "missing.csv", "--base", "base"], "missing.csv"),
+        (["missing.xml", "missing.csv"], "file that exists, got 'missing.xml'"),
+        ([str(PENDULUM), "LOG", "--base", "foot"], "no body named 'foot'; its bodies are base, link1, link2"),
+        ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "90"], "from 0 to 50 Hz, half the sampling rate"),
+        ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "fast"], "'auto' or from 0 to 50 Hz"),
+        ([str(PENDULUM), "LOG", "--base", "base", "--holdout", "2"], "needs a number from 0.05 to 0.9, got '2'"),
+        ([str(PENDULUM), "SHORT", "--base", "base"], "too few"),
+        ([str(PENDULUM), "STILL", "--base", "base"], "excites .* parameters; it does not separate"),
+    ],
+)
+def test_bad_input_gets_one_sentence(tmp_path, capsys, arguments, message):
+    log = recording()
+    files = {"LOG": log}
+    files["SHORT"] = replace(
+        log, time=log.time[:30], measured={k: x[:30] for k, x in log.measured.items()}, true={}, noise={}
+    )
+    still = {f"{j}_{k}": 0 * log.time for j in ("joint1", "joint2") for k in ("position", "velocity", "acceleration")}
+    files["STILL"] = with_channels(log, **still)
+    for name, content in files.items():
+        content.save(tmp_path / f"{name}.csv")
+    arguments = [str(tmp_path / f"{a}.csv") if a in files else a for a in arguments]
+    error = refusal(identify.main, [*arguments, "--out", str(tmp_path / "out")], capsys)
+    assert __import__("re").search(message, error), error
+    assert not list((tmp_path / "out").rglob("*.json"))
+
+
+def test_the_users_files_are_not_touched(tmp_path, capsys):
+    model, log = tmp_path / "model.xml", tmp_path / "log.csv"
+    model.write_bytes(PENDULUM.read_bytes())
+    recording().save(log)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    arguments = [str(model), str(log), "--base", "base"]
+    for out, name, message in (
+        (tmp_path.parent, tmp_path.name, "a folder without inputs"),
+        (tmp_path, ".", "the name of one folder"),
+        (tmp_path, "../esc", "the name of one folder"),
+        (tmp_path, "a/b", "the name of one folder"),
+        (tmp_path, "a\0b", "the name of one folder"),
+    ):
+        assert message in refusal(identify.main, [*arguments, "--out", str(out), "--name", name], capsys)
+    assert "another one than the log" in refusal(identify.main, [*arguments, "--held-out", str(log)], capsys)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_log_of_joint_torques_alone(tmp_path, capsys):
+    model = mujoco.MjModel.from_xml_path(str(PENDULUM))
+    data, log = mujoco.MjData(model), recording()
+    q, dq, ddq = log.noise_free.joint_states(("joint1", "joint2"))
+    torque = np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos, data.qvel, data.qacc = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        torque[k] = data.qfrc_inverse
+    states = {
+        f"joint{j + 1}_{kind}": x[:, j]
+        for kind, x in (("position", q), ("velocity", dq), ("acceleration", ddq), ("torque", torque))
+        for j in range(2)
+    }
+    path = tmp_path / "torques.csv"
+    Recording(log.time, states).save(path)
+    arguments = [str(PENDULUM), str(path), "--base", "base", "--drive", "viscous", "--name", "t"]
+    assert identify.main([*arguments, "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "channels joint1, joint2" in printed and "with the base wrench: m1" in printed
+    estimate = json.loads((tmp_path / "t" / "estimate.json").read_text(encoding="utf-8"))
+    assert estimate["columns"][-4:] == ["Fv(joint1)", "Fv(joint2)", "offset(joint1)", "offset(joint2)"]
+
+
+def test_a_wrong_unit_is_a_doubt(tmp_path):
+    log = recording()
+    in_kilo = {name: log[name] / 1000 for name in ("ground_force", "ground_torque")}
+    doubts, _ = found(tmp_path, with_channels(log, **in_kilo))
+    assert "weigh 0.02 kg, the model 20.99 kg" in doubts
+
+
+def test_nothing_is_left_where_nothing_was_found(tmp_path, capsys):
+    path, other = tmp_path / "short.csv", tmp_path / "log.csv"
+    log = recording()
+    short = {name: x[:15] for name, x in log.measured.items()}
+    replace(log, time=log.time[:15], measured=short, true={}, noise={}).save(path)
+    log.save(other)
+    arguments = [str(PENDULUM), str(other), "--base", "base", "--held-out", str(path), "--out", str(tmp_path / "out")]
+    assert "log to judge by has 15 samples" in refusal(identify.main, [*arguments, "--cutoff", "1"], capsys)
+    assert not (tmp_path / "out").exists()
+
+
+def test_recordings_of_the_project_are_logs(tmp_path):
+    path = tmp_path / "log.npz"
+    recording().save(path)
+    prepared = prepare(PENDULUM, path, base="base")
+    original = Recording.load(path)
+    np.testing.assert_array_equal(prepared.measured, original.wrench("ground"))
+
+
+def board(**missing):
+    """Mapping of the ground wrench without some channels."""
+    columns = {c: f"ground_{'force' if c[0] == 'F' else 'torque'}.{c[1]}" for c in ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}
+    names = [missing.get(c, name) for c, name in columns.items()]
+    return f"[wrenches.ground]\nforce = {json.dumps(names[:3])}\ntorque = {json.dumps(names[3:])}\n"
+
+
+def remarks(result):
+    return " ".join(finding.text for finding in verdict.findings(result) if not finding.doubt)
+
+
+def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
+    log = recording()
+    _, result = found(tmp_path, log, board(Fx="", Fy=""), axes=False)
+    assert abs(result.weight.measured - 20.99) < 0.1 and abs(result.weight.drift) < 0.1
+    _, result = found(tmp_path, log, board(Fz=""), axes=False)
+    assert result.weight is None
+    assert "The weight could not be checked: it shows in Fz of the sensor, not measured here." in remarks(result)
+    _, result = found(tmp_path, log, board(Fx="", Fy="", Fz=""), axes=False)
+    assert "The weight could not be checked: no force is measured." in remarks(result)
+
+
+def test_the_weight_in_a_turned_sensor_takes_all_axes_that_carry_it(tmp_path):
+    R = Rotation.from_euler("y", 30, degrees=True).as_matrix()
+    log = recording()
+    turned = with_channels(log, **{name: log.measured[name] @ R for name in ("ground_force", "ground_torque")})
+    quaternion = f"quaternion = {Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()}\n"
+    _, result = found(tmp_path, turned, board(Fy="") + quaternion, axes=False)
+    assert abs(result.weight.measured - 20.99) < 0.1
+    _, result = found(tmp_path, turned, board(Fx="") + quaternion, axes=False)
+    assert "it shows in Fx of the sensor, not measured here" in remarks(result)
+
+
+def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
+    model, path = tmp_path / "model.xml", tmp_path / "log.csv"
+    spec = scenes.load("double_pendulum")
+    spec.option.gravity = [0, 0, 0]
+    spec.compile()
+    model.write_text(spec.to_xml(), encoding="utf-8")
+    recording().save(path)
+    result = identify_log(prepare(model, path, base="base"), axes=False)
+    assert "The weight could not be checked: the model has no gravity." in remarks(result)
+    doubts = " ".join(finding.text for finding in verdict.findings(result) if finding.doubt)
+    assert "Constant offsets are large beside the model's weight" in doubts and "Fz 206 ±" in doubts
+    assert "(100%)" in doubts
+
+
+@pytest.mark.parametrize(("size", "doubted"), [(15.0, False), (30.0, True)])
+def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
+    log = recording()
+    shifted = with_channels(log, ground_force=log.measured["ground_force"] + [0, size, 0])
+    doubts, result = found(tmp_path, shifted, axes=False)
+    assert ("Constant offsets are large" in doubts) == doubted
+    assert "Constant offsets were found and taken out: Fy" in remarks(result)
+
+
+def test_a_sensor_that_dies_is_a_doubt(tmp_path):
+    log = recording()
+    force = log.measured["ground_force"].copy()
+    force[500:, 2] = 200
+    doubts, _ = found(tmp_path, with_channels(log, ground_force=force), axes=False)
+    assert "More is left over than the channel varies, as of a constant offset or a sensor that died" in doubts
+    assert "Fz (" in doubts and len(doubts) < 1000
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
+    log = recording()
+    force = log.measured["ground_force"].copy()
+    force[:, 2] = 0
+    path = tmp_path / "log.csv"
+    with_channels(log, ground_force=force).save(path)
+    arguments = [str(PENDULUM), str(path), "--base", "base", "--no-axes", "--name", "stuck", "--out", str(tmp_path)]
+    assert identify.main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "Stuck at one value over the whole log" in printed and "Fz (0)" in printed
+    assert "channels Fx, Fy, Mx, My, Mz." in printed and "Joint axes were not checked (--no-axes)." in printed
+    assert "The weight could not be checked: it shows in Fz of the sensor" in printed
+    constant = {name: 0 * log.measured[name] + 7 for name in ("ground_force", "ground_torque")}
+    with_channels(log, **constant).save(path)
+    message = refusal(identify.main, arguments, capsys)
+    assert "Every measured channel of" in message and "is constant (Fx, Fy, Fz, Mx, My, Mz)" in message
+
+
+def test_a_few_samples_are_enough_to_judge_by(tmp_path):
+    """Judging needs no coefficients; the log that is fitted does."""
+    path, other = tmp_path / "short.csv", tmp_path / "log.csv"
+    log = recording()
+    short = {name: x[100:110] for name, x in log.measured.items()}
+    replace(log, time=log.time[:10], measured=short, true={}, noise={}).save(path)
+    log.save(other)
+    result = identify_log(prepare(PENDULUM, other, base="base"), other=prepare(PENDULUM, path, base="base"), axes=False)
+    assert len(result.held_out.time) == 10 and result.part.stop == len(log.time)
+    rms = np.sqrt((result.held_out.residual**2).mean(axis=0))
+    assert (rms < 3 * result.fit.scale).all()
+
+
+def test_axes_that_cannot_be_checked_do_not_end_the_command(tmp_path, monkeypatch):
+    def fails(*_, **__):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr("experiments.studies.identification.estimate_misalignment", fails)
+    doubts, result = found(tmp_path, recording())
+    assert not doubts and result.misalignment is None
+    assert "Joint axes could not be checked: SVD did not converge." in remarks(result)
+    assert not identify.parser().parse_args(["model", "log", "--no-axes"]).axes
+
+
+def test_axes_are_blamed_only_for_more_than_chance_and_within_the_search(tmp_path):
+    _, result = found(tmp_path, recording(tilt_deg=5.0))
+    assert "Joint axes are probably off" in " ".join(f.text for f in verdict.findings(result))
+    for change in ({"chance": 0.01}, {"at_bound": np.array([True, True])}):
+        other = replace(result, misalignment=replace(result.misalignment, **change))
+        assert "axes" not in " ".join(f.text for f in verdict.findings(other) if f.doubt)
+
+
+def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
+    log, path, columns = recording(), tmp_path / "log.csv", tmp_path / "columns.toml"
+    kept = {name: x for name, x in log.measured.items() if name.startswith("joint")}
+    plate = {f"Plate F{a}": log.measured["ground_force"][:, k] for k, a in enumerate("xyz")}
+    plate |= {f"Plate M{a}": log.measured["ground_torque"][:, k] for k, a in enumerate("xyz")}
+    Recording(log.time, kept | plate).save(path)
+    arguments = [str(PENDULUM), str(path), "--base", "base", "--out", str(tmp_path / "out")]
+    message, *lines = refusal(identify.main, arguments, capsys).splitlines()
+    assert "neither a wrench nor a joint torque to fit" in message and "Plate Fx, Plate Fy" in message
+    assert "--columns" in message and len(lines) == 3
+    columns.write_text("\n".join(lines), encoding="utf-8")
+    prepared = prepare(PENDULUM, path, base="base", columns=columns)
+    np.testing.assert_array_equal(prepared.measured, log.wrench("ground"))
+
+
+@pytest.mark.parametrize(("share", "doubt"), [(0.65, True), (0.75, False), (1.25, False), (1.35, True)])
+def test_a_weight_far_off_is_a_doubt_on_either_side(tmp_path, share, doubt):
+    log = recording()
+    scaled = {name: share * log[name] for name in ("ground_force", "ground_torque")}
+    _, result = found(tmp_path, with_channels(log, **scaled))
+    (weight,) = (finding for finding in verdict.findings(result) if "weigh" in finding.text)
+    assert weight.doubt == doubt

@@ -1,0 +1,92 @@
+import csv
+import re
+
+import numpy as np
+import pytest
+from mechanisms import double_pendulum
+
+from experiments import mechanism
+from experiments.__main__ import main as everything
+from experiments.studies import paper
+from ident.geometry.se3 import exp
+
+STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts")
+
+
+def test_figure_1_is_drawn_from_the_scene():
+    _, drawing = mechanism.mechanism()
+    q1, q2 = mechanism.DRAWN_AT
+    elbow = np.array([0, -0.425 * np.sin(q1), 1 + 0.425 * np.cos(q1)])
+    np.testing.assert_allclose(drawing.poses[2][:3, 3], elbow, atol=1e-12)
+    end = elbow + 0.4 * np.array([0, -np.sin(q1 + q2), np.cos(q1 + q2)])
+    np.testing.assert_allclose(drawing.end, end, atol=1e-12)
+    arm = exp([0, 0, 0, 1, 0, 0], q1 + q2)[:3, :3] @ [0.1, 0, 0.2]
+    np.testing.assert_allclose(drawing.masses[2], elbow + arm, atol=1e-12)
+    figure = mechanism.figure_1(drawing)
+    texts = {text.get_text() for text in figure.axes[0].texts}
+    assert {"$m_1$", "$m_2$", "$m_3$", "$l_1$", r"$\theta_1$", r"$\theta_2$"} <= texts
+    assert {"$g_1$, base", "$g_2$, link 1", "$g_3$, link 2"} <= {text.get_text() for text in figure.axes[1].texts}
+
+
+def test_table_2_is_that_of_the_paper():
+    tree, drawing = mechanism.mechanism()
+    rows = mechanism.table_2(tree, drawing.base).rows
+    assert [row[0] for row in rows] == ["base, i = 1", "link1, i = 2", "link2, i = 3"]
+    assert [row[2] for row in rows] == ["(0, 0, 1)", "(0, 0, 1)", "(0, 0, 1.425)"]
+    assert [row[3:] for row in rows] == [("(0, 0, 0)", "(0, 0, 0)"), *[("(0, 0, 0)", "(1, 0, 0)")] * 2]
+
+
+def test_table_1_as_printed_is_the_double_pendulum():
+    tree, drawing = mechanism.mechanism()
+    found = mechanism.tree_of_table_1(drawing.base, 0.425)
+    expected = double_pendulum(base=drawing.base)
+    assert found.names == ("2", "6", "10")
+    assert found.joints == ("4", "8")
+    assert mechanism.difference(found, expected) < 1e-14
+    assert mechanism.difference(mechanism.tree_of_table_1(np.zeros(3), 0.4), tree) > 0.01
+
+
+def test_the_command_prints_the_check(tmp_path, capsys):
+    assert mechanism.main(["--out", str(tmp_path), "--formats", "png"]) == 0
+    assert "Tables I and II are the same mechanism" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_everything_on_one_page(tmp_path):
+    out = tmp_path / "results"
+    assert everything(["--out", str(out), "--formats", "svg", "--trials", "4"]) == 0
+    assert {path.name for path in out.iterdir()} == {*STUDIES, "index.html"}
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 11
+    targets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)|url\(([^)]*)""", page)
+    links = {link for pair in targets for link in pair if link and not link.startswith("data:")}
+    sections = {link for link in links if link.startswith("#")}
+    assert len(sections) == page.count("<h2 ") and all(f'id="{link[1:]}"' in page for link in sections)
+    # Whatever a study wrote lies beside the page, and all tables and figures are linked.
+    written = {path.relative_to(out).as_posix() for path in out.glob("*/*")}
+    assert links - sections == {name for name in written if re.search(r"(csv|md|tex|svg|png)$", name)}
+    assert "http-equiv" not in page and "<script" not in page
+    for number in ("Figure 1", "Figure 2", "Figure 3", "Figure 4", "Figure 5", "Table I,", "Table II,", "Table III"):
+        assert number in page
+    for study in ("multicontact", "several_contacts"):
+        for row in csv.DictReader((out / study / "table_4.csv").read_text().splitlines()):
+            assert f"{float(row['true_scene']):.3f}" in page
+    for column in ("error ignoring pad", "error ignoring handle", "error ignoring all"):
+        assert f"<th>{column}</th>" in page
+    for row in csv.DictReader((out / "several_contacts" / "table_contacts.csv").read_text().splitlines()):
+        assert f"<td>{float(row['peak_force_N']):.3f}</td>" in page
+    assert f"{paper.CONDITION_NUMBER_MULTICONTACT:g}" in page
+    assert "scene_sha256" in page
+    assert 'name="viewport"' in page and "@media print" in page and "prefers-color-scheme: dark" in page
+    assert "<var>m</var><sub>2</sub><var>r</var><sub>z,2</sub>" in page and "m2rz2" not in page
+    assert "true, simplified" in page and "kg m². The entries" in page
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_everything_resumes_what_was_interrupted(tmp_path):
+    command = ["--out", str(tmp_path), "--formats", "png", "--trials", "4", "--redraw", "sensors"]
+    assert everything(command) == 0
+    page = (tmp_path / "index.html").read_bytes()
+    (tmp_path / "multicontact" / "trials.npz").unlink()
+    assert everything([*command, "--resume"]) == 0
+    assert (tmp_path / "index.html").read_bytes() == page

@@ -1,0 +1,278 @@
+"""The command line of the study: what it writes, that it repeats itself, and how it ends."""
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from commands import refusal
+
+from experiments import misaligned
+from experiments.output import figures
+from experiments.studies import paper, tilted_axes
+
+NAMES = ("table_3", "table_3_full", "table_wrench_errors")
+TABLES = [f"{name}.{suffix}" for name in NAMES for suffix in ("csv", "md", "tex")]
+COLUMNS = [
+    "parameter",
+    "true_simplified",
+    "error_simplified",
+    "paper_error_simplified",
+    "true_full",
+    "error_full",
+    "paper_error_full",
+]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    out = tmp_path_factory.mktemp("results") / "new" / "folder"
+    assert misaligned.main(["--out", str(out), "--formats", *figures.FORMATS, "--seed", "3"]) == 0
+    return out
+
+
+def test_everything_is_written(results):
+    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in figures.FORMATS]
+    expected = {*TABLES, *drawings, "summary.json", "provenance.json"}
+    assert {file.name for file in results.iterdir()} == expected
+    assert all(file.stat().st_size > 100 for file in results.iterdir())
+
+
+def test_table_3_holds_both_models_beside_the_paper(results):
+    rows = list(csv.DictReader((results / "table_3.csv").read_text().splitlines()))
+    assert list(rows[0]) == COLUMNS
+    assert [row["parameter"] for row in rows] == list(paper.TABLE_3)
+    study = tilted_axes.study(seed=3)
+    for k, row in enumerate(rows):
+        expected = (
+            study.simplified.psi_true[k],
+            study.simplified.estimate.psi[k] - study.simplified.psi_true[k],
+            paper.TABLE_3[row["parameter"]][0],
+            study.full_on_table.psi_true[k],
+            study.full_on_table.estimate.psi[k] - study.full_on_table.psi_true[k],
+            paper.TABLE_3[row["parameter"]][1],
+        )
+        assert tuple(float(row[column]) for column in COLUMNS[1:]) == expected
+
+
+def test_the_full_models_own_table(results):
+    rows = list(csv.DictReader((results / "table_3_full.csv").read_text().splitlines()))
+    full = tilted_axes.study(seed=3).full
+    assert [row["parameter"] for row in rows] == list(full.base.names)
+    for column, values in (
+        ("true", full.psi_true),
+        ("estimated", full.estimate.psi),
+        ("error", full.estimate.psi - full.psi_true),
+        ("std_wrench_noise", full.estimate.std),
+    ):
+        np.testing.assert_array_equal([float(row[column]) for row in rows], values)
+
+
+def test_the_study_is_identified_from_noisy_wrenches():
+    # Residuals of the full model hold the sensors' noise: 0.5 N, and what noise on the joint states adds.
+    study = tilted_axes.study(seed=3)
+    residual = study.recording.wrench("ground") - study.full.predicted
+    assert 0.48 < residual[:, 0].std() < 0.54
+    assert (residual[:, :3].std(axis=0) > 0.48).all()
+    assert (residual[:, 3:].std(axis=0) > 0.048).all()
+
+
+def test_summary_is_for_scripts(results):
+    summary = json.loads((results / "summary.json").read_text())
+    study = misaligned.study(seed=3)
+    assert summary["condition_number_simplified"] == study.simplified.estimate.condition_number
+    assert summary["condition_number_full"] == study.full.estimate.condition_number
+    assert (summary["rank_simplified"], summary["rank_full"]) == (13, 13)
+    assert (summary["rows_simplified"], summary["rows_full"]) == (4715, 5658)
+    assert summary["axis_error_deg"] == np.degrees(study.axis_error.max())
+    assert summary["noise"]["ground_force"] == 0.5
+
+
+def test_errors_of_the_wrench_are_told_channel_by_channel(results):
+    summary = json.loads((results / "summary.json").read_text())["wrench_errors"]
+    study = misaligned.study(seed=3)
+    true = study.recording.noise_free.wrench("ground")
+    assert list(summary) == ["Fx", "Fy", "Fz", "τx", "τy", "τz"]
+    for k, channel in enumerate(summary.values()):
+        assert channel["true_std"] == pytest.approx(true[:, k].std())
+        for name, model in (("simplified", study.simplified), ("full", study.full)):
+            rms = np.sqrt(((model.predicted - true)[:, k] ** 2).mean())
+            assert channel[f"rms_{name}"] == pytest.approx(rms)
+            assert channel[f"ratio_{name}"] == pytest.approx(rms / true[:, k].std())
+    rows = list(csv.DictReader((results / "table_wrench_errors.csv").read_text(encoding="utf-8").splitlines()))
+    assert {row["channel"]: float(row["rms_full"]) for row in rows} == {c: x["rms_full"] for c, x in summary.items()}
+
+
+def test_provenance_says_how_to_run_it_again(results):
+    origin = json.loads((results / "provenance.json").read_text())
+    assert origin["options"] == {
+        "seed": 3,
+        "samples": 943,
+        "tilt_deg": 5.0,
+        "azimuth_deg": 120.0,
+        "noise_scale": 1.0,
+        "formats": list(figures.FORMATS),
+    }
+    assert len(origin["recording"]["scene_sha256"]) == 64
+    assert set(origin["versions"]) >= {"python", "mujoco", "numpy", "scipy", "matplotlib"}
+
+
+def test_the_same_seed_gives_the_same_bytes(results, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
+    assert misaligned.main(["--out", str(tmp_path), "--formats", *figures.FORMATS, "--seed", "3"]) == 0
+    for file in results.iterdir():
+        assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_another_seed_or_tilt_gives_other_tables(results, tmp_path):
+    for options in (["--seed", "4"], ["--seed", "3", "--tilt-deg", "4"], ["--seed", "3", "--azimuth-deg", "100"]):
+        assert misaligned.main(["--out", str(tmp_path), "--formats", "png", *options]) == 0
+        assert (tmp_path / "table_3.csv").read_bytes() != (results / "table_3.csv").read_bytes()
+
+
+def test_figures_show_what_their_captions_say():
+    study = misaligned.study(seed=3)
+    figure = misaligned.figure_2(study)
+    assert figure.get_figwidth() == 3.5
+    assert len(figure.axes) == 6
+    for component, ax in enumerate(figure.axes):
+        lines = {line.get_label(): line for line in ax.get_lines()}
+        # Panels run row by row, components column by column.
+        k = component // 2 + 3 * (component % 2)
+        truth = study.recording.noise_free.wrench("ground")[:, k]
+        np.testing.assert_array_equal(lines["True"].get_ydata(), truth)
+        np.testing.assert_array_equal(lines["Full"].get_ydata(), study.full.predicted[:, k])
+        np.testing.assert_array_equal(lines["Simplified"].get_ydata(), study.simplified.predicted[:, k])
+        colors = {name: line.get_color() for name, line in lines.items()}
+        assert colors == {"True": "black", "Simplified": "tab:red", "Full": "tab:blue"}
+        np.testing.assert_array_equal(lines["True"].get_xdata(), study.recording.time)
+        errors = {line.get_label(): line for line in misaligned.figure_3(study).axes[component].get_lines()}
+        expected = abs(study.simplified.predicted[:, k] - truth)
+        np.testing.assert_array_equal(errors["Simplified"].get_ydata(), expected)
+        np.testing.assert_array_equal(errors["Full"].get_xdata(), np.arange(1, 944))
+        expected = abs(study.full.predicted[:, k] - truth)
+        np.testing.assert_array_equal(errors["Full"].get_ydata(), expected)
+        # Both models' running means show where they are equal: the later one is thinner, and dashed.
+        under, over = (errors[f"{name}, running RMS"] for name in ("Simplified", "Full"))
+        assert under.get_linewidth() > over.get_linewidth() and over.get_linestyle() == "--"
+        assert errors["Full"].get_alpha() < 0.5
+        window = slice(500 - misaligned.WINDOW // 2, 501 + misaligned.WINDOW // 2)
+        assert over.get_ydata()[500] == pytest.approx(np.sqrt((expected[window] ** 2).mean()), rel=1e-9)
+        assert over.get_ydata()[0] == pytest.approx(np.sqrt((expected[: misaligned.WINDOW // 2 + 1] ** 2).mean()))
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("seed", ["0", "1", "2"])
+def test_a_tilt_of_zero_runs_with_noise(tmp_path, seed):
+    assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png", "--seed", seed]) == 0
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
+    assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--noise-scale", "0", "--formats", "png"]) == 0
+    rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
+    assert max(abs(float(row["error_simplified"])) for row in rows) < 1e-9
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["rows_full"] == 4715
+    assert summary["wrench_errors"]["Fx"]["ratio_full"] is None  # There is nothing to compare with.
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_huge_condition_numbers_are_said_with_their_reason(tmp_path, capsys):
+    assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png"]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"its own columns: \d\.\d+e\+0\d at 5658x13", printed)
+    assert re.search(r"the tilt alone, 0\.00\d+ deg as recovered", printed)
+    assert not re.search(r"\d{7}\.", printed)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--tilt-deg", "-5"], "from 0° to below 90°"),
+        (["--tilt-deg", "nan"], "from 0° to below 90°"),
+        (["--noise-scale", "-1"], "noise scale must be from 0 to 1000, got -1"),
+        (["--samples", "0"], "whole number of 1 to 1000000, got '0'"),
+        (["--samples", "ten"], "whole number of 1 to 1000000, got 'ten'"),
+        (["--tilt-deg", "89.99999999"], "perpendicular to the one it should resemble"),
+        (["--azimuth-deg", "1e308"], "azimuth of at most 360°"),
+        (["--noise-scale", "1e30"], "from 0 to 1000, got 1e+30"),
+        (["--trials", "1"], "at least 2, or 0, got '1'"),
+        (["--resume"], "--resume needs --trials"),
+        (["--seed", "-1"], "at least 0, got '-1'"),
+        (["--formats", "bmp"], "invalid choice: 'bmp'"),
+        (["--samples", "3"], "3 samples does not separate the base parameters"),
+        (["--out", "{file}"], "needs to be a writable folder, got"),
+        (["--out", "{file}/below"], "needs to be a writable folder, got"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, message):
+    (tmp_path / "file").write_text("in the way")
+    arguments = [argument.format(file=tmp_path / "file") for argument in arguments]
+    if "--out" not in arguments:
+        arguments += ["--out", str(tmp_path / "out")]
+    assert message in refusal(misaligned.main, arguments, capsys)
+    assert not list(tmp_path.glob("out/*"))
+
+
+def test_a_scene_without_a_needed_sensor_is_refused(tmp_path, capsys, monkeypatch):
+    load = tilted_axes.scenes.load
+
+    def crippled(name, **options):
+        spec = load(name, **options)
+        spec.sensor("joint2_acceleration").name = "other"
+        return spec
+
+    monkeypatch.setattr(tilted_axes.scenes, "load", crippled)
+    assert misaligned.main(["--out", str(tmp_path)]) == 2
+    assert "no channel 'joint2_acceleration'; it has ground_force" in capsys.readouterr().err
+
+
+def test_an_interrupted_run_leaves_earlier_results_whole(tmp_path, capsys, monkeypatch):
+    (tmp_path / "table_3.csv").write_text("earlier")
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(misaligned, "figure_3", interrupt)
+    assert misaligned.main(["--out", str(tmp_path)]) == 130
+    assert [file.name for file in tmp_path.iterdir()] == ["table_3.csv"]
+    assert (tmp_path / "table_3.csv").read_text() == "earlier"
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_help_explains_every_option(capsys):
+    with pytest.raises(SystemExit) as stop:
+        misaligned.main(["--help"])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    for option in ("seed", "samples", "tilt-deg", "azimuth-deg", "noise-scale", "out", "formats"):
+        assert f"--{option}" in text
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "svg", "--trials", "2", "--redraw", "sensors"]) == 0
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "1"]) == 0
+    names = {file.name for file in tmp_path.iterdir()}
+    assert not {name for name in names if name.startswith("monte_carlo") or name.endswith(".svg")}
+    assert {"notes.txt", "figure_2.png", "table_3.csv"} <= names
+
+
+def test_figures_do_not_depend_on_the_formats_asked_for(results, tmp_path):
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "3"]) == 0
+    assert (tmp_path / "figure_2.png").read_bytes() == (results / "figure_2.png").read_bytes()
+
+
+def test_a_terminal_without_unicode_shows_what_it_can(tmp_path):
+    command = [sys.executable, "-m", "experiments.misaligned", "--out", str(tmp_path), "--formats", "png"]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert "kg m\\xb2" in done.stdout

@@ -1,0 +1,215 @@
+import csv
+import json
+import os
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from trial_runs import Mortal, draw, interrupted, kept, resumed, run
+
+from experiments import misaligned, multicontact
+from experiments.cli import options
+from experiments.studies import monte_carlo, trials
+from experiments.studies.contacts import problem, study, trial
+from ident.recordings.recording import Recording
+
+
+@pytest.mark.parametrize("redrawn", trials.REDRAWN)
+def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
+    source = draw(tmp_path, "--redraw", redrawn)
+    a, b, again = source.recordings([0, 1, 0])
+    assert (a["ground_force"] != b["ground_force"]).all()
+    np.testing.assert_array_equal(a["ground_force"], again["ground_force"])
+    assert (a["joint1_position"] != b["joint1_position"]).any() == (redrawn != "wrench")
+    (other,) = draw(tmp_path, "--redraw", redrawn, "--seed", "1").recordings([0])
+    assert (a["ground_force"] - a.true["ground_force"] != other["ground_force"] - other.true["ground_force"]).all()
+    assert (a.true["joint1_position"] != b.true["joint1_position"]).any() == (redrawn == "all")
+
+
+def test_any_number_of_workers_gives_the_same_numbers(tmp_path):
+    source = draw(tmp_path, "--redraw", "sensors")
+    one, two = run(source, 9, tmp_path), run(source, 9, tmp_path, workers=2)
+    assert one.shape == (9, 1, 2, 13)
+    np.testing.assert_array_equal(one, two)
+
+
+def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
+    source = draw(tmp_path, "--redraw", "sensors")
+    whole = run(source, 9, tmp_path, file=tmp_path / "whole.npz")
+    in_order = trials.in_order
+
+    def interrupted(*args, **more):
+        for k, outcomes in enumerate(in_order(*args, **more)):
+            if k == 5:
+                raise KeyboardInterrupt
+            yield outcomes
+
+    with monkeypatch.context() as patched:
+        patched.setattr(trials, "in_order", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run(source, 9, tmp_path)
+    assert len(kept(tmp_path)) == 5
+    np.testing.assert_array_equal(resumed(source, 9, tmp_path), whole)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
+@pytest.mark.parametrize("moment", ["starting", "running"])
+def test_ctrl_c_ends_all_processes_without_a_traceback(tmp_path, moment):
+    command = ["--trials", "100000", "--redraw", "sensors", "--workers", "2", "--out", str(tmp_path)]
+    # The bar stands at zero while the workers start.
+    pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
+    code, said = interrupted([*command, "--formats", "png"], pattern)
+    assert code == 130
+    assert b"Traceback" not in said
+    assert b"every file is whole" in said
+    assert (b"run again with --resume" in said) == (tmp_path / trials.FILE).exists()
+    assert (tmp_path / trials.FILE).exists() or moment == "starting"
+
+
+def test_trials_of_another_run_are_not_resumed(tmp_path):
+    run(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
+    with pytest.raises(ValueError, match="of another run: seed differ"):
+        resumed(draw(tmp_path, "--redraw", "sensors", "--seed", "1"), 2, tmp_path)
+    for broken in (b"", b"no trials", (tmp_path / trials.FILE).read_bytes()[:200]):
+        (tmp_path / trials.FILE).write_bytes(broken)
+        with pytest.raises(ValueError, match="--resume needs the trials of an earlier run"):
+            resumed(draw(tmp_path, "--redraw", "sensors"), 2, tmp_path)
+    with pytest.raises(ValueError, match="--resume needs --trials"):
+        resumed(draw(tmp_path, "--redraw", "sensors"), 0, tmp_path)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
+    command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors"]
+    assert multicontact.main([*command, "--trials", "6"]) == 0
+    before = (tmp_path / trials.FILE).read_bytes()
+    assert multicontact.main([*command, "--trials", "2"]) == 0
+    assert (tmp_path / "trials_before.npz").read_bytes() == before
+
+
+def test_any_executor_gives_the_same_numbers(tmp_path):
+    source = draw(tmp_path, "--redraw", "all")
+    one = run(source, 20, tmp_path)
+    with ThreadPoolExecutor(3) as executor:
+        np.testing.assert_array_equal(run(source, 20, tmp_path, executor=executor, threads=2), one)
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+        np.testing.assert_array_equal(run(source, 20, tmp_path, executor=executor, ahead=1), one)
+
+
+def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
+    source = draw(tmp_path, "--redraw", "sensors")
+    whole = run(source, 40, tmp_path, file=tmp_path / "whole.npz")
+    with pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers"):
+        run(source, 40, tmp_path, workers=2, analyse=Mortal.at(25, source, tmp_path))
+    assert "The trials done so far are in" in capsys.readouterr().err
+    # Those of its batch and of the other worker are lost at most.
+    before = kept(tmp_path)
+    assert 16 <= len(before) <= 25
+    np.testing.assert_array_equal(before, whole[: len(before)])
+    np.testing.assert_array_equal(resumed(source, 40, tmp_path), whole)
+
+
+def distribution(outcomes):
+    names = problem_names()
+    return monte_carlo.Distribution(names, outcomes[:, 0, 0], outcomes[:, 0, 1], np.zeros(13))
+
+
+def problem_names():
+    return study(samples=200).fit.base.names
+
+
+def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
+    found = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="943"), 1000, tmp_path, workers=2))
+    np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.10)
+    assert ((found.coverage >= 0.93) & (found.coverage <= 0.97)).all()
+    assert (np.abs(found.mean) < 4.5 * found.std / np.sqrt(1000)).all()
+
+
+def test_standard_deviations_are_right_with_two_contacts(tmp_path):
+    # 250 trials know a standard deviation to 4.5 %, and the coverage of all 13 parameters to half a percent or so.
+    source = draw(tmp_path, "--redraw", "wrench", samples="943", contact="pad handle")
+    found = distribution(run(source, 250, tmp_path, analyse=partial(trial, problem("pad handle"))))
+    np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.14)
+    assert 0.93 <= found.coverage.mean() <= 0.97
+    assert (np.abs(found.mean) < 4.5 * found.std / np.sqrt(250)).all()
+
+
+def test_noise_on_the_joint_states_biases(tmp_path):
+    found = distribution(run(draw(tmp_path, "--redraw", "sensors", samples="943"), 60, tmp_path, workers=2))
+    assert np.abs(found.mean / found.std).max() * np.sqrt(60) > 6
+
+
+def test_statistics():
+    errors = np.array([[-1.0, 0.0], [0.0, 1.0], [1.0, 2.0], [2.0, 3.0]])
+    found = monte_carlo.Distribution(("a", "b"), errors, np.full((4, 2), 1.0), np.array([0.5, 9.0]))
+    np.testing.assert_array_equal(found.mean, [0.5, 1.5])
+    np.testing.assert_allclose(found.std, np.std(errors, axis=0, ddof=1))
+    np.testing.assert_array_equal(found.coverage, [0.75, 0.5])
+    np.testing.assert_array_equal(found.percentile, [[50, 100], [50, 100]])
+    np.testing.assert_array_equal(found.predicted_std, [1, 1])
+    rows = list(csv.DictReader(monte_carlo.table("m", found).csv().splitlines()))
+    assert rows[1] == {
+        "parameter": "b",
+        "mean_error": "1.5",
+        "std": str(np.std(errors[:, 1], ddof=1)),
+        "low_95": str(np.percentile(errors[:, 1], 2.5)),
+        "high_95": str(np.percentile(errors[:, 1], 97.5)),
+        "predicted_std": "1.0",
+        "coverage_95": "0.5",
+        "paper_error": "9.0",
+        "paper_percentile": "100 to 100",
+    }
+
+
+@pytest.mark.parametrize("study_module", [misaligned, multicontact])
+def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, study_module):
+    options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--redraw", "sensors"]
+    assert study_module.main(options_) == 0
+    models = {"misaligned": ("simplified", "full"), "multicontact": ("multicontact",)}[
+        study_module.__name__.rpartition(".")[2]
+    ]
+    for model in models:
+        rows = list(csv.DictReader((tmp_path / f"monte_carlo_{model}.csv").read_text().splitlines()))
+        assert len(rows) == 13
+    assert (tmp_path / "figure_monte_carlo.png").exists()
+    assert json.loads((tmp_path / "monte_carlo.json").read_text())["trials"] == 6
+    captured = capsys.readouterr()
+    assert "errors in\nvariables" in captured.out
+    assert "6/6" in captured.err
+    before = (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes()
+    assert study_module.main([*options_, "--resume"]) == 0
+    assert (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes() == before
+
+
+def test_a_command_interrupted_before_any_trial_promises_nothing(tmp_path, capsys, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(monte_carlo, "run_trials", interrupt)
+    assert multicontact.main(["--out", str(tmp_path), "--formats", "png", "--trials", "6"]) == 130
+    assert "--resume" not in capsys.readouterr().err
+    assert (tmp_path / "table_4.csv").exists()
+
+
+def test_the_chart_shows_every_parameter_of_every_model():
+    rng = np.random.default_rng(0)
+    names = ("m1", "m1rx1", "Ixx2")
+    found = {
+        name: monte_carlo.Distribution(names, rng.normal(size=(50, 3)), np.ones((50, 3)), np.zeros(3))
+        for name in ("simplified", "full")
+    }
+    figure = monte_carlo.chart(found)
+    assert [ax.get_title() for ax in figure.axes] == ["simplified", "full"]
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["$m_{1}$", "$m_{1}r_{x,1}$", "$I_{xx,2}$"]
+
+
+def test_options_are_shared():
+    for name in ("--trials", "--workers", "--scheduler", "--redraw", "--resume"):
+        assert name in options.study_parser("any", "").format_help()
+
+
+def test_a_recording_without_noise_levels_cannot_be_redrawn_into_noise():
+    recording = Recording([0.0, 1.0], {"a": [1.0, 2.0]}, {"a": [1.0, 2.0]})
+    np.testing.assert_array_equal(trials.with_noise(recording, np.random.default_rng(0))["a"], [1, 2])

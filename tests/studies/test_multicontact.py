@@ -1,0 +1,190 @@
+"""Section VII: what the study must show, and its command line."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from commands import refusal
+
+import scenes
+from experiments import multicontact
+from experiments.studies import paper
+from experiments.studies.contacts import problem, study, total
+from experiments.studies.fitting import fit
+from ident.model.regressor import base_wrench_regressor
+from ident.recordings.wrench import transform_wrench
+from sim.simulation.simulate import with_noise
+
+
+@pytest.fixture(scope="module", params=(*scenes.CONTACTS, "pad handle"))
+def contact(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def result(contact):
+    return study(contact=contact)
+
+
+def test_condition_number_and_shape(result):
+    assert result.fit.estimate.condition_number == pytest.approx(36.5, rel=0.1)
+    assert (result.fit.estimate.rows, result.fit.base.rank) == paper.SHAPE_MULTICONTACT
+    assert result.fit.base.names == tuple(paper.TABLE_4)
+
+
+def test_errors_at_default_noise(result):
+    error = dict(zip(result.fit.base.names, np.abs(result.fit.error), strict=True))
+    assert max(error.values()) <= 0.10
+    assert error["m1"] <= 0.02
+    assert all(e <= 0.05 for name, e in error.items() if "r" in name)
+
+
+def test_ignoring_the_contact_is_ten_times_worse(result, contact):
+    assert list(result.ignoring) == ["pad", "handle", "all"] if contact == "pad handle" else ["all"]
+    for ignoring in result.ignoring.values():
+        assert np.max(np.abs(ignoring.error) / np.abs(result.fit.error)) > 10
+        assert np.abs(ignoring.error).max() > 10 * np.abs(result.fit.error).max()
+
+
+def test_a_contact_that_is_ignored_leaves_out_its_wrench_alone(result):
+    known, recording = result.known, result.recording
+    alone = {name: total(known, recording, set(known.cells) - {name}).wrench for name in known.cells}
+    ground = recording.wrench("ground")
+    np.testing.assert_array_equal(total(known, recording, known.cells).wrench, ground)
+    parts = sum(wrench - ground for wrench in alone.values())
+    np.testing.assert_allclose(result.measured.wrench - ground, parts, atol=1e-12 * abs(ground).max())
+
+
+def test_without_noise_the_estimate_is_exact(contact):
+    assert np.abs(study(contact=contact, noise_scale=0).fit.error).max() < 1e-6
+
+
+def test_true_total_wrench_is_what_the_parameters_give(result, contact):
+    known = problem(contact)
+    states = result.recording.noise_free.joint_states(known.tree.joints)
+    expected = base_wrench_regressor(known.tree, *states, gravity=known.gravity) @ known.phi_true
+    np.testing.assert_allclose(result.true.wrench, expected, atol=1e-9 * abs(expected).max())
+    assert abs(result.measured.wrench - expected).max() > 0.5
+
+
+def test_weights_help_where_only_the_wrenches_are_noisy(contact):
+    known, recording = problem(contact), study(contact=contact).recording
+    noise = {k: v if k.endswith(("_force", "_torque")) else 0.0 for k, v in recording.noise.items()}
+    errors, ordinary, weighted = [], [], []
+    for seed in range(60):
+        noisy = with_noise(replace(recording, noise=noise), np.random.default_rng(seed))
+        wrench = total(known, noisy)
+        options = {"wrench": wrench.wrench, "kept": None}
+        ordinary.append(fit(known.tree, noisy, known.phi_true, known.gravity, **options).estimate.std)
+        found = fit(known.tree, noisy, known.phi_true, known.gravity, covariance=wrench.covariance, **options)
+        weighted.append(found.estimate.std)
+        errors.append(found.error)
+    # 60 trials of 13 parameters know the ratio to 3 %.
+    assert np.isclose(np.sqrt(np.mean((np.array(errors) / weighted) ** 2)), 1, atol=0.12)
+    assert (np.mean(weighted, axis=0) < np.mean(ordinary, axis=0)).all()
+
+
+def test_the_scene_differs_from_the_paper_in_the_marked_entries_only(result):
+    for name, true in zip(result.fit.base.names, result.fit.psi_true, strict=True):
+        assert (abs(true - paper.TABLE_4[name][0]) > 0.006) == (name in multicontact.DIFFERS)
+
+
+def test_command_line_writes_everything(tmp_path, contact, result):
+    # In any order: what is recorded is the scene's.
+    chosen = reversed(contact.split())
+    assert multicontact.main(["--out", str(tmp_path), "--contact", *chosen, "--formats", "png"]) == 0
+    more = ("contacts",) if result.several else ()
+    tables = [f"table_{n}.{s}" for n in ("4", "4_ignoring", *more) for s in ("csv", "md", "tex")]
+    charts = [f"figure_{n}.png" for n in ("4", "5", *more)]
+    expected = {*tables, *charts, "summary.json", "provenance.json"}
+    assert {file.name for file in tmp_path.iterdir()} == expected
+    rows = list(csv.DictReader((tmp_path / "table_4.csv").read_text().splitlines()))
+    assert list(rows[0]) == ["parameter", "true_paper", "true_scene", "error", "paper_error"]
+    np.testing.assert_array_equal([float(row["error"]) for row in rows], result.fit.error)
+    assert "Ixx3*" in (tmp_path / "table_4.md").read_text()
+    assert "parallel-axis terms" in (tmp_path / "table_4.md").read_text()
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["rank"], summary["rows"]) == (13, 4715)
+    assert summary["condition_number"] == result.fit.estimate.condition_number
+    if "pad" in contact:
+        site = scenes.load_cells(contact)["pad"]
+        touching = result.recording.true["pad_normal_force"] > 0
+        assert summary["fraction_all_touch"] == summary[f"{site}_fraction"] == touching.mean()
+        assert summary[f"{site}_episodes"] == len(
+            [k for k in np.flatnonzero(touching) if k == 0 or not touching[k - 1]]
+        )
+    peaks = []
+    for site in scenes.load_cells(contact).values():
+        force = result.recording.true[f"{site}_force"]
+        peaks.append(np.sqrt((force**2).sum(axis=1)).max())
+        assert summary[f"{site}_peak_force_N"] == pytest.approx(peaks[-1])
+    assert summary["contact_peak_force_N"] == pytest.approx(max(peaks))
+    assert summary["largest_error_ignoring"] == np.abs(result.ignoring["all"].error).max()
+    assert json.loads((tmp_path / "provenance.json").read_text())["options"]["contact"] == contact
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path):
+    for run in "ab":
+        assert multicontact.main(["--out", str(tmp_path / run), "--seed", "5"]) == 0
+    for file in (tmp_path / "a").iterdir():
+        assert (tmp_path / "b" / file.name).read_bytes() == file.read_bytes(), file.name
+
+
+def test_figures_show_what_their_captions_say(result):
+    for component, ax in enumerate(multicontact.figure_4(result).axes):
+        k = component // 2 + 3 * (component % 2)
+        lines = {line.get_color(): line.get_ydata() for line in ax.get_lines()}
+        np.testing.assert_array_equal(lines["tab:red"], result.recording.wrench("ground")[:, k])
+        np.testing.assert_array_equal(lines["tab:blue"], result.true.wrench[:, k])
+        np.testing.assert_array_equal(lines["black"], result.fit.predicted[:, k])
+        error = multicontact.figure_5(result).axes[component].get_lines()[0].get_ydata()
+        np.testing.assert_array_equal(error, (result.measured.wrench - result.fit.predicted)[:, k])
+
+
+def test_two_contacts_touch_at_the_same_time():
+    result = study(contact="pad handle")
+    touching, summary = result.recording.true["pad_normal_force"] > 0, multicontact.summary(result)
+    assert 0.25 < summary["fraction_all_touch"] == touching.mean() < 0.8
+    alone = ("contact_pad_fraction_alone", "contact_handle_fraction_alone", "fraction_none_touches")
+    assert [summary[key] for key in alone] == [0, np.mean(~touching), 0]
+    assert summary["contact_handle_episodes"] == summary["contact_handle_fraction"] == 1
+    pad, handle = multicontact.table_contacts(result).rows
+    assert pad[:2] + handle[:2] == ("pad", "link2", "handle", "link1")
+    assert pad[2:4] == (touching.mean(), 0)
+    assert summary["tracking_error_rad"] < 0.03
+
+
+def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result):
+    tree, recording = result.known.tree, result.recording
+    poses = tree.poses(recording.joint_states(tree.joints)[0])
+    figure = multicontact.figure_contacts(result)
+    for number, cell in enumerate(result.known.cells.values()):
+        expected = transform_wrench(poses[:, tree.names.index(cell.body)] @ cell.pose, recording.wrench(cell.site))
+        for component, ax in enumerate(figure.axes):
+            k = component // 2 + 3 * (component % 2)
+            shown = ax.get_lines()[number].get_ydata()
+            np.testing.assert_allclose(shown, expected[:, k], atol=1e-12 * abs(expected).max())
+    together = np.all(list(result.touching.values()), axis=0)
+    for shown in (figure, multicontact.figure_4(result), multicontact.figure_5(result)):
+        for ax in shown.axes:
+            grey = [path for shade in ax.collections for path in shade.get_paths()]
+            assert len(grey) == (7 if result.several else 0)
+            edges = [path.get_extents() for path in grey]
+            assert all(together[(recording.time >= e.x0) & (recording.time <= e.x1)].all() for e in edges)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--contact", "wall"], "invalid choice: 'wall'"),
+        (["--contact", "pad", "pad"], "Several contacts need to be different ones, got 'pad pad'"),
+        (["--noise-scale", "nan"], "from 0 to 1000, got nan"),
+        (["--trials", "-1"], "at least 2, or 0, got '-1'"),
+        (["--workers", "0"], "1 to 1024, got '0'"),
+        (["--trials", "2", "--resume"], "--resume needs the trials of an earlier run"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, message):
+    assert message in refusal(multicontact.main, [*arguments, "--out", str(tmp_path)], capsys)

@@ -1,0 +1,211 @@
+"""Joint torques, drives and moving bases from a log, against MuJoCo's inverse dynamics."""
+
+import mujoco
+import numpy as np
+import pytest
+from random_models import inverse_dynamics
+from scipy.spatial.transform import Rotation
+
+from experiments.studies.identification import identify_log
+from experiments.studies.preparation import base_motion_from_poses, prepare
+from ident.mechanism.tree import BaseMotion
+from ident.parameters.base_parameters import find_base_parameters
+from sim.models.mujoco_model import parameters_from_model
+
+ARM = """
+<mujoco>
+  <worldbody>
+    <body name="base">
+      <geom size=".1" density="500"/><site name="ground"/>
+      <body name="upper" pos="0 0 .3">
+        <joint name="shoulder" axis="0 1 0" armature=".05" damping=".4"/>
+        <geom type="capsule" fromto="0 0 0 .3 0 0" size=".04"/>
+        <body name="lower" pos=".3 0 0">
+          <joint name="elbow" axis="0 0 1" armature=".02" damping=".2"/>
+          <geom type="capsule" fromto="0 0 0 .25 .05 0" size=".03"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <sensor><force site="ground"/><torque site="ground"/></sensor>
+</mujoco>
+"""
+FLYER = """
+<mujoco>
+  <worldbody>
+    <body name="trunk">
+      <freejoint name="root"/><geom type="box" size=".2 .1 .05" pos=".02 .01 .03"/>
+      <body name="arm" pos=".2 0 0">
+        <joint name="swing" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 .1" size=".04"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+LEG = """
+<mujoco>
+  <worldbody>
+    <body name="plate">
+      <site name="ground" pos=".1 0 -.05" euler="0 20 0"/><geom size=".05" density="500"/>
+      <body name="shank" pos="0 0 .1">
+        <joint name="ankle" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .02 0 .4" size=".05"/>
+        <body name="thigh" pos=".02 0 .4">
+          <joint name="knee" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 -.03 0 .4" size=".07"/>
+          <body name="trunk" pos="-.03 0 .4">
+            <joint name="hip" axis="0 1 0"/><geom type="capsule" fromto="0 .03 0 .02 0 .5" size=".12"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <sensor><force site="ground"/><torque site="ground"/></sensor>
+</mujoco>
+"""
+RATE, SECONDS = 200.0, 10.0
+TIME = np.arange(round(RATE * SECONDS)) / RATE
+
+
+def waves(rng, count, size=1.0):
+    """Sums of slow sinusoids and their derivatives (N, count)."""
+    out = [np.zeros((len(TIME), count)) for _ in range(3)]
+    for k in range(count):
+        for f in rng.uniform(0.2, 0.9, 4):
+            a, phase, w = size * rng.uniform(0.2, 0.5), rng.uniform(0, 6), 2 * np.pi * f
+            for order, x in enumerate((np.sin, np.cos, lambda t: -np.sin(t))):
+                out[order][:, k] += a * w**order * x(w * TIME + phase)
+    return out
+
+
+def write(path, columns):
+    header, values = ",".join(columns), np.column_stack(list(columns.values()))
+    np.savetxt(path, values, delimiter=",", header=header, comments="", fmt="%.17g")
+
+
+@pytest.mark.parametrize("wrench", [True, False])
+def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
+    model = mujoco.MjModel.from_xml_string(ARM)
+    states = waves(np.random.default_rng(0), 2)
+    torque, ground = inverse_dynamics(model, *states)
+    columns = {"time": TIME}
+    for k, joint in enumerate(("shoulder", "elbow")):
+        named = zip(("position", "velocity", "acceleration"), states, strict=True)
+        columns |= {f"{joint}_{kind}": x[:, k] for kind, x in named} | {f"{joint}_torque": torque[:, k]}
+    if wrench:
+        columns |= {f"ground_{c}": x for c, x in zip(("fx", "fy", "fz", "mx", "my", "mz"), ground.T, strict=True)}
+    path, log = tmp_path / "arm.xml", tmp_path / "log.csv"
+    path.write_text(ARM, encoding="utf-8")
+    write(log, columns)
+    prepared = prepare(path, log, base="base", drive=("rotor", "viscous"))
+    assert prepared.channels == (("Fx", "Fy", "Fz", "Mx", "My", "Mz") if wrench else ()) + ("shoulder", "elbow")
+    result = identify_log(prepared)
+    found = dict(zip(result.names, result.fit.values, strict=True))
+    if not wrench:
+        assert "Ia(shoulder)" not in result.names
+        assert any("Ia(shoulder)" in note and "cannot be told" in note for note in prepared.notes)
+    else:
+        np.testing.assert_allclose([found["Ia(shoulder)"], found["Ia(elbow)"]], [0.05, 0.02], atol=1e-6)
+    np.testing.assert_allclose([found["Fv(shoulder)"], found["Fv(elbow)"]], [0.4, 0.2], atol=1e-6)
+    if wrench:
+        truth = prepared.base.regroup(parameters_from_model(model, "base"))
+        np.testing.assert_allclose(result.psi, truth, atol=1e-6)
+
+
+def flight(rng):
+    """A free body's smooth motion in MuJoCo's coordinates, by numerical differences of its attitude."""
+    position, velocity, acceleration = waves(rng, 3)
+    attitude = [0.5 * x for x in waves(rng, 3)]
+    R = Rotation.from_rotvec(attitude[0])
+    quat = R.as_quat(scalar_first=True)
+    h = 1e-5
+    ahead, behind = (Rotation.from_rotvec(attitude[0] + s * h * attitude[1] + h * h / 2 * attitude[2]) for s in (1, -1))
+    spin = (behind.inv() * ahead).as_rotvec() / (2 * h)
+    return np.hstack([position, quat]), velocity, acceleration, spin
+
+
+def test_the_base_moves_as_its_poses_say():
+    q, velocity, acceleration, spin = flight(np.random.default_rng(0))
+    T = BaseMotion.from_free_joint(q, np.zeros((len(q), 6)), np.zeros((len(q), 6))).T
+    found = base_motion_from_poses(T, RATE, 20.0)
+    inner = slice(100, -100)
+    alpha = np.gradient(spin, 1 / RATE, axis=0, edge_order=2)
+    expected = BaseMotion.from_free_joint(q, np.hstack([velocity, spin]), np.hstack([acceleration, alpha]))
+    np.testing.assert_allclose(found.T[inner], expected.T[inner], atol=1e-4)
+    np.testing.assert_allclose(found.V[inner], expected.V[inner], atol=2e-3)
+    np.testing.assert_allclose(found.dV[inner], expected.dV[inner], atol=0.05)
+
+
+def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
+    """All outer forces act through one grip on the trunk, whose wrench is measured; there is no ground."""
+    model = mujoco.MjModel.from_xml_string(FLYER)
+    rng = np.random.default_rng(1)
+    q, velocity, acceleration, spin = flight(rng)
+    swing = waves(rng, 1)
+    alpha = np.gradient(spin, 1 / RATE, axis=0, edge_order=2)
+    states = (
+        np.hstack([q, swing[0]]),
+        np.hstack([velocity, spin, swing[1]]),
+        np.hstack([acceleration, alpha, swing[2]]),
+    )
+    forces, _ = inverse_dynamics(model, *states)
+    T = BaseMotion.from_free_joint(q, np.zeros((len(q), 6)), np.zeros((len(q), 6))).T
+    grip = np.hstack([(T[:, :3, :3].swapaxes(1, 2) @ forces[:, :3, None])[..., 0], forces[:, 3:6]])
+    columns = {"time": TIME, "swing_position": swing[0][:, 0]}
+    columns |= {name: x for name, x in zip(("x", "y", "z", "qw", "qx", "qy", "qz"), q.T, strict=True)}
+    columns |= {f"grip{k}": x for k, x in enumerate(grip.T)}
+    path, log, mapping = tmp_path / "flyer.xml", tmp_path / "log.csv", tmp_path / "columns.toml"
+    path.write_text(FLYER, encoding="utf-8")
+    write(log, columns)
+    mapping.write_text(
+        '[base]\nposition = ["x", "y", "z"]\nquaternion = ["qw", "qx", "qy", "qz"]\n[wrenches.grip]\nbody = "trunk"\n'
+        'force = ["grip0", "grip1", "grip2"]\ntorque = ["grip3", "grip4", "grip5"]\n',
+        encoding="utf-8",
+    )
+    prepared = prepare(path, log, base="trunk", columns=mapping, cutoff=20.0)
+    assert prepared.base.rank == 10 + 7
+    result = identify_log(prepared)
+    truth = prepared.base.regroup(parameters_from_model(model, "trunk"))
+    assert (result.held_out.ratio < 0.02).all()
+    np.testing.assert_allclose(result.psi, truth, atol=0.02 * abs(truth).max())
+
+
+def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
+    """Fx, Fz and My of a plate that is turned and off the ankle: noise-free data give the truth of what they show."""
+    model = mujoco.MjModel.from_xml_string(LEG)
+    states = waves(np.random.default_rng(0), 3)
+    _, ground = inverse_dynamics(model, *states)
+    columns = {"time": TIME}
+    for k, joint in enumerate(("ankle", "knee", "hip")):
+        named = zip(("position", "velocity", "acceleration"), states, strict=True)
+        columns |= {f"{joint}_{kind}": x[:, k] for kind, x in named}
+    columns |= {name: ground[:, k] for name, k in (("ground_fx", 0), ("ground_fz", 2), ("ground_my", 4))}
+    path, log, mapping = tmp_path / "leg.xml", tmp_path / "log.csv", tmp_path / "columns.toml"
+    path.write_text(LEG, encoding="utf-8")
+    write(log, columns)
+    mapping.write_text(
+        '[wrenches.ground]\nforce = ["ground_fx", "", "ground_fz"]\ntorque = ["", "ground_my", ""]\n'
+        "position = [0.1, 0, -0.05]\nrpy_deg = [0, 20, 0]\n",
+        encoding="utf-8",
+    )
+    prepared = prepare(path, log, base="plate", columns=mapping)
+    assert prepared.channels == ("Fx", "Fz", "My")
+    every = find_base_parameters(prepared.tree, gravity=prepared.gravity).rank
+    rank = prepared.base.rank
+    hidden = f"{every - rank} of {every} base parameters cannot be seen in Fx, Fz, My, whatever the motion"
+    assert rank < every and any(hidden in note for note in prepared.notes)
+    result = identify_log(prepared, axes=False)
+    truth = prepared.base.regroup(parameters_from_model(model, "plate"))
+    np.testing.assert_allclose(result.psi, truth, atol=1e-8 * abs(truth).max())
+    still = dict.fromkeys((f"ankle_{kind}" for kind in ("position", "velocity", "acceleration")), 0 * TIME)
+    write(log, columns | still)
+    with pytest.raises(ValueError, match=rf"In Fx, Fz, My the recorded motion excites \d+ of {rank} parameters"):
+        identify_log(prepare(path, log, base="plate", columns=mapping))
+
+
+def test_a_base_that_turns_round_and_round_turns_steadily():
+    """Its quaternions change their sign once a turn, and then keep it."""
+    angle = 1.3 * TIME
+    T = np.tile(np.eye(4), (len(TIME), 1, 1))
+    T[:, :3, :3] = Rotation.from_rotvec(np.outer(angle, [0.6, 0, 0.8])).as_matrix()
+    found = base_motion_from_poses(T, RATE, 20.0)
+    inner = slice(100, -100)
+    np.testing.assert_allclose(found.V[inner], np.tile([0, 0, 0, 0.78, 0, 1.04], (len(TIME) - 200, 1)), atol=2e-3)

@@ -1,0 +1,144 @@
+import csv
+import json
+
+import numpy as np
+import pytest
+from commands import refusal
+
+from experiments import multicontact, sweep
+from experiments.runs.checkpoint import Checkpoint
+from experiments.studies.contacts import study
+
+
+def run(tmp_path, *more, over=("noise_scale", "0", "1"), seeds=2):
+    command = ["multicontact", "--over", *over, "--seeds", str(seeds), "--formats", "png", "--out", str(tmp_path)]
+    assert sweep.main([*command, *more]) == 0
+    return tmp_path / "multicontact" / over[0]
+
+
+def rows(out, number):
+    table = csv.DictReader((out / "table_sweep.csv").read_text().splitlines())
+    return [row for row in table if row["number"] == number]
+
+
+def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
+    out = run(tmp_path, "--workers", "2")
+    found = json.loads((out / "sweep.json").read_text())["runs"]
+    expected = [
+        {"noise_scale": scale, "seed": seed, **multicontact.summary(study(noise_scale=scale, seed=seed))}
+        for seed in (0, 1)
+        for scale in (0.0, 1.0)
+    ]
+    for one, other in zip(found, expected, strict=True):
+        assert one.keys() == other.keys()
+        for key in one:
+            assert one[key] == pytest.approx(other[key], rel=1e-9, abs=1e-9), key
+    exact, noisy = rows(out, "largest_error")
+    errors = [run["largest_error"] for run in found if run["noise_scale"] == 1]
+    assert (noisy["noise_scale"], noisy["runs"]) == ("1.0", "2")
+    assert float(noisy["mean"]) == np.mean(errors)
+    assert float(noisy["std"]) == pytest.approx(np.std(errors, ddof=1))
+    assert float(exact["mean"]) < 1e-3 * float(noisy["mean"])
+    assert not rows(out, "paper_condition_number")
+    assert (out / "figure_sweep.png").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch):
+    whole = run(tmp_path / "whole")
+    collect = Checkpoint.collect
+
+    def interrupted(self, batches, total, done=()):
+        def some():
+            yield next(batches)
+            raise KeyboardInterrupt
+
+        return collect(self, some(), total, done)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Checkpoint, "collect", interrupted)
+        command = ["multicontact", "--over", "noise_scale", "0", "1", "--out", str(tmp_path / "part")]
+        assert sweep.main(command) == 130
+    # More seeds may follow than were asked for at first.
+    resumed = run(tmp_path / "part", "--resume")
+    assert (resumed / "table_sweep.csv").read_bytes() == (whole / "table_sweep.csv").read_bytes()
+    before = (resumed / sweep.FILE).read_bytes()
+    assert run(tmp_path / "part", "--resume", "--numbers", "rank") == resumed
+    assert len(before) == len((resumed / sweep.FILE).read_bytes())
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_several_contacts_are_a_value_like_one(tmp_path):
+    out = run(tmp_path, over=("contact", "pad", "pad handle"), seeds=1)
+    expected = multicontact.summary(study(contact="pad handle"))
+    for number in sweep.CHARTED["multicontact"]:
+        one, several = rows(out, number)
+        assert (one["contact"], several["contact"]) == ("pad", "pad handle")
+        assert float(several["mean"]) == pytest.approx(expected[number], rel=1e-9)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, capsys):
+    out = run(tmp_path, over=("noise_scale", "1", "-1"), seeds=1)
+    sentence = "noise_scale -1.0, seed 0: The noise scale must be from 0 to 1000, got -1."
+    assert f"Refused: {sentence}\n" in capsys.readouterr().err
+    assert json.loads((out / "sweep.json").read_text())["runs"][1]["refused"] == sentence
+    one, refused = rows(out, "rank")
+    assert (one["runs"], one["mean"]) == ("1", "13.0")
+    assert (refused["runs"], refused["mean"]) == ("0", "")
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["pendulum", "--over", "samples", "100"], "invalid choice: 'pendulum'"),
+        (["multicontact", "--over", "tilt_deg", "5"], "one of samples, contact, noise_scale, got 'tilt_deg'"),
+        (["multicontact", "--over", "seed", "5"], "got 'seed'"),
+        (["multicontact", "--over", "samples", "100", "many"], "--over samples needs values of type int"),
+        (["multicontact", "--over", "samples"], "needs one or more values, all different, got ''"),
+        (["multicontact", "--over", "noise_scale", "1", "1.0"], "all different, got '1 1.0'"),
+        (["multicontact", "--over", "samples", "0"], "refuses every run: samples 0, seed 0: A recording needs"),
+        (["multicontact", "--over", "samples", "100", "--numbers", "x"], "--numbers needs names of condition_number"),
+        (["multicontact", "--over", "samples", "100", "--resume"], "--resume needs the runs of an earlier run"),
+        (["multicontact", "--over", "samples", "100", "--seeds", "0"], "got '0'"),
+    ],
+)
+def test_bad_input_is_one_sentence(tmp_path, capsys, command, message):
+    assert message in refusal(sweep.main, [*command, "--out", str(tmp_path)], capsys)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_runs_of_another_sweep_are_not_resumed(tmp_path, capsys):
+    run(tmp_path, seeds=1)
+    command = ["multicontact", "--over", "noise_scale", "2", "--resume", "--out", str(tmp_path)]
+    assert "are of another run: values differ" in refusal(sweep.main, command, capsys)
+
+
+def test_the_chart_shows_every_seed_and_the_mean():
+    runs = [{"tilt_deg": v, "seed": s, "error_N": v + s} for s in range(3) for v in (10.0, 5.0)]
+    runs[0] = {"tilt_deg": 10.0, "seed": 0, "refused": "no"}
+    found = sweep.Sweep("tilt_deg", [10.0, 5.0], runs)
+    assert found.names == ["error_N"]
+    (panel,) = sweep.chart(found, {"error_N": "Error (N)"}).axes
+    mean, *seeds = panel.get_lines()
+    np.testing.assert_array_equal(mean.get_xydata(), [[5, 6], [10, 11.5]])
+    np.testing.assert_array_equal([line.get_ydata() for line in seeds], [[np.nan, 5], [11, 6], [12, 7]])
+    assert (panel.get_title(), panel.get_xlabel()) == ("Error (N)", "Tilt (deg)")
+
+
+def test_the_chart_names_values_that_are_not_numbers():
+    found = sweep.Sweep(
+        "contact", ["pad", "handle"], [{"contact": c, "seed": 0, "rank": 13} for c in ("pad", "handle")]
+    )
+    (panel,) = sweep.chart(found, {"rank": "Rank"}).axes
+    assert [tick.get_text() for tick in panel.get_xticklabels()] == ["pad", "handle"]
+
+
+def test_a_number_that_does_not_change_has_plain_ticks():
+    runs = [{"tilt_deg": v, "seed": 0, "condition": 37.7491 + 1e-6 * v} for v in (0.0, 5.0, 10.0)]
+    figure = sweep.chart(sweep.Sweep("tilt_deg", [0.0, 5.0, 10.0], runs), {"condition": "Condition number"})
+    figure.draw_without_rendering()
+    (panel,) = figure.axes
+    assert panel.yaxis.get_offset_text().get_text() == ""
+    assert np.diff(panel.get_ylim()) > 1
+    assert "36" in [tick.get_text() for tick in panel.get_yticklabels()]
