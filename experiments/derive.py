@@ -7,6 +7,7 @@ from pathlib import Path
 
 from experiments.cli import options
 from experiments.output import report
+from ident.errors import InputError
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import separating_sensors
 from sim.models.mujoco_model import compiled, parameters_from_model, tree_from_model
@@ -33,7 +34,7 @@ def run(args: argparse.Namespace) -> None:
     elif args.base is None and not args.ignore:
         tree, lengths = getattr(symbolic, args.mechanism)()
     else:
-        raise ValueError(f"The options --base and --ignore need an MJCF or URDF file, got '{args.mechanism}'.")
+        raise InputError(f"The options --base and --ignore need an MJCF or URDF file, got '{args.mechanism}'.")
     model = symbolic.derive(tree, lengths)
     digits = 12 if model.exact else 6
     rows = tuple((key, str(symbolic.decimals(x, digits))) for key, x in model.base_expressions().items())

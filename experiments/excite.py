@@ -19,6 +19,7 @@ from experiments.output import figures, report
 from experiments.output.excite_report import Motion, figure, recording, table_limits, table_quality
 from experiments.studies import excitation
 from experiments.studies.excitation import Problem
+from ident.errors import InputError
 from sim.models.joints import Joint
 from sim.models.mujoco_model import compiled
 from sim.motion.collisions import Collisions
@@ -48,11 +49,11 @@ def sample_times(seconds: float, harmonics: int) -> np.ndarray:
     """Times of the samples, both ends included, s (N,).
 
     Raises:
-        ValueError: The motion is too short for its harmonics, or too long.
+        InputError: The motion is too short for its harmonics, or too long.
     """
     shortest = PER_PERIOD * harmonics / RATE
     if not shortest <= seconds <= LONGEST / RATE:
-        raise ValueError(
+        raise InputError(
             f"{harmonics} harmonics at {RATE:g} Hz need {shortest:g} s to {LONGEST / RATE:g} s, which is {PER_PERIOD} "
             f"samples or more for a period of the fastest; got {seconds:g} s."
         )
@@ -63,7 +64,7 @@ def joint_limits(args: argparse.Namespace, problem: Problem, reference: Motion |
     """Limits from the options, else from the paper's motion, else from the model.
 
     Raises:
-        ValueError: A joint has no range and none is given, or the ranges leave no room.
+        InputError: A joint has no range and none is given, or the ranges leave no room.
     """
     if reference is None:
         low, high = np.array([_range(joint, args.position) for joint in problem.joints]).T
@@ -83,13 +84,13 @@ def joint_limits(args: argparse.Namespace, problem: Problem, reference: Motion |
 def _range(joint: Joint, given: Sequence[float] | None) -> tuple[float, float]:
     """The part of the given range that the model allows."""
     if given is None and joint.range is None:
-        raise ValueError(
+        raise InputError(
             f"Joint '{joint.name}' has no range in the model; give one with --position LOW HIGH, in {joint.unit}."
         )
     low, high = given if given is not None else (-np.inf, np.inf)
     inner, outer = joint.range if joint.range is not None else (-np.inf, np.inf)
     if not max(low, inner) < min(high, outer):
-        raise ValueError(
+        raise InputError(
             f"Joint '{joint.name}' needs a range with a lower limit below the upper one, got {low:g} to {high:g} "
             f"{joint.unit} where the model allows {inner:g} to {outer:g}."
         )

@@ -9,6 +9,7 @@ from experiments.cli import options
 from experiments.output import identify_report, report
 from experiments.studies.identification import HOLDOUT, identify_log
 from experiments.studies.preparation import DRIVE, prepare
+from ident.errors import InputError
 
 
 def run(args: argparse.Namespace) -> None:
@@ -39,13 +40,13 @@ def _folder(args: argparse.Namespace) -> Path:
     """Folder of the results; one that holds an input is refused, so that no file of the user's is replaced."""
     name = args.name or f"{args.model.stem}-{args.log.stem}"
     if not name.isprintable() or Path(name).name != name or name in (".", ".."):
-        raise ValueError(f"--name is the name of one folder under --out, got {name!r}.")
+        raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
     out = args.out / name
     for given in _inputs(args):
         if given.resolve().parent == out.resolve():
-            raise ValueError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
+            raise InputError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
     if args.held_out is not None and args.held_out.resolve() == args.log.resolve():
-        raise ValueError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
+        raise InputError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
     return out
 
 

@@ -14,6 +14,7 @@ from experiments.benchmark.figure import figure_benchmark
 from experiments.cli import options
 from experiments.output import figures, report
 from experiments.studies import contacts, tilted_axes
+from ident.errors import InputError
 from ident.recordings.atomic import replacing
 
 
@@ -62,14 +63,14 @@ def benchmark_results(root: Path) -> dict[str, Any]:
     """The benchmark that README shows: that of `results/benchmark`, or the one it shows already.
 
     Raises:
-        ValueError: That one was made with `--quick`, or of a checkout with changes that nobody has committed.
+        InputError: That one was made with `--quick`, or of a checkout with changes that nobody has committed.
     """
     made, shown = root / "results" / "benchmark" / command.FILE, root / "docs" / command.FILE
     results = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
     if results["provenance"]["options"]["quick"]:
-        raise ValueError(f"README shows a whole benchmark, but '{made}' is of a quick one: run it without --quick.")
+        raise InputError(f"README shows a whole benchmark, but '{made}' is of a quick one: run it without --quick.")
     if made.exists() and str(results["provenance"]["git_commit"]).endswith("-dirty"):
-        raise ValueError(
+        raise InputError(
             f"README shows the benchmark of a commit, but '{made}' is of a checkout with changes beyond one."
         )
     return results
@@ -79,7 +80,7 @@ def with_block(text: str, name: str, content: str) -> str:
     """The text with the part between `<!-- name -->` and `<!-- end name -->` replaced."""
     pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end {name} -->)", re.DOTALL)
     if not pattern.search(text):
-        raise ValueError(f"README.md needs a block '<!-- {name} -->' that ends with '<!-- end {name} -->'.")
+        raise InputError(f"README.md needs a block '<!-- {name} -->' that ends with '<!-- end {name} -->'.")
     return pattern.sub(lambda match: f"{match[1]}{content}{match[2]}", text)
 
 
@@ -87,7 +88,7 @@ def run(args: argparse.Namespace) -> None:
     """Writes README.md, its figures and the record of its benchmark anew."""
     readme, figure = args.root / "README.md", args.root / "docs"
     if not (readme.is_file() and figure.is_dir()):
-        raise ValueError(f"The root of a checkout has a README.md and a folder docs; '{args.root}' has not.")
+        raise InputError(f"The root of a checkout has a README.md and a folder docs; '{args.root}' has not.")
     measured = benchmark_results(args.root)
     tilted, touching = tilted_axes.study(), contacts.study()
     text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted).markdown())

@@ -23,6 +23,7 @@ from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import hired
 from experiments.studies.one_pass import Judged, Seen, judged
 from experiments.studies.preparation import COMPONENTS
+from ident.errors import InputError
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.estimate import PIECE, Estimate, solve
 from ident.estimation.in_order import in_order
@@ -62,24 +63,24 @@ class Progress:
         """The progress of an earlier run on these parameters.
 
         Raises:
-            ValueError: There is none, or it belongs to another run.
+            InputError: There is none, or it belongs to another run.
         """
         try:
             fields: dict[str, Any] = npz.arrays(self.file)
             kept, done = json.loads(str(fields.pop("identity"))), int(fields.pop("done"))
             if fields.keys() != Accumulator.__dataclass_fields__.keys():
-                raise ValueError("another version of this package wrote it")
+                raise InputError("another version of this package wrote it")
             found = Accumulator(**fields)
             different = [key for key, value in self.identity.items() if kept.get(key) != value]
             columns = (parameters.rank + 1,) * 2
             whole = (found.factor.shape, found.grams.shape) == (columns, (6, *columns)) and done > 0
             whole = whole and bool(np.isfinite([*found.factor, *found.gram]).all())
             if not different and not (whole and found.names == parameters.names):
-                raise ValueError("damaged")
+                raise InputError("damaged")
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise ValueError(f"--resume needs what an earlier run left in {self.file} ({error}).") from None
+            raise InputError(f"--resume needs what an earlier run left in {self.file} ({error}).") from None
         if different:
-            raise ValueError(f"{self.file} is of another run: {', '.join(different)} differ; leave out --resume.")
+            raise InputError(f"{self.file} is of another run: {', '.join(different)} differ; leave out --resume.")
         return Progress(self.file, self.identity, found, done)
 
     def and_piece(self, part: Accumulator) -> "Progress":
@@ -118,25 +119,25 @@ class Reading:
         """Pieces of all files, checked against the mechanism.
 
         Raises:
-            ValueError: A file is no recording of this mechanism.
+            InputError: A file is no recording of this mechanism.
         """
         for file in self.files:
             try:
                 recordings = Recording.chunks(file, samples=self.piece, limit=self.limit)
                 yield from pieces(map(self._samples, recordings), self.tree)
             except ValueError as error:
-                raise ValueError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
+                raise InputError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
 
     def _samples(self, recording: Recording) -> Samples:
         unknown = [name for name in recording.wrenches if name not in ("ground", *self.contacts, *self.without)]
         if unknown:
-            raise ValueError(
+            raise InputError(
                 f"the recording holds the wrench '{unknown[0]}' besides the ground's: say --contact {unknown[0]} if a "
                 f"site of that name holds its sensor, or --without {unknown[0]} to leave it out."
             )
         for joint in self.tree.joints:
             if f"{joint}_position" not in recording.measured:
-                raise ValueError(
+                raise InputError(
                     f"the recording has no channel '{joint}_position'; it has {', '.join(sorted(recording.measured))}. "
                     f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
                 )
@@ -168,7 +169,7 @@ def accumulated(
         ahead: Number of pieces to submit ahead, as for `in_order`.
 
     Raises:
-        ValueError: A piece does not fit; the pieces done before are in the file.
+        InputError: A piece does not fit; the pieces done before are in the file.
     """
     start = progress.done
     work = partial(accumulate, reading.tree, gravity=gravity, parameters=parameters)
@@ -187,7 +188,7 @@ def accumulated(
             print(f"\nThe {progress.done} pieces done are in {progress.file}; go on with --resume.", file=sys.stderr)
         raise
     if progress.found is None:
-        raise ValueError("The recordings hold no samples.")
+        raise InputError("The recordings hold no samples.")
     progress.save()
     return progress.found
 
@@ -276,7 +277,7 @@ def _identity(args: argparse.Namespace) -> dict[str, Any]:
     """What decides the result."""
     for file in (args.model, *args.recordings):
         if not file.is_file():
-            raise ValueError(f"There is no file '{file}'.")
+            raise InputError(f"There is no file '{file}'.")
     stats = [(file.resolve(), file.stat()) for file in args.recordings]
     return {
         "model": hashlib.sha256(args.model.read_bytes()).hexdigest(),

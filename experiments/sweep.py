@@ -18,6 +18,7 @@ from experiments.cli import options
 from experiments.output import escape, figures, report
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import hired
+from ident.errors import InputError
 from ident.estimation.in_order import in_order
 
 STUDIES = {"misaligned": misaligned, "multicontact": multicontact}
@@ -82,18 +83,18 @@ def values_of(study: str, option: str, texts: Sequence[str]) -> list[str | float
     """Values of a study's option, of its default's type.
 
     Raises:
-        ValueError: The study has no such option, or the values are none, equal or not of that type.
+        InputError: The study has no such option, or the values are none, equal or not of that type.
     """
     defaults = {k: p.default for k, p in inspect.signature(STUDIES[study].study).parameters.items() if k != "seed"}
     if option not in defaults:
-        raise ValueError(f"--over needs an option of {study}, one of {', '.join(defaults)}, got '{option}'.")
+        raise InputError(f"--over needs an option of {study}, one of {', '.join(defaults)}, got '{option}'.")
     kind = type(defaults[option])
     try:
         values = [kind(text) for text in texts]
     except ValueError as error:
-        raise ValueError(f"--over {option} needs values of type {kind.__name__} ({error}).") from None
+        raise InputError(f"--over {option} needs values of type {kind.__name__} ({error}).") from None
     if not values or len(set(values)) < len(values):
-        raise ValueError(f"--over {option} needs one or more values, all different, got '{' '.join(texts)}'.")
+        raise InputError(f"--over {option} needs one or more values, all different, got '{' '.join(texts)}'.")
     return values
 
 
@@ -153,7 +154,7 @@ def swept(args: argparse.Namespace, option: str, values: Sequence[str | float]) 
     """Runs the study with every value and seed, or what an interrupted run has left of them.
 
     Raises:
-        ValueError: The study refuses every run, or a worker died.
+        InputError: The study refuses every run, or a worker died.
     """
     runs = [(value, seed) for seed in range(args.seeds) for value in values]
     kept = Checkpoint("runs", args.out / FILE, {"study": args.study, "option": option, "values": values})
@@ -167,7 +168,7 @@ def swept(args: argparse.Namespace, option: str, values: Sequence[str | float]) 
     ]
     refused = [run["refused"] for run in found if "refused" in run]
     if len(refused) == len(found):
-        raise ValueError(f"{args.study} refuses every run: {refused[0]}")
+        raise InputError(f"{args.study} refuses every run: {refused[0]}")
     for sentence in refused:
         print(f"Refused: {sentence}", file=sys.stderr)
     return Sweep(option, values, found)
@@ -186,7 +187,7 @@ def run(args: argparse.Namespace) -> None:
     charted = {name: titles.get(name, _label(name)) for name in args.numbers or titles}
     for name in charted:
         if name not in found.names:
-            raise ValueError(f"--numbers needs names of {', '.join(found.names)}, got '{name}'.")
+            raise InputError(f"--numbers needs names of {', '.join(found.names)}, got '{name}'.")
     choices = {key: getattr(args, key) for key in ("study", "over", "seeds", "numbers", "formats")}
     with report.results_folder(args.out) as folder:
         table(found, found.names).write(folder, "table_sweep")

@@ -8,6 +8,8 @@ from importlib.resources import files
 import mujoco
 import numpy as np
 
+from ident.errors import InputError
+
 NAMES = ("double_pendulum", "humanoid")
 """Names that `load` knows, one for each mechanism's MJCF file in this package."""
 
@@ -33,15 +35,15 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
         The specification; `.compile()` makes the model, after that `.to_xml()` the MJCF text.
 
     Raises:
-        ValueError: The scene or the contact does not exist, the angles make no sense, or the scene has no variants.
+        InputError: The scene or the contact does not exist, the angles make no sense, or the scene has no variants.
     """
     if name not in NAMES:
-        raise ValueError(f"No scene is named '{name}'; the scenes are {', '.join(NAMES)}.")
+        raise InputError(f"No scene is named '{name}'; the scenes are {', '.join(NAMES)}.")
     if name not in VARIED and (tilt_deg or azimuth_deg or contact is not None):
-        raise ValueError(f"The scene '{name}' has neither tilt nor contact to choose; {', '.join(VARIED)} has.")
+        raise InputError(f"The scene '{name}' has neither tilt nor contact to choose; {', '.join(VARIED)} has.")
     cells = {} if contact is None else load_cells(contact)
     if not (-360 <= azimuth_deg <= 360 and 0 <= tilt_deg < 90):
-        raise ValueError(
+        raise InputError(
             f"A tilt needs an angle from 0° to below 90° and an azimuth of at most 360°, got {tilt_deg:.6g}° towards "
             f"{azimuth_deg:.6g}°."
         )
@@ -66,14 +68,14 @@ def load_cells(contact: str) -> dict[str, str]:
         In the order of `CONTACTS`: `contact` for one alone, `contact_NAME` for each of several.
 
     Raises:
-        ValueError: A contact does not exist or is there twice.
+        InputError: A contact does not exist or is there twice.
     """
     names = contact.split()
     for name in names or [contact]:
         if name not in CONTACTS:
-            raise ValueError(f"No contact is named '{name}'; the contacts are {', '.join(CONTACTS)}.")
+            raise InputError(f"No contact is named '{name}'; the contacts are {', '.join(CONTACTS)}.")
     if len(set(names)) < len(names):
-        raise ValueError(f"Several contacts need to be different ones, got '{contact}'.")
+        raise InputError(f"Several contacts need to be different ones, got '{contact}'.")
     return {name: f"contact_{name}" if len(names) > 1 else "contact" for name in CONTACTS if name in names}
 
 

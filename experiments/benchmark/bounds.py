@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.benchmark.mechanisms import Mechanism, double_pendulum
+from ident.errors import InputError
 from ident.estimation.estimate import identify
 from ident.estimation.samples import Samples, Source
 from ident.parameters.base_parameters import STANDARD_GRAVITY
@@ -81,10 +82,10 @@ def accuracies(spreads: np.ndarray = SPREADS) -> list[Accuracy]:
     """Errors for problems of increasing condition number, the largest of both noise levels.
 
     Raises:
-        ValueError: This platform has no extended precision.
+        InputError: This platform has no extended precision.
     """
     if np.finfo(np.longdouble).eps >= np.finfo(float).eps:
-        raise ValueError("Errors need numbers of extended precision to compare with, which this platform has not.")
+        raise InputError("Errors need numbers of extended precision to compare with, which this platform has not.")
     found = []
     for mechanism in (double_pendulum(), double_pendulum(tilt_deg=5)):
         for spread in spreads:

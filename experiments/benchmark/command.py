@@ -37,7 +37,7 @@ def measured(effort: Effort) -> dict[str, Any]:
     """All that `benchmark.json` holds but its provenance.
 
     Raises:
-        ValueError: Ours and theirs differ, or a worker died.
+        InputError: Ours and theirs differ, or a worker died.
     """
     sections: dict[str, Callable[[Effort], dict[str, Any]]] = {
         "limits": _limits,

@@ -10,6 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from experiments.benchmark.identification import ALL_COLUMNS, CHAIN, REGRESSOR
 from experiments.benchmark.targets import PENDULUM, Results
 from experiments.output import figures
+from ident.errors import InputError
 
 Row = dict[str, Any]
 BLUE, RED = "tab:blue", "tab:red"
@@ -19,11 +20,11 @@ def figure_benchmark(results: Results) -> Figure:
     """Time a sample over the number of samples, and over the number of bodies; one IEEE column wide.
 
     Raises:
-        ValueError: Nothing was compared.
+        InputError: Nothing was compared.
     """
     rows = results["comparisons"]
     if not rows:
-        raise ValueError("This chart needs results of a benchmark with a library to compare with (extra 'peers').")
+        raise InputError("This chart needs results of a benchmark with a library to compare with (extra 'peers').")
     peer = rows[0]["peer"]
     own = [row for row in rows if row["peer"] == peer]
     with figures.paper_style():

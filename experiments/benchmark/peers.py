@@ -43,7 +43,7 @@ class Pinocchio:
         """Builds the model.
 
         Raises:
-            ValueError: Pinocchio is not installed.
+            InputError: Pinocchio is not installed.
         """
         with options.extra("peers"):
             import pinocchio as pin

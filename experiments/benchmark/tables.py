@@ -6,6 +6,7 @@ from typing import Any
 from experiments.benchmark.identification import CHAIN, TASKS
 from experiments.benchmark.targets import Results, table_targets
 from experiments.output.report import Cell, Table
+from ident.errors import InputError
 
 
 def tables(results: Results) -> dict[str, Table]:
@@ -25,11 +26,11 @@ def table_overview(results: Results) -> Table:
     """Ratios of all tasks, a row for every mechanism and number of samples.
 
     Raises:
-        ValueError: Nothing was compared.
+        InputError: Nothing was compared.
     """
     compared = [row for row in results["comparisons"] if row["task"] in TASKS and row["mechanism"] != CHAIN]
     if not compared:
-        raise ValueError("This table needs results of a benchmark with a library to compare with (extra 'peers').")
+        raise InputError("This table needs results of a benchmark with a library to compare with (extra 'peers').")
     own = [row for row in compared if row["peer"] == compared[0]["peer"]]
     ratios: dict[tuple[str, int, int], dict[str, float]] = {}
     for row in own:

@@ -15,7 +15,7 @@ def readme_block(results: Results) -> str:
     """README's part: the machine, the table, what its columns are, and the other findings.
 
     Raises:
-        ValueError: Nothing was compared.
+        InputError: Nothing was compared.
     """
     tasks = [f"*{task}*: {what}" for task, what in identification.TASKS.items()]
     return "\n".join(

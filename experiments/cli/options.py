@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 
 from experiments.output.figures import FORMATS
 from experiments.studies.trials import REDRAWN
+from ident.errors import InputError
 from ident.recordings.npz import LIMIT
 from sim.models.notes import ModelNote
 from sim.simulation.simulate import SAMPLES
@@ -112,7 +113,7 @@ def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
         try:
             coordinates[joint] = [float(value) for value in values]
         except ValueError:
-            raise ValueError(f"--fix takes a joint and where it stands, got {' '.join((joint, *values))}.") from None
+            raise InputError(f"--fix takes a joint and where it stands, got {' '.join((joint, *values))}.") from None
     return coordinates
 
 
@@ -162,7 +163,7 @@ def extra(name: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise ValueError(
+        raise InputError(
             f"This needs the package '{error.name}', which the extra '{name}' brings: pip install -e '.[{name}]'."
         ) from None
 

@@ -20,6 +20,7 @@ from typing import Any
 
 from experiments.output import escape
 from experiments.output.figures import PARAMETER, parameter_symbol
+from ident.errors import InputError
 from ident.recordings.atomic import PARTIAL, claimed, unwritten
 
 Cell = str | float | None
@@ -171,7 +172,7 @@ def results_folder(out: Path, stale: Sequence[str] = (), inputs: Sequence[Path] 
         inputs: Files that were read, and are never replaced.
 
     Raises:
-        ValueError: `out` is a file, cannot be written, or a folder or an input stands where a file has to go.
+        InputError: `out` is a file, cannot be written, or a folder or an input stands where a file has to go.
         OSError: The results could not be written, as when the disk is full; the sentence names `out`.
     """
     with unused_vanish(out), unwritten(out), _scratch(out) as (new, old):
@@ -197,11 +198,11 @@ def check_inputs(written: Iterable[Path], inputs: Iterable[Path]) -> None:
     """Refuses to write over what was read, by whatever name.
 
     Raises:
-        ValueError: One of the files to write is an input.
+        InputError: One of the files to write is an input.
     """
     for path, given in product(written, inputs):
         if path.exists() and given.exists() and path.samefile(given):
-            raise ValueError(f"The results would replace '{path}', which is the input '{given}'; choose another --out.")
+            raise InputError(f"The results would replace '{path}', which is the input '{given}'; choose another --out.")
 
 
 @contextmanager
@@ -214,7 +215,7 @@ def _scratch(out: Path) -> Iterator[tuple[Path, Path]]:
                 claimed(out, lambda: Path(tempfile.mkdtemp(prefix=PARTIAL, dir=out)), _cleared)
             )
         except OSError as error:
-            raise ValueError(
+            raise InputError(
                 f"The output path needs to be a writable folder, got '{out}' ({error.strerror})."
             ) from error
         new, old = scratch / "new", scratch / "old"
@@ -249,7 +250,7 @@ def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str], inputs: Seq
     check_inputs((out / name for name in gone), inputs)
     for name in gone:
         if (out / name).is_dir():
-            raise ValueError(f"The output path needs room for a file '{name}', but '{out / name}' is a folder.")
+            raise InputError(f"The output path needs room for a file '{name}', but '{out / name}' is a folder.")
     moved: list[tuple[Path, Path]] = []
     try:
         for name, source, target in [(n, out, old) for n in gone] + [(n, new, out) for n in names]:
@@ -262,7 +263,7 @@ def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str], inputs: Seq
             with suppress(OSError):
                 target.replace(source)
         left = f"; earlier files are in '{old}'" if any(old.iterdir()) else ""
-        raise ValueError(
+        raise InputError(
             f"The results could not be moved to '{out}' ({error.strerror}: '{error.filename}'){left}."
         ) from error
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from ident.errors import InputError
 from ident.recordings import npz
 from ident.recordings.atomic import save_arrays
 
@@ -36,19 +37,19 @@ class Checkpoint:
         """Outcomes that an interrupted run left.
 
         Raises:
-            ValueError: There are none, or they belong to another run.
+            InputError: There are none, or they belong to another run.
         """
         try:
             data = npz.arrays(self.file)
             kept, outcomes = json.loads(str(data["identity"])), list(data["outcomes"])
             if (outcomes and outcomes[0].dtype.kind not in "fiU") or not all(map(_is_whole, outcomes)):
-                raise ValueError("damaged")
+                raise InputError("damaged")
             wanted = json.loads(json.dumps(self.identity))
             different = [key for key in wanted if kept.get(key) != wanted[key]]
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise ValueError(f"--resume needs the {self.what} of an earlier run in {self.file} ({error}).") from None
+            raise InputError(f"--resume needs the {self.what} of an earlier run in {self.file} ({error}).") from None
         if different:
-            raise ValueError(
+            raise InputError(
                 f"The {self.what} in {self.file} are of another run: {', '.join(different)} differ; leave out --resume."
             )
         return outcomes

@@ -11,6 +11,8 @@ from typing import Any
 from distributed import Client, KilledWorker
 from distributed.security import Security
 
+from ident.errors import InputError
+
 ANSWER = 5.0
 """Seconds within which a scheduler must answer and have a worker."""
 
@@ -27,7 +29,7 @@ def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[
             configuration.
 
     Raises:
-        ValueError: The scheduler cannot be reached, with these files, has no workers or unfit ones, or was lost; or one
+        InputError: The scheduler cannot be reached, with these files, has no workers or unfit ones, or was lost; or one
             task has killed several workers.
     """
     # What matters of its logs is raised, also after the client is closed.
@@ -40,29 +42,29 @@ def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[
             client.wait_for_workers(1, timeout=ANSWER)
         # Without files for TLS Dask has a TypeError.
         except (OSError, ValueError, TypeError, RuntimeError) as error:
-            raise ValueError(f"There is no Dask scheduler with workers at {address} ({error}).") from None
+            raise InputError(f"There is no Dask scheduler with workers at {address} ({error}).") from None
         executor = stack.enter_context(_Watched(client))
         try:
             executor.submit(_threads_for_linear_algebra).result()
             threads = set(client.run(_threads_for_linear_algebra).values())
         except Exception as error:
-            raise ValueError(
+            raise InputError(
                 f"The cluster at {address} cannot run this: its scheduler and workers need this package and the same "
                 f"versions as here ({str(error).partition(chr(10))[0]})."
             ) from None
         if threads != {"1"}:
-            raise ValueError(
+            raise InputError(
                 f"The workers of the cluster at {address} need one thread for linear algebra: start them with "
                 "OPENBLAS_NUM_THREADS=1, as Dask's nanny does."
             )
         try:
             yield executor, sum(client.nthreads().values())
         except KilledWorker:
-            raise ValueError(
+            raise InputError(
                 f"Several workers of the cluster at {address} died of the same task, perhaps for want of memory."
             ) from None
         except CancelledError:
-            raise ValueError(f"The connection to the Dask scheduler at {address} was lost.") from None
+            raise InputError(f"The connection to the Dask scheduler at {address} was lost.") from None
 
 
 def _security(tls: Sequence[str] | None) -> Any:

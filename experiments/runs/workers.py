@@ -14,6 +14,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from experiments.cli import options
+from ident.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +42,10 @@ def hired(workers: int, scheduler: str | None = None, tls: Sequence[str] | None 
         tls: Files for the latter, as for `cluster.connected`.
 
     Raises:
-        ValueError: A worker died, or the scheduler cannot be reached, has no workers or was lost.
+        InputError: A worker died, or the scheduler cannot be reached, has no workers or was lost.
     """
     if tls is not None and not (scheduler or "").startswith("tls://"):
-        raise ValueError("The files of --tls are for a --scheduler at tls://HOST:PORT.")
+        raise InputError("The files of --tls are for a --scheduler at tls://HOST:PORT.")
     if scheduler is None:
         with _local(workers) as executor:
             yield Crew(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
@@ -61,7 +62,7 @@ def _local(workers: int) -> Iterator[Executor]:
     try:
         yield executor
     except BrokenExecutor:
-        raise ValueError("A worker process died, perhaps for want of memory; use fewer --workers.") from None
+        raise InputError("A worker process died, perhaps for want of memory; use fewer --workers.") from None
     finally:
         executor.kill()
 

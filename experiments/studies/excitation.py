@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
+from ident.errors import InputError
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
@@ -91,7 +92,7 @@ def problem(
         ignore: Names of equality constraints and tendons to leave out.
 
     Raises:
-        ValueError: A joint does not exist or cannot be moved so.
+        InputError: A joint does not exist or cannot be moved so.
     """
     tree = tree_from_model(model, base, ignore=ignore)
     joints = joints_of(model, base)
@@ -109,12 +110,12 @@ def problem(
 def _chosen(joints: tuple[Joint, ...], tree: Tree, names: Sequence[str] | None) -> tuple[Joint, ...]:
     """The joints of some names, in the tree's order."""
     if not joints:
-        raise ValueError("Excitation needs a hinge or slide joint; this mechanism has none.")
+        raise InputError("Excitation needs a hinge or slide joint; this mechanism has none.")
     known = {joint.name: joint for joint in joints}
     for name in names or ():
         if name not in known:
             what = "is neither hinge nor slide" if name in tree.joints else "does not exist"
-            raise ValueError(f"Joint '{name}' {what}; the joints to choose from are {', '.join(known)}.")
+            raise InputError(f"Joint '{name}' {what}; the joints to choose from are {', '.join(known)}.")
     return tuple(joint for joint in joints if names is None or joint.name in names)
 
 
@@ -172,7 +173,7 @@ def best(
     """The best of what is found from several starts; progress goes to stderr.
 
     Raises:
-        ValueError: Everything found collides, or cannot tell the base parameters apart.
+        InputError: Everything found collides, or cannot tell the base parameters apart.
     """
     if collisions is not None:
         check_starts(collisions, starts, limits)
@@ -183,7 +184,7 @@ def best(
         if trajectory is not None:
             found.append((_value_of(value, trajectory), trajectory))
     if not found and collisions is not None:
-        raise ValueError(f"No motion without collisions was found: {_collision(collisions, starts, limits)}.")
+        raise InputError(f"No motion without collisions was found: {_collision(collisions, starts, limits)}.")
     return min(found, key=lambda pair: pair[0])[1]
 
 
@@ -203,7 +204,7 @@ def check_starts(collisions: Collisions, starts: Sequence[FourierTrajectory], li
     """Refuses bodies that touch wherever the joints go, before the search looks for a way around.
 
     Raises:
-        ValueError: Some pair touches at every posture of every start.
+        InputError: Some pair touches at every posture of every start.
     """
     time = np.linspace(0, starts[0].duration, 101)
     always: set[tuple[str, str]] | None = None
@@ -213,7 +214,7 @@ def check_starts(collisions: Collisions, starts: Sequence[FourierTrajectory], li
             always = pairs if always is None else always & pairs
             if not always:
                 return
-    raise ValueError(f"No motion is without collisions: in every posture {_closer(collisions, sorted(always or ()))}.")
+    raise InputError(f"No motion is without collisions: in every posture {_closer(collisions, sorted(always or ()))}.")
 
 
 def _closer(collisions: Collisions, pairs: Sequence[tuple[str, str]]) -> str:

@@ -61,7 +61,7 @@ def fit(
 
     Raises:
         ExcitationError: The motion does not separate the base parameters.
-        ValueError: `kept` is not a basis.
+        InputError: `kept` is not a basis.
     """
     states = recording.joint_states(tree.joints)
     measured = recording.wrench("ground") if wrench is None else wrench

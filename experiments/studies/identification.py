@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from experiments.studies.preparation import COMPONENTS, Prepared
-from ident.estimation.excitation import ExcitationError
+from ident.errors import ExcitationError, InputError
 from ident.estimation.robust import RobustFit, independent, robust_fit
 from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
@@ -158,11 +158,11 @@ def identify_log(
 
     Raises:
         ExcitationError: The motion does not separate the base parameters.
-        ValueError: The recording is too short, or the other log has other channels.
+        InputError: The recording is too short, or the other log has other channels.
     """
     samples, edge = len(prepared.time), prepared.edge
     if other is not None and other.channels != prepared.channels:
-        raise ValueError(
+        raise InputError(
             f"The log to judge by needs the channels {', '.join(prepared.channels)}; "
             f"it has {', '.join(other.channels)}."
         )
@@ -171,19 +171,19 @@ def identify_log(
     columns, constants = prepared.reduced, np.tile(np.eye(len(prepared.channels)), (samples, 1, 1))
     needed = columns.shape[2] + len(prepared.channels)
     if 2 * edge >= samples:
-        raise ValueError(
+        raise InputError(
             f"A cut-off of {prepared.cutoff:g} Hz settles in {edge} samples at either end, more than half of the "
             f"{samples} recorded; take a higher one."
         )
     if other is not None and len(other.time) - 2 * other.edge < LEAST_HELD_OUT:
-        raise ValueError(
+        raise InputError(
             f"The log to judge by has {len(other.time)} samples; with {other.edge} left out at either end, where the "
             "filter settles, nothing remains."
         )
     if not np.ptp(prepared.measured[part], axis=0).any():
-        raise ValueError("Every measured channel is constant; there is nothing to fit.")
+        raise InputError("Every measured channel is constant; there is nothing to fit.")
     if split - edge < needed or (other is None and samples - edge - split < LEAST_HELD_OUT):
-        raise ValueError(
+        raise InputError(
             f"{samples} samples, {edge} left out at either end and {holdout:.0%} held out, are too few for "
             f"{columns.shape[2]} parameters."
         )

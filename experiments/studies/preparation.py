@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.errors import InputError
 from ident.estimation.robust import independent
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.tree import BaseMotion, Tree
@@ -109,7 +110,7 @@ def prepare(
         limit: Bytes that a npz file may take in memory.
 
     Raises:
-        ValueError: Something is missing or does not fit; the message names it.
+        InputError: Something is missing or does not fit; the message names it.
     """
     model = compiled(source)
     tree = tree_from_model(model, base, ignore=ignore, fix=fix)
@@ -158,11 +159,11 @@ def prepare(
         measured = np.concatenate([measured, torques[:, there]], axis=1)
         names += [name for name, k in zip(tree.freedoms, there, strict=True) if k]
     if not names and constant:
-        raise ValueError(
+        raise InputError(
             f"Every measured channel of {log_path} is constant ({', '.join(constant)}); nothing is to fit."
         )
     if not names:
-        raise ValueError(
+        raise InputError(
             f"{log_path} has neither a wrench nor a joint torque to fit. {suggested_mapping(log.unused, tree.joints)}"
         )
     stuck = _stuck(constant, predicted, notes)
@@ -296,14 +297,14 @@ def _cutoff(log: Log, rate: float, cutoff: str | float | None) -> float | None:
         return None
     if cutoff is None or cutoff == "auto":
         if not log.q.shape[1]:
-            raise ValueError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
+            raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
         return chosen_cutoff(log.q, rate)
     try:
         value = float(cutoff)
     except ValueError:
         value = np.nan
     if not 0 < value < rate / 2:
-        raise ValueError(f"A cut-off is 'auto' or from 0 to {rate / 2:g} Hz, half the sampling rate, got '{cutoff}'.")
+        raise InputError(f"A cut-off is 'auto' or from 0 to {rate / 2:g} Hz, half the sampling rate, got '{cutoff}'.")
     return value
 
 
@@ -311,7 +312,7 @@ def _states(log: Log, rate: float, cutoff: float | None) -> tuple[np.ndarray, np
     if cutoff is not None:
         return smoothed(log.q, rate, cutoff)
     if log.dq is None or log.ddq is None:
-        raise ValueError("Without a cut-off the log has to have joint velocities and accelerations.")
+        raise InputError("Without a cut-off the log has to have joint velocities and accelerations.")
     return log.q, log.dq, log.ddq
 
 
@@ -325,7 +326,7 @@ def _wrench(tree: Tree, log: Log, q: np.ndarray, rate: float, cutoff: float | No
         if name == GROUND:
             continue
         if not np.isfinite(wrench.values).all():
-            raise ValueError(
+            raise InputError(
                 f"The wrench '{name}' on '{wrench.body}' needs all six components; only the ground's may lack some."
             )
         make = Contact.applied_to_link if wrench.applied_to_link else Contact
@@ -333,7 +334,7 @@ def _wrench(tree: Tree, log: Log, q: np.ndarray, rate: float, cutoff: float | No
     if ground is None and moved is None and not contacts:
         return frame, np.full((len(q), 6), np.nan)
     if ground is None and moved is None:
-        raise ValueError("On a base at rest the wrench 'ground' has to be measured besides the contacts'.")
+        raise InputError("On a base at rest the wrench 'ground' has to be measured besides the contacts'.")
     others = total_wrench(tree, q, None, contacts).wrench
     total = (coAd(inverse(frame)) @ others[..., None])[..., 0]
     if ground is not None:

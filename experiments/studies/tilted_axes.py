@@ -7,6 +7,7 @@ import numpy as np
 import scenes
 from experiments.studies import paper, trials
 from experiments.studies.fitting import Fit, fit, measured_poses
+from ident.errors import InputError
 from ident.mechanism.axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import find_base_parameters
@@ -79,7 +80,7 @@ def study(
         noise_scale: Factor on all noise.
 
     Raises:
-        ValueError: An argument makes no sense, or the motion does not separate the base parameters.
+        InputError: An argument makes no sense, or the motion does not separate the base parameters.
     """
     spec = scenes.load(SCENE, tilt_deg=tilt_deg, azimuth_deg=azimuth_deg)
     recording = simulate(spec, DOUBLE_PENDULUM, samples=samples, seed=seed, noise_scale=noise_scale)
@@ -113,7 +114,7 @@ def _both_models(known: Problem, recording: Recording, significance: float) -> t
     simplified = fit(known.design, recording, known.phi_true, known.gravity)
     recovered = recover_axes(known.design, measured_poses(known.design, recording), significance=significance)
     if len(recovered.groups) > 1:
-        raise ValueError(
+        raise InputError(
             f"The recovered axes are not parallel (p = {recovered.p_values[1]:.1e}), but Table III's names need rank "
             "13, which only parallel axes have; try another seed or less noise."
         )

@@ -14,6 +14,7 @@ import numpy as np
 import scenes
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies.fitting import Fit
+from ident.errors import InputError
 from ident.estimation.in_order import in_order
 from ident.recordings.recording import Recording
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -120,7 +121,7 @@ def run_trials(
         done: Outcomes of the first trials, from an interrupted run.
 
     Raises:
-        ValueError: A trial failed.
+        InputError: A trial failed.
         OSError: The trials could not be saved.
         Exception: What the executor raises when its workers die. The trials done before are in `file`.
     """
@@ -137,12 +138,12 @@ def trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
     """Outcomes that an interrupted run left, if the command line asks to resume it.
 
     Raises:
-        ValueError: There are none, or they belong to another run.
+        InputError: There are none, or they belong to another run.
     """
     if not args.resume:
         return []
     if not args.trials:
-        raise ValueError("--resume needs --trials, the number of trials to reach.")
+        raise InputError("--resume needs --trials, the number of trials to reach.")
     return _kept(draw, args.out / FILE).done()
 
 

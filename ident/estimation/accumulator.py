@@ -13,6 +13,7 @@ from typing import cast
 import numpy as np
 from scipy.linalg import lapack
 
+from ident.errors import InputError
 from ident.estimation.samples import Samples, check_samples, whitened
 from ident.mechanism.tree import Tree
 from ident.model.dim import checked_gravity
@@ -70,10 +71,10 @@ class Accumulator:
         """All samples of both.
 
         Raises:
-            ValueError: They are not of the same base parameters, or only one is weighted.
+            InputError: They are not of the same base parameters, or only one is weighted.
         """
         if (self.names, self.weighted) != (other.names, other.weighted):
-            raise ValueError(
+            raise InputError(
                 "Accumulators add that have the same base parameters and weighting, got "
                 f"{', '.join(self.names)} (weighted: {self.weighted}) and {', '.join(other.names)} ({other.weighted})."
             )
@@ -139,12 +140,12 @@ def accumulate(
         The accumulator of all samples.
 
     Raises:
-        ValueError: Samples do not fit the mechanism, or a covariance is not positive definite.
+        InputError: Samples do not fit the mechanism, or a covariance is not positive definite.
     """
     check_samples(samples, tree)
     weighted = samples.covariance is not None
     if start is not None and (start.names, start.weighted) != (parameters.names, weighted):
-        raise ValueError("Samples are added to an accumulator of the same base parameters and weighting only.")
+        raise InputError("Samples are added to an accumulator of the same base parameters and weighting only.")
     found = start
     for rows in chunk_rows(tree, samples, gravity=gravity, parameters=parameters):
         if found is None:
@@ -169,10 +170,10 @@ def chunk_rows(
         Columns first (r + 1, 6, C).
 
     Raises:
-        ValueError: The regrouping is another mechanism's, or a covariance is not positive definite.
+        InputError: The regrouping is another mechanism's, or a covariance is not positive definite.
     """
     if len(parameters.parameters) != 10 * len(tree.inertial):
-        raise ValueError(
+        raise InputError(
             f"A regrouping of {len(parameters.parameters)} parameters does not fit {len(tree.inertial)} bodies."
         )
     down = checked_gravity(gravity).astype(float)

@@ -10,6 +10,7 @@ from operator import add
 import numpy as np
 from scipy.linalg import lapack
 
+from ident.errors import InputError
 from ident.estimation.accumulator import (
     PROBE,
     Accumulator,
@@ -120,7 +121,7 @@ def identify(
         The estimate, the same to rounding in whatever pieces the samples come.
 
     Raises:
-        ValueError: A piece does not fit the mechanism or the others, or a covariance is not positive definite.
+        InputError: A piece does not fit the mechanism or the others, or a covariance is not positive definite.
         ExcitationError: The motion does not separate the base parameters.
     """
     stream = pieces(source, tree)
@@ -155,11 +156,11 @@ def solve(found: Accumulator, parameters: BaseParameters, noise: np.ndarray | No
         noise: The regressor's own noise, as `check_excitation` takes it.
 
     Raises:
-        ValueError: The accumulator is of other parameters.
+        InputError: The accumulator is of other parameters.
         ExcitationError: The motion does not separate the base parameters.
     """
     if parameters.names != found.names:
-        raise ValueError(f"This was accumulated for {', '.join(found.names)}, not for {', '.join(parameters.names)}.")
+        raise InputError(f"This was accumulated for {', '.join(found.names)}, not for {', '.join(parameters.names)}.")
     rank, gram = parameters.rank, found.gram
     P_b, p, scale = found.factor[:rank, :rank], found.factor[:rank, rank], found.factor[rank, rank]
     # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, and its Cholesky factor that of QR.
@@ -246,7 +247,7 @@ def huber_white(tree: Tree, estimate: Estimate, source: Source, *, gravity: np.n
         The estimate with another covariance, the same to rounding in whatever pieces the samples come.
 
     Raises:
-        ValueError: These are not as many samples as the estimate was made of, or they are weighted otherwise.
+        InputError: These are not as many samples as the estimate was made of, or they are weighted otherwise.
     """
     rank, channels, samples = estimate.parameters.rank, estimate.rows / estimate.samples, 0
     middle, before = np.zeros((rank, rank)), np.zeros((6, rank))
@@ -254,7 +255,7 @@ def huber_white(tree: Tree, estimate: Estimate, source: Source, *, gravity: np.n
     for part in even(pieces(source, tree), PIECE):
         samples += len(part)
         if (part.covariance is not None) != estimate.weighted:
-            raise ValueError(
+            raise InputError(
                 "The noise of a weighted estimate is taken as known for its weights, so its samples need their "
                 "covariance; those of an ordinary one have none."
             )
@@ -268,7 +269,7 @@ def huber_white(tree: Tree, estimate: Estimate, source: Source, *, gravity: np.n
             pulls = sum(each * pull for each, pull in zip(z, u, strict=True))
             middle += pulls @ pulls.T
     if samples != estimate.samples:
-        raise ValueError(f"The estimate was made of {estimate.samples} samples, these are {samples}.")
+        raise InputError(f"The estimate was made of {estimate.samples} samples, these are {samples}.")
     inverse = inverse_of(estimate.triangle)
     bread = inverse @ inverse.T
     covariance = bread @ middle @ bread

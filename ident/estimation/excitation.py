@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 
+from ident.errors import ExcitationError
 from ident.estimation.samples import Samples, whitened
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
@@ -17,10 +18,6 @@ ABOVE_NOISE = 1.5
 
 FEW_SAMPLES = 1000
 """Samples that show how noisy the regressor is."""
-
-
-class ExcitationError(ValueError):
-    """The motion does not separate some of the base parameters."""
 
 
 def noise_rows(

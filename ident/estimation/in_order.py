@@ -7,6 +7,8 @@ from concurrent.futures import Executor, Future
 from itertools import islice
 from typing import TypeVar
 
+from ident.errors import InputError
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -28,11 +30,11 @@ def in_order(
             all busy; by default twice the number of processors here.
 
     Raises:
-        ValueError: `ahead` is not positive.
+        InputError: `ahead` is not positive.
     """
     ahead = 2 * (os.cpu_count() or 1) if ahead is None else ahead
     if ahead < 1:
-        raise ValueError(f"At least one item must be submitted ahead, got {ahead}.")
+        raise InputError(f"At least one item must be submitted ahead, got {ahead}.")
     waiting = iter(items)
     pending: deque[Future[Result]] = deque()
     try:

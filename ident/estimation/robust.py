@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
+from ident.errors import InputError
+
 HUBER = 1.345
 """Residuals beyond so many standard deviations lose weight; 95 % efficient where noise is normal."""
 
@@ -69,15 +71,15 @@ def robust_fit(columns: np.ndarray, measured: np.ndarray, *, weighted: bool = Tr
         The fit.
 
     Raises:
-        ValueError: There are fewer samples than columns, values are not finite, or columns depend on one another.
+        InputError: There are fewer samples than columns, values are not finite, or columns depend on one another.
     """
     if columns.ndim != 3 or measured.shape != columns.shape[:2] or len(columns) < columns.shape[2]:
-        raise ValueError(
+        raise InputError(
             f"A fit needs columns (N, C, k), measured channels (N, C) and N of at least k, "
             f"got {columns.shape} and {measured.shape}."
         )
     if not (np.isfinite(columns).all() and np.isfinite(measured).all()):
-        raise ValueError("A fit needs finite numbers, got NaN or infinity.")
+        raise InputError("A fit needs finite numbers, got NaN or infinity.")
     scale, weights = _spread(measured - measured.mean(axis=0)), np.ones_like(measured)
     if not weighted:
         scale = np.ones_like(scale)
@@ -146,7 +148,7 @@ def _solve(columns: np.ndarray, measured: np.ndarray, factors: np.ndarray) -> np
     norms = np.where(norms > 0, norms, 1)
     solution, rank = least_squares(rows / norms, (measured * factors).ravel())
     if rank < columns.shape[2]:
-        raise ValueError(f"The recording separates {rank} of {columns.shape[2]} parameters.")
+        raise InputError(f"The recording separates {rank} of {columns.shape[2]} parameters.")
     return solution / norms
 
 

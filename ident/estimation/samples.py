@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from ident.errors import InputError
 from ident.mechanism.tree import BaseMotion, Tree
 
 
@@ -63,14 +64,14 @@ def whitened(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         covariance: C of all samples (6, 6), or of each (N, 6, 6).
 
     Raises:
-        ValueError: It is not symmetric and positive definite.
+        InputError: It is not symmetric and positive definite.
     """
     if not np.allclose(covariance, np.swapaxes(covariance, -1, -2)):
-        raise ValueError("The wrench's covariance needs to be symmetric.")
+        raise InputError("The wrench's covariance needs to be symmetric.")
     try:
         W = np.linalg.inv(np.linalg.cholesky(covariance))
     except np.linalg.LinAlgError:
-        raise ValueError("The wrench's covariance needs to be positive definite.") from None
+        raise InputError("The wrench's covariance needs to be positive definite.") from None
     return np.moveaxis(W @ np.moveaxis(rows, 2, 0).swapaxes(1, 2), (0, 1, 2), (2, 1, 0))
 
 
@@ -86,21 +87,21 @@ def pieces(source: Source, tree: Tree) -> Iterator[Samples]:
         tree: The mechanism.
 
     Raises:
-        ValueError: A piece does not fit the mechanism or the first one, or there is none.
+        InputError: A piece does not fit the mechanism or the first one, or there is none.
     """
     first: Samples | None = None
     alone = isinstance(source, Samples | Recorded)
     for k, piece in enumerate([source] if alone else source):  # type: ignore[arg-type]
         where = "The samples" if alone else f"Piece {k}"
         if not isinstance(piece, Samples | Recorded):
-            raise ValueError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
+            raise InputError(f"{where} must be Samples or a recording, got {type(piece).__name__}.")
         samples = piece if isinstance(piece, Samples) else _of_recording(piece, tree)
         check_samples(samples, tree, where)
         first = first or samples
         _compare(samples, first, where)
         yield samples
     if first is None:
-        raise ValueError("Identification needs at least one piece of samples, got none.")
+        raise InputError("Identification needs at least one piece of samples, got none.")
 
 
 def even(stream: Iterable[Samples], size: int) -> Iterator[Samples]:
@@ -135,7 +136,7 @@ def joined(parts: Sequence[Samples]) -> Samples:
 def _of_recording(recording: Recorded, tree: Tree) -> Samples:
     others = [name for name in recording.wrenches if name != "ground"]
     if others:
-        raise ValueError(
+        raise InputError(
             f"The recording holds the wrench '{others[0]}' besides that of the ground; make Samples of the total "
             "wrench, as ident.recordings.wrench.total_wrench gives it."
         )
@@ -149,28 +150,28 @@ def check_samples(samples: Samples, tree: Tree, where: str = "The samples") -> N
     for name, width in widths.items():
         x = getattr(samples, name)
         if not isinstance(x, np.ndarray) or x.dtype.kind not in "fiu":
-            raise ValueError(f"{where}: '{name}' must be an array of real numbers, got {getattr(x, 'dtype', type(x))}.")
+            raise InputError(f"{where}: '{name}' must be an array of real numbers, got {getattr(x, 'dtype', type(x))}.")
         if x.ndim != 2 or x.shape[1] != width or len(x) != len(samples) or not len(x):
-            raise ValueError(
+            raise InputError(
                 f"{where}: '{name}' needs a row for each of {len(samples)} samples and {width} columns, got {x.shape}."
             )
         # A sum takes no memory; one that overflows is looked at closely.
         with np.errstate(invalid="ignore", over="ignore"):
             suspect = not np.isfinite(x.sum())
         if suspect and not (finite := np.isfinite(x).all(axis=1)).all():
-            raise ValueError(
+            raise InputError(
                 f"{where}: '{name}' needs finite numbers; sample {int(np.argmin(finite))} has NaN or infinity."
             )
     C = samples.covariance
     if C is not None and np.shape(C) not in ((6, 6), (len(samples), 6, 6)):
-        raise ValueError(f"{where}: 'covariance' needs the shape (6, 6) or ({len(samples)}, 6, 6), got {np.shape(C)}.")
+        raise InputError(f"{where}: 'covariance' needs the shape (6, 6) or ({len(samples)}, 6, 6), got {np.shape(C)}.")
 
 
 def _compare(samples: Samples, first: Samples, where: str) -> None:
     for name in ("q", "dq", "ddq", "wrench"):
         kind, before = getattr(samples, name).dtype, getattr(first, name).dtype
         if kind != before:
-            raise ValueError(f"{where}: '{name}' is {kind} where the first piece has {before}; all need one type.")
+            raise InputError(f"{where}: '{name}' is {kind} where the first piece has {before}; all need one type.")
     for name in ("base", "covariance"):
         if (getattr(samples, name) is None) != (getattr(first, name) is None):
-            raise ValueError(f"{where}: either all pieces have '{name}' or none has.")
+            raise InputError(f"{where}: either all pieces have '{name}' or none has.")

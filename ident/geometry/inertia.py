@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ident.errors import InputError
 from ident.geometry.se3 import hat
 
 PARAMETERS = ("m", "mrx", "mry", "mrz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -65,11 +66,11 @@ def com_from_parameters(phi: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]
         Mass in kg, centre of mass in m (3,), inertia about the centre of mass in kg m² (3, 3).
 
     Raises:
-        ValueError: The mass is zero, so that no centre of mass exists.
+        InputError: The mass is zero, so that no centre of mass exists.
     """
     phi = np.asarray(phi, float)
     if phi[0] == 0:
-        raise ValueError("A body of zero mass has no centre of mass.")
+        raise InputError("A body of zero mass has no centre of mass.")
     com = phi[1:4] / phi[0]
     return float(phi[0]), com, symmetric(phi[4:]) + phi[0] * hat(com) @ hat(com)
 

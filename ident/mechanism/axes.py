@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from ident.errors import InputError
 from ident.geometry import se3
 from ident.mechanism.body import BASE
 from ident.mechanism.tree import Tree
@@ -101,14 +102,14 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
         The screw, in the moving frame.
 
     Raises:
-        ValueError: There are too few poses, the frame hardly turns, or the sense of the axis does not show.
+        InputError: There are too few poses, the frame hardly turns, or the sense of the axis does not show.
     """
     if len(displacement) < MINIMUM_SAMPLES or not np.isfinite(displacement).all():
-        raise ValueError(f"An axis needs at least {MINIMUM_SAMPLES} finite poses, got {len(displacement)}.")
+        raise InputError(f"An axis needs at least {MINIMUM_SAMPLES} finite poses, got {len(displacement)}.")
     turn = displacement[:, :3, :3] - np.eye(3)
     # ‖R - 1‖² = 4 (1 - cos θ) ≈ 2 θ² in the Frobenius norm.
     if np.mean(np.sum(turn**2, axis=(1, 2))) < 2 * MINIMUM_TURN**2:
-        raise ValueError(f"An axis needs rotations of at least {MINIMUM_TURN} rad (root mean square) to show.")
+        raise InputError(f"An axis needs rotations of at least {MINIMUM_TURN} rad (root mean square) to show.")
     vectors = np.linalg.eigh(np.einsum("nij,nik->jk", turn, turn))[1]
     axis, plane = vectors[:, 0], vectors[:, 1:]
     if axis @ positive < 0:
@@ -120,7 +121,7 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
     influence = -np.linalg.solve(normal, gradient.T).T @ plane.T
     found = Direction(axis, influence)
     if not axis @ positive > 5 * found.std * np.linalg.norm(positive):
-        raise ValueError("The axis is perpendicular to the one it should resemble, so that its sense cannot be told.")
+        raise InputError("The axis is perpendicular to the one it should resemble, so that its sense cannot be told.")
     offset = np.linalg.solve(normal, np.einsum("nij,ni->j", slope, -displacement[:, :3, 3]))
     return Screw(found, plane @ offset)
 
@@ -175,7 +176,7 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
         The recovered axes.
 
     Raises:
-        ValueError: A joint is not revolute, or hardly moves.
+        InputError: A joint is not revolute, or hardly moves.
     """
     home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
     screws = [_joint_screw(tree, poses, i) for i in tree.moving]
@@ -215,12 +216,12 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
 def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:
     body = tree.bodies[i]
     if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > ROUNDING:
-        raise ValueError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
+        raise InputError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
     parent = np.eye(4) if body.parent == BASE else poses[:, body.parent]
     try:
         return estimate_screw(se3.inverse(body.home) @ se3.inverse(parent) @ poses[:, i], body.twist[3:])
     except ValueError as error:
-        raise ValueError(f"Joint '{body.joint}': {error}") from None
+        raise InputError(f"Joint '{body.joint}': {error}") from None
 
 
 def _joint_before(tree: Tree, i: int) -> int | None:

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.errors import ModelError
 from ident.geometry import se3
 
 BASE = -1
@@ -42,9 +43,9 @@ class Body:
             x.flags.writeable = False
             object.__setattr__(self, key, x)
         if self.home.shape != (4, 4) or not (self.home.dtype == object or is_rigid(self.home)):
-            raise ValueError(f"Body '{self.name}' needs a 4×4 rigid home pose, got {self.home}.")
+            raise ModelError(f"Body '{self.name}' needs a 4×4 rigid home pose, got {self.home}.")
         if not (self.twist.dtype == object or _is_joint_twist(self.twist)):
-            raise ValueError(
+            raise ModelError(
                 f"Body '{self.name}' needs a joint twist of 6 numbers with |ω| = 1, or ω = 0 and |v| = 1, "
                 f"or all zero, or a ball joint's 6×3; got {self.twist}."
             )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.errors import ModelError
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.tree import Tree
@@ -70,7 +71,7 @@ def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
         Bodies named as their frames, joints as the frames that move; q in the order of the table's joints.
 
     Raises:
-        ValueError: A kind is unknown, a name stands twice, or a parent does not come before its child.
+        ModelError: A kind is unknown, a name stands twice, or a parent does not come before its child.
     """
     _check(frames)
     by_name = {frame.name: frame for frame in frames}
@@ -118,15 +119,15 @@ def _check(frames: Sequence[Frame]) -> None:
     seen: set[str | None] = {None}
     for row, frame in enumerate(frames, start=1):
         if frame.kind not in JOINT_TWISTS:
-            raise ValueError(
+            raise ModelError(
                 f"Row {row} (frame '{frame.name}') needs a joint type out of {', '.join(JOINT_TWISTS)}, "
                 f"got '{frame.kind}'."
             )
         if frame.name in seen:
-            raise ValueError(f"Row {row} gives frame '{frame.name}' a second time; every frame stands once in a tree.")
+            raise ModelError(f"Row {row} gives frame '{frame.name}' a second time; every frame stands once in a tree.")
         if frame.parent not in seen:
             known = ", ".join(str(name) for name in seen if name) or "none but the base"
-            raise ValueError(
+            raise ModelError(
                 f"Row {row} (frame '{frame.name}') needs a parent from a row before it ({known}), got '{frame.parent}'."
             )
         seen.add(frame.name)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.errors import ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameter_transform
 from ident.mechanism.body import BASE, Body, is_rigid
@@ -24,15 +25,15 @@ class Tree:
     def __post_init__(self) -> None:
         object.__setattr__(self, "bodies", tuple(self.bodies))
         if not self.bodies:
-            raise ValueError("A tree needs at least one body.")
+            raise ModelError("A tree needs at least one body.")
         joints = [body.joint for body in self.bodies if body.joint]
         for what, names in (("body", list(self.names)), ("joint", joints)):
             if len(set(names)) < len(names):
                 twice = next(name for name in names if names.count(name) > 1)
-                raise ValueError(f"A tree needs a name of its own for every {what}; '{twice}' stands twice.")
+                raise ModelError(f"A tree needs a name of its own for every {what}; '{twice}' stands twice.")
         for i, body in enumerate(self.bodies):
             if not isinstance(body.parent, int | np.integer) or not BASE <= body.parent < i:
-                raise ValueError(
+                raise ModelError(
                     f"Body '{body.name}' (index {i}) needs a parent index from {BASE} to {i - 1}, got {body.parent}."
                 )
 
@@ -58,7 +59,7 @@ class Tree:
         T_0i = np.asarray(T_0i)
         parents = range(BASE, len(names) - 1) if parents is None else parents
         if any(not BASE <= p < i for i, p in enumerate(parents)):
-            raise ValueError(f"Parents come before their children, got {tuple(parents)}.")
+            raise ModelError(f"Parents come before their children, got {tuple(parents)}.")
         home = [T if p == BASE else se3.inverse(T_0i[p]) @ T for p, T in zip(parents, T_0i, strict=True)]
         rows = zip(names, parents, home, xi, strict=True)
         return cls(tuple(Body(name, p, T, twist, name if np.any(twist) else "") for name, p, T, twist in rows))
@@ -102,7 +103,7 @@ class Tree:
         bodies = list(self.bodies)
         for i, twist in zip(self.moving, twists, strict=True):
             if not np.any(twist):
-                raise ValueError(f"Joint '{bodies[i].joint}' needs a twist that moves, got zeros.")
+                raise ModelError(f"Joint '{bodies[i].joint}' needs a twist that moves, got zeros.")
             bodies[i] = replace(bodies[i], twist=twist)
         return Tree(tuple(bodies))
 
@@ -113,18 +114,18 @@ class Tree:
             coordinates: Coordinates of these joints by their names, rad, m or a quaternion, each (1,) or (4,).
 
         Raises:
-            ValueError: There is no such joint, or it has another number of coordinates.
+            ModelError: There is no such joint, or it has another number of coordinates.
         """
         unknown = [joint for joint in coordinates if joint not in self.joints]
         if unknown:
-            raise ValueError(f"There is no joint '{unknown[0]}' to fix; the joints are {', '.join(self.joints)}.")
+            raise ModelError(f"There is no joint '{unknown[0]}' to fix; the joints are {', '.join(self.joints)}.")
         bodies = list(self.bodies)
         for i in self.moving:
             body = bodies[i]
             if body.joint in coordinates:
                 q = np.asarray(coordinates[body.joint], float)
                 if q.shape != (body.coordinates,) or not np.isfinite(q).all() or (body.is_ball and not q.any()):
-                    raise ValueError(
+                    raise ModelError(
                         f"Joint '{body.joint}' is fixed at {body.coordinates} finite coordinates, got {q.tolist()}."
                     )
                 bodies[i] = replace(body, home=body.home @ body.joint_pose(q), twist=np.zeros(6), joint="")
@@ -168,7 +169,7 @@ class Tree:
     def _dealt(self, what: str, values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:
         values = np.asarray(values)
         if values.shape[-1:] != (sum(sizes),):
-            raise ValueError(
+            raise ModelError(
                 f"Joint {what} need {sum(sizes)} columns ({', '.join(self.joints)}), got shape {values.shape}."
             )
         ends = np.cumsum(sizes)
@@ -209,11 +210,11 @@ class BaseMotion:
             object.__setattr__(self, key, np.asarray(getattr(self, key)))
             x = getattr(self, key)
             if x.shape != (*self.T.shape[:-2], *shape) or not (x.dtype == object or np.isfinite(x).all()):
-                raise ValueError(
+                raise ModelError(
                     f"The motion of a base needs finite T (N, 4, 4), V (N, 6) and dV (N, 6), got {key} {x.shape}."
                 )
         if self.T.dtype != object and not is_rigid(self.T):
-            raise ValueError("The motion of a base needs rigid poses T.")
+            raise ModelError("The motion of a base needs rigid poses T.")
 
     @classmethod
     def from_free_joint(cls, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> "BaseMotion":
@@ -226,7 +227,7 @@ class BaseMotion:
         """
         q, dq, ddq = np.asarray(q), np.asarray(dq), np.asarray(ddq)
         if not (q.shape[-1:] == (7,) and dq.shape == ddq.shape == (*q.shape[:-1], 6)):
-            raise ValueError(
+            raise ModelError(
                 f"A free joint has coordinates (N, 7), velocities and accelerations (N, 6), "
                 f"got {q.shape}, {dq.shape} and {ddq.shape}."
             )

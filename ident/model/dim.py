@@ -7,6 +7,7 @@ through it as numbers do, which derives the model symbolically.
 
 import numpy as np
 
+from ident.errors import InputError
 from ident.geometry import se3
 from ident.geometry.inertia import symmetric
 from ident.mechanism.body import BASE, Body
@@ -17,7 +18,7 @@ def checked_gravity(gravity: np.ndarray) -> np.ndarray:
     """Acceleration of gravity as an array (3,), of finite numbers or of symbols."""
     g = np.asarray(gravity)
     if g.shape != (3,) or not (g.dtype == object or np.isfinite(g).all()):
-        raise ValueError(f"Gravity needs three finite numbers, m/s², got {gravity}.")
+        raise InputError(f"Gravity needs three finite numbers, m/s², got {gravity}.")
     return g
 
 

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ident.errors import InputError
 from ident.mechanism.tree import BaseMotion, Tree
 from ident.model import closed_form
 from ident.model.dim import checked_gravity
@@ -56,7 +57,7 @@ def base_wrench_regressor(
         wanted in their order. The array is a view of a C-contiguous (10 b, 6, N) block.
 
     Raises:
-        ValueError: The joint arrays do not have these shapes, a quaternion is zero, or a column does not exist.
+        InputError: The joint arrays do not have these shapes, a quaternion is zero, or a column does not exist.
     """
     return _regressor(False, tree, (q, dq, ddq), gravity, base, columns)
 
@@ -87,7 +88,7 @@ def joint_torque_regressor(
         Y (N, n, 10 b + n len(drive)), rows in N m, or N for a prismatic joint.
 
     Raises:
-        ValueError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
+        InputError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
     """
     Y = _regressor(True, tree, (q, dq, ddq), gravity, base, columns)
     own = _drive_columns(np.asarray(dq, float), np.asarray(ddq, float), drive)
@@ -110,7 +111,7 @@ def _drive_columns(dq: np.ndarray, ddq: np.ndarray, drive: Sequence[str]) -> lis
 def _check_drive(drive: Sequence[str]) -> None:
     unknown = [drive] if isinstance(drive, str) else [kind for kind in drive if kind not in DRIVE]
     if unknown:
-        raise ValueError(f"Drive parameters are a list out of {', '.join(DRIVE)}, got {', '.join(unknown)}.")
+        raise InputError(f"Drive parameters are a list out of {', '.join(DRIVE)}, got {', '.join(unknown)}.")
 
 
 def checked_states(
@@ -121,18 +122,18 @@ def checked_states(
     tree.body_velocities(dq)
     if q.ndim != 2 or len(q) != len(dq) or dq.shape != ddq.shape:
         columns = sum(body.coordinates for body in tree.bodies)
-        raise ValueError(
+        raise InputError(
             f"q, dq and ddq need one number of samples N, shapes (N, {columns}), (N, {len(tree.freedoms)}) and "
             f"(N, {len(tree.freedoms)}), got {q.shape}, {dq.shape} and {ddq.shape}."
         )
     if not all(np.isfinite(x).all() for x in (q, dq, ddq)):
-        raise ValueError("Joint states need finite numbers, got NaN or infinity.")
+        raise InputError("Joint states need finite numbers, got NaN or infinity.")
     for body, own in zip(tree.bodies, tree.body_coordinates(q), strict=True):
         if body.is_ball and not own.any(axis=1).all():
             sample = int(np.argmin(own.any(axis=1)))
-            raise ValueError(f"Joint '{body.joint}' needs quaternions; that of sample {sample} is zero.")
+            raise InputError(f"Joint '{body.joint}' needs quaternions; that of sample {sample} is zero.")
     if base is not None and base.T.shape != (len(q), 4, 4):
-        raise ValueError(f"{len(q)} joint states need as many samples of the base's motion, got {base.T.shape}.")
+        raise InputError(f"{len(q)} joint states need as many samples of the base's motion, got {base.T.shape}.")
     return q, dq, ddq
 
 
@@ -167,7 +168,7 @@ def _checked_columns(tree: Tree, columns: Sequence[int] | None) -> tuple[int, ..
     wanted = tuple(range(number)) if columns is None else tuple(map(operator.index, columns))
     missing = [k for k in wanted if not 0 <= k < number]
     if missing:
-        raise ValueError(f"This mechanism has columns 0 to {number - 1}, not {missing[0]}.")
+        raise InputError(f"This mechanism has columns 0 to {number - 1}, not {missing[0]}.")
     return wanted
 
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import linalg
 
+from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
 from ident.mechanism.tree import Tree
@@ -138,7 +139,7 @@ def find_base_parameters(
         that do not matter are set to zero. Those of a tree of exact numbers (dtype object) are exact.
 
     Raises:
-        ValueError: The regressor is not finite or all zero, names do not fit its columns, a pinned name is unknown or
+        InputError: The regressor is not finite or all zero, names do not fit its columns, a pinned name is unknown or
             the pinned set no basis of them, or the kept columns do not make up the others.
     """
     if isinstance(source, Tree):
@@ -147,16 +148,16 @@ def find_base_parameters(
         Y, units = source, np.ones(source.shape[-1])
     if Y.dtype == object:
         if kept is not None:
-            raise ValueError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
+            raise InputError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
         return _exact(Y, parameters)
     columns = Y.reshape(-1, Y.shape[-1])
     if isinstance(source, Tree) and not columns.any():
-        raise ValueError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
+        raise InputError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
     if not np.isfinite(columns).all() or not columns.any():
-        raise ValueError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
+        raise InputError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
     names = tuple(parameter_names(columns.shape[1] // 10) if parameters is None else parameters)
     if columns.shape[1] != len(names):
-        raise ValueError(f"A regressor of {columns.shape[1]} columns needs as many names, got {len(names)}.")
+        raise InputError(f"A regressor of {columns.shape[1]} columns needs as many names, got {len(names)}.")
     unit, norms = _unit_columns(columns)
     s = np.linalg.svd(unit, compute_uv=False)
     rank = _rank(s)
@@ -168,7 +169,7 @@ def find_base_parameters(
     scaled = _coefficients(unit[:, chosen], unit[:, others])
     missed = (abs(unit[:, others] - unit[:, chosen] @ scaled) * norms[others]).max(initial=0) / norms.max()
     if missed > WRONG + 10 * gap[1]:
-        raise ValueError(
+        raise InputError(
             f"The {rank} columns {names[chosen[0]]} … {names[chosen[-1]]} are so nearly dependent that they make up "
             f"the others only to {missed:.0e} of the largest column, which is no regrouping."
         )
@@ -301,11 +302,11 @@ def _basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first:
     """Indices of pinned names, which must be as good a basis as the first independent columns."""
     unknown = [name for name in kept if name not in names]
     if unknown:
-        raise ValueError(f"No parameter is named {', '.join(unknown)}; the names are {', '.join(names)}.")
+        raise InputError(f"No parameter is named {', '.join(unknown)}; the names are {', '.join(names)}.")
     chosen = [names.index(name) for name in kept]
     found = _rank(np.linalg.svd(unit[:, chosen], compute_uv=False))
     if not found == len(chosen) == len(first):
-        raise ValueError(
+        raise InputError(
             f"The pinned base parameters {', '.join(kept)} are no basis: {len(chosen)} names of rank {found}, where "
             f"the regressor has rank {len(first)}; its first independent columns are "
             f"{', '.join(names[k] for k in first)}."

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, special
 
+from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.parameters.base_parameters import BaseParameters
 
@@ -113,7 +114,7 @@ def consistent_parameters(
         Full parameters with a report.
 
     Raises:
-        ValueError: Shapes do not match, numbers are not finite, the covariance is not symmetric and positive definite,
+        InputError: Shapes do not match, numbers are not finite, the covariance is not symmetric and positive definite,
             or the prior has a negative mass or no mass and extent at all.
     """
     psi, C, prior = (np.array(x, float) for x in (psi, covariance, prior))
@@ -158,15 +159,15 @@ def physical_prior(
         φ with masses and central second moments raised to the minimum (10 b,), and indices of those bodies.
 
     Raises:
-        ValueError: A mass is negative, or all bodies together have neither mass nor extent.
+        InputError: A mass is negative, or all bodies together have neither mass nor extent.
     """
     J = pseudo_inertia(np.reshape(phi, (-1, 10)))
     mass, second = J[:, 3, 3], np.maximum(np.trace(J[:, :3, :3], axis1=1, axis2=2), 0)
     names = [f"{k + 1}" for k in range(len(J))] if bodies is None else list(bodies)
     if (mass < 0).any():
-        raise ValueError(f"A prior body needs a mass of at least zero; negative: {_chosen(names, mass < 0)}.")
+        raise InputError(f"A prior body needs a mass of at least zero; negative: {_chosen(names, mass < 0)}.")
     if not (mass.sum() > 0 and second.sum() > 0):
-        raise ValueError("A prior needs mass and extent to measure bodies by; all masses or all moments are zero.")
+        raise InputError("A prior needs mass and extent to measure bodies by; all masses or all moments are zero.")
     smallest = minimum**2 * second.sum() / mass.sum() / 3
     raised = []
     for k, m in enumerate(mass):
@@ -305,22 +306,22 @@ def _forms(base: BaseParameters, L: np.ndarray) -> np.ndarray:
 def _check(psi: np.ndarray, C: np.ndarray, base: BaseParameters, prior: np.ndarray) -> None:
     r, P = base.rank, len(base.parameters)
     if P % 10:
-        raise ValueError(f"Full parameters need a regrouping of ten for each body, got {P}; leave drives out of it.")
+        raise InputError(f"Full parameters need a regrouping of ten for each body, got {P}; leave drives out of it.")
     if psi.shape != (r,) or C.shape != (r, r) or prior.shape != (P,):
-        raise ValueError(
+        raise InputError(
             f"This regrouping needs ψ ({r},), its covariance ({r}, {r}) and a prior ({P},), got {psi.shape}, {C.shape} "
             f"and {prior.shape}."
         )
     if not all(np.isfinite(x).all() for x in (psi, C, prior)):
-        raise ValueError("ψ, its covariance and the prior need finite numbers, got NaN or infinity.")
+        raise InputError("ψ, its covariance and the prior need finite numbers, got NaN or infinity.")
     std = np.sqrt(np.maximum(np.diag(C), 0))
     if (std == 0).any():
-        raise ValueError(
+        raise InputError(
             f"Every base parameter needs a positive variance; it is not for {_chosen(base.names, std == 0)}."
         )
     correlation = C / np.outer(std, std)
     if not np.allclose(correlation, correlation.T, atol=1e-9) or np.linalg.eigvalsh(correlation).min() <= 0:
-        raise ValueError("The covariance of ψ needs to be symmetric and positive definite.")
+        raise InputError("The covariance of ψ needs to be symmetric and positive definite.")
 
 
 def _chosen(names: Sequence[str], mask: np.ndarray) -> str:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.geometry.se3 import Ad, ad, hat, inverse
 from ident.mechanism.body import BASE, Body
@@ -49,12 +50,12 @@ class Sensors:
 
     def __post_init__(self) -> None:
         if not (self.base_wrench or self.joint_torques):
-            raise ValueError("Sensors need the base wrench, joint torques, or both.")
+            raise InputError("Sensors need the base wrench, joint torques, or both.")
         if self.channels is not None:
             rows = np.asarray(self.channels, dtype=float)
             fits = rows.ndim == 2 and rows.shape[1] == 6 and rows.size and np.isfinite(rows).all()
             if not (self.base_wrench and fits and rows.any(axis=1).all()):
-                raise ValueError(f"Channels of a base wrench are finite rows (k, 6) other than zero, got {rows}.")
+                raise InputError(f"Channels of a base wrench are finite rows (k, 6) other than zero, got {rows}.")
             object.__setattr__(self, "channels", tuple(map(tuple, rows.tolist())))
 
 
@@ -71,7 +72,7 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
     """
     sensors = sensors or Sensors()
     if not tree.inertial:
-        raise ValueError("A mechanism of massless bodies has no parameters.")
+        raise InputError("A mechanism of massless bodies has no parameters.")
     gravity = checked_gravity(gravity)
     tree = _one_axis_each(tree)
     weight = np.concatenate([-gravity, np.zeros(3, dtype=int)])[None]

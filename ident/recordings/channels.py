@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.errors import LogError
 from ident.recordings.mapping import GROUND, HUGE, KINDS, ColumnMapping, Columns, Sensor, check_no_column_twice
 from ident.recordings.table import Table
 
@@ -14,7 +15,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> C
     """A mapping and what the names of columns tell besides.
 
     Raises:
-        ValueError: Time or the position of a joint is not to be found, names are ambiguous, or a column has two uses.
+        LogError: Time or the position of a joint is not to be found, names are ambiguous, or a column has two uses.
     """
     columns, sensors = dict(mapping.columns), dict(mapping.sensors)
     if "time" not in columns:
@@ -26,12 +27,12 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> C
                 columns[f"joints.{joint}.{kind}"] = Columns((name,))
         if not columns[f"joints.{joint}.position"].names[0]:
             names = ", ".join(p.format(joint) for p in KINDS["position"])
-            raise ValueError(
+            raise LogError(
                 f"joint '{joint}' needs a column of its positions, named {names} or mapped; {table.available()}. "
                 f"Where it does not move, --fix {joint} [VALUE] leaves it out."
             )
     if not columns["time"].names[0]:
-        raise ValueError(f"a log needs a column of times, named time or t or mapped; {table.available()}.")
+        raise LogError(f"a log needs a column of times, named time or t or mapped; {table.available()}.")
     if GROUND not in sensors:
         ground = {
             f"wrenches.{GROUND}.{kind}": tuple(
@@ -50,7 +51,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> C
 def _named(table: Table, what: str, names: Sequence[str]) -> str:
     found = [name for name in names if name in table.cells]
     if len(found) > 1:
-        raise ValueError(f"columns {' and '.join(found)} may both be {what}; keep one of them, or map one.")
+        raise LogError(f"columns {' and '.join(found)} may both be {what}; keep one of them, or map one.")
     return found[0] if found else ""
 
 
@@ -66,7 +67,7 @@ def read_channels(table: Table, mapping: ColumnMapping, notes: list[str]) -> dic
         By key of the mapping, in SI units, NaN in the columns of what is missing (N, 1), (N, 3) or (N, 4).
 
     Raises:
-        ValueError: A column has no numbers, not all of them, or numbers out of range.
+        LogError: A column has no numbers, not all of them, or numbers out of range.
     """
     channels = {key: _read(table, key, columns, notes) for key, columns in mapping.columns.items() if key != "time"}
     others = [n for n in table.cells if n not in mapping.used and re.fullmatch(r".+_(force\.[xyz]|f[xyz])", n)]
@@ -86,7 +87,7 @@ def _read(table: Table, key: str, columns: Columns, notes: list[str]) -> np.ndar
             x[:, k] = table.column(name, key, HUGE / columns.factor)
             if np.isnan(x[:, k]).all():
                 if key.endswith((".position", ".quaternion")):
-                    raise ValueError(f"column '{name}' is empty, but {key} needs it.")
+                    raise LogError(f"column '{name}' is empty, but {key} needs it.")
                 notes.append(f"Column '{name}' ({key}) is empty and taken as missing.")
     return x * columns.factor
 
@@ -97,7 +98,7 @@ def _continuous(table: Table, quaternion: np.ndarray) -> np.ndarray:
     wrong = np.abs(norm - 1) > 0.01
     if wrong.any():
         i = int(wrong.argmax())
-        raise ValueError(f"{table.row(i)}, base.quaternion needs a norm of 1, got {norm[i]:g}.")
+        raise LogError(f"{table.row(i)}, base.quaternion needs a norm of 1, got {norm[i]:g}.")
     turned = (quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0
     signs = np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)
     return quaternion * (signs / norm)[:, None]

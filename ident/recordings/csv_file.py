@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ident.errors import LogError
+
 COMPONENTS = {3: "xyz", 4: "wxyz"}
 """Suffixes of the columns of a vector and of a quaternion in a CSV file: `ground_force.x`."""
 
@@ -40,7 +42,7 @@ def csv_pieces(path: Path, samples: int) -> Iterator[tuple[dict[str, np.ndarray]
     """Channels of at most so many samples at a time, each time with the metadata.
 
     Raises:
-        ValueError: The file is malformed; the message names row and column.
+        LogError: The file is malformed; the message names row and column.
     """
     with path.open(encoding="utf-8-sig") as stream:
         lines = _lines(stream)
@@ -67,11 +69,11 @@ def _lines(stream: Iterable[str]) -> Iterator[str]:
             if line == "\n":
                 blank = blank or row
             elif blank:
-                raise ValueError(f"row {blank} is blank.")
+                raise LogError(f"row {blank} is blank.")
             else:
                 yield line
     except UnicodeDecodeError as error:
-        raise ValueError(
+        raise LogError(
             f"the file needs to be text in UTF-8, a byte 0x{error.object[error.start]:02x} is not."
         ) from None
 
@@ -81,18 +83,18 @@ def _comment(line: str, row: int) -> tuple[str, Any]:
     try:
         return key.strip(), json.loads(value)
     except (json.JSONDecodeError, RecursionError) as error:
-        raise ValueError(f"row {row} needs '# units', noise or provenance in JSON ({error}).") from None
+        raise LogError(f"row {row} needs '# units', noise or provenance in JSON ({error}).") from None
 
 
 def _header(line: str) -> list[str]:
     header = [cell.strip() for cell in line.split(",")]
     if header == [""]:
-        raise ValueError("no header row.")
+        raise LogError("no header row.")
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
-        raise ValueError(f"the header names {', '.join(twice)} more than once.")
+        raise LogError(f"the header names {', '.join(twice)} more than once.")
     if "time" not in header:
-        raise ValueError(f"a recording needs a column 'time'; it has {', '.join(header)}.")
+        raise LogError(f"a recording needs a column 'time'; it has {', '.join(header)}.")
     return header
 
 
@@ -109,7 +111,7 @@ def _table(lines: Sequence[str], row: int, header: Sequence[str]) -> np.ndarray:
 def _numbers(line: str, row: int, header: Sequence[str]) -> list[float]:
     cells = line.removesuffix("\n").split(",")
     if len(cells) != len(header):
-        raise ValueError(f"row {row} has {len(cells)} cells where the header has {len(header)}.")
+        raise LogError(f"row {row} has {len(cells)} cells where the header has {len(header)}.")
     return [_number(cell, row, column) for cell, column in zip(cells, header, strict=True)]
 
 
@@ -117,9 +119,9 @@ def _number(cell: str, row: int, column: str) -> float:
     try:
         number = float(cell)
     except ValueError:
-        raise ValueError(f"row {row}, column '{column}' needs a number, got '{cell}'.") from None
+        raise LogError(f"row {row}, column '{column}' needs a number, got '{cell}'.") from None
     if not math.isfinite(number):
-        raise ValueError(f"row {row}, column '{column}' needs a finite number, got '{cell}'.")
+        raise LogError(f"row {row}, column '{column}' needs a finite number, got '{cell}'.")
     return number
 
 
@@ -130,5 +132,5 @@ def _channel(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         return columns[name]
     expected = COMPONENTS.get(len(suffixes), [str(k) for k in range(len(suffixes))])
     if sorted(suffixes) != sorted(expected):
-        raise ValueError(f"channel '{name}' needs the components {', '.join(expected)}, it has {', '.join(suffixes)}.")
+        raise LogError(f"channel '{name}' needs the components {', '.join(expected)}, it has {', '.join(suffixes)}.")
     return np.stack([columns[f"{name}.{suffix}"] for suffix in expected], axis=1)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.errors import LogError
 from ident.recordings.channels import read_channels, with_names
 from ident.recordings.mapping import GROUND, KINDS, UNITS, ColumnMapping, read_mapping
 from ident.recordings.npz import LIMIT
@@ -94,11 +95,11 @@ def read_log(
         The log.
 
     Raises:
-        ValueError: A file is missing or malformed, holds what the mechanism does not have, or lacks what it needs; the
+        LogError: A file is missing or malformed, holds what the mechanism does not have, or lacks what it needs; the
             message names file, row and column.
     """
     if balls:
-        raise ValueError(
+        raise LogError(
             f"A log can hold hinges, slides and the pose of a moving base, but not the ball joint '{balls[0]}'; name "
             "the body it carries as the base, and map its pose under [base]."
         )
@@ -106,7 +107,7 @@ def read_log(
     try:
         return _log(read_table(Path(path), limit), mapping, joints, slides, weight)
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise LogError(f"{path}: {error}") from None
 
 
 def _log(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.errors import LogError
 from ident.recordings.table import short
 
 HUGE = 1e8
@@ -94,17 +95,17 @@ def read_mapping(path: Path, joints: Sequence[str], bodies: Sequence[str], slide
     """Reads a mapping file.
 
     Raises:
-        ValueError: The file is missing or malformed, or names what the mechanism does not have.
+        LogError: The file is missing or malformed, or names what the mechanism does not have.
     """
     if not path.is_file():
-        raise ValueError(f"{path}: a mapping of columns is a TOML file that exists.")
+        raise LogError(f"{path}: a mapping of columns is a TOML file that exists.")
     try:
         entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
         return _mapping(entries, joints, bodies, slides)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{path}: a mapping of columns needs to be TOML in UTF-8 ({error}).") from None
+        raise LogError(f"{path}: a mapping of columns needs to be TOML in UTF-8 ({error}).") from None
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise LogError(f"{path}: {error}") from None
 
 
 def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
@@ -113,7 +114,7 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
     for user, used in columns.items():
         for name in filter(None, used.names):
             if name in users:
-                raise ValueError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.")
+                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.")
             users[name] = user
 
 
@@ -152,25 +153,25 @@ def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
         for key, kind, unit in ((f"{where}.force", "force", "unit"), (f"{where}.torque", "torque", "torque_unit"))
     }
     if not any(name for several in columns.values() for name in several.names):
-        raise ValueError(f"[{where}] needs at least one column under force or torque.")
+        raise LogError(f"[{where}] needs at least one column under force or torque.")
     return columns
 
 
 def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Sensor:
     where, body = f"wrenches.{name}", entry.get("body")
     if name == GROUND and body is not None:
-        raise ValueError(f"[{where}] needs no body: the ground acts at the base; got {short(body)}.")
+        raise LogError(f"[{where}] needs no body: the ground acts at the base; got {short(body)}.")
     if name != GROUND and body not in bodies:
-        raise ValueError(f"[{where}] needs a body, one of {', '.join(bodies)}; got {short(body)}.")
+        raise LogError(f"[{where}] needs a body, one of {', '.join(bodies)}; got {short(body)}.")
     applied = entry.get("applied_to_link", True)
     if not isinstance(applied, bool):
-        raise ValueError(f"{where}.applied_to_link needs true or false, got {short(applied)}.")
+        raise LogError(f"{where}.applied_to_link needs true or false, got {short(applied)}.")
     return Sensor(body, _pose(where, entry), applied)
 
 
 def _pose(where: str, entry: Mapping[str, Any]) -> np.ndarray:
     if "quaternion" in entry and "rpy_deg" in entry:
-        raise ValueError(f"[{where}] needs a quaternion or rpy_deg, got both.")
+        raise LogError(f"[{where}] needs a quaternion or rpy_deg, got both.")
     T = np.eye(4)
     T[:3, 3] = _vector(f"{where}.position", entry.get("position", [0, 0, 0]), 3)
     if "rpy_deg" in entry:
@@ -178,7 +179,7 @@ def _pose(where: str, entry: Mapping[str, Any]) -> np.ndarray:
         return T
     quaternion = _vector(f"{where}.quaternion", entry.get("quaternion", [1, 0, 0, 0]), 4)
     if not 0.99 < np.linalg.norm(quaternion) < 1.01:
-        raise ValueError(f"{where}.quaternion needs four numbers w, x, y, z of norm 1, got {quaternion.tolist()}.")
+        raise LogError(f"{where}.quaternion needs four numbers w, x, y, z of norm 1, got {quaternion.tolist()}.")
     T[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     return T
 
@@ -186,7 +187,7 @@ def _pose(where: str, entry: Mapping[str, Any]) -> np.ndarray:
 def _vector(where: str, value: Any, size: int) -> np.ndarray:
     numbers = isinstance(value, list) and all(type(x) in (int, float) and abs(x) < HUGE for x in value)
     if not numbers or len(value) != size:
-        raise ValueError(f"{where} needs a list of {size} numbers, got {short(value)}.")
+        raise LogError(f"{where} needs a list of {size} numbers, got {short(value)}.")
     return np.array(value, float)
 
 
@@ -197,7 +198,7 @@ def _single(where: str, entry: Any, quantity: str) -> Columns:
     _check_keys(where, _entry(where, entry), ("column", "unit"))
     name = entry.get("column")
     if not isinstance(name, str):
-        raise ValueError(f"{where} needs the name of a column, got {short(name)}.")
+        raise LogError(f"{where} needs the name of a column, got {short(name)}.")
     return Columns((name.strip(),), *_factor(where, entry, "unit", quantity))
 
 
@@ -206,9 +207,9 @@ def _several(
 ) -> Columns:
     """Columns of a vector; with gaps, "" stands for a missing one."""
     if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str) for name in names):
-        raise ValueError(f"{where} needs a list of {size} columns, got {short(names)}.")
+        raise LogError(f"{where} needs a list of {size} columns, got {short(names)}.")
     if not gaps and not all(name.strip() for name in names):
-        raise ValueError(f"{where} needs {size} columns, none of them may be missing; got {short(names)}.")
+        raise LogError(f"{where} needs {size} columns, none of them may be missing; got {short(names)}.")
     return Columns(tuple(name.strip() for name in names), factor, unit_stated)
 
 
@@ -217,17 +218,17 @@ def _factor(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tu
     if key not in entry:
         return 1.0, False
     if not isinstance(entry[key], str) or entry[key] not in choices:
-        raise ValueError(f"{where}.{key} needs one of {', '.join(choices)}; got {short(entry[key])}.")
+        raise LogError(f"{where}.{key} needs one of {', '.join(choices)}; got {short(entry[key])}.")
     return choices[entry[key]], True
 
 
 def _entry(where: str, value: Any) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise ValueError(f"{where} needs a table of entries, got {short(value)}.")
+        raise LogError(f"{where} needs a table of entries, got {short(value)}.")
     return value
 
 
 def _check_keys(where: str, entry: Mapping[str, Any], choices: Sequence[str]) -> None:
     for key in entry:
         if key not in choices:
-            raise ValueError(f"{where} has no entry '{short(key)}'; valid are {', '.join(choices) or 'none'}.")
+            raise LogError(f"{where} has no entry '{short(key)}'; valid are {', '.join(choices) or 'none'}.")

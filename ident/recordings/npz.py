@@ -9,6 +9,8 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
 
+from ident.errors import LogError
+
 LIMIT = 500_000_000
 """Bytes that arrays may take in memory if nobody says otherwise: a million samples of sixty channels."""
 
@@ -25,7 +27,7 @@ def arrays(path: Path, *, without: str | None = None, limit: int = LIMIT) -> dic
         limit: As for `check_size`.
 
     Raises:
-        ValueError: The file is no archive or too large, or a member is damaged or no array; the message names it.
+        LogError: The file is no archive or too large, or a member is damaged or no array; the message names it.
     """
     with opened(path) as archive:
         members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
@@ -41,16 +43,16 @@ def opened(path: Path) -> Iterator[ZipFile]:
     """An archive for the duration of a block.
 
     Raises:
-        ValueError: The file is no archive.
+        LogError: The file is no archive.
     """
     # A file handle of our own: an archive that is broken would leave its own open.
     with path.open("rb") as stream:
         try:
             if stream.read(2) != b"PK":
-                raise ValueError("not a zip archive")
+                raise LogError("not a zip archive")
             archive = ZipFile(stream)
         except Exception as error:
-            raise ValueError(f"the file needs to be an npz archive of arrays ({_reason(error)}).") from error
+            raise LogError(f"the file needs to be an npz archive of arrays ({_reason(error)}).") from error
         with archive:
             yield archive
 
@@ -59,7 +61,7 @@ def member_of(archive: ZipFile, member: ZipInfo) -> IO[bytes]:
     """A member to read, which gives no more than the bytes it says it has."""
     # Of LZMA and bzip2 `zipfile` unpacks all that it has read, of what numpy writes as much as was asked for.
     if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-        raise ValueError("it is compressed in another way than by numpy.savez_compressed")
+        raise LogError("it is compressed in another way than by numpy.savez_compressed")
     return archive.open(member)
 
 
@@ -67,10 +69,10 @@ def check_size(path: Path, size: int, limit: int) -> None:
     """Refuses bytes in memory above a limit, unless the file has them as well.
 
     Raises:
-        ValueError: There are more than the limit, and than numbers in a file of that size.
+        LogError: There are more than the limit, and than numbers in a file of that size.
     """
     if size > max(limit, NUMBER * path.stat().st_size):
-        raise ValueError(
+        raise LogError(
             f"the file takes {size / 1e6:.0f} MB in memory where at most {limit / 1e6:.0f} MB are expected of it; if "
             "it may be so large, say so (--max-size)."
         )
@@ -81,13 +83,13 @@ def reading(member: str) -> Iterator[None]:
     """Says which member cannot be read, whatever is wrong with it.
 
     Raises:
-        ValueError: The block failed.
+        LogError: The block failed.
     """
     try:
         yield
     # Zip, its decompressors and numpy's parser of headers have a dozen classes of errors for damage.
     except Exception as error:
-        raise ValueError(f"member {member!r} cannot be read ({_reason(error)}).") from error
+        raise LogError(f"member {member!r} cannot be read ({_reason(error)}).") from error
 
 
 def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:
@@ -95,7 +97,7 @@ def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:
         array = np.lib.format.read_array(stream, allow_pickle=False)
         # Without numbers a shape may be anything.
         if math.prod(max(1, n) for n in array.shape) * array.itemsize > member.file_size:
-            raise ValueError(f"an array of {array.shape} is none")
+            raise LogError(f"an array of {array.shape} is none")
         return array
 
 

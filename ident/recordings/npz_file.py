@@ -11,6 +11,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
+from ident.errors import LogError
 from ident.recordings.csv_file import TRUE
 from ident.recordings.npz import LIMIT, NUMBER, check_size, member_of, opened, reading
 
@@ -37,7 +38,7 @@ def npz_pieces(path: Path, samples: int, limit: int = LIMIT) -> Iterator[tuple[d
         limit: Bytes that a piece may take, as for `check_size`.
 
     Raises:
-        ValueError: The file is no archive, or a piece of it is too large; or a member is missing, damaged or no
+        LogError: The file is no archive, or a piece of it is too large; or a member is missing, damaged or no
             channel, the message names it.
     """
     with ExitStack() as streams:
@@ -45,13 +46,13 @@ def npz_pieces(path: Path, samples: int, limit: int = LIMIT) -> Iterator[tuple[d
         names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
         for name in ("time", "metadata"):
             if name not in names:
-                raise ValueError(f"a recording needs a member '{name}'; it has {', '.join(names) or 'none'}.")
+                raise LogError(f"a recording needs a member '{name}'; it has {', '.join(names) or 'none'}.")
         text = archive.getinfo("metadata.npy")
         check_size(path, text.file_size, limit)
         with reading("metadata"), member_of(archive, text) as stream:
             metadata = json.loads(str(np.lib.format.read_array(stream, allow_pickle=False)))
             if not isinstance(metadata, dict):
-                raise ValueError(f"a JSON object is needed, it holds {metadata!r}")
+                raise LogError(f"a JSON object is needed, it holds {metadata!r}")
         names = ["time", *(name for name in names if name.startswith(("measured/", "true/")))]
         members = [_opened(archive, name, streams) for name in names]
         length = members[0].shape[0]
@@ -77,13 +78,13 @@ class _Member:
     def check(self, length: int, samples: int) -> None:
         """Refuses what is no channel of so many samples, and what cannot be read in pieces."""
         if self.dtype.kind not in "biuf":
-            raise ValueError(f"a channel needs real numbers, it holds {self.dtype}")
+            raise LogError(f"a channel needs real numbers, it holds {self.dtype}")
         if self.shape[0] != length:
-            raise ValueError(f"the times are {length} samples, it has {self.shape[0]}")
+            raise LogError(f"the times are {length} samples, it has {self.shape[0]}")
         if math.prod(self.shape) * self.dtype.itemsize != self.size:
-            raise ValueError(f"an array of {self.shape} {self.dtype} has another size than its {self.size} bytes")
+            raise LogError(f"an array of {self.shape} {self.dtype} has another size than its {self.size} bytes")
         if self.by_columns and samples < length:
-            raise ValueError("an array in Fortran order is not read in pieces; load it whole, and save it anew")
+            raise LogError("an array in Fortran order is not read in pieces; load it whole, and save it anew")
 
     def read(self, rows: int) -> np.ndarray:
         """The next samples (rows,) or (rows, d)."""
@@ -92,7 +93,7 @@ class _Member:
         with reading(self.name):
             data = self.stream.read(size)
             if len(data) < size:
-                raise ValueError(f"it ends {size - len(data)} bytes early")
+                raise LogError(f"it ends {size - len(data)} bytes early")
         return np.frombuffer(data, self.dtype).reshape(shape, order="F" if self.by_columns else "C")
 
 
@@ -103,10 +104,10 @@ def _opened(archive: ZipFile, name: str, streams: ExitStack) -> _Member:
         stream = streams.enter_context(member_of(archive, information))
         version = np.lib.format.read_magic(stream)
         if version not in HEADERS:
-            raise ValueError(f"a channel has a header of version 1 or 2, it has version {version[0]}")
+            raise LogError(f"a channel has a header of version 1 or 2, it has version {version[0]}")
         shape, by_columns, dtype = HEADERS[version](stream)
         if len(shape) not in (1, 2):
-            raise ValueError(f"a channel has one or two dimensions, it has {len(shape)}")
+            raise LogError(f"a channel has one or two dimensions, it has {len(shape)}")
         return _Member(name, stream, information.file_size - stream.tell(), shape, by_columns, dtype)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ident.errors import LogError
 from ident.recordings.mapping import GROUND, ColumnMapping
 
 TURNS = 20.0
@@ -18,7 +19,7 @@ def check_angles(mapping: ColumnMapping, q: np.ndarray, joints: Sequence[str], s
     for joint, extent in zip(joints, np.ptp(q, axis=0), strict=True):
         columns = mapping.columns[f"joints.{joint}.position"]
         if extent > TURNS and joint not in slides and not columns.unit_stated:
-            raise ValueError(
+            raise LogError(
                 f"column '{columns.names[0]}', the position of joint '{joint}', ranges over {extent:.3g} rad, which "
                 f'looks like degrees; map it, as in position = {{ column = "{columns.names[0]}", unit = "deg" }} '
                 f'under [joints.{joint}], or state its unit "rad".'
@@ -37,7 +38,7 @@ def check_rates(
             factor = _rate_factor(time, x[:, k], dx[:, k])
             for suspected in (180 / np.pi, np.pi / 180):
                 if 0.8 < abs(factor) / suspected < 1.25 and joint not in slides:
-                    raise ValueError(
+                    raise LogError(
                         f"the {rate} of joint '{joint}' is {factor:.3g} times the derivative of its {kind}, so one of "
                         f"them is in degrees; map it with its unit under [joints.{joint}]."
                     )

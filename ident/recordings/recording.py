@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.errors import LogError
 from ident.recordings.atomic import replacing
 from ident.recordings.csv_file import TRUE, csv_pieces, write_csv
 from ident.recordings.npz import LIMIT
@@ -54,24 +55,24 @@ class Recording:
             object.__setattr__(self, name, dict(getattr(self, name)))
         for name in self.measured:
             if not re.fullmatch(r"(?!true:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
-                raise ValueError(f"A channel's name cannot be {name!r}: it is a word without commas and dots.")
+                raise LogError(f"A channel's name cannot be {name!r}: it is a word without commas and dots.")
         for name, level in self.noise.items():
             if not (isinstance(level, Real) and 0 <= level < np.inf):
-                raise ValueError(f"The noise of channel '{name}' needs a standard deviation, got {level!r}.")
+                raise LogError(f"The noise of channel '{name}' needs a standard deviation, got {level!r}.")
         if self.true and {k: x.shape for k, x in self.true.items()} != {k: x.shape for k, x in self.measured.items()}:
-            raise ValueError("True values need the same channels and shapes as the measured ones.")
+            raise LogError("True values need the same channels and shapes as the measured ones.")
 
     @property
     def noise_free(self) -> "Recording":
         """The true values as if they had been measured."""
         if not self.true:
-            raise ValueError("This recording holds no true values.")
+            raise LogError("This recording holds no true values.")
         return replace(self, measured=self.true)
 
     def __getitem__(self, channel: str) -> np.ndarray:
         """A measured channel (N,) or (N, d)."""
         if channel not in self.measured:
-            raise ValueError(f"The recording has no channel '{channel}'; it has {', '.join(sorted(self.measured))}.")
+            raise LogError(f"The recording has no channel '{channel}'; it has {', '.join(sorted(self.measured))}.")
         return self.measured[channel]
 
     def joint_states(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -117,7 +118,7 @@ class Recording:
         path = Path(path)
         writers = {".npz": write_npz, ".csv": write_csv}
         if path.suffix not in writers:
-            raise ValueError(f"A recording is saved as .npz or .csv, got '{path.name}'.")
+            raise LogError(f"A recording is saved as .npz or .csv, got '{path.name}'.")
         channels = {"time": self.time, **self.measured} | {f"{TRUE}{name}": x for name, x in self.true.items()}
         metadata = {name: getattr(self, name) for name in METADATA}
         with replacing(path) as temporary:
@@ -128,7 +129,7 @@ class Recording:
         """Reads what `save` wrote, an archive that takes at most so many bytes in memory (`npz.check_size`).
 
         Raises:
-            ValueError: The file is missing or not a recording; the message names file, row and column.
+            LogError: The file is missing or not a recording; the message names file, row and column.
         """
         (recording,) = cls.chunks(path, sys.maxsize, limit=limit)
         return recording
@@ -143,13 +144,13 @@ class Recording:
             limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
 
         Raises:
-            ValueError: The file is missing or not a recording, as for `load`; a fault is found when its piece is due.
+            LogError: The file is missing or not a recording, as for `load`; a fault is found when its piece is due.
         """
         path = Path(path)
         if path.suffix not in (".npz", ".csv") or not path.is_file():
-            raise ValueError(f"A recording is a .npz or .csv file that exists, got '{path}'.")
+            raise LogError(f"A recording is a .npz or .csv file that exists, got '{path}'.")
         if samples < 1:
-            raise ValueError(f"A piece of a recording needs at least one sample, got {samples}.")
+            raise LogError(f"A piece of a recording needs at least one sample, got {samples}.")
         first, last = 0, np.empty(0)
         try:
             pieces = npz_pieces(path, samples, limit) if path.suffix == ".npz" else csv_pieces(path, samples)
@@ -161,18 +162,16 @@ class Recording:
                 yield cls._of(time, channels, metadata)
                 first, last = first + len(time), time[-1:]
             if first == 0:
-                raise ValueError("a recording needs samples, it has none.")
+                raise LogError("a recording needs samples, it has none.")
         except (ValueError, OSError) as error:
-            raise ValueError(f"{path}: {error}") from error
+            raise LogError(f"{path}: {error}") from error
 
     @classmethod
     def _of(cls, time: np.ndarray, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> "Recording":
         """A recording from what a file holds."""
         for name, content in metadata.items():
             if name not in METADATA or not isinstance(content, Mapping):
-                raise ValueError(
-                    f"besides channels a file has {', '.join(METADATA)}, each a JSON object; not '{name}'."
-                )
+                raise LogError(f"besides channels a file has {', '.join(METADATA)}, each a JSON object; not '{name}'.")
         true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
         return cls(time, {name: x for name, x in channels.items() if not name.startswith(TRUE)}, true, **metadata)
 
@@ -181,7 +180,7 @@ def _checked(name: str, values: Iterable[float], samples: int | None) -> np.ndar
     x = np.array(values, float)
     dimensions = (1,) if samples is None else (1, 2)
     if x.ndim not in dimensions or samples not in (None, len(x)) or x.size == 0:
-        raise ValueError(
+        raise LogError(
             f"Channel '{name}' needs {samples or 'N > 0'} samples along its first axis, got shape {x.shape}."
         )
     _check_finite(name, x)
@@ -194,11 +193,11 @@ def _check_finite(name: str, x: np.ndarray, first: int = 0) -> None:
     finite = np.isfinite(x)
     if not finite.all():
         bad = tuple(np.argwhere(~finite)[0])
-        raise ValueError(f"Channel '{name}' needs finite numbers; sample {first + bad[0]} is {x[bad]}.")
+        raise LogError(f"Channel '{name}' needs finite numbers; sample {first + bad[0]} is {x[bad]}.")
 
 
 def _check_increasing(time: np.ndarray, first: int = 0) -> None:
     """Refuses times, from that sample on, that do not increase."""
     steps = np.diff(time)
     if not (steps > 0).all():
-        raise ValueError(f"Recorded times must increase; sample {first + int(np.argmin(steps > 0)) + 1} does not.")
+        raise LogError(f"Recorded times must increase; sample {first + int(np.argmin(steps > 0)) + 1} does not.")

@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from ident.errors import InputError
+
 ORDER = 2
 """Order of the Butterworth filter; forward and backward it passes `1 / (1 + (f / cutoff)⁴)` of an amplitude."""
 
@@ -35,18 +37,18 @@ def low_pass(x: np.ndarray, rate: float, cutoff_hz: float) -> np.ndarray:
         The smoothed columns, in the shape of x.
 
     Raises:
-        ValueError: The cut-off is not between `LEAST` and half the rate, or there are too few samples.
+        InputError: The cut-off is not between `LEAST` and half the rate, or there are too few samples.
     """
     x = np.asarray(x, float)
     if not LEAST * rate <= cutoff_hz < rate / 2:
-        raise ValueError(
+        raise InputError(
             f"A cut-off needs a frequency from {LEAST * rate:g} Hz to below half the rate, {rate / 2:g} Hz, got "
             f"{cutoff_hz:g} Hz."
         )
     sections = butter(ORDER, cutoff_hz, fs=rate, output="sos")
     padding = 3 * (2 * len(sections) + 1)
     if len(x) <= padding:
-        raise ValueError(f"Low-pass filtering needs more than {padding} samples, got {len(x)}.")
+        raise InputError(f"Low-pass filtering needs more than {padding} samples, got {len(x)}.")
     return sosfiltfilt(sections, x, axis=0, padlen=padding)
 
 
@@ -61,7 +63,7 @@ def differences(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
         ẋ and ẍ in the shape of x.
     """
     if len(x) < 5:
-        raise ValueError(f"Central differences need at least 5 samples, got {len(x)}.")
+        raise InputError(f"Central differences need at least 5 samples, got {len(x)}.")
     dx = np.gradient(x, axis=0)
     ddx = np.empty_like(dx)
     ddx[1:-1] = x[2:] - 2 * x[1:-1] + x[:-2]
@@ -87,7 +89,7 @@ def smoothed(x: np.ndarray, rate: float, cutoff_hz: float) -> tuple[np.ndarray, 
         x, ẋ and ẍ in the shape of x; `settling` samples at either end are not to be trusted.
 
     Raises:
-        ValueError: As for `low_pass`.
+        InputError: As for `low_pass`.
     """
     x = low_pass(x, rate, cutoff_hz)
     return x, *differences(x, rate)
@@ -115,18 +117,18 @@ def chosen_cutoff(x: np.ndarray, rate: float) -> float:
         The highest cut-off that any column asks for, Hz, at most 0.4 of the rate.
 
     Raises:
-        ValueError: There are too few samples, or no column has a motion well below half the rate.
+        InputError: There are too few samples, or no column has a motion well below half the rate.
     """
     x = np.asarray(x, float).reshape(len(x), -1)
     if len(x) < 50:
-        raise ValueError(f"Choosing a cut-off needs at least 50 samples, got {len(x)}; state a cut-off in Hz.")
+        raise InputError(f"Choosing a cut-off needs at least 50 samples, got {len(x)}; state a cut-off in Hz.")
     x = x[:, np.isfinite(x).all(axis=0)]
     x = x - x.mean(axis=0)
     moves = np.ptp(x, axis=0) > 1e-9
     fast = _residuals(x, rate, np.array([TAIL * rate]))[0] > 0.5 * x.std(axis=0)
     x = x[:, moves & ~fast]
     if not x.shape[1]:
-        raise ValueError(
+        raise InputError(
             f"Choosing a cut-off needs a column that moves below {TAIL * rate:g} Hz, a tenth of the rate, and is not "
             "noise alone; state a cut-off in Hz."
         )

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.errors import LogError
 from ident.recordings import npz
 from ident.recordings.csv_file import COMPONENTS, TRUE
 
@@ -54,20 +55,20 @@ class Table:
             limit: No number is larger.
         """
         if name not in self.cells:
-            raise ValueError(f"{key} is mapped to column '{short(name)}', but {self.available()}.")
+            raise LogError(f"{key} is mapped to column '{short(name)}', but {self.available()}.")
         cells = self.cells[name]
         x = cells if isinstance(cells, np.ndarray) else self._parsed(name, cells)
         infinite, missing, large = np.isinf(x), np.isnan(x), np.abs(x) > limit
         if infinite.any():
-            raise ValueError(f"{self.row(int(infinite.argmax()))}, column '{name}' needs a finite number, got an inf.")
+            raise LogError(f"{self.row(int(infinite.argmax()))}, column '{name}' needs a finite number, got an inf.")
         if missing.any() and not missing.all():
-            raise ValueError(
+            raise LogError(
                 f"{self.row(int(missing.argmax()))}, column '{name}' is empty or NaN, as are {int(missing.sum())} of "
                 f"{len(x)} samples of it; a filter needs all of them: cut the log, or fill the gap."
             )
         if large.any():
             i = int(large.argmax())
-            raise ValueError(f"{self.row(i)}, column '{name}' needs numbers below {limit:g}, got {x[i]:g}.")
+            raise LogError(f"{self.row(i)}, column '{name}' needs numbers below {limit:g}, got {x[i]:g}.")
         return x
 
     def _parsed(self, name: str, cells: Sequence[str]) -> np.ndarray:
@@ -75,7 +76,7 @@ class Table:
             if any(separator in cell for cell in cells):
                 self.separators.setdefault(separator, name)
         if len(self.separators) == 2:
-            raise ValueError(
+            raise LogError(
                 f"decimal commas (column '{self.separators[',']}') and decimal points (column "
                 f"'{self.separators['.']}') in one file are ambiguous; use one of them."
             )
@@ -87,7 +88,7 @@ class Table:
                 raise ValueError
             return float((cell.replace(",", ".") if self.decimal_comma else cell) or "nan")
         except ValueError:
-            raise ValueError(f"{self.row(i)}, column '{name}' needs a number, got '{short(cell)}'.") from None
+            raise LogError(f"{self.row(i)}, column '{name}' needs a number, got '{short(cell)}'.") from None
 
 
 def read_table(path: Path, limit: int = npz.LIMIT) -> Table:
@@ -98,14 +99,14 @@ def read_table(path: Path, limit: int = npz.LIMIT) -> Table:
         limit: Bytes that an archive may take in memory, as for `npz.check_size`.
 
     Raises:
-        ValueError: The file is missing, malformed, too short or too large.
+        LogError: The file is missing, malformed, too short or too large.
     """
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".txt", ".tsv", ".npz") or not path.is_file():
-        raise ValueError("a log is a .csv, .tsv, .txt or .npz file that exists.")
+        raise LogError("a log is a .csv, .tsv, .txt or .npz file that exists.")
     table = _read_npz(path, limit) if suffix == ".npz" else _read_csv(path)
     if len(table.rows) < SAMPLES:
-        raise ValueError(f"a log needs at least {SAMPLES} samples, it has {len(table.rows)}.")
+        raise LogError(f"a log needs at least {SAMPLES} samples, it has {len(table.rows)}.")
     return table
 
 
@@ -115,13 +116,13 @@ def _read_csv(path: Path) -> Table:
     while skipped < len(lines) and (not lines[skipped].strip() or lines[skipped].startswith("#")):
         skipped += 1
     if skipped == len(lines):
-        raise ValueError("the file is empty; a log is a header row of names and rows of numbers.")
+        raise LogError("the file is empty; a log is a header row of names and rows of numbers.")
     delimiter = next((d for d in ";\t," if d in lines[skipped]), ",")
     (first, header), *numbered = _cells(lines, skipped, delimiter) or [(skipped + 1, [])]
     _check_header(header, first)
     for number, row in numbered:
         if len(row) < len(header) or any(row[len(header) :]):
-            raise ValueError(f"row {number} has {len(row)} cells where the header has {len(header)}.")
+            raise LogError(f"row {number} has {len(row)} cells where the header has {len(header)}.")
     cells = {
         name: [row[k] for _, row in numbered] for k, name in enumerate(header) if name and not name.startswith(TRUE)
     }
@@ -136,12 +137,12 @@ def _cells(lines: Sequence[str], skipped: int, delimiter: str) -> list[tuple[int
     try:
         for row in reader:
             if skipped + reader.line_num > number:
-                raise ValueError(f"row {number} opens a quotation mark that it does not close.")
+                raise LogError(f"row {number} opens a quotation mark that it does not close.")
             if any(row):
                 numbered.append((number, [cell.strip() for cell in row]))
             number += 1
     except csv.Error as error:
-        raise ValueError(f"row {number} is no row of a CSV file ({error}).") from None
+        raise LogError(f"row {number} is no row of a CSV file ({error}).") from None
     return numbered
 
 
@@ -150,16 +151,16 @@ def _text(data: bytes) -> str:
     try:
         return data.decode("utf-16" if utf16 else "utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ValueError(f"the file needs to be text in UTF-8, byte {error.start} is not.") from None
+        raise LogError(f"the file needs to be text in UTF-8, byte {error.start} is not.") from None
 
 
 def _check_header(header: Sequence[str], row: int) -> None:
     names = [name for name in header if name]
     if not names or any(map(_is_number, names)):
-        raise ValueError(f"a log needs a header row of names, row {row} holds numbers or nothing.")
+        raise LogError(f"a log needs a header row of names, row {row} holds numbers or nothing.")
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise ValueError(f"the header names column '{short(twice[0])}' more than once.")
+        raise LogError(f"the header names column '{short(twice[0])}' more than once.")
 
 
 def _is_number(cell: str) -> bool:
@@ -179,7 +180,7 @@ def _read_npz(path: Path, limit: int) -> Table:
     lengths = {name: len(x) for name, x in cells.items()}
     if len(set(lengths.values())) > 1:
         shortest, longest = min(lengths, key=lengths.__getitem__), max(lengths, key=lengths.__getitem__)
-        raise ValueError(
+        raise LogError(
             f"arrays need the same number of samples, '{shortest}' has {lengths[shortest]} and '{longest}' has "
             f"{lengths[longest]}."
         )

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ident.errors import LogError
 from ident.recordings.mapping import Columns
 from ident.recordings.table import SAMPLES, Table
 
@@ -24,12 +25,12 @@ def repaired(
         notes: Sentences on what was repaired; more are appended.
 
     Raises:
-        ValueError: The times have a gap, go back, or repeat one with other values.
+        LogError: The times have a gap, go back, or repeat one with other values.
     """
     (name,) = columns.names
     raw = table.column(name, "time", LATEST / columns.factor)
     if np.isnan(raw).any():
-        raise ValueError(f"column '{name}' is empty, but a log needs times.")
+        raise LogError(f"column '{name}' is empty, but a log needs times.")
     time, start = (raw - raw[0]) * columns.factor, raw[0] * columns.factor
     if abs(start) > 1e6:
         notes.append(f"Times start at {start:.10g} s; they are counted from there.")
@@ -38,18 +39,18 @@ def repaired(
     time = time[kept]
     channels = {key: x[kept] for key, x in channels.items()}
     if len(time) < SAMPLES:
-        raise ValueError(f"a log needs at least {SAMPLES} samples at different times, it has {len(time)}.")
+        raise LogError(f"a log needs at least {SAMPLES} samples at different times, it has {len(time)}.")
     steps = np.diff(time)
     step = float(np.median(steps))
     if step < 1e-6 or (step >= 1 and not columns.unit_stated):
-        raise ValueError(
+        raise LogError(
             f"column '{name}' has steps of {step:g} s, which suggests that its unit is not the second; map it, as in "
             f'time = {{ column = "{name}", unit = "ms" }}.'
         )
     gaps = steps > GAP * step * (1 + 1e-6)
     if gaps.any():
         i = int(gaps.argmax())
-        raise ValueError(
+        raise LogError(
             f"{table.row(kept[i + 1])}, column '{name}' comes {steps[i]:g} s after the sample before where steps are "
             f"{step:g} s; a filter over a gap of {int(gaps.sum())} invents data: cut the log there."
         )
@@ -67,11 +68,11 @@ def _increasing(
     steps = np.diff(time)
     if (steps < 0).any():
         i = int((steps < 0).argmax()) + 1
-        raise ValueError(f"{table.row(i)}, column '{name}' goes back in time by {-steps[i - 1]:g} s; sort the log.")
+        raise LogError(f"{table.row(i)}, column '{name}' goes back in time by {-steps[i - 1]:g} s; sort the log.")
     repeated = np.append(False, steps == 0)
     for i in map(int, np.flatnonzero(repeated)):
         if not all(np.array_equal(x[i], x[i - 1], equal_nan=True) for x in channels.values()):
-            raise ValueError(
+            raise LogError(
                 f"{table.row(i)}, column '{name}' repeats the time of the sample before, but not its values; "
                 "which of them holds is not known."
             )

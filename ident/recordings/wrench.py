@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.errors import InputError
 from ident.geometry.se3 import coAd
 from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
@@ -32,15 +33,15 @@ class Contact:
     def __post_init__(self) -> None:
         wrench, pose = np.asarray(self.exerted_by_link, float), np.asarray(self.pose, float)
         if wrench.ndim != 2 or wrench.shape[1] != 6 or not np.isfinite(wrench).all():
-            raise ValueError(f"The contact on '{self.body}' needs finite wrenches (N, 6), got shape {wrench.shape}.")
+            raise InputError(f"The contact on '{self.body}' needs finite wrenches (N, 6), got shape {wrench.shape}.")
         if pose.shape not in ((4, 4), (len(wrench), 4, 4)) or not is_rigid(pose):
-            raise ValueError(
+            raise InputError(
                 f"The contact on '{self.body}' needs the pose of its sensor's frame, (4, 4) or ({len(wrench)}, 4, 4), "
                 f"got {'none' if self.pose is None else pose.shape}."
             )
         _check_covariance(f"The contact on '{self.body}'", self.covariance)
         if self.time is not None and np.shape(self.time) != (len(wrench),):
-            raise ValueError(
+            raise InputError(
                 f"The contact on '{self.body}' needs {len(wrench)} sample times, got shape {np.shape(self.time)}."
             )
 
@@ -115,26 +116,26 @@ def total_wrench(
         The total wrench, with the sensors' covariances carried through the transport where all are known.
 
     Raises:
-        ValueError: A contact is on a body that does not exist, its samples do not match in number or time, or an array
+        InputError: A contact is on a body that does not exist, its samples do not match in number or time, or an array
             is not finite or of another shape.
     """
     if np.ndim(q) != 2:
-        raise ValueError(f"The total wrench needs joint coordinates (N, n_q), got shape {np.shape(q)}.")
+        raise InputError(f"The total wrench needs joint coordinates (N, n_q), got shape {np.shape(q)}.")
     poses = tree.poses(q)
     if not np.isfinite(poses).all():
-        raise ValueError("The total wrench needs finite joint states.")
+        raise InputError("The total wrench needs finite joint states.")
     if ground is None:
         if ground_covariance is not None:
-            raise ValueError("A covariance of the ground wrench needs a ground wrench, got None.")
+            raise InputError("A covariance of the ground wrench needs a ground wrench, got None.")
         ground, ground_covariance = np.zeros((len(poses), 6)), np.zeros((6, 6))
     wrench = np.array(ground, float)
     if wrench.shape != (len(poses), 6) or not np.isfinite(wrench).all():
-        raise ValueError(
+        raise InputError(
             f"{len(poses)} joint states need finite ground wrenches ({len(poses)}, 6), got shape {wrench.shape}."
         )
     _check_covariance("The ground wrench", ground_covariance)
     if time is not None and np.shape(time) != (len(poses),):
-        raise ValueError(f"{len(poses)} joint states need as many sample times, got shape {np.shape(time)}.")
+        raise InputError(f"{len(poses)} joint states need as many sample times, got shape {np.shape(time)}.")
     known = ground_covariance is not None and all(contact.covariance is not None for contact in contacts)
     covariance = np.tile(np.asarray(ground_covariance, float), (len(poses), 1, 1)) if known else None
     for contact in contacts:
@@ -148,16 +149,16 @@ def total_wrench(
 
 def _check(contact: Contact, tree: Tree, samples: int, time: np.ndarray | None) -> None:
     if contact.body not in tree.names:
-        raise ValueError(f"A contact is on '{contact.body}', but the mechanism's bodies are {', '.join(tree.names)}.")
+        raise InputError(f"A contact is on '{contact.body}', but the mechanism's bodies are {', '.join(tree.names)}.")
     if len(contact.exerted_by_link) != samples:
-        raise ValueError(
+        raise InputError(
             f"The contact on '{contact.body}' needs {samples} samples like the joint states, "
             f"got {len(contact.exerted_by_link)}."
         )
     if time is not None and contact.time is not None:
         shift = np.abs(np.asarray(contact.time) - time)
         if not shift.max() <= 1e-9:
-            raise ValueError(
+            raise InputError(
                 f"The contact on '{contact.body}' needs the joint states' sample times; they differ by up to "
                 f"{shift.max():.3g} s, most at sample {int(shift.argmax())}."
             )
@@ -168,4 +169,4 @@ def _check_covariance(whose: str, covariance: np.ndarray | None) -> None:
         return
     C = np.asarray(covariance, float)
     if C.shape != (6, 6) or not np.allclose(C, C.T):
-        raise ValueError(f"{whose} needs a symmetric covariance (6, 6), got shape {C.shape}.")
+        raise InputError(f"{whose} needs a symmetric covariance (6, 6), got shape {C.shape}.")

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import mujoco
 
+from ident.errors import ModelError
 from sim.models.names import joint_name, name_of
 from sim.models.notes import note
 
@@ -61,7 +62,7 @@ def check_couplings(
         ModelNote: Bodies of the mechanism are coupled.
 
     Raises:
-        ValueError: A coupling reaches outside and is not ignored, or a name is unknown.
+        ModelError: A coupling reaches outside and is not ignored, or a name is unknown.
     """
     acting = [c for c in _acting(model, members, ignore) if c.joints is None or not c.joints <= set(fixed)]
     inside = {*members, WORLD_SIDE} if base is None else set(members)
@@ -85,7 +86,7 @@ def check_torques(
         joints: Names of the joints.
 
     Raises:
-        ValueError: There is a coupling that is not ignored, or a name is unknown.
+        ModelError: There is a coupling that is not ignored, or a name is unknown.
     """
     acting = _acting(model, members, ignore) if joints else []
     _refuse([c for c in acting if c.joints is None or c.joints & set(joints)], "which act on its joints")
@@ -95,7 +96,7 @@ def _acting(model: mujoco.MjModel, members: Sequence[int], ignore: Collection[st
     every = couplings(model)
     unknown = set(ignore) - {coupling.name for coupling in every}
     if unknown:
-        raise ValueError(
+        raise ModelError(
             f"The model has no active equality constraint, tendon or flex named {', '.join(sorted(unknown))}; "
             f"it has {', '.join(coupling.name for coupling in every) or 'none'}."
         )
@@ -105,7 +106,7 @@ def _acting(model: mujoco.MjModel, members: Sequence[int], ignore: Collection[st
 def _refuse(acting: Sequence[Coupling], why: str) -> None:
     if acting:
         names = [c.name for c in acting]
-        raise ValueError(
+        raise ModelError(
             f"The equations of a tree do not hold the forces of {', '.join(map(str, acting))}, {why}. Leave them out "
             f"with --ignore {' '.join(names)} (in Python, ignore={names})."
         )

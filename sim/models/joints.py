@@ -38,7 +38,7 @@ def joints_of(model: mujoco.MjModel, base: str | None) -> tuple[Joint, ...]:
         base: Name of the body whose frame is {0}, as for `tree_from_model`; the joints that move it are left out.
 
     Raises:
-        ValueError: The base does not exist.
+        ModelError: The base does not exist.
     """
     members = [b for b in mechanism_bodies(model, base, BEYOND) if base is None or body_name(model, b) != base]
     ids = [j for j in range(model.njnt) if model.jnt_bodyid[j] in members and model.jnt_type[j] in _ONE_DOF]

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import mujoco
 import numpy as np
 
+from ident.errors import ModelError
 from ident.geometry.inertia import com_from_parameters, pseudo_inertia
 from ident.recordings.atomic import replacing
 from sim.models.inertials import (
@@ -48,7 +49,7 @@ def updated_spec(
         The specification, compiled.
 
     Raises:
-        ValueError: MuJoCo cannot read or compile the model, φ does not fit its bodies, or a body is not physical.
+        ModelError: MuJoCo cannot read or compile the model, φ does not fit its bodies, or a body is not physical.
     """
     spec = _specification(source)
     _write_into(spec, _inertials(spec, source, phi, base, beyond))
@@ -73,13 +74,13 @@ def write_model(
         beyond: Names of bodies at which the mechanism ends.
 
     Raises:
-        ValueError: As for `updated_spec`; a URDF file is asked for from something else; or the file does not read
+        ModelError: As for `updated_spec`; a URDF file is asked for from something else; or the file does not read
             back as φ.
     """
     path, phi = Path(path), np.asarray(phi, float)
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
-        raise ValueError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
+        raise ModelError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
     spec = _specification(source)
     inertials = _inertials(spec, source, phi, base, beyond, unchanged=urdf)
     if urdf:
@@ -99,7 +100,7 @@ def write_model(
 
 def _specification(source: Editable) -> mujoco.MjSpec:
     if isinstance(source, mujoco.MjModel):
-        raise ValueError("A compiled model cannot be updated; give its specification or its file.")
+        raise ModelError("A compiled model cannot be updated; give its specification or its file.")
     if isinstance(source, mujoco.MjSpec):
         return source.copy()
     if _is_urdf(source):
@@ -128,7 +129,7 @@ def _inertials(
     phi = np.asarray(phi, float)
     if phi.shape != (10 * len(members),) or not np.isfinite(phi).all():
         names = ", ".join(body_name(model, b) for b in members)
-        raise ValueError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
+        raise ModelError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
     inertials = {}
     if overrides(spec):
         for b in set(range(1, model.nbody)) - set(members):
@@ -139,7 +140,7 @@ def _inertials(
         if own.any() and (eigenvalues[0] < -1e-12 * eigenvalues[-1] or own[0] <= 0):
             if unchanged and np.allclose(own, body_parameters(model, b), rtol=1e-12, atol=0):
                 continue
-            raise ValueError(f"The parameters of '{body_name(model, b)}' are not those of a physical body.")
+            raise ModelError(f"The parameters of '{body_name(model, b)}' are not those of a physical body.")
         inertials[b] = inertial_of(*(com_from_parameters(own) if own[0] else (0.0, np.zeros(3), np.zeros((3, 3)))))
     return inertials
 
@@ -213,7 +214,7 @@ def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, base: str | Non
         error, size = (np.abs(x).reshape(-1, 10).max(axis=1) for x in (found - wanted, wanted))
         if (error <= 1e-9 * size).all():
             return
-    raise ValueError(f"{what}: MuJoCo does not read the parameters back as they were written.")
+    raise ModelError(f"{what}: MuJoCo does not read the parameters back as they were written.")
 
 
 def _compiled(spec: mujoco.MjSpec, source: Editable, *, as_stated: bool = False) -> mujoco.MjModel:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 import scenes
+from ident.errors import ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.body import BASE, Body, ball_twist, free_joint
@@ -35,7 +36,7 @@ def compiled(source: Source) -> mujoco.MjModel:
         ModelNote: No rigid body has such an inertia, or a moving body has none.
 
     Raises:
-        ValueError: The file does not exist, or MuJoCo cannot read or compile it.
+        ModelError: The file does not exist, or MuJoCo cannot read or compile it.
     """
     if isinstance(source, mujoco.MjModel):
         return source
@@ -47,14 +48,14 @@ def compiled(source: Source) -> mujoco.MjModel:
 def _compiled_file(path: Path) -> mujoco.MjModel:
     root = parsed(path)
     if path.suffix.lower() not in (".xml", ".urdf"):
-        raise ValueError(f"A model file ends in .xml or .urdf, got '{path}'.")
+        raise ModelError(f"A model file ends in .xml or .urdf, got '{path}'.")
     try:
         if root.tag == "robot":
             return compiled_as_stated(model_from_urdf(path))
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         text = " ".join(str(error).split())
-        raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+        raise ModelError(text if text.startswith(str(path)) else f"{path}: {text}") from None
 
 
 def tree_from_model(
@@ -88,7 +89,7 @@ def tree_from_model(
             its joint torques, but neither the base wrench nor contact wrenches.
 
     Raises:
-        ValueError: The base or a joint to fix does not exist, or equality constraints or tendons that nobody ignores
+        ModelError: The base or a joint to fix does not exist, or equality constraints or tendons that nobody ignores
             reach outside the tree.
     """
     model = compiled(source)
@@ -109,16 +110,16 @@ def parameters_from_model(
     MuJoCo stores principal moments about the centre of mass in the axes of an inertial frame of their own.
 
     Raises:
-        ValueError: The base does not exist, nothing in the tree has a mass, or a body has numbers that are not finite.
+        ModelError: The base does not exist, nothing in the tree has a mass, or a body has numbers that are not finite.
     """
     model = compiled(source)
     members = mechanism_bodies(model, base, beyond)
     if not model.body_mass[members].any():
-        raise ValueError(f"A mechanism needs mass; {', '.join(body_name(model, b) for b in members)} have none.")
+        raise ModelError(f"A mechanism needs mass; {', '.join(body_name(model, b) for b in members)} have none.")
     stacked = np.concatenate([body_parameters(model, b) for b in members])
     if not (finite := np.isfinite(stacked.reshape(-1, 10)).all(axis=1)).all():
         name = body_name(model, members[int(finite.argmin())])
-        raise ValueError(
+        raise ModelError(
             f"Body '{name}' needs a finite mass, centre of mass and inertia, the model has NaN or infinity."
         )
     return _tree(model, members, base).without_welds()[1] @ stacked if merge_welds else stacked
@@ -219,7 +220,7 @@ def site_on_tree(
         Name of the mechanism's body that carries it (with welds kept), and the site's pose in that body's frame (4, 4).
 
     Raises:
-        ValueError: The site does not exist, or is not fixed to a body of the mechanism.
+        ModelError: The site does not exist, or is not fixed to a body of the mechanism.
     """
     model = compiled(source)
     s = id_of(model, mujoco.mjtObj.mjOBJ_SITE, site)
@@ -227,7 +228,7 @@ def site_on_tree(
     b, pose = model.site_bodyid[s], _pose(model.site_pos[s], model.site_quat[s])
     while b not in members:
         if b == 0 or model.body_jntnum[b]:
-            raise ValueError(f"Site '{site}' is not fixed to a body of the mechanism on '{base or 'the world'}'.")
+            raise ModelError(f"Site '{site}' is not fixed to a body of the mechanism on '{base or 'the world'}'.")
         pose = _pose(model.body_pos[b], model.body_quat[b]) @ pose
         b = model.body_parentid[b]
     return body_name(model, b), pose
@@ -248,7 +249,7 @@ def mechanism_bodies(model: mujoco.MjModel, base: str | None, beyond: Sequence[s
             members.append(b)
     members = members[1:] if base is None else members
     if not members:
-        raise ValueError("The model has no body besides the world.")
+        raise ModelError("The model has no body besides the world.")
     return members
 
 

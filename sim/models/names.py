@@ -2,6 +2,8 @@
 
 import mujoco
 
+from ident.errors import ModelError
+
 _STEMS = {
     mujoco.mjtObj.mjOBJ_BODY: "body",
     mujoco.mjtObj.mjOBJ_JOINT: "joint",
@@ -44,7 +46,7 @@ def id_of(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
     """Id of the body, besides the world, or of the site that has a name.
 
     Raises:
-        ValueError: There is none.
+        ModelError: There is none.
     """
     first, count, several = {
         mujoco.mjtObj.mjOBJ_BODY: (1, model.nbody, "bodies"),
@@ -52,7 +54,7 @@ def id_of(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
     }[kind]
     names = [name_of(model, kind, index) for index in range(first, count)]
     if name not in names:
-        raise ValueError(
+        raise ModelError(
             f"The model has no {_STEMS[kind]} named '{name}'; its {several} are {', '.join(names) or 'none'}."
         )
     return first + names.index(name)

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.errors import ModelError
 from ident.geometry.inertia import symmetric
 from sim.models.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
 
@@ -24,13 +25,13 @@ def model_from_urdf(path: str | Path) -> mujoco.MjSpec:
         The specification, not yet compiled.
 
     Raises:
-        ValueError: The file does not exist, is no URDF, or MuJoCo cannot read it.
+        ModelError: The file does not exist, is no URDF, or MuJoCo cannot read it.
     """
     root = parsed(Path(path))
     if root.tag != "robot":
-        raise ValueError(f"{path}: a URDF file has a <robot>, this one a <{root.tag}>.")
+        raise ModelError(f"{path}: a URDF file has a <robot>, this one a <{root.tag}>.")
     if root.find("link") is None:
-        raise ValueError(f"{path}: a URDF file has a <link> for every body, this one has none.")
+        raise ModelError(f"{path}: a URDF file has a <link> for every body, this one has none.")
     for link in root.iter("link"):
         for part in link.findall("visual") + link.findall("collision"):
             if part.find(".//mesh") is not None:
@@ -64,7 +65,7 @@ def _stated(link: ET.Element) -> Inertial:
         attributes = {} if found is None else found.attrib
         values = np.array(" ".join(attributes.get(key) or otherwise for key in keys.split()).split(), float)
         if not np.isfinite(values).all() or (element == "mass" and values[0] < 0):
-            raise ValueError(
+            raise ModelError(
                 f"link '{link.get('name')}' needs finite numbers and no negative mass; its {element} is {values}."
             )
         return values
@@ -78,17 +79,17 @@ def parsed(path: Path) -> ET.Element:
     """Root element of an MJCF or URDF file, comments kept.
 
     Raises:
-        ValueError: The file does not exist, is no XML, or has a name that MuJoCo cannot be told.
+        ModelError: The file does not exist, is no XML, or has a name that MuJoCo cannot be told.
     """
     if not path.is_file():
-        raise ValueError(f"A model is an MJCF or URDF file that exists, got '{path}'.")
+        raise ModelError(f"A model is an MJCF or URDF file that exists, got '{path}'.")
     if str(path).encode(errors="replace").decode() != str(path):
-        raise ValueError(f"The name of a model file has to be text in UTF-8, got {str(path)!r}; rename it.")
+        raise ModelError(f"The name of a model file has to be text in UTF-8, got {str(path)!r}; rename it.")
     try:
         return ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot()
     except (ET.ParseError, LookupError, ValueError) as error:
         # The last two are of encodings that are unknown, no text, or of several bytes.
-        raise ValueError(f"{path}: no XML that can be read: {error}.") from None
+        raise ModelError(f"{path}: no XML that can be read: {error}.") from None
 
 
 def sentence(source: object, error: ValueError) -> ValueError:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.errors import InputError
+
 NOISE_INTERVAL = 0.01
 """Time in s over which one draw of acceleration noise is held."""
 
@@ -34,16 +36,16 @@ class Excitation:
             object.__setattr__(self, name, np.asarray(getattr(self, name), float))
         shapes = {self.amplitude.shape, self.frequency.shape, self.phase.shape}
         if len(shapes) != 1 or self.amplitude.ndim != 2 or self.offset.shape != self.amplitude.shape[:1]:
-            raise ValueError(
+            raise InputError(
                 "An excitation needs offset (n,) and amplitude, frequency and phase (n, k), got shapes "
                 f"{self.offset.shape}, {self.amplitude.shape}, {self.frequency.shape} and {self.phase.shape}."
             )
         if not all(np.isfinite(x).all() for x in (self.offset, self.amplitude, self.frequency, self.phase)):
-            raise ValueError("An excitation needs finite numbers, got NaN or infinity.")
+            raise InputError("An excitation needs finite numbers, got NaN or infinity.")
         if not (self.frequency > 0).all():
-            raise ValueError(f"An excitation needs positive frequencies, got {self.frequency.tolist()} Hz.")
+            raise InputError(f"An excitation needs positive frequencies, got {self.frequency.tolist()} Hz.")
         if not (np.isfinite(self.noise) and self.noise >= 0):
-            raise ValueError(f"Acceleration noise needs a standard deviation of zero or more, got {self.noise} rad/s².")
+            raise InputError(f"Acceleration noise needs a standard deviation of zero or more, got {self.noise} rad/s².")
 
     def trajectory(
         self, time: np.ndarray, rng: np.random.Generator | None = None

@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.optimize import minimize
 
+from ident.errors import InputError
 from sim.motion.collisions import Collisions
 from sim.motion.fourier import FourierTrajectory, basis
 
@@ -48,14 +49,14 @@ class Limits:
         for name in ("low", "high", "velocity", "acceleration"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), float))
         if not (np.isfinite([self.low, self.high]).all() and (self.low < self.high).all()):
-            raise ValueError(
+            raise InputError(
                 f"Position limits need a lower one below an upper one, got {self.low.tolist()} and "
                 f"{self.high.tolist()}."
             )
         for name in ("velocity", "acceleration"):
             limit = getattr(self, name)
             if not ((limit > 0) & (limit < np.inf)).all():
-                raise ValueError(f"Limits of the {name} need to be positive and finite, got {limit.tolist()}.")
+                raise InputError(f"Limits of the {name} need to be positive and finite, got {limit.tolist()}.")
 
     @property
     def middle(self) -> np.ndarray:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.errors import InputError
+
 FEWEST = 2
 """Harmonics below which nothing is left to choose once the series rests at its ends."""
 
@@ -32,12 +34,12 @@ class FourierTrajectory:
             object.__setattr__(self, name, np.asarray(getattr(self, name), float))
         shape = self.coefficients.shape
         if self.center.ndim != 1 or shape[:1] != self.center.shape or len(shape) != 2 or shape[1] % 2 or not shape[1]:
-            raise ValueError(
+            raise InputError(
                 "A Fourier trajectory needs a center (n,) and coefficients (n, 2 K - 2) with K of at least 2, got "
                 f"shapes {self.center.shape} and {shape}."
             )
         if not (np.isfinite(self.center).all() and np.isfinite(self.coefficients).all()):
-            raise ValueError("A Fourier trajectory needs finite numbers, got NaN or infinity.")
+            raise InputError("A Fourier trajectory needs finite numbers, got NaN or infinity.")
         _check_duration(self.duration)
 
     @property
@@ -84,10 +86,10 @@ def basis(duration: float, harmonics: int, time: np.ndarray) -> np.ndarray:
         B, Ḃ and B̈, in s, 1 and 1/s (3, N, 2 K - 2).
 
     Raises:
-        ValueError: There are too few harmonics, or the duration is not positive.
+        InputError: There are too few harmonics, or the duration is not positive.
     """
     if harmonics < FEWEST:
-        raise ValueError(f"A series that starts and ends at rest needs at least {FEWEST} harmonics, got {harmonics}.")
+        raise InputError(f"A series that starts and ends at rest needs at least {FEWEST} harmonics, got {harmonics}.")
     _check_duration(duration)
     k = np.arange(1.0, harmonics + 1)
     w = 2 * np.pi * k / duration
@@ -111,4 +113,4 @@ def _orthogonal_complement(normal: np.ndarray) -> np.ndarray:
 
 def _check_duration(duration: float) -> None:
     if not 0 < duration < np.inf:
-        raise ValueError(f"A Fourier trajectory needs a positive duration, got {duration} s.")
+        raise InputError(f"A Fourier trajectory needs a positive duration, got {duration} s.")

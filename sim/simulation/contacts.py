@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from ident.errors import InputError
 from sim.models.mujoco_model import mechanism_bodies
 from sim.models.names import body_name
 from sim.simulation.rollout import steps_per_sample
@@ -41,11 +42,11 @@ def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE
         rate: Samples per second.
 
     Raises:
-        ValueError: The base does not exist, the duration is too short for one sample, or the timestep does not divide
+        InputError: The base does not exist, the duration is too short for one sample, or the timestep does not divide
             the time between samples.
     """
     if not 1 <= seconds * rate < np.inf:
-        raise ValueError(f"A fall needs at least one sample, got {seconds:g} s at {rate:g} Hz.")
+        raise InputError(f"A fall needs at least one sample, got {seconds:g} s at {rate:g} Hz.")
     steps = steps_per_sample(model, rate)
     samples = round(seconds * rate)
     data = mujoco.MjData(model)
@@ -74,7 +75,7 @@ def contact_wrenches(model: mujoco.MjModel, data: mujoco.MjData, base: str) -> d
         and N m (6,).
 
     Raises:
-        ValueError: The base does not exist.
+        InputError: The base does not exist.
     """
     members = mechanism_bodies(model, base)
     wrenches: dict[str, np.ndarray] = {}

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ident.errors import InputError
 from ident.recordings.recording import Recording
 from sim.models.names import joint_name
 from sim.motion.excitation import Excitation
@@ -59,7 +60,7 @@ def simulate(
         and the largest tracking error.
 
     Raises:
-        ValueError: The scene or an argument does not fit, or the servos lose the excitation.
+        InputError: The scene or an argument does not fit, or the servos lose the excitation.
     """
     return simulate_many(spec, excitation, seeds=[seed], samples=samples, noise_scale=noise_scale)[0]
 
@@ -84,15 +85,15 @@ def simulate_many(
         threads: Number of threads, without it one for each processor.
 
     Raises:
-        ValueError: As for `simulate`, or the number of threads is not positive.
+        InputError: As for `simulate`, or the number of threads is not positive.
     """
     threads = (os.cpu_count() or 1) if threads is None else threads
     if samples < 1:
-        raise ValueError(f"A recording needs at least one sample, got {samples}.")
+        raise InputError(f"A recording needs at least one sample, got {samples}.")
     if not 0 <= noise_scale <= LOUDEST:
-        raise ValueError(f"The noise scale must be from 0 to {LOUDEST:g}, got {noise_scale:.6g}.")
+        raise InputError(f"The noise scale must be from 0 to {LOUDEST:g}, got {noise_scale:.6g}.")
     if threads < 1:
-        raise ValueError(f"A simulation needs at least one thread, got {threads}.")
+        raise InputError(f"A simulation needs at least one thread, got {threads}.")
     model = spec.compile()
     declared = sensors(model)
     scene = {"scene": spec.modelname, "scene_sha256": hashlib.sha256(spec.to_xml().encode()).hexdigest()}
@@ -155,7 +156,7 @@ def _runs(
         # Where the simulation diverges all errors are NaN.
         joint = joint_name(model, int(model.actuator_trnid[int(errors[run, k].argmax()), 0]))
         who = f"The servo of joint '{joint}'" if np.isfinite(error[run, k]) else "The servos"
-        raise ValueError(
+        raise InputError(
             f"{who} lost the excitation after {time[instants[k]]:.2f} s by {error[run, k]:.2f} "
             "rad: it must stay within the joint and torque limits; noise on its acceleration drifts off in long "
             "recordings."

@@ -8,9 +8,10 @@ import pytest
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree
 from scipy.signal import lfilter
 
+from ident.errors import ExcitationError
 from ident.estimation import estimate as module
 from ident.estimation.estimate import huber_white, identify, predicted_wrench
-from ident.estimation.excitation import ExcitationError, check_excitation
+from ident.estimation.excitation import check_excitation
 from ident.estimation.samples import Samples
 from ident.mechanism.tree import BaseMotion
 from ident.model.regressor import base_wrench_regressor
