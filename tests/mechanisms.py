@@ -102,3 +102,8 @@ def double_pendulum(axis_1=(1, 0, 0), axis_2=(1, 0, 0), base=(0, 0, 0)):
 def tilted_axis(tilt_deg, azimuth_deg):
     t, a = np.radians([tilt_deg, azimuth_deg])
     return np.array([np.cos(t), np.sin(t) * np.cos(a), np.sin(t) * np.sin(a)])
+
+
+def unhat(matrix):
+    """The twist (6,) of a matrix (4, 4)."""
+    return np.array([*matrix[:3, 3], matrix[2, 1], matrix[0, 2], matrix[1, 0]])

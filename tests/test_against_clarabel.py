@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_consistency import bodies, forms, regrouping, unphysical
+from bodies import bodies, forms, regrouping, unphysical
 
 from ident.parameters.consistency import consistent_parameters
 

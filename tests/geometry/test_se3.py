@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
-from mechanisms import random_pose, random_twist
+from mechanisms import random_pose, random_twist, unhat
 from scipy.linalg import expm
 
 from ident.geometry import se3
 
 SEEDS = range(20)
-
-
-def unhat(matrix):
-    return np.array([*matrix[:3, 3], matrix[2, 1], matrix[0, 2], matrix[1, 0]])
 
 
 @pytest.fixture(params=SEEDS)

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, moved_states, random_phi, random_pose, random_states, random_tree, random_twist
+from mechanisms import GRAVITY, moved_states, random_phi, random_pose, random_states, random_tree, random_twist, unhat
 from scipy.linalg import expm
-from test_se3 import unhat
 
 from ident.geometry import se3
 from ident.geometry.inertia import pseudo_inertia

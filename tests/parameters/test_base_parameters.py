@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from mechanisms import (
     GRAVITY,
-    SCREWS,
     double_pendulum,
     random_phi,
     random_states,
@@ -13,7 +12,7 @@ from mechanisms import (
     regrouping_error,
     tilted_axis,
 )
-from random_models import random_model
+from regroupings import check_regroupings
 
 from experiments.studies import paper
 from ident.estimation.estimate import identify
@@ -24,7 +23,6 @@ from ident.mechanism.body import Body
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
-from sim.models.mujoco_model import gravity_in_base, tree_from_model
 
 TABLE_NAMES = list(paper.TABLE_3)
 
@@ -126,37 +124,8 @@ def test_names_must_match_the_columns():
         find_base_parameters(regressor_of(double_pendulum()), ["a", "b"])
 
 
-def unit_condition(base, Y):
-    """Condition number of the kept columns at unit length."""
-    kept = base.reduce(Y).reshape(-1, base.rank)
-    return np.linalg.cond(kept / np.linalg.norm(kept, axis=0))
-
-
-def tree_of_any_kind(seed, bodies):
-    """Trees and chains of all kinds of joints, with gravity any way or none."""
-    rng = np.random.default_rng(seed)
-    if seed % 4 == 3:
-        model = random_model(rng, bodies)
-        return rng, tree_from_model(model, "b0"), gravity_in_base(model, "b0")
-    kinds = {"massless": 0.1} if seed % 4 == 0 else {"kinds": SCREWS} if seed % 4 == 1 else {"kinds": ("revolute",)}
-    return rng, random_tree(rng, bodies, chain=seed % 4 == 2, **kinds), GRAVITY * (seed % 5 > 0)
-
-
 def test_kept_columns_span_the_regressor_of_every_tree():
     check_regroupings(40)
-
-
-def check_regroupings(trees):
-    """Of 2 to 60 bodies: what the dependent columns are made of holds at states that nobody has seen."""
-    for seed, bodies in enumerate(np.geomspace(2, 60, trees).astype(int)):
-        rng, tree, gravity = tree_of_any_kind(seed, bodies)
-        Y = base_wrench_regressor(tree, *random_states(rng, tree, 40 + 5 * len(tree.bodies)), gravity=gravity)
-        if not Y.any():
-            continue
-        base = find_base_parameters(tree, gravity=gravity)
-        assert regrouping_error(base, Y) <= 1e-10, (seed, bodies)
-        assert unit_condition(base, Y) <= 1e7, (seed, bodies)
-        assert base.gap[0] > 1e-6 > 1e-12 > base.gap[1], (seed, bodies)
 
 
 def test_chains_that_stretch_far_pass_over_nearly_dependent_columns():

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mechanisms import random_states, regrouping_error
-from test_base_parameters import check_regroupings
+from regroupings import check_regroupings
 
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
