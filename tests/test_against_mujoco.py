@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from random_models import inverse_dynamics, random_model, random_model_states
 
-from ident.mechanism.tree import BaseMotion
+from ident.mechanism.motion import BaseMotion
 from ident.model import dim
 from ident.model.regressor import FEW, base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters

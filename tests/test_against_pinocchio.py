@@ -6,7 +6,7 @@ from mechanisms import random_states, random_tree
 
 from experiments.benchmark.peers import Pinocchio
 from ident.geometry.inertia import PINOCCHIO, parameter_transform
-from ident.mechanism.tree import BaseMotion
+from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")

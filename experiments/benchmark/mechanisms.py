@@ -10,7 +10,8 @@ import scenes
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import pose, rotation
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors

@@ -9,7 +9,8 @@ from experiments.cli import options
 from ident.geometry import se3
 from ident.geometry.inertia import PINOCCHIO
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 
 States = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Positions, velocities and accelerations, one row for each sample."""

@@ -13,7 +13,7 @@ from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import ContactCheck, FrameCheck
 from ident.judgement.misalignment import Misalignment, estimate_misalignment
-from ident.mechanism.tree import BaseMotion
+from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.log import GROUND, Wrench
 

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from ident.errors import InputError
 from ident.estimation.robust import independent
 from ident.geometry.se3 import coAd, inverse
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors

@@ -15,9 +15,10 @@ from scipy.linalg import lapack
 
 from ident.errors import InputError
 from ident.estimation.samples import Samples, check_samples, whitened
+from ident.mechanism.mechanism import checked_gravity
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
-from ident.model.dim import checked_gravity
-from ident.model.regressor import CHUNK, checked_states, program_inputs, regressor_program
+from ident.model.regressor import CHUNK, program_inputs, regressor_program
 from ident.parameters.base_parameters import BaseParameters
 
 PROBE = 64
@@ -183,8 +184,8 @@ def chunk_rows(
     program.fill(flat)
     for first in range(0, len(samples), CHUNK):
         chunk = samples.part(slice(first, first + CHUNK))
-        states = checked_states(tree, chunk.q, chunk.dq, chunk.ddq, chunk.base)
-        program.run(program_inputs(states, down, chunk.base, slice(None)), flat[:, : len(chunk)])
+        motion = Motion(chunk.q, chunk.dq, chunk.ddq, chunk.base).checked(tree)
+        program.run(program_inputs(motion, down), flat[:, : len(chunk)])
         rows = block[:, :, : len(chunk)]
         rows[-1] = chunk.wrench.T
         yield rows if chunk.covariance is None else whitened(rows, chunk.covariance)

@@ -24,8 +24,9 @@ from ident.estimation.excitation import check_excitation, noise_rows
 from ident.estimation.in_order import in_order
 from ident.estimation.robust import innovations, remembered
 from ident.estimation.samples import Samples, Source, even, pieces
-from ident.mechanism.tree import BaseMotion, Tree
-from ident.model.dim import checked_gravity
+from ident.mechanism.mechanism import checked_gravity
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 from ident.model.regressor import CHUNK, base_wrench_regressor
 from ident.parameters.base_parameters import ZERO_COLUMN, BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors

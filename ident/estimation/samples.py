@@ -7,7 +7,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from ident.errors import InputError
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 
 
 @runtime_checkable

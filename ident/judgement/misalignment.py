@@ -18,7 +18,8 @@ from ident.estimation.robust import sandwich
 from ident.geometry.inertia import pseudo_inertia
 from ident.geometry.se3 import coAd, hat, inverse
 from ident.mechanism.body import BASE
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors

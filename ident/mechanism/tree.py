@@ -8,7 +8,7 @@ import numpy as np
 from ident.errors import ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameter_transform
-from ident.mechanism.body import BASE, Body, is_rigid
+from ident.mechanism.body import BASE, Body
 
 
 @dataclass(frozen=True)
@@ -189,50 +189,3 @@ class Tree:
             T = body.home @ body.joint_pose(own)
             poses.append(T if body.parent == BASE else poses[body.parent] @ T)
         return np.stack(poses, -3)
-
-
-@dataclass(frozen=True, eq=False)
-class BaseMotion:
-    """Motion of a base frame {0} that does not rest: one sample, or one for each.
-
-    Attributes:
-        T: Pose of {0} in an inertial frame (…, 4, 4).
-        V: Its body twist `[v; ω]` in the axes of {0} (…, 6).
-        dV: Rate of the components of V (…, 6); `v̇` is the acceleration of the origin less `ω × v`.
-    """
-
-    T: np.ndarray
-    V: np.ndarray
-    dV: np.ndarray
-
-    def __post_init__(self) -> None:
-        for key, shape in (("T", (4, 4)), ("V", (6,)), ("dV", (6,))):
-            object.__setattr__(self, key, np.asarray(getattr(self, key)))
-            x = getattr(self, key)
-            if x.shape != (*self.T.shape[:-2], *shape) or not (x.dtype == object or np.isfinite(x).all()):
-                raise ModelError(
-                    f"The motion of a base needs finite T (N, 4, 4), V (N, 6) and dV (N, 6), got {key} {x.shape}."
-                )
-        if self.T.dtype != object and not is_rigid(self.T):
-            raise ModelError("The motion of a base needs rigid poses T.")
-
-    @classmethod
-    def from_free_joint(cls, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> "BaseMotion":
-        """From the coordinates of a free joint as `free_joint` and MuJoCo have them.
-
-        Args:
-            q: Position and quaternion (…, 7).
-            dq: Linear velocity in the inertial frame, angular velocity in the body's (…, 6).
-            ddq: Their rates (…, 6).
-        """
-        q, dq, ddq = np.asarray(q), np.asarray(dq), np.asarray(ddq)
-        if not (q.shape[-1:] == (7,) and dq.shape == ddq.shape == (*q.shape[:-1], 6)):
-            raise ModelError(
-                f"A free joint has coordinates (N, 7), velocities and accelerations (N, 6), "
-                f"got {q.shape}, {dq.shape} and {ddq.shape}."
-            )
-        R = se3.rotation(q[..., 3:])
-        to_body = np.swapaxes(R, -1, -2)
-        v, a = (np.squeeze(to_body @ x[..., :3, None], -1) for x in (dq, ddq))
-        V = np.concatenate([v, dq[..., 3:]], axis=-1)
-        return cls(se3.pose(R, q[..., :3]), V, np.concatenate([a - np.cross(dq[..., 3:], v), ddq[..., 3:]], axis=-1))

@@ -17,8 +17,8 @@ from ident.mechanism.body import BASE, Body
 from ident.mechanism.tree import Tree
 
 
-class Motion(NamedTuple):
-    """Motion of a frame in base axes.
+class BodyMotion(NamedTuple):
+    """BodyMotion of a frame in base axes.
 
     Attributes:
         R: Its axes (3, 3).
@@ -37,25 +37,25 @@ class Motion(NamedTuple):
     S: np.ndarray
 
 
-def base_motion(w: np.ndarray, dw: np.ndarray, a: np.ndarray) -> Motion:
-    """Motion of the base frame in its own axes of the instant, from ω, α and its acceleration less gravity (3,)."""
-    return Motion(np.eye(3), np.zeros(3), w, dw, a, _second_derivative(w, dw))
+def base_motion(w: np.ndarray, dw: np.ndarray, a: np.ndarray) -> BodyMotion:
+    """BodyMotion of the base frame in its own axes of the instant, from ω, α and its acceleration less gravity (3,)."""
+    return BodyMotion(np.eye(3), np.zeros(3), w, dw, a, _second_derivative(w, dw))
 
 
 def base_wrench_rows(
-    tree: Tree, root: Motion, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
-) -> tuple[np.ndarray, list[Motion]]:
+    tree: Tree, root: BodyMotion, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+) -> tuple[np.ndarray, list[BodyMotion]]:
     """Regressor of the wrench on the mechanism (Eq. 14), and how its bodies move.
 
     Args:
         tree: The mechanism.
-        root: Motion of the base frame.
+        root: BodyMotion of the base frame.
         q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
 
     Returns:
         Rows `[F; τ]` in the base frame (6, 10 b), and the motion of every body.
     """
-    motions: list[Motion] = []
+    motions: list[BodyMotion] = []
     columns = []
     states = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
     for body, q_i, dq_i, ddq_i in zip(tree.bodies, *states, strict=True):
@@ -66,7 +66,7 @@ def base_wrench_rows(
     return np.hstack([np.zeros((6, 0)), *columns]), motions
 
 
-def joint_torque_rows(tree: Tree, motions: list[Motion], Y: np.ndarray) -> np.ndarray:
+def joint_torque_rows(tree: Tree, motions: list[BodyMotion], Y: np.ndarray) -> np.ndarray:
     """Regressor of the joint torques (n, 10 b), from the wrench's: `τ_Ji = ξ_iᵀ Γ_i` (Eq. 11)."""
     rows = np.zeros((len(tree.freedoms), Y.shape[1]), Y.dtype)
     first = 0
@@ -82,19 +82,19 @@ def joint_torque_rows(tree: Tree, motions: list[Motion], Y: np.ndarray) -> np.nd
     return rows
 
 
-def _moved(parent: Motion, body: Body, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> Motion:
-    """Motion of a body from its parent's."""
+def _moved(parent: BodyMotion, body: Body, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BodyMotion:
+    """BodyMotion of a body from its parent's."""
     R_joint, p_joint = _joint_pose(body, q)
     R, offset = parent.R @ R_joint, parent.R @ p_joint
     p, a = parent.p + offset, parent.a + parent.S @ offset
     if not body.moves:
-        return Motion(R, p, parent.w, parent.dw, a, parent.S)
+        return BodyMotion(R, p, parent.w, parent.dw, a, parent.S)
     slides, turns = R @ body.motions[:3], R @ body.motions[3:]
     slide, turn = slides @ dq, turns @ dq
     w = parent.w + turn
     dw = parent.dw + turns @ ddq + hat(parent.w) @ turn
     a = a + slides @ ddq + hat(2 * parent.w + turn) @ slide
-    return Motion(R, p, w, dw, a, _second_derivative(w, dw))
+    return BodyMotion(R, p, w, dw, a, _second_derivative(w, dw))
 
 
 def _joint_pose(body: Body, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -112,7 +112,7 @@ def _joint_pose(body: Body, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return R, p
 
 
-def _body_columns(motion: Motion) -> np.ndarray:
+def _body_columns(motion: BodyMotion) -> np.ndarray:
     """Columns of one body (6, 10), rows 0-2 force, 3-5 moment."""
     R, p, _, dw, a, S = motion
     ddx = S @ R

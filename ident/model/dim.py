@@ -7,19 +7,12 @@ through it as numbers do, which derives the model symbolically.
 
 import numpy as np
 
-from ident.errors import InputError
 from ident.geometry import se3
 from ident.geometry.inertia import symmetric
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.tree import BaseMotion, Tree
-
-
-def checked_gravity(gravity: np.ndarray) -> np.ndarray:
-    """Acceleration of gravity as an array (3,), of finite numbers or of symbols."""
-    g = np.asarray(gravity)
-    if g.shape != (3,) or not (g.dtype == object or np.isfinite(g).all()):
-        raise InputError(f"Gravity needs three finite numbers, m/s², got {gravity}.")
-    return g
+from ident.mechanism.mechanism import checked_gravity
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 
 
 def relative_pose(body: Body, theta: np.ndarray) -> np.ndarray:

@@ -12,9 +12,10 @@ from functools import lru_cache
 import numpy as np
 
 from ident.errors import InputError
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.mechanism import checked_gravity
+from ident.mechanism.motion import BaseMotion, Motion
+from ident.mechanism.tree import Tree
 from ident.model import closed_form
-from ident.model.dim import checked_gravity
 from ident.model.tape import Program, Tape
 
 DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc"}
@@ -59,7 +60,7 @@ def base_wrench_regressor(
     Raises:
         InputError: The joint arrays do not have these shapes, a quaternion is zero, or a column does not exist.
     """
-    return _regressor(False, tree, (q, dq, ddq), gravity, base, columns)
+    return _regressor(False, tree, Motion(q, dq, ddq, base), gravity, columns)
 
 
 def joint_torque_regressor(
@@ -90,8 +91,8 @@ def joint_torque_regressor(
     Raises:
         InputError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
     """
-    Y = _regressor(True, tree, (q, dq, ddq), gravity, base, columns)
-    own = _drive_columns(np.asarray(dq, float), np.asarray(ddq, float), drive)
+    motion = Motion(q, dq, ddq, base).checked(tree)
+    Y, own = _regressor(True, tree, motion, gravity, columns), drive_columns(motion, drive)
     return np.concatenate([Y, *own], axis=2) if own else Y
 
 
@@ -101,10 +102,10 @@ def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{DRIVE[kind]}({freedom})" for kind in drive for freedom in tree.freedoms)
 
 
-def _drive_columns(dq: np.ndarray, ddq: np.ndarray, drive: Sequence[str]) -> list[np.ndarray]:
+def drive_columns(motion: Motion, drive: Sequence[str]) -> list[np.ndarray]:
     """Columns of rotor inertia and friction, one diagonal block (N, n, n) a kind."""
     _check_drive(drive)
-    signal = {"rotor": ddq, "viscous": dq, "coulomb": np.sign(dq)}
+    signal = {"rotor": motion.ddq, "viscous": motion.dq, "coulomb": np.sign(motion.dq)}
     return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in drive]
 
 
@@ -114,52 +115,24 @@ def _check_drive(drive: Sequence[str]) -> None:
         raise InputError(f"Drive parameters are a list out of {', '.join(DRIVE)}, got {', '.join(unknown)}.")
 
 
-def checked_states(
-    tree: Tree, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, base: BaseMotion | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joint coordinates, velocities and accelerations as arrays of finite numbers that fit the mechanism."""
-    q, dq, ddq = (np.asarray(x, float) for x in (q, dq, ddq))
-    tree.body_velocities(dq)
-    if q.ndim != 2 or len(q) != len(dq) or dq.shape != ddq.shape:
-        columns = sum(body.coordinates for body in tree.bodies)
-        raise InputError(
-            f"q, dq and ddq need one number of samples N, shapes (N, {columns}), (N, {len(tree.freedoms)}) and "
-            f"(N, {len(tree.freedoms)}), got {q.shape}, {dq.shape} and {ddq.shape}."
-        )
-    if not all(np.isfinite(x).all() for x in (q, dq, ddq)):
-        raise InputError("Joint states need finite numbers, got NaN or infinity.")
-    for body, own in zip(tree.bodies, tree.body_coordinates(q), strict=True):
-        if body.is_ball and not own.any(axis=1).all():
-            sample = int(np.argmin(own.any(axis=1)))
-            raise InputError(f"Joint '{body.joint}' needs quaternions; that of sample {sample} is zero.")
-    if base is not None and base.T.shape != (len(q), 4, 4):
-        raise InputError(f"{len(q)} joint states need as many samples of the base's motion, got {base.T.shape}.")
-    return q, dq, ddq
-
-
 def _regressor(
-    torques: bool,
-    tree: Tree,
-    states: tuple[np.ndarray, np.ndarray, np.ndarray],
-    gravity: np.ndarray,
-    base: BaseMotion | None,
-    columns: Sequence[int] | None,
+    torques: bool, tree: Tree, motion: Motion, gravity: np.ndarray, columns: Sequence[int] | None
 ) -> np.ndarray:
     """Rows of the base wrench or of the joint torques (N, rows, columns)."""
-    states, gravity = checked_states(tree, *states, base), checked_gravity(gravity).astype(float)
+    motion, gravity = motion.checked(tree), checked_gravity(gravity).astype(float)
     wanted = _checked_columns(tree, columns)
-    samples, rows = len(states[0]), len(tree.freedoms) if torques else 6
+    samples, rows = len(motion), len(tree.freedoms) if torques else 6
     out = np.zeros((len(wanted), rows, samples))
     flat = out.reshape(len(wanted) * rows, samples)
     if samples < FEW:
-        for k, x in enumerate(program_inputs(states, gravity, base, slice(None)).T):
+        for k, x in enumerate(program_inputs(motion, gravity).T):
             flat[:, k] = _one_sample(tree, gravity, wanted, x, torques)
         return out.transpose(2, 1, 0)
-    program = regressor_program(tree, gravity, wanted, moving=base is not None, torques=torques)
+    program = regressor_program(tree, gravity, wanted, moving=motion.base is not None, torques=torques)
     program.fill(flat)
     for start in range(0, samples, CHUNK):
         part = slice(start, start + CHUNK)
-        program.run(program_inputs(states, gravity, base, part), flat[:, part])
+        program.run(program_inputs(motion[part], gravity), flat[:, part])
     return out.transpose(2, 1, 0)
 
 
@@ -210,13 +183,11 @@ def _freedoms(tree: Tree) -> np.ndarray:
     return np.cumsum([sum(body.coordinates for body in tree.bodies), len(tree.freedoms), len(tree.freedoms)])
 
 
-def program_inputs(
-    states: tuple[np.ndarray, np.ndarray, np.ndarray], gravity: np.ndarray, base: BaseMotion | None, part: slice
-) -> np.ndarray:
-    """Inputs of a `regressor_program` for some samples: joint states, and the base's motion if it moves (n, C)."""
-    rows = [x[part].T for x in states]
-    if base is not None:
-        w, v = base.V[part, 3:], base.V[part, :3]
-        down = np.asarray(gravity, float) @ base.T[part, :3, :3]
-        rows += [w.T, base.dV[part, 3:].T, (base.dV[part, :3] + np.cross(w, v) - down).T]
+def program_inputs(motion: Motion, gravity: np.ndarray) -> np.ndarray:
+    """Inputs of a `regressor_program` for a motion: joint states, and the base's motion if it moves (n, N)."""
+    rows = [x.T for x in motion.states]
+    if (base := motion.base) is not None:
+        w, v = base.V[:, 3:], base.V[:, :3]
+        down = np.asarray(gravity, float) @ base.T[:, :3, :3]
+        rows += [w.T, base.dV[:, 3:].T, (base.dV[:, :3] + np.cross(w, v) - down).T]
     return np.concatenate(rows)

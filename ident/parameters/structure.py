@@ -19,8 +19,9 @@ from ident.errors import InputError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.geometry.se3 import Ad, ad, hat, inverse
 from ident.mechanism.body import BASE, Body
+from ident.mechanism.mechanism import checked_gravity
 from ident.mechanism.tree import Tree
-from ident.model.dim import checked_gravity, momentum_regressor
+from ident.model.dim import momentum_regressor
 from ident.parameters.echelon import reduced_rows
 
 ROUNDING = 1e-10

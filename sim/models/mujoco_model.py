@@ -12,7 +12,8 @@ from ident.errors import ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameters_from_com
 from ident.mechanism.body import BASE, Body, ball_twist, free_joint
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 from sim.models.couplings import check_couplings
 from sim.models.inertials import compiled_as_stated, note_inertias
 from sim.models.names import body_id, body_name, id_of, joint_name

@@ -13,7 +13,7 @@ from ident.estimation import estimate as module
 from ident.estimation.estimate import huber_white, identify, predicted_wrench
 from ident.estimation.excitation import check_excitation
 from ident.estimation.samples import Samples
-from ident.mechanism.tree import BaseMotion
+from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors

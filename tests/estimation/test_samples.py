@@ -7,7 +7,7 @@ from mechanisms import GRAVITY, double_pendulum, random_states
 import scenes
 from ident.estimation.estimate import identify
 from ident.estimation.samples import Samples, even, pieces
-from ident.mechanism.tree import BaseMotion
+from ident.mechanism.motion import BaseMotion
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM

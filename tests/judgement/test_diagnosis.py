@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.judgement import diagnosis, misalignment
 from ident.judgement.misalignment import estimate_misalignment
-from ident.mechanism.tree import BaseMotion
+from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.despike import despiked
 from ident.recordings.wrench import transform_wrench

@@ -7,7 +7,8 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random
 
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 
 

@@ -15,7 +15,8 @@ from mechanisms import (
 
 from ident.geometry.se3 import coAd
 from ident.mechanism.body import BASE, Body, ball_twist, free_joint
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 from ident.model import dim, regressor
 from ident.parameters.base_parameters import find_base_parameters
 

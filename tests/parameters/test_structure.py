@@ -23,7 +23,8 @@ from test_against_opensymoro import DATA, tree_of
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.tree import BaseMotion, Tree
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters, separating_sensors
 from ident.parameters.structure import Sensors, structure_matrix

@@ -9,7 +9,7 @@ import scenes
 from ident.estimation.estimate import identify
 from ident.estimation.samples import Samples
 from ident.geometry.inertia import pseudo_inertia
-from ident.mechanism.tree import BaseMotion
+from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.studies.identification import identify_log
 from experiments.studies.preparation import base_motion_from_poses, prepare
-from ident.mechanism.tree import BaseMotion
+from ident.mechanism.motion import BaseMotion
 from ident.parameters.base_parameters import find_base_parameters
 from sim.models.mujoco_model import parameters_from_model
 

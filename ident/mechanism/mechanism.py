@@ -1,0 +1,74 @@
+"""A mechanism with what is known of it before anything is measured."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ident.errors import ModelError
+from ident.mechanism.tree import Tree
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A tree of bodies, the gravity that it is in, and what a model says of it.
+
+    Attributes:
+        tree: The bodies and their joints.
+        gravity: Acceleration of gravity in the axes of the base frame, m/s² (3,); of a base that moves, in those of the
+            inertial frame that its poses are in.
+        prior: φ of the bodies that the model states, stacked (10 b,); None where no model does.
+        sites: Named places where sensors sit, each the name of a body and a pose in its frame (4, 4).
+        ranges: Limits of joint coordinates by the joints' names, rad or m.
+        source: What it was read from, for those who write it back.
+    """
+
+    tree: Tree
+    gravity: np.ndarray
+    prior: np.ndarray | None = None
+    sites: Mapping[str, tuple[str, np.ndarray]] = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    source: Any = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gravity", checked_gravity(self.gravity))
+        if self.prior is not None and np.shape(self.prior) != (10 * len(self.tree.inertial),):
+            raise ModelError(
+                f"The bodies {', '.join(self.bodies)} need a prior φ of {10 * len(self.bodies)} parameters, got shape "
+                f"{np.shape(self.prior)}."
+            )
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the b bodies with a φ, in the order in which the parameters' names number them from 1."""
+        return tuple(self.tree.bodies[i].name for i in self.tree.inertial)
+
+    @property
+    def known(self) -> np.ndarray:
+        """The prior φ (10 b,).
+
+        Raises:
+            ModelError: There is none.
+        """
+        if self.prior is None:
+            raise ModelError("This takes a mechanism with a prior φ, as `sim.mechanism` reads it from a model file.")
+        return self.prior
+
+    @property
+    def mass(self) -> float:
+        """Mass of all bodies by the prior, kg."""
+        return float(self.known[::10].sum())
+
+    @property
+    def weight(self) -> float:
+        """Weight of all bodies by the prior, N."""
+        return self.mass * float(np.linalg.norm(self.gravity))
+
+
+def checked_gravity(gravity: np.ndarray) -> np.ndarray:
+    """Acceleration of gravity as an array (3,), of finite numbers or of symbols."""
+    g = np.asarray(gravity)
+    if g.shape != (3,) or not (g.dtype == object or np.isfinite(g).all()):
+        raise ModelError(f"Gravity needs three finite numbers, m/s², got {gravity}.")
+    return g

@@ -1,0 +1,128 @@
+"""How a mechanism moves: its joints, and the base frame that they hang on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.errors import InputError, ModelError
+from ident.geometry import se3
+from ident.mechanism.body import is_rigid
+from ident.mechanism.tree import Tree
+
+Which = slice | np.ndarray
+"""Some samples: a slice, indices, or a mask."""
+
+
+@dataclass(frozen=True, eq=False)
+class BaseMotion:
+    """Motion of a base frame {0} that does not rest: one sample, or one for each.
+
+    Attributes:
+        T: Pose of {0} in an inertial frame (…, 4, 4).
+        V: Its body twist `[v; ω]` in the axes of {0} (…, 6).
+        dV: Rate of the components of V (…, 6); `v̇` is the acceleration of the origin less `ω × v`.
+    """
+
+    T: np.ndarray
+    V: np.ndarray
+    dV: np.ndarray
+
+    def __post_init__(self) -> None:
+        for key, shape in (("T", (4, 4)), ("V", (6,)), ("dV", (6,))):
+            object.__setattr__(self, key, np.asarray(getattr(self, key)))
+            x = getattr(self, key)
+            if x.shape != (*self.T.shape[:-2], *shape) or not (x.dtype == object or np.isfinite(x).all()):
+                raise ModelError(
+                    f"The motion of a base needs finite T (N, 4, 4), V (N, 6) and dV (N, 6), got {key} {x.shape}."
+                )
+        if self.T.dtype != object and not is_rigid(self.T):
+            raise ModelError("The motion of a base needs rigid poses T.")
+
+    @classmethod
+    def from_free_joint(cls, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> "BaseMotion":
+        """From the coordinates of a free joint as `free_joint` and MuJoCo have them.
+
+        Args:
+            q: Position and quaternion (…, 7).
+            dq: Linear velocity in the inertial frame, angular velocity in the body's (…, 6).
+            ddq: Their rates (…, 6).
+        """
+        q, dq, ddq = np.asarray(q), np.asarray(dq), np.asarray(ddq)
+        if not (q.shape[-1:] == (7,) and dq.shape == ddq.shape == (*q.shape[:-1], 6)):
+            raise ModelError(
+                f"A free joint has coordinates (N, 7), velocities and accelerations (N, 6), "
+                f"got {q.shape}, {dq.shape} and {ddq.shape}."
+            )
+        R = se3.rotation(q[..., 3:])
+        to_body = np.swapaxes(R, -1, -2)
+        v, a = (np.squeeze(to_body @ x[..., :3, None], -1) for x in (dq, ddq))
+        V = np.concatenate([v, dq[..., 3:]], axis=-1)
+        return cls(se3.pose(R, q[..., :3]), V, np.concatenate([a - np.cross(dq[..., 3:], v), ddq[..., 3:]], axis=-1))
+
+    def __getitem__(self, which: Which) -> "BaseMotion":
+        """Some of the samples."""
+        return BaseMotion(self.T[which], self.V[which], self.dV[which])
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Motion of a mechanism, samples first.
+
+    Attributes:
+        q: Joint coordinates in rad, m or quaternions (N, n_q).
+        dq: Joint velocities, rad/s or m/s (N, n).
+        ddq: Joint accelerations, rad/s² or m/s² (N, n).
+        base: Motion of the base frame (N samples), None at rest.
+    """
+
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    base: BaseMotion | None = None
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __getitem__(self, which: Which) -> "Motion":
+        """Some of the samples."""
+        return Motion(self.q[which], self.dq[which], self.ddq[which], self.base and self.base[which])
+
+    @property
+    def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q, q̇ and q̈."""
+        return self.q, self.dq, self.ddq
+
+    def checked(self, tree: Tree) -> "Motion":
+        """The motion in finite floating-point numbers, if it fits a mechanism.
+
+        Raises:
+            InputError: Numbers of samples or columns do not fit, are not finite, or a quaternion is zero.
+        """
+        q, dq, ddq = (np.asarray(x, float) for x in self.states)
+        tree.body_velocities(dq)
+        if q.ndim != 2 or len(q) != len(dq) or dq.shape != ddq.shape:
+            columns = sum(body.coordinates for body in tree.bodies)
+            raise InputError(
+                f"q, dq and ddq need one number of samples N, shapes (N, {columns}), (N, {len(tree.freedoms)}) and "
+                f"(N, {len(tree.freedoms)}), got {q.shape}, {dq.shape} and {ddq.shape}."
+            )
+        if not all(np.isfinite(x).all() for x in (q, dq, ddq)):
+            raise InputError("Joint states need finite numbers, got NaN or infinity.")
+        for body, own in zip(tree.bodies, tree.body_coordinates(q), strict=True):
+            if body.is_ball and not own.any(axis=1).all():
+                sample = int(np.argmin(own.any(axis=1)))
+                raise InputError(f"Joint '{body.joint}' needs quaternions; that of sample {sample} is zero.")
+        if self.base is not None and self.base.T.shape != (len(q), 4, 4):
+            raise InputError(
+                f"{len(q)} joint states need as many samples of the base's motion, got {self.base.T.shape}."
+            )
+        return Motion(q, dq, ddq, self.base)
+
+
+def joined(parts: Sequence[Motion]) -> Motion:
+    """Motions that follow one another, as one."""
+    q, dq, ddq = (np.concatenate(x) for x in zip(*(part.states for part in parts), strict=True))
+    bases = [(part.base.T, part.base.V, part.base.dV) for part in parts if part.base is not None]
+    base = BaseMotion(*(np.concatenate(x) for x in zip(*bases, strict=True))) if bases else None
+    return Motion(q, dq, ddq, base)
