@@ -1,12 +1,11 @@
 """Least squares in one pass: what is kept of samples that have been seen, and how it adds.
 
-Of every wrench component the Gram matrix of its rows `[Y_b | Γ]` is kept, in coordinates in which they are nearly
+Of every channel the Gram matrix of its rows `[Y_b | Γ]` is kept, in coordinates in which they are nearly
 orthonormal: `Z = [Y_b | Γ] P⁻¹`, with the triangular factor P of a QR decomposition of a few samples. So the condition
 number is not squared, and the sum is as accurate as a Householder QR of all rows. Where later samples excite what the
 first ones did not, P is renewed by a QR of all that is known stacked on the chunk.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -14,12 +13,8 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.errors import InputError
-from ident.estimation.samples import Samples, check_samples, whitened
-from ident.mechanism.mechanism import checked_gravity
-from ident.mechanism.motion import Motion
-from ident.mechanism.tree import Tree
-from ident.model.regressor import CHUNK, program_inputs, regressor_program
-from ident.parameters.base_parameters import BaseParameters
+from ident.estimation.equations import Equations
+from ident.estimation.samples import Samples
 
 PROBE = 64
 """Samples that the first coordinates are made of, at least as many as columns."""
@@ -41,13 +36,13 @@ class Accumulator:
     All fields are numbers and arrays: `np.savez(file, **vars(a))` keeps one, `Accumulator(**np.load(file))` reads it.
 
     Attributes:
-        names: Names of the r base parameters.
+        names: Names of the r columns.
         factor: P, upper triangular (r + 1, r + 1).
-        grams: Gram matrix of the rows `[Y_b | Γ] P⁻¹` of each wrench component (6, r + 1, r + 1).
+        grams: Gram matrix of the rows `[Y_b | Γ] P⁻¹` of each channel (C, r + 1, r + 1).
         samples: Number of samples.
         chunks: Number of chunks they came in.
         factored: How many of them went through a QR decomposition.
-        weighted: Whether the rows are whitened by a covariance.
+        weighted: Whether the rows are weighted, as by a covariance.
     """
 
     names: tuple[str, ...]
@@ -93,7 +88,7 @@ class Accumulator:
         return replace(self, factor=factor, grams=change.T @ self.grams @ change)
 
     def with_rows(self, rows: np.ndarray) -> "Accumulator":
-        """With the rows of another chunk, columns `[Y_b | Γ]` first (r + 1, 6, C)."""
+        """With the rows of another chunk, columns `[Y_b | Γ]` first (r + 1, C, n)."""
         number = {"samples": self.samples + rows.shape[2], "chunks": self.chunks + 1}
         grams = self.grams + _grams(rows, self.factor)
         if _is_orthogonal(grams.sum(axis=0)):
@@ -105,7 +100,7 @@ class Accumulator:
 
 
 def _first_factor(rows: np.ndarray) -> np.ndarray:
-    """Coordinates P for rows like those of a first chunk (r + 1, 6, C)."""
+    """Coordinates P for rows like those of a first chunk (r + 1, C, n)."""
     step = max(1, rows.shape[2] // max(PROBE, len(rows)))
     return _factor(rows[:, :, ::step].reshape(len(rows), -1).T)
 
@@ -119,84 +114,47 @@ def square_root(gram: np.ndarray) -> np.ndarray:
 
 
 def accumulate(
-    tree: Tree,
+    equations: Equations,
     samples: Samples,
     *,
-    gravity: np.ndarray,
-    parameters: BaseParameters,
     start: Accumulator | None = None,
     factor: np.ndarray | None = None,
+    factors: np.ndarray | None = None,
 ) -> Accumulator:
     """Adds samples to an accumulator, chunk by chunk.
 
     Args:
-        tree: The mechanism of b bodies.
-        samples: Joint states and total wrench.
-        gravity: Acceleration of gravity as `base_wrench_regressor` takes it, m/s² (3,).
-        parameters: Regrouping of the mechanism's 10 b parameters.
+        equations: What is fitted.
+        samples: Motion and measured channels.
         start: What is known from other samples.
         factor: Coordinates to start from, so that accumulators of several workers add without a change of them.
+        factors: What each row is multiplied by, to weight it (N, C).
 
     Returns:
         The accumulator of all samples.
 
     Raises:
-        InputError: Samples do not fit the mechanism, or a covariance is not positive definite.
+        InputError: Samples do not fit the equations, or a covariance is not positive definite.
     """
-    check_samples(samples, tree)
-    weighted = samples.covariance is not None
-    if start is not None and (start.names, start.weighted) != (parameters.names, weighted):
+    samples = equations.checked(samples)
+    weighted = samples.covariance is not None or factors is not None
+    if start is not None and (start.names, start.weighted) != (equations.names, weighted):
         raise InputError("Samples are added to an accumulator of the same base parameters and weighting only.")
     found = start
-    for rows in chunk_rows(tree, samples, gravity=gravity, parameters=parameters):
+    for rows in equations.rows(samples, factors):
         if found is None:
             own = _first_factor(rows) if factor is None else factor
-            found = Accumulator(parameters.names, own, np.zeros((6, *own.shape)), 0, 0, 0, weighted)
+            found = Accumulator(equations.names, own, np.zeros((rows.shape[1], *own.shape)), 0, 0, 0, weighted)
         found = found.with_rows(rows)
     return cast(Accumulator, found)
 
 
-def chunk_rows(
-    tree: Tree, samples: Samples, *, gravity: np.ndarray, parameters: BaseParameters
-) -> Iterator[np.ndarray]:
-    """The rows `[Y_b | Γ]` of samples, chunk by chunk in the same memory, whitened where there is a covariance.
-
-    Args:
-        tree: The mechanism; arguments as for `accumulate`.
-        samples: Samples that fit it.
-        gravity: Acceleration of gravity, m/s² (3,).
-        parameters: Regrouping of the mechanism's 10 b parameters.
-
-    Yields:
-        Columns first (r + 1, 6, C).
-
-    Raises:
-        InputError: The regrouping is another mechanism's, or a covariance is not positive definite.
-    """
-    if len(parameters.parameters) != 10 * len(tree.inertial):
-        raise InputError(
-            f"A regrouping of {len(parameters.parameters)} parameters does not fit {len(tree.inertial)} bodies."
-        )
-    down = checked_gravity(gravity).astype(float)
-    program = regressor_program(tree, down, parameters.kept, moving=samples.base is not None, torques=False)
-    block = np.zeros((parameters.rank + 1, 6, min(CHUNK, len(samples))))
-    flat = block.reshape(len(block) * 6, -1)
-    program.fill(flat)
-    for first in range(0, len(samples), CHUNK):
-        chunk = samples.part(slice(first, first + CHUNK))
-        motion = Motion(chunk.q, chunk.dq, chunk.ddq, chunk.base).checked(tree)
-        program.run(program_inputs(motion, down), flat[:, : len(chunk)])
-        rows = block[:, :, : len(chunk)]
-        rows[-1] = chunk.wrench.T
-        yield rows if chunk.covariance is None else whitened(rows, chunk.covariance)
-
-
 def _grams(rows: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """Gram matrices of each component's rows in the coordinates of a factor (6, r + 1, r + 1)."""
+    """Gram matrices of each channel's rows in the coordinates of a factor (C, r + 1, r + 1)."""
     to_coordinates = inverse_of(factor).T
-    grams = np.empty((6, len(rows), len(rows)))
-    for gram, component in zip(grams, np.moveaxis(rows, 1, 0), strict=True):
-        Z = to_coordinates @ component
+    grams = np.empty((rows.shape[1], len(rows), len(rows)))
+    for gram, channel in zip(grams, np.moveaxis(rows, 1, 0), strict=True):
+        Z = to_coordinates @ channel
         # Times itself numpy takes it to BLAS's symmetric product, which is slower than the general one if it is small.
         np.matmul(Z, (Z.copy() if len(Z) < SMALL else Z).T, out=gram)
     return grams

@@ -1,14 +1,15 @@
 """Whether a motion separates the base parameters of a mechanism."""
 
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ident.errors import ExcitationError
-from ident.estimation.samples import Samples, whitened
-from ident.mechanism.tree import Tree
-from ident.model.regressor import base_wrench_regressor
-from ident.parameters.base_parameters import ZERO_COLUMN, BaseParameters
+from ident.estimation.equations import Equations
+from ident.estimation.samples import Samples
+from ident.mechanism.motion import Motion
+from ident.parameters.base_parameters import ZERO_COLUMN
 
 SINGULAR = 1e-10
 """A unit-norm column combination shorter than this fraction of the longest carries rounding only."""
@@ -21,40 +22,32 @@ FEW_SAMPLES = 1000
 
 
 def noise_rows(
-    tree: Tree,
-    samples: Samples,
-    gravity: np.ndarray,
-    parameters: BaseParameters,
-    state_noise: tuple[np.ndarray, np.ndarray, np.ndarray],
+    equations: Equations, samples: Samples, state_noise: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """What the noise of the joint states makes of some rows of the base regressor.
+    """What the noise of the joint states makes of some rows of the equations.
 
     Args:
-        tree: The mechanism.
+        equations: What is fitted.
         samples: Measured joint states; a few of them are taken.
-        gravity: Acceleration of gravity, m/s² (3,).
-        parameters: Regrouping of the mechanism's parameters.
         state_noise: Standard deviations of the noise on the columns of q, dq and ddq.
 
     Returns:
-        Difference between the base regressor at states with the noise added once more and as measured, whitened where
-        the samples are weighted (rows, r).
+        Difference between the rows at states with the noise added once more and as measured, whitened where the
+        samples are weighted (rows, columns).
     """
-    few = samples.part(slice(None, None, max(1, len(samples) // FEW_SAMPLES)))
+    few = samples[:: max(1, len(samples) // FEW_SAMPLES)]
     rng = np.random.default_rng(0)
-    states = (few.q, few.dq, few.ddq)
-    noisy = [x + std * rng.normal(size=x.shape) for x, std in zip(states, state_noise, strict=True)]
-    regressor = partial(base_wrench_regressor, tree, gravity=gravity, base=few.base, columns=parameters.kept)
-    noise = (regressor(*noisy) - regressor(*states)).transpose(2, 1, 0)
-    if few.covariance is not None:
-        noise = whitened(noise, few.covariance)
-    return noise.reshape(parameters.rank, -1).T
+    q, dq, ddq = (x + std * rng.normal(size=x.shape) for x, std in zip(few.motion.states, state_noise, strict=True))
+    noisy = replace(few, motion=Motion(q, dq, ddq, few.motion.base))
+
+    def rows(part: Samples) -> np.ndarray:
+        return np.concatenate([chunk[:-1].reshape(len(chunk) - 1, -1).copy() for chunk in equations.rows(part)], axis=1)
+
+    return (rows(noisy) - rows(few)).T
 
 
-def check_excitation(
-    triangle: np.ndarray, parameters: BaseParameters, samples: int, noise: np.ndarray | None = None
-) -> None:
-    """Raises unless the motion separates all base parameters.
+def check_excitation(triangle: np.ndarray, names: Sequence[str], samples: int, noise: np.ndarray | None = None) -> None:
+    """Raises unless the motion separates all parameters.
 
     Combinations of unit-norm base columns (the right singular vectors) must be longer than rounding and, when the
     regressor's own noise is given, half as long again as noise alone makes them: a joint that rests but whose sensors
@@ -62,7 +55,7 @@ def check_excitation(
 
     Args:
         triangle: Triangular factor of the base regressor (r, r).
-        parameters: Its regrouping.
+        names: Names of its columns (r,).
         samples: Number of samples N behind it.
         noise: Difference between the base regressor at measured states and at states with the sensors' noise added
             once more, of some samples, 6 rows each (rows, r).
@@ -81,7 +74,7 @@ def check_excitation(
     hidden = directions[lengths <= floor]
     if len(hidden):
         size = np.linalg.norm(hidden, axis=0)
-        names = [name for name, s in zip(parameters.names, size, strict=True) if s > 0.1 * size.max()]
+        names = [name for name, s in zip(names, size, strict=True) if s > 0.1 * size.max()]
         raise ExcitationError(
             f"The motion of {samples} samples does not separate the base parameters {', '.join(names)}: "
             f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "

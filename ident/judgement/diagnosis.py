@@ -6,7 +6,6 @@ from itertools import permutations, product
 import numpy as np
 from scipy import linalg, signal
 
-from ident.estimation.robust import least_squares
 from ident.geometry.se3 import hat
 from ident.mechanism.tree import Tree
 
@@ -119,7 +118,8 @@ def check_contact(tree: Tree, q: np.ndarray, residual: np.ndarray) -> ContactChe
         R, p = poses[:, i, :3, :3], poses[:, i, :3, 3]
         rows = (-hat(force) @ R).reshape(-1, 3)
         target = (moment - np.cross(p, force)).ravel()
-        point, _ = least_squares(rows, target)
+        # Another driver's SVD can fail to converge on finite data.
+        point = linalg.lstsq(rows, target, cond=1e-12, lapack_driver="gelsy")[0]
         left = ((target - rows @ point) ** 2).sum()
         found.append(ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0))
     return max(found, key=lambda check: check.explained)

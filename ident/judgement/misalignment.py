@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg, optimize, stats
 
 from ident.errors import InputError
-from ident.estimation.robust import sandwich
+from ident.estimation.noise import sandwiched
 from ident.geometry.inertia import pseudo_inertia
 from ident.geometry.se3 import coAd, hat, inverse
 from ident.mechanism.body import BASE
@@ -188,10 +188,14 @@ def _judged(problem: _Problem, before: _Fit, after: _Fit) -> Misalignment:
     been fitted besides: base parameters that only tilted axes show.
     """
     joints, shape = len(problem.turning), problem.target.shape
-    slopes, everything = problem.jacobian(after), np.ones(shape)
+    slopes = problem.jacobian(after)
     # All that was fitted takes part of the noise, though the tilts' columns are at right angles to the others'.
-    fitted = np.hstack([slopes, after.basis]).reshape(*shape, -1)
-    covariance = sandwich(fitted, after.residual.reshape(shape), everything)[0][: 2 * joints, : 2 * joints]
+    fitted = np.hstack([slopes, after.basis])
+    middle, _ = sandwiched(
+        [fitted.reshape(*shape, -1).transpose(2, 1, 0)], after.residual.reshape(shape).T, fitted.shape[1] / shape[1]
+    )
+    bread = linalg.pinvh(fitted.T @ fitted)
+    covariance = (bread @ middle @ bread)[: 2 * joints, : 2 * joints]
     tilts = after.tilts.reshape(-1, 2)
     blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(joints)]
     wald = [float(t @ linalg.pinvh(C) @ t) for t, C in zip(tilts, blocks, strict=True)]

@@ -1,17 +1,18 @@
 import pickle
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial, reduce
 from operator import add
 
 import numpy as np
 import pytest
+from fits import equations, fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, tilted_axis
 from scipy import linalg
 
 from ident.estimation.accumulator import Accumulator, _factor, accumulate
-from ident.estimation.estimate import huber_white, identify, solve
-from ident.estimation.samples import Samples
+from ident.estimation.least_squares import huber_white, solve
 from ident.model.regressor import CHUNK, base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 
@@ -26,11 +27,11 @@ def moved_by(size, samples=3000, seed=0, tree=STRAIGHT, noise=1e-3):
     dq, ddq = size * rng.normal(size=(2, samples, 2))
     phi = random_phi(rng, 3)
     wrench = base_wrench_regressor(tree, q, dq, ddq, gravity=GRAVITY) @ phi
-    return Samples(q, dq, ddq, wrench + noise * rng.normal(size=wrench.shape))
+    return sampled(q, dq, ddq, wrench + noise * rng.normal(size=wrench.shape))
 
 
 def rows_of(tree, samples, base):
-    Y = base_wrench_regressor(tree, samples.q, samples.dq, samples.ddq, gravity=GRAVITY, columns=base.kept)
+    Y = base_wrench_regressor(tree, *samples.motion.states, gravity=GRAVITY, columns=base.kept)
     return np.ascontiguousarray(Y).reshape(-1, base.rank)
 
 
@@ -64,12 +65,12 @@ def by_householder(rows, target):
 def test_as_accurate_as_householder_in_extended_precision(tree, size, condition, noise):
     base = find_base_parameters(tree, gravity=GRAVITY)
     samples = moved_by(size, 2000, tree=tree, noise=noise)
-    rows, target = rows_of(tree, samples, base), samples.wrench.ravel()
+    rows, target = rows_of(tree, samples, base), samples.measured.ravel()
     exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
     Q, R = linalg.qr(rows, mode="economic")
-    in_pieces = [samples.part(slice(k, k + 300)) for k in range(0, 2000, 300)]
+    in_pieces = [samples[k : k + 300] for k in range(0, 2000, 300)]
     for source in (samples, in_pieces):
-        found = identify(tree, source, gravity=GRAVITY, parameters=base)
+        found = fitted(tree, source, gravity=GRAVITY, parameters=base)
         assert condition / 4 < found.condition_number < condition * 4
         householders = [linalg.solve_triangular(R, Q.T @ target), by_householder(rows, target)]
         limit = 10 * min(np.linalg.norm(psi - exact) for psi in householders)
@@ -80,10 +81,10 @@ def test_normal_equations_would_not_do():
     """What the coordinates are for: without them the condition number is squared."""
     base = find_base_parameters(TILTED, gravity=GRAVITY)
     samples = moved_by(1e-3, 2000, tree=TILTED)
-    rows, target = rows_of(TILTED, samples, base), samples.wrench.ravel()
+    rows, target = rows_of(TILTED, samples, base), samples.measured.ravel()
     exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
     squared = np.linalg.solve(rows.T @ rows, rows.T @ target)
-    found = identify(TILTED, samples, gravity=GRAVITY, parameters=base)
+    found = fitted(TILTED, samples, gravity=GRAVITY, parameters=base)
     assert np.linalg.norm(found.psi - exact) < 1e-4 * np.linalg.norm(squared - exact)
 
 
@@ -92,15 +93,15 @@ def test_a_quiet_beginning_is_put_right_by_qr(quiet):
     """Coordinates made while the joints rest do not fit the motion that follows."""
     base = find_base_parameters(STRAIGHT, gravity=GRAVITY)
     parts = [moved_by(quiet, CHUNK, seed=1), moved_by(1.0, CHUNK, seed=2), moved_by(0.3, CHUNK, seed=3)]
-    found = identify(STRAIGHT, parts, gravity=GRAVITY, parameters=base)
+    found = fitted(STRAIGHT, parts, gravity=GRAVITY, parameters=base)
     rows = np.vstack([rows_of(STRAIGHT, part, base) for part in parts])
-    target = np.concatenate([part.wrench.ravel() for part in parts])
+    target = np.concatenate([part.measured.ravel() for part in parts])
     np.testing.assert_allclose(found.psi, np.linalg.lstsq(rows, target, rcond=None)[0], rtol=1e-10, atol=1e-11)
     assert quiet or (" 1 of 3 chunks by stacked QR" in found.method)
     with ThreadPoolExecutor(2) as pool:
-        shared = identify(STRAIGHT, parts, gravity=GRAVITY, parameters=base, executor=pool)
+        shared = fitted(STRAIGHT, parts, gravity=GRAVITY, parameters=base, executor=pool)
     np.testing.assert_allclose(shared.psi, found.psi, rtol=1e-10, atol=1e-11)
-    backwards = identify(STRAIGHT, parts[::-1], gravity=GRAVITY, parameters=base)
+    backwards = fitted(STRAIGHT, parts[::-1], gravity=GRAVITY, parameters=base)
     np.testing.assert_allclose(backwards.psi, found.psi, rtol=1e-10, atol=1e-11)
     np.testing.assert_allclose(backwards.covariance, found.covariance, rtol=1e-8, atol=1e-14)
     assert " 0 of 3 chunks by stacked QR" in backwards.method
@@ -110,50 +111,52 @@ def test_accumulators_add_in_any_order():
     base = find_base_parameters(TILTED, gravity=GRAVITY)
     sizes = (1.0, 1e-6, 0.1, 2.0, 1e-3)
     parts = [moved_by(size, 50 + 40 * k, seed=k, tree=TILTED) for k, size in enumerate(sizes)]
-    own = [accumulate(TILTED, part, gravity=GRAVITY, parameters=base) for part in parts]
-    first = solve(reduce(add, own), base)
+    known = equations(TILTED, base)
+    own = [accumulate(known, part) for part in parts]
+    first = solve(reduce(add, own), known)
     for order in np.random.default_rng(0).permuted(np.tile(range(5), (6, 1)), axis=1):
-        found = solve(reduce(add, [own[k] for k in order]), base)
+        found = solve(reduce(add, [own[k] for k in order]), known)
         np.testing.assert_allclose(found.psi, first.psi, rtol=1e-9, atol=1e-10)
         np.testing.assert_allclose(found.covariance, first.covariance, rtol=1e-8, atol=1e-13)
         np.testing.assert_allclose(found.residual_norms, first.residual_norms, rtol=1e-9)
     left = (own[0] + own[1]) + (own[2] + (own[3] + own[4]))
-    np.testing.assert_allclose(solve(left, base).psi, first.psi, rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(solve(left, known).psi, first.psi, rtol=1e-9, atol=1e-10)
     assert left.samples == sum(map(len, parts)) and left.chunks == 5
 
 
 def test_accumulators_keep_in_files_and_cross_processes(tmp_path):
     base = find_base_parameters(STRAIGHT, gravity=GRAVITY)
-    found = accumulate(STRAIGHT, moved_by(1.0, 100), gravity=GRAVITY, parameters=base)
+    known = equations(STRAIGHT, base)
+    found = accumulate(known, moved_by(1.0, 100))
     np.savez(tmp_path / "part.npz", **vars(found))
     with np.load(tmp_path / "part.npz") as data:
         read = Accumulator(**data)
     for other in (read, pickle.loads(pickle.dumps(found))):
-        np.testing.assert_array_equal(solve(other + found, base).psi, solve(found + found, base).psi)
+        np.testing.assert_array_equal(solve(other + found, known).psi, solve(found + found, known).psi)
         assert (other.names, other.samples, other.weighted) == (found.names, 100, False)
 
 
 def test_what_does_not_belong_together_does_not_add():
-    one = find_base_parameters(STRAIGHT, gravity=GRAVITY)
     samples = moved_by(1.0, 100)
-    a = accumulate(STRAIGHT, samples, gravity=GRAVITY, parameters=one)
+    one = equations(STRAIGHT)
+    a = accumulate(one, samples)
     apart = STRAIGHT.with_twists([[0, 0, 0, *tilted_axis(5, 120)], [0, 0, 0, *tilted_axis(9, 30)]])
-    b = accumulate(apart, samples, gravity=GRAVITY, parameters=find_base_parameters(apart, gravity=GRAVITY))
-    weighted = Samples(samples.q, samples.dq, samples.ddq, samples.wrench, covariance=np.eye(6))
+    b = accumulate(equations(apart), samples)
+    weighted = replace(samples, covariance=np.eye(6))
     with pytest.raises(ValueError, match="same base parameters and weighting"):
         a + b
     with pytest.raises(ValueError, match=r"weighted: False\) and .* \(True\)"):
-        a + accumulate(STRAIGHT, weighted, gravity=GRAVITY, parameters=one)
+        a + accumulate(one, weighted)
     with pytest.raises(ValueError, match=r"accumulated for m1, .*, not for m1, "):
         solve(b, one)
     with pytest.raises(ValueError, match="a row for each of 0 samples"):
-        accumulate(STRAIGHT, samples.part(slice(0)), gravity=GRAVITY, parameters=one)
+        accumulate(one, samples[:0])
 
 
 def test_memory_is_flat(monkeypatch):
     """Above the inputs, and with inputs that come in pieces; in a second pass as well."""
 
-    def peak(source, work=identify):
+    def peak(source, work=fitted):
         tracemalloc.start()
         work(STRAIGHT, source, gravity=GRAVITY)
         _, most = tracemalloc.get_traced_memory()
@@ -161,26 +164,26 @@ def test_memory_is_flat(monkeypatch):
         return most / 1e6
 
     long = moved_by(1.0, 20 * CHUNK)
-    few, many = peak(long.part(slice(3 * CHUNK))), peak(long)
+    few, many = peak(long[: 3 * CHUNK]), peak(long)
     assert many < 1.1 * few < 10
     made = (moved_by(1.0, CHUNK, seed=k) for k in range(20))
     assert peak(made) < 10
-    monkeypatch.setattr("ident.estimation.estimate.PIECE", 2 * CHUNK)
+    monkeypatch.setattr("ident.estimation.least_squares.PIECE", 2 * CHUNK)
     peaks = []
     for count in (4, 20):
-        parts = [long.part(slice(k * 1000, (k + 1) * 1000)) for k in range(count * CHUNK // 1000)]
-        second = partial(_second_pass, identify(STRAIGHT, parts, gravity=GRAVITY))
+        parts = [long[k * 1000 : (k + 1) * 1000] for k in range(count * CHUNK // 1000)]
+        second = partial(_second_pass, fitted(STRAIGHT, parts, gravity=GRAVITY))
         peaks.append(peak(iter(parts), second))
     assert peaks[1] < 1.1 * peaks[0] < 25
 
 
 def _second_pass(found, tree, source, *, gravity):
-    huber_white(tree, found, source, gravity=gravity)
+    huber_white(found, source)
 
 
 def test_random_states_are_far_from_any_trouble():
-    samples = Samples(*random_states(np.random.default_rng(0), STRAIGHT, 10 * CHUNK), np.ones((10 * CHUNK, 6)))
-    assert " 0 of 10 chunks by stacked QR" in identify(STRAIGHT, samples, gravity=GRAVITY).method
+    samples = sampled(*random_states(np.random.default_rng(0), STRAIGHT, 10 * CHUNK), np.ones((10 * CHUNK, 6)))
+    assert " 0 of 10 chunks by stacked QR" in fitted(STRAIGHT, samples, gravity=GRAVITY).method
 
 
 def at_rest(samples, seed, noise):
@@ -188,18 +191,18 @@ def at_rest(samples, seed, noise):
     q, zero = np.full((samples, 2), 0.3), np.zeros((samples, 2))
     phi = random_phi(np.random.default_rng(0), 3)
     wrench = base_wrench_regressor(STRAIGHT, q, zero, zero, gravity=GRAVITY) @ phi
-    return Samples(q, zero, zero, wrench + noise * rng.normal(size=wrench.shape))
+    return sampled(q, zero, zero, wrench + noise * rng.normal(size=wrench.shape))
 
 
 def one_at_a_time(samples):
     """A joint rests in each half of the recording."""
     half = len(samples) // 2
-    q, dq, ddq = (x.copy() for x in (samples.q, samples.dq, samples.ddq))
+    q, dq, ddq = (x.copy() for x in samples.motion.states)
     for x, rest in ((q, 0.3), (dq, 0), (ddq, 0)):
         x[:half, 0], x[half:, 1] = rest, rest
     wrench = base_wrench_regressor(STRAIGHT, q, dq, ddq, gravity=GRAVITY) @ random_phi(np.random.default_rng(0), 3)
     noise = 1e-3 * np.random.default_rng(1).normal(size=wrench.shape)
-    return Samples(q, dq, ddq, wrench + noise)
+    return sampled(q, dq, ddq, wrench + noise)
 
 
 LONG_REST = [*(at_rest(400, k, 0.5) for k in range(60)), moved_by(1.0, 1000, seed=0, noise=0.5)]
@@ -215,18 +218,18 @@ HALVES = one_at_a_time(moved_by(1.0, 2000))
         LONG_REST[::-1],
         GROWING,
         GROWING[::-1],
-        [HALVES.part(slice(k, k + 50)) for k in range(0, 2000, 50)],
-        [HALVES.part(slice(k, k + 1)) for k in range(800, 1200)],
+        [HALVES[k : k + 50] for k in range(0, 2000, 50)],
+        [HALVES[k : k + 1] for k in range(800, 1200)],
     ],
     ids=["long rest", "rest at the end", "growing", "shrinking", "one joint at a time", "single samples"],
 )
 def test_no_split_costs_digits(parts, executor):
     base = find_base_parameters(STRAIGHT, gravity=GRAVITY)
     rows = np.vstack([rows_of(STRAIGHT, part, base) for part in parts])
-    target = np.concatenate([part.wrench.ravel() for part in parts])
+    target = np.concatenate([part.measured.ravel() for part in parts])
     exact = by_householder(rows.astype(np.longdouble), target.astype(np.longdouble))
     with ThreadPoolExecutor(2) as pool:
-        found = identify(STRAIGHT, iter(parts), gravity=GRAVITY, parameters=base, executor=pool if executor else None)
+        found = fitted(STRAIGHT, iter(parts), gravity=GRAVITY, parameters=base, executor=pool if executor else None)
     Q, R = linalg.qr(rows, mode="economic")
     householders = [linalg.solve_triangular(R, Q.T @ target), by_householder(rows, target)]
     limit = 10 * max(np.linalg.norm(psi - exact) for psi in householders)

@@ -1,11 +1,38 @@
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from scipy import linalg
 from scipy.signal import butter, lfilter, sosfilt
 
-from ident.estimation.robust import independent, innovations, remembered, robust_fit, sandwich
+from ident.errors import ExcitationError
+from ident.estimation.noise import innovations, remembered, sandwiched
+from ident.estimation.robust import robust_fit, separable, spread
+from ident.estimation.samples import Samples
 
 TRUE = np.array([2.0, -1.0, 0.5])
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Equations whose columns (N, C, m) are given in the place of a motion."""
+
+    channels: tuple[str, ...]
+    names: tuple[str, ...]
+    drives: tuple[str, ...] = ()
+    offsets: tuple[int, ...] = ()
+
+    def checked(self, samples, where=""):
+        return samples
+
+    def rows(self, samples, factors=None):
+        rows = np.concatenate([samples.motion, samples.measured[..., None]], axis=2).transpose(2, 1, 0)
+        yield rows if factors is None else rows * factors.T
+
+
+def fit_of(columns, measured, **options):
+    names = [tuple(f"{letter}{k}" for k in range(n)) for letter, n in zip("cx", columns.shape[1:], strict=True)]
+    return robust_fit(Columns(*names), Samples(columns, measured), **options)
 
 
 def case(rng, samples=1000, noise=(0.1, 3.0)):
@@ -16,8 +43,8 @@ def case(rng, samples=1000, noise=(0.1, 3.0)):
 def test_noise_of_each_channel_is_found_and_weighted():
     rng = np.random.default_rng(0)
     columns, measured = case(rng)
-    fit, ordinary = robust_fit(columns, measured), robust_fit(columns, measured, weighted=False)
-    np.testing.assert_allclose(fit.scale, [0.1, 3.0], rtol=0.1)
+    fit, ordinary = fit_of(columns, measured), fit_of(columns, measured, weighted=False)
+    np.testing.assert_allclose(spread(measured - columns @ fit.values), [0.1, 3.0], rtol=0.1)
     assert (fit.std < 0.1 * ordinary.std).all()
     np.testing.assert_array_less(abs(fit.values - TRUE), 4 * fit.std)
 
@@ -26,29 +53,28 @@ def test_the_fit_solves_hubers_equations():
     rng = np.random.default_rng(2)
     columns, measured = case(rng)
     measured += 2 * rng.standard_t(2, size=measured.shape)
-    fit = robust_fit(columns, measured)
-    size = abs(fit.residual) / fit.scale
-    np.testing.assert_allclose(fit.weights, np.minimum(1, 1.345 / size), rtol=1e-4)
-    pulls = columns * (fit.weights * fit.residual / fit.scale**2)[..., None]
+    fit = fit_of(columns, measured)
+    residual = measured - columns @ fit.values
+    scale = spread(residual)
+    pulls = columns * (np.clip(residual / scale, -1.345, 1.345) / scale)[..., None]
     assert (abs(pulls.sum(axis=(0, 1))) < 1e-4 * abs(pulls).sum(axis=(0, 1))).all()
 
 
 def test_ordinary_least_squares_is_lstsq():
     columns, measured = case(np.random.default_rng(0))
     expected = np.linalg.lstsq(columns.reshape(-1, 3), measured.ravel(), rcond=None)[0]
-    np.testing.assert_allclose(robust_fit(columns, measured, weighted=False).values, expected, rtol=1e-10)
+    np.testing.assert_allclose(fit_of(columns, measured, weighted=False).values, expected, rtol=1e-10)
 
 
 def test_gross_outliers_move_the_fit_by_less_than_its_interval():
     rng = np.random.default_rng(1)
     columns, measured = case(rng)
-    clean = robust_fit(columns, measured)
+    clean = fit_of(columns, measured)
     bad = rng.choice(len(measured), len(measured) // 100, replace=False)
     measured[bad] += 1000 * rng.choice([-1, 1], size=(len(bad), 2))
-    spoilt = robust_fit(columns, measured)
+    spoilt = fit_of(columns, measured)
     assert (abs(spoilt.values - clean.values) < 1.96 * clean.std).all()
-    assert (spoilt.weights[bad] < 0.02).all()
-    assert (abs(robust_fit(columns, measured, weighted=False).values - TRUE) > 0.5).any()
+    assert (abs(fit_of(columns, measured, weighted=False).values - TRUE) > 0.5).any()
 
 
 @pytest.mark.parametrize("colour", [None, 0.02])
@@ -63,7 +89,7 @@ def test_standard_deviations_are_right_for_white_and_for_slow_noise(colour):
         if colour:
             noise = sosfilt(butter(1, colour, output="sos"), noise)
         noise = noise[500:] / noise[500:].std()
-        fit = robust_fit(columns, (columns @ TRUE) + noise[:, None])
+        fit = fit_of(columns, (columns @ TRUE) + noise[:, None])
         errors.append(fit.values - TRUE)
         predicted.append(fit.std)
     found = np.std(errors, axis=0) / np.sqrt(np.mean(np.square(predicted), axis=0))
@@ -79,7 +105,7 @@ def autoregressive(rng, correlation, shape):
 def errors_over_predicted(columns, correlation, recordings=300):
     """Root mean square errors of ordinary least squares over the root mean square of their standard deviations."""
     noise = autoregressive(np.random.default_rng(0), correlation, (recordings, len(columns)))
-    fits = [robust_fit(columns[:, None], x[:, None], weighted=False) for x in noise]
+    fits = [fit_of(columns[:, None], x[:, None], weighted=False) for x in noise]
     squares, variances = (
         np.mean([f(fit) for fit in fits], axis=0) for f in (lambda f: f.values**2, lambda f: f.std**2)
     )
@@ -89,7 +115,8 @@ def errors_over_predicted(columns, correlation, recordings=300):
 def test_what_a_fit_takes_of_the_noise_is_given_back():
     """With few samples for their number of columns, and in recordings of a few of the noise's correlation times."""
     few = errors_over_predicted(np.random.default_rng(1).normal(size=(20, 8)), 0)
-    assert (few > 0.9).all() and (few < 1.1).all()
+    # A sample's own residual tells its variance, so that few samples of unlike leverage scatter around it.
+    assert 0.95 < few.mean() < 1.05 and (few > 0.85).all() and (few < 1.15).all()
     t = np.arange(300) / 100
     slow = errors_over_predicted(np.stack([np.sin(2 * np.pi * f * t + f) for f in (0.3, 0.7, 1.1)], axis=1), 0.98)
     assert (slow > 0.6).all() and (slow < 1).all()
@@ -112,17 +139,20 @@ def test_how_long_noise_is_taken_to_remember():
 
 def test_the_middle_of_the_sandwich_is_the_sum_over_all_pairs_of_samples():
     rng = np.random.default_rng(0)
-    columns, pull = rng.normal(size=(80, 3, 4)).cumsum(axis=0), autoregressive(rng, 0.8, (3, 80)).T
-    slope = rng.uniform(0.5, 1, size=(80, 3))
-    decay, size = innovations(pull.T, 4 / 3)
-    variance = (size**2).mean(axis=1) / (1 - decay**2)
-    middle = np.zeros((4, 4))
-    for c in range(3):
-        middle += columns[:, c].T @ (variance[c] * linalg.toeplitz(decay[c] ** np.arange(80))) @ columns[:, c]
-    bread = np.linalg.inv(np.einsum("nck,nc,ncl->kl", columns, slope, columns))
-    covariance, longest = sandwich(columns, pull, slope)
-    np.testing.assert_allclose(covariance, bread @ middle @ bread, rtol=1e-9)
-    assert longest == round(max(-1 / np.log(decay)))
+    columns, pull = rng.normal(size=(80, 3, 4)).cumsum(axis=0), autoregressive(rng, 0.8, (3, 80))
+    decay, size = innovations(pull, 4 / 3)
+    z = [remembered(columns[:, c].T, decay[c], np.zeros(4)) for c in range(3)]
+    pulls = sum(each * u for each, u in zip(z, size, strict=True))
+    rows = columns.transpose(2, 1, 0)
+    for chunks in ([rows], [rows[..., :30], rows[..., 30:]]):
+        np.testing.assert_allclose(sandwiched(chunks, pull, 4 / 3)[0], pulls @ pulls.T, rtol=1e-12)
+    assert sandwiched([rows], pull, 4 / 3)[1].shape == (3, 4)
+    # In the mean over noise of one variance it is Σ_nm Y_nᵀ Γ(n - m) Y_m.
+    variance, steps = 1 / (1 - 0.8**2), np.arange(80)
+    exact = columns[:, 0].T @ (variance * linalg.toeplitz(0.8**steps)) @ columns[:, 0]
+    z = remembered(columns[:, 0].T, 0.8, np.zeros(4))
+    z[:, -1] /= np.sqrt(1 - 0.8**2)
+    np.testing.assert_allclose(z @ z.T, exact, rtol=1e-9)
     # The same in two parts.
     z = remembered(columns[:, 0].T, 0.8, np.zeros(4))
     after = remembered(columns[30:, 0].T, 0.8, z[:, 29])
@@ -132,34 +162,34 @@ def test_the_middle_of_the_sandwich_is_the_sum_over_all_pairs_of_samples():
 
 def test_a_perfect_fit_is_perfect():
     columns, _ = case(np.random.default_rng(0))
-    fit = robust_fit(columns, columns @ TRUE)
+    fit = fit_of(columns, columns @ TRUE)
     np.testing.assert_allclose(fit.values, TRUE, atol=1e-12)
 
 
-def test_which_candidates_are_independent():
+def test_what_cannot_be_told_apart_is_left_out():
     rng = np.random.default_rng(0)
     a, b, c = rng.normal(size=(3, 50, 2))
-    columns = np.stack([a, b], axis=2)
-    candidates = np.stack([a + b, c, 1e-3 * c, 0 * c], axis=2)
-    assert independent(columns, candidates) == [1]
+    columns = np.stack(
+        [a, b, a + b, c, 1e-3 * c, 0 * c, np.tile([1.0, 0], (50, 1)), np.tile([0, 1.0], (50, 1))], axis=2
+    )
+    drives = ("a + b", "c", "0.001 c", "0")
+    equations = Columns(("x", "y"), ("a", "b", *drives, "offset(x)", "offset(y)"), drives, (0, 1))
+    left = separable(equations, Samples(columns, a))
+    assert (left.drives, left.offsets) == (("c",), (0, 1))
 
 
 def test_what_barely_sticks_out_does_not_spoil_the_next():
-    """Rounding grows from column to column unless it is taken away each time."""
     a, b, c, d = linalg.qr(np.random.default_rng(0).normal(size=(100, 4)), mode="economic")[0].T
-    candidates = np.stack([a + 3e-6 * b, a + 3e-6 * c, c, b, b + c, a + 0.7e-6 * d, a + 1.4e-6 * d], axis=1)
-    assert independent(a[:, None, None], candidates[:, None]) == [0, 1, 6]
+    candidates = {"b": a + 3e-6 * b, "c": a + 3e-6 * c, "c more": c, "b more": b, "b + c": b + c}
+    candidates |= {"d, too little": a + 0.7e-6 * d}
+    columns = np.stack([a, *candidates.values()], axis=1)[:, None]
+    equations = Columns(("x",), ("a", *candidates), tuple(candidates))
+    assert separable(equations, Samples(columns, a[:, None])).drives == ("b", "c")
+    enough = Columns(("x",), ("a", "d"), ("d",))
+    columns = np.stack([a, a + 1.4e-6 * d], axis=1)[:, None]
+    assert separable(enough, Samples(columns, a[:, None])).drives == ("d",)
 
 
-@pytest.mark.parametrize(
-    ("columns", "measured", "message"),
-    [
-        (np.ones((2, 1, 3)), np.ones((2, 1)), "N of at least k"),
-        (np.ones((5, 1, 3)), np.ones((4, 1)), r"got \(5, 1, 3\) and \(4, 1\)"),
-        (np.full((5, 1, 2), np.nan), np.ones((5, 1)), "finite"),
-        (np.ones((5, 1, 2)), np.ones((5, 1)), "separates 1 of 2 parameters"),
-    ],
-)
-def test_what_cannot_be_fitted_is_refused(columns, measured, message):
-    with pytest.raises(ValueError, match=message):
-        robust_fit(columns, measured)
+def test_what_cannot_be_told_apart_is_not_fitted():
+    with pytest.raises(ExcitationError, match="does not separate the base parameters x0, x1: 1 of 2"):
+        fit_of(np.ones((5, 1, 2)), np.arange(5.0)[:, None])

@@ -2,11 +2,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from fits import equations, fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_states
 
 import scenes
-from ident.estimation.estimate import identify
-from ident.estimation.samples import Samples, even, pieces
+from ident.estimation.pieces import pieces
+from ident.estimation.samples import arrays_of, even
 from ident.mechanism.motion import BaseMotion
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import tree_from_model
@@ -16,25 +17,25 @@ from sim.simulation.simulate import simulate
 TREE = double_pendulum()
 TREE_OF_SCENE = tree_from_model(scenes.load("double_pendulum"), "base")
 STATES = random_states(np.random.default_rng(0), TREE, 90)
-WHOLE = Samples(*STATES, np.random.default_rng(1).normal(size=(90, 6)))
+WHOLE = sampled(*STATES, np.random.default_rng(1).normal(size=(90, 6)))
 MOTION = BaseMotion(np.tile(np.eye(4), (90, 1, 1)), np.zeros((90, 6)), np.zeros((90, 6)))
 
 
 def with_arrays(**changed):
-    return Samples(**{**vars(WHOLE), **changed})
+    return sampled(**{**arrays_of(WHOLE), **changed})
 
 
 def refusal(*source):
     with pytest.raises(ValueError) as caught:
-        identify(TREE, iter(source), gravity=GRAVITY)
+        fitted(TREE, iter(source), gravity=GRAVITY)
     return str(caught.value)
 
 
 def test_parts_take_everything_along():
     covariance = np.tile(np.eye(6), (90, 1, 1))
-    part = with_arrays(base=MOTION, covariance=covariance).part(slice(10, 30))
-    assert len(part) == len(part.q) == len(part.base.T) == len(part.covariance) == 20
-    assert with_arrays(covariance=np.eye(6)).part(slice(3)).covariance.shape == (6, 6)
+    part = with_arrays(base=MOTION, covariance=covariance)[10:30]
+    assert len(part) == len(part.motion) == len(part.motion.base.T) == len(part.covariance) == 20
+    assert with_arrays(covariance=np.eye(6))[:3].covariance.shape == (6, 6)
 
 
 @pytest.mark.parametrize("size", [1, 7, 30, 90, 200])
@@ -43,20 +44,21 @@ def test_even_pieces_are_the_same_samples(size):
     motion = BaseMotion(np.tile(np.eye(4), (90, 1, 1)), *rng.normal(size=(2, 90, 6)))
     whole = with_arrays(base=motion, covariance=rng.normal(size=(90, 6, 6)))
     cuts = [0, 1, 2, 33, 34, 90]
-    found = list(even((whole.part(slice(a, b)) for a, b in pairwise(cuts)), size))
+    found = list(even((whole[a:b] for a, b in pairwise(cuts)), size))
     assert [len(part) for part in found] == [*[size] * (90 // size), *[90 % size] * (90 % size > 0)]
     first = 0
     for part in found:
-        expected = whole.part(slice(first, first + len(part)))
-        for name in ("q", "dq", "ddq", "wrench", "covariance"):
-            np.testing.assert_array_equal(getattr(part, name), getattr(expected, name))
+        expected = whole[first : first + len(part)]
+        np.testing.assert_array_equal(part.covariance, expected.covariance)
+        for name, x in arrays_of(part).items():
+            np.testing.assert_array_equal(x, arrays_of(expected)[name])
         for name in ("T", "V", "dV"):
-            np.testing.assert_array_equal(getattr(part.base, name), getattr(expected.base, name))
+            np.testing.assert_array_equal(getattr(part.motion.base, name), getattr(expected.motion.base, name))
         first += len(part)
     constant = with_arrays(covariance=np.eye(6))
-    both = next(even([constant.part(slice(40)), constant.part(slice(40, None))], 90))
+    both = next(even([constant[:40], constant[40:]], 90))
     np.testing.assert_array_equal(both.covariance, np.tile(np.eye(6), (90, 1, 1)))
-    assert both.base is None
+    assert both.motion.base is None
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz"])
@@ -64,12 +66,12 @@ def test_a_recording_is_read_from_its_file_in_pieces(tmp_path, suffix):
     spec = scenes.load("double_pendulum")
     recording = simulate(spec, DOUBLE_PENDULUM, samples=300)
     recording.save(tmp_path / f"run.{suffix}")
-    whole = identify(TREE_OF_SCENE, recording, gravity=GRAVITY)
-    in_pieces = identify(TREE_OF_SCENE, Recording.chunks(tmp_path / f"run.{suffix}", samples=70), gravity=GRAVITY)
+    whole = fitted(TREE_OF_SCENE, recording, gravity=GRAVITY)
+    in_pieces = fitted(TREE_OF_SCENE, Recording.chunks(tmp_path / f"run.{suffix}", samples=70), gravity=GRAVITY)
     np.testing.assert_allclose(in_pieces.psi, whole.psi, rtol=1e-11, atol=1e-12)
     assert in_pieces.samples == 300
-    (alone,) = pieces(recording, TREE_OF_SCENE)
-    np.testing.assert_array_equal(alone.wrench, recording.wrench("ground"))
+    (alone,) = pieces(recording, equations(TREE_OF_SCENE))
+    np.testing.assert_array_equal(alone.measured, recording.wrench("ground"))
 
 
 def test_bad_pieces_are_named():
@@ -79,22 +81,22 @@ def test_bad_pieces_are_named():
     assert "Piece 1: 'dq' is float32 where the first piece has float64" in refusal(
         WHOLE, with_arrays(dq=STATES[1].astype(np.float32))
     )
-    assert "Piece 0: 'wrench' must be an array of real numbers, got complex128" in refusal(
-        with_arrays(wrench=WHOLE.wrench * 1j)
+    assert "Piece 0: 'measured' must be an array of real numbers, got complex128" in refusal(
+        with_arrays(measured=WHOLE.measured * 1j)
     )
     assert "'q' must be an array of real numbers, got <class 'list'>" in refusal(with_arrays(q=STATES[0].tolist()))
-    broken = WHOLE.wrench.copy()
+    broken = WHOLE.measured.copy()
     broken[17, 2] = np.nan
-    assert "Piece 2: 'wrench' needs finite numbers; sample 17 has NaN" in refusal(
-        WHOLE, WHOLE, with_arrays(wrench=broken)
+    assert "Piece 2: 'measured' needs finite numbers; sample 17 has NaN" in refusal(
+        WHOLE, WHOLE, with_arrays(measured=broken)
     )
     assert "either all pieces have 'base' or none has" in refusal(WHOLE, with_arrays(base=MOTION))
     assert "either all pieces have 'covariance' or none has" in refusal(WHOLE, with_arrays(covariance=np.eye(6)))
     assert "Piece 1 must be Samples or a recording, got ndarray" in refusal(WHOLE, np.zeros(3))
     assert "at least one piece of samples, got none" in refusal()
-    assert "'q' needs a row for each of 0 samples" in refusal(WHOLE.part(slice(0)))
+    assert "'q' needs a row for each of 0 samples" in refusal(WHOLE[:0])
     with pytest.raises(ValueError, match="The samples: 'ddq' needs a row for each of 90 samples and 2 columns"):
-        identify(TREE, with_arrays(ddq=STATES[2][:80]), gravity=GRAVITY)
+        fitted(TREE, with_arrays(ddq=STATES[2][:80]), gravity=GRAVITY)
 
 
 def test_errors_of_the_iterator_pass_through():
@@ -103,4 +105,4 @@ def test_errors_of_the_iterator_pass_through():
         raise OSError("the disk is gone")
 
     with pytest.raises(OSError, match="the disk is gone"):
-        identify(TREE, failing(), gravity=GRAVITY)
+        fitted(TREE, failing(), gravity=GRAVITY)

@@ -3,6 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from fits import fitted, sampled
 from mechanisms import (
     GRAVITY,
     double_pendulum,
@@ -15,8 +16,6 @@ from mechanisms import (
 from regroupings import check_regroupings
 
 from experiments.studies import paper
-from ident.estimation.estimate import identify
-from ident.estimation.samples import Samples
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import pose, rotation
 from ident.mechanism.body import Body
@@ -145,7 +144,7 @@ def test_a_long_chain_is_identified():
     tree, phi = random_tree(rng, 40, kinds=("revolute",), chain=True), random_phi(rng, 40)
     states = random_states(rng, tree, 600)
     wrench = base_wrench_regressor(tree, *states, gravity=GRAVITY) @ phi
-    estimate = identify(tree, Samples(*states, wrench), gravity=GRAVITY)
+    estimate = fitted(tree, sampled(*states, wrench), gravity=GRAVITY)
     np.testing.assert_allclose(estimate.psi, estimate.parameters.regroup(phi), rtol=1e-8)
 
 

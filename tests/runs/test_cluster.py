@@ -16,15 +16,14 @@ from itertools import count
 import numpy as np
 import pytest
 from commands import refusal
+from fits import fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_states
 from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 import scenes
 from experiments import multicontact, stream, sweep
 from experiments.runs.workers import hired
-from ident.estimation.estimate import identify
 from ident.estimation.in_order import in_order
-from ident.estimation.samples import Samples
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -119,7 +118,7 @@ def test_the_command_line_takes_a_cluster(address, tmp_path):
 def test_pieces_are_identified_while_a_worker_dies(cluster, address):
     rng = np.random.default_rng(0)
     states = random_states(rng, TREE, 1200)
-    whole = Samples(*states, rng.normal(size=(1200, 6)))
+    whole = sampled(*states, rng.normal(size=(1200, 6)))
 
     def read():
         for k in range(0, 1200, 30):
@@ -127,11 +126,11 @@ def test_pieces_are_identified_while_a_worker_dies(cluster, address):
                 with distributed.Client(address, set_as_default=False) as client:
                     victim = next(iter(client.run(os.getpid).values()))
                 os.kill(victim, signal.SIGKILL)
-            yield whole.part(slice(k, k + 30))
+            yield whole[k : k + 30]
 
-    alone = identify(TREE, whole, gravity=GRAVITY)
+    alone = fitted(TREE, whole, gravity=GRAVITY)
     with hired(1, address) as crew:
-        found = identify(TREE, read(), gravity=GRAVITY, executor=crew.executor, ahead=crew.ahead)
+        found = fitted(TREE, read(), gravity=GRAVITY, executor=crew.executor, ahead=crew.ahead)
     assert found.samples == 1200 and "of 40 chunks" in found.method
     np.testing.assert_allclose(found.psi, alone.psi, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-8, atol=1e-12)

@@ -3,11 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
+from fits import fitted, sampled
 from mechanisms import random_states
 
 import scenes
-from ident.estimation.estimate import identify
-from ident.estimation.samples import Samples
 from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
@@ -134,8 +133,8 @@ def test_structural_rank_is_the_numeric_rank():
 def test_a_fall_identifies_every_base_parameter(motion, contacts):
     base = find_base_parameters(TREE, sensors=SENSORS)
     total = total_wrench(TREE, joint_states(motion)[0], None, contacts)
-    samples = Samples(*joint_states(motion), total.wrench, pelvis(motion))
-    np.testing.assert_allclose(identify(TREE, samples, gravity=GRAVITY).psi, base.regroup(PHI), atol=1e-9)
+    samples = sampled(*joint_states(motion), total.wrench, pelvis(motion))
+    np.testing.assert_allclose(fitted(TREE, samples, gravity=GRAVITY).psi, base.regroup(PHI), atol=1e-9)
 
 
 def test_contacts_between_its_own_bodies_are_internal(motion):

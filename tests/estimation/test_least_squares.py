@@ -5,15 +5,15 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from fits import fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree
 from scipy.signal import lfilter
 
 from ident.errors import ExcitationError
-from ident.estimation import estimate as module
-from ident.estimation.estimate import huber_white, identify, predicted_wrench
+from ident.estimation import least_squares as module
 from ident.estimation.excitation import check_excitation
-from ident.estimation.samples import Samples
-from ident.mechanism.motion import BaseMotion
+from ident.estimation.least_squares import huber_white
+from ident.mechanism.motion import BaseMotion, Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
@@ -32,7 +32,7 @@ ROWS = BASE.reduce(Y).reshape(-1, 13)
 
 def identified(wrench, states=STATES, **options):
     covariance = options.pop("covariance", None)
-    return identify(TREE, Samples(*states, wrench, covariance=covariance), gravity=GRAVITY, **options)
+    return fitted(TREE, sampled(*states, wrench, covariance=covariance), gravity=GRAVITY, **options)
 
 
 def noisy(seed=1):
@@ -54,7 +54,7 @@ def test_ordinary_least_squares_is_numpys():
     psi, squares, _, s = np.linalg.lstsq(ROWS, wrench.ravel(), rcond=None)
     np.testing.assert_allclose(estimate.psi, psi, atol=1e-12)
     np.testing.assert_allclose(estimate.singular_values, s, rtol=1e-12)
-    residual = wrench - predicted_wrench(TREE, estimate, *STATES, gravity=GRAVITY)
+    residual = wrench - estimate.predicted(Motion(*STATES))
     np.testing.assert_allclose(estimate.residual_norms, np.linalg.norm(residual, axis=0), rtol=1e-11)
     assert np.isclose(estimate.epsilon**2, squares[0], rtol=1e-12)
     assert np.isclose(estimate.condition_number, s[0] / s[-1], rtol=1e-12)
@@ -77,11 +77,11 @@ def test_standard_deviations_are_the_spread_of_the_estimates(noise, way):
     rng, root = np.random.default_rng(0), np.linalg.cholesky(noise)
     trials = []
     for _ in range(600):
-        samples = Samples(*STATES, Y @ PHI + (root @ rng.normal(size=(200, 6, 1)))[..., 0])
+        samples = sampled(*STATES, Y @ PHI + (root @ rng.normal(size=(200, 6, 1)))[..., 0])
         if way == "weighted":
-            samples = Samples(*STATES, samples.wrench, covariance=noise)
-        found = identify(TREE, samples, gravity=GRAVITY, parameters=BASE)
-        trials.append(huber_white(TREE, found, samples, gravity=GRAVITY) if way == "two passes" else found)
+            samples = sampled(*STATES, samples.measured, covariance=noise)
+        found = fitted(TREE, samples, gravity=GRAVITY, parameters=BASE)
+        trials.append(huber_white(found, samples) if way == "two passes" else found)
     spread = np.std([trial.psi for trial in trials], axis=0)
     # 600 trials know a standard deviation to 3 %; 13 of them stay within 4 standard errors.
     off = 0.6 if (way, noise is MOVING) == ("one pass", True) else 0.12
@@ -107,7 +107,7 @@ def test_a_moving_base_has_more_base_parameters():
     rng = np.random.default_rng(0)
     base = BaseMotion.from_free_joint(rng.normal(size=(200, 7)), *rng.normal(size=(2, 200, 6)))
     wrench = base_wrench_regressor(TREE, *STATES, gravity=GRAVITY, base=base) @ PHI
-    estimate = identify(TREE, Samples(*STATES, wrench, base), gravity=GRAVITY)
+    estimate = fitted(TREE, sampled(*STATES, wrench, base), gravity=GRAVITY)
     expected = find_base_parameters(TREE, gravity=GRAVITY, sensors=Sensors(moving_base=True))
     assert estimate.names == expected.names and len(estimate.names) > 13
     np.testing.assert_allclose(estimate.psi, expected.regroup(PHI), atol=1e-10)
@@ -119,14 +119,14 @@ def test_any_split_gives_the_same_answer(seed):
     tree = random_tree(rng, 4, kinds=("revolute", "ball"))
     states = random_states(rng, tree, 500)
     wrench = base_wrench_regressor(tree, *states, gravity=GRAVITY) @ rng.normal(size=10 * len(tree.inertial))
-    whole = Samples(*states, wrench + rng.normal(size=wrench.shape))
+    whole = sampled(*states, wrench + rng.normal(size=wrench.shape))
     cuts = [0, *np.sort(rng.integers(1, 500, size=6)).tolist(), 500]
-    parts = [whole.part(slice(a, b)) for a, b in pairwise(cuts) if a < b]
+    parts = [whole[a:b] for a, b in pairwise(cuts) if a < b]
     rng.shuffle(parts)
-    first = identify(tree, whole, gravity=GRAVITY)
+    first = fitted(tree, whole, gravity=GRAVITY)
     with ThreadPoolExecutor(2) as pool:
         for source, executor in ((parts, None), (iter(parts), pool)):
-            found = identify(tree, source, gravity=GRAVITY, executor=executor)
+            found = fitted(tree, source, gravity=GRAVITY, executor=executor)
             np.testing.assert_allclose(found.psi, first.psi, rtol=1e-9, atol=1e-11)
             np.testing.assert_allclose(found.covariance, first.covariance, rtol=1e-8, atol=1e-12)
             np.testing.assert_allclose(found.residual_norms, first.residual_norms, rtol=1e-9)
@@ -167,35 +167,35 @@ def test_noise_alone_is_not_excitation():
 
 def test_the_check_takes_noise_of_some_samples_for_that_of_all():
     triangle = np.diag([10.0, 1.0])
-    regrouping = find_base_parameters(np.eye(2), ["a", "b"])
+    names = ("a", "b")
     noise = np.zeros((60, 2))
     noise[:, 1] = 0.05
-    check_excitation(triangle, regrouping, 10, noise)
+    check_excitation(triangle, names, 10, noise)
     with pytest.raises(ExcitationError, match="parameters b: 1 of 2"):
-        check_excitation(triangle, regrouping, 100, noise)
+        check_excitation(triangle, names, 100, noise)
 
 
 def test_what_counts_as_excited_and_who_is_named():
     """Columns at a small angle are told from rounding, and columns from their own noise if half as long again."""
-    regrouping = find_base_parameters(np.eye(3), ["a", "b", "c"])
+    names = ("a", "b", "c")
     for ratio, excited in ((2e-10, True), (0.5e-10, False)):
         triangle = np.eye(3)
         triangle[:2, 1] = 1, 2 * ratio
         with nullcontext() if excited else pytest.raises(ExcitationError, match="parameters a, b: 2 of 3"):
-            check_excitation(triangle, regrouping, 10)
+            check_excitation(triangle, names, 10)
     for level, excited in ((0.65, True), (0.68, False)):
         # Ten rows of noise stand for those of ten samples, six times as many.
         noise = np.tile([level / np.sqrt(60), 0, 0], (10, 1))
         with nullcontext() if excited else pytest.raises(ExcitationError, match="parameters a: 2 of 3"):
-            check_excitation(np.eye(3), regrouping, 10, noise)
+            check_excitation(np.eye(3), names, 10, noise)
     # Unit columns that add up to nothing as a + b + share c, which is named from a tenth on.
-    for share, names in ((0.05, "a, b"), (0.2, "a, b, c")):
+    for share, named in ((0.05, "a, b"), (0.2, "a, b, c")):
         b = np.array([-share / 2, np.sqrt(1 - share**2 / 4), 0])
         triangle = np.column_stack([-b - [share, 0, 0], b, [1, 0, 0]])
-        with pytest.raises(ExcitationError, match=f"parameters {names}: 2 of 3"):
-            check_excitation(triangle, regrouping, 10)
+        with pytest.raises(ExcitationError, match=f"parameters {named}: 2 of 3"):
+            check_excitation(triangle, names, 10)
     with pytest.raises(ExcitationError, match="parameters a, b, c: 0 of 3"):
-        check_excitation(np.zeros((3, 3)), regrouping, 10)
+        check_excitation(np.zeros((3, 3)), names, 10)
 
 
 def test_too_few_samples_are_not_enough():
@@ -230,14 +230,14 @@ def test_the_scale_of_a_covariance_does_not_change_what_counts_as_excited():
 
 
 def test_few_samples_and_no_residual_have_standard_deviations():
-    few = Samples(*(x[:13] for x in STATES), (Y @ PHI)[:13])
-    for wrench in (few.wrench, 0 * few.wrench):
-        samples = Samples(few.q, few.dq, few.ddq, wrench)
-        found = huber_white(TREE, identify(TREE, samples, gravity=GRAVITY), samples, gravity=GRAVITY)
+    few = sampled(*(x[:13] for x in STATES), (Y @ PHI)[:13])
+    for wrench in (few.measured, 0 * few.measured):
+        samples = sampled(*few.motion.states, wrench)
+        found = huber_white(fitted(TREE, samples, gravity=GRAVITY), samples)
         assert np.isfinite(found.std).all() and found.std.max() < 1e-9
     weighted = identified(Y @ PHI, covariance=np.eye(6))
-    with pytest.raises(ValueError, match="noise of a weighted estimate is taken as known"):
-        huber_white(TREE, weighted, Samples(*STATES, Y @ PHI), gravity=GRAVITY)
+    with pytest.raises(ValueError, match="noise of a weighted fit is taken as known"):
+        huber_white(weighted, sampled(*STATES, Y @ PHI))
 
 
 def smooth_states(samples=600):
@@ -260,8 +260,8 @@ SWING = base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY) @ PHI
 
 
 def both_passes(samples, parameters=BASE):
-    found = identify(TREE, samples, gravity=GRAVITY, parameters=parameters)
-    return found, huber_white(TREE, found, samples, gravity=GRAVITY)
+    found = fitted(TREE, samples, gravity=GRAVITY, parameters=parameters)
+    return found, huber_white(found, samples)
 
 
 @pytest.mark.parametrize(
@@ -279,7 +279,7 @@ def test_intervals_hold_for_noise_that_is_correlated_over_time(correlation, weig
     covariance = CONSTANT if weighted else None
     for _ in range(200):
         wrench = SWING + autoregressive(rng, correlation)
-        trials = both_passes(Samples(*SMOOTH, wrench, covariance=covariance))
+        trials = both_passes(sampled(*SMOOTH, wrench, covariance=covariance))
         covered.append([abs(trial.psi - BASE.regroup(PHI)) < 1.96 * trial.std for trial in trials])
     for (low, high), share in zip((one_pass, two_passes), np.mean(covered, axis=0), strict=True):
         assert low < share.mean() < high, share
@@ -290,18 +290,18 @@ def test_intervals_hold_for_noise_that_is_correlated_over_time(correlation, weig
 def test_white_noise_leaves_huber_and_whites_formula(monkeypatch):
     """To the last digit where no correlation is beyond chance, also in parts; five of six components have rows."""
     wrench = SWING + autoregressive(np.random.default_rng(1), 0)
-    first, found = both_passes(Samples(*SMOOTH, wrench))
+    first, found = both_passes(sampled(*SMOOTH, wrench))
     columns = BASE.reduce(base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY))
     rows, residual = columns.reshape(-1, 13), wrench - columns @ found.psi
     pulls, bread = np.einsum("ncr,nc->nr", columns, residual), np.linalg.inv(rows.T @ rows)
     usual = bread @ pulls.T @ pulls @ bread * 3000 / (3000 - 13)
     with monkeypatch.context() as patched:
         patched.setattr(module, "PIECE", 300)
-        in_parts = huber_white(TREE, first, Samples(*SMOOTH, wrench), gravity=GRAVITY)
+        in_parts = huber_white(first, sampled(*SMOOTH, wrench))
     for covariance in (found.covariance, in_parts.covariance):
         np.testing.assert_allclose(covariance, usual, rtol=1e-8, atol=1e-16)
     # Of a covariance only the proportions are needed.
-    one, nine = (both_passes(Samples(*SMOOTH, wrench, covariance=scale * CONSTANT))[1] for scale in (1, 9))
+    one, nine = (both_passes(sampled(*SMOOTH, wrench, covariance=scale * CONSTANT))[1] for scale in (1, 9))
     np.testing.assert_allclose(nine.std, one.std, rtol=1e-9)
 
 
@@ -310,38 +310,37 @@ def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, weighted)
     """Also where a part is longer than the pieces, or they are longer than a part, and it remembers across borders."""
     wrench = SWING + autoregressive(np.random.default_rng(0), 0.9)
     covariance = np.tile(CONSTANT, (600, 1, 1)) if weighted else None
-    samples = Samples(*SMOOTH, wrench, covariance=covariance)
+    samples = sampled(*SMOOTH, wrench, covariance=covariance)
     first, whole = both_passes(samples)
     cuts = [0, *range(1, 60), 61, 300, 555, 600]
-    parts = [samples.part(slice(a, b)) for a, b in pairwise(cuts)]
-    ways = [huber_white(TREE, first, source, gravity=GRAVITY) for source in (parts, iter(parts))]
+    parts = [samples[a:b] for a, b in pairwise(cuts)]
+    ways = [huber_white(first, source) for source in (parts, iter(parts))]
     for chunk in (64, 599):
         with monkeypatch.context() as patched:
-            for name in ("ident.estimation.accumulator.CHUNK", "ident.estimation.estimate.CHUNK"):
-                patched.setattr(name, chunk)
-            ways.append(huber_white(TREE, first, iter(parts), gravity=GRAVITY))
+            patched.setattr("ident.estimation.equations.CHUNK", chunk)
+            ways.append(huber_white(first, iter(parts)))
     for found in ways:
         np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-9, atol=1e-15)
     monkeypatch.setattr(module, "PIECE", 250)
     for source in (samples, parts):
-        halves = huber_white(TREE, first, source, gravity=GRAVITY)
+        halves = huber_white(first, source)
         # Either half knows its own correlation, and what the other leaves to it.
         np.testing.assert_allclose(halves.std, whole.std, rtol=0.3)
-    np.testing.assert_allclose(halves.std, huber_white(TREE, first, samples, gravity=GRAVITY).std, rtol=1e-9)
+    np.testing.assert_allclose(halves.std, huber_white(first, samples).std, rtol=1e-9)
 
 
 def test_a_second_pass_takes_the_samples_of_the_first():
-    samples = Samples(*SMOOTH, SWING)
-    found = identify(TREE, samples, gravity=GRAVITY)
-    for other in (samples.part(slice(599)), [samples, samples.part(slice(1))]):
+    samples = sampled(*SMOOTH, SWING)
+    found = fitted(TREE, samples, gravity=GRAVITY)
+    for other in (samples[:599], [samples, samples[:1]]):
         with pytest.raises(ValueError, match=r"made of 600 samples, these are (599|601)"):
-            huber_white(TREE, found, other, gravity=GRAVITY)
+            huber_white(found, other)
     with pytest.raises(ValueError, match="covariance; those of an ordinary one have none"):
-        huber_white(TREE, found, Samples(*SMOOTH, SWING, covariance=CONSTANT), gravity=GRAVITY)
+        huber_white(found, sampled(*SMOOTH, SWING, covariance=CONSTANT))
 
 
 def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():
-    one, two = both_passes(Samples(*SMOOTH, SWING + autoregressive(np.random.default_rng(0), 0.9)))
+    one, two = both_passes(sampled(*SMOOTH, SWING + autoregressive(np.random.default_rng(0), 0.9)))
     assert (one.noise, two.noise) == ("white from sample to sample", "correlated over time or not")
     assert (two.std > 2 * one.std).all()
     np.testing.assert_array_equal(two.psi, one.psi)

@@ -1,0 +1,134 @@
+"""What is fitted: measured channels, and the columns of base parameters, drives and constant offsets."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.estimation.samples import Samples, check_samples, whitened
+from ident.mechanism.mechanism import Mechanism
+from ident.model.regressor import CHUNK, DRIVE, drive_columns, drive_names, program_inputs, regressor_program
+from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
+from ident.parameters.structure import Sensors
+
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+"""Names of a wrench's components."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Linear equations `[Y_b | drives | offsets] x = measured` of C channels.
+
+    Attributes:
+        mechanism: The mechanism.
+        parameters: Regrouping of its parameters, of which r are base parameters.
+        wrench: The channels of the total wrench Γ in the base frame, rows w of which each reads `w · Γ` (k, 6); None
+            for its six components.
+        torques: Indices, among the velocities, of the joint torques that are channels as well, after those.
+        channels: Names of the C channels.
+        drives: Names of the columns of rotor inertia and friction, out of `drive_names`.
+        offsets: Indices of the channels that have a constant offset.
+    """
+
+    mechanism: Mechanism
+    parameters: BaseParameters
+    wrench: np.ndarray | None = None
+    torques: tuple[int, ...] = ()
+    channels: tuple[str, ...] = COMPONENTS
+    drives: tuple[str, ...] = ()
+    offsets: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        expected, bodies = len(self.parameters.parameters), len(self.mechanism.tree.inertial)
+        if expected != 10 * bodies:
+            raise InputError(f"A regrouping of {expected} parameters does not fit {bodies} bodies.")
+
+    @classmethod
+    def of_wrench(
+        cls, mechanism: Mechanism, parameters: BaseParameters | None = None, *, moving: bool = False
+    ) -> "Equations":
+        """Those of the total wrench's six components, by default with the structural base parameters.
+
+        Args:
+            mechanism: The mechanism.
+            parameters: Regrouping of its parameters.
+            moving: Whether its base moves.
+        """
+        if parameters is None:
+            down = tuple(mechanism.gravity.tolist())
+            parameters = structural_base_parameters(mechanism.tree, down, sensors=Sensors(moving_base=moving))
+        return cls(mechanism, parameters)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return (*self.parameters.names, *self.drives, *(f"offset({self.channels[k]})" for k in self.offsets))
+
+    def with_offsets(self, offsets: Sequence[int]) -> "Equations":
+        """The same with constant offsets of some channels."""
+        return replace(self, offsets=tuple(offsets))
+
+    def checked(self, samples: Samples, where: str = "The samples") -> Samples:
+        """Samples that fit.
+
+        Raises:
+            InputError: They do not, or are not finite; it names the array, and where in it.
+        """
+        check_samples(samples, self.mechanism.tree, len(self.channels), where)
+        return replace(samples, motion=samples.motion.checked(self.mechanism.tree))
+
+    def rows(self, samples: Samples, factors: np.ndarray | None = None) -> Iterator[np.ndarray]:
+        """Columns and measurements of samples that fit, chunk by chunk in the same memory.
+
+        They are whitened where the samples have a covariance.
+
+        Args:
+            samples: The samples (N).
+            factors: What each row is multiplied by (N, C).
+
+        Yields:
+            Columns first, measurements last (columns + 1, C, chunk).
+        """
+        tree, rank = self.mechanism.tree, self.parameters.rank
+        down, kept = self.mechanism.gravity.astype(float), self.parameters.kept
+        moving = samples.motion.base is not None
+        size, (wrench, torques) = min(CHUNK, len(samples)), self._parts()
+        block = np.zeros((len(self.names) + 1, len(self.channels), size))
+        block[rank + len(self.drives) + np.arange(len(self.offsets)), list(self.offsets)] = 1
+        # All six components of the wrench come straight from the program; others are made of these.
+        straight = self.wrench is None and not self.torques
+        seen = block[:rank] if straight else np.zeros((rank, 6, size))
+        felt = np.zeros((rank, len(tree.freedoms) if self.torques else 0, size))
+        programs = [(seen, regressor_program(tree, down, kept, moving=moving, torques=False))] if wrench else []
+        programs += [(felt, regressor_program(tree, down, kept, moving=moving, torques=True))] if self.torques else []
+        for out, program in programs:
+            program.fill(out.reshape(-1, size))
+        for first in range(0, len(samples), CHUNK):
+            part = samples[first : first + CHUNK]
+            count, inputs = len(part), program_inputs(part.motion, down)
+            for out, program in programs:
+                program.run(inputs, out.reshape(-1, size)[:, :count])
+            rows = block[:, :, :count]
+            if not straight and wrench:
+                rows[:rank, wrench] = seen[:, :, :count] if self.wrench is None else self.wrench @ seen[:, :, :count]
+            if self.torques:
+                rows[:rank, torques] = felt[:, list(self.torques), :count]
+                rows[rank : rank + len(self.drives), torques] = self._drives(part)
+            rows[-1] = part.measured.T
+            if part.covariance is not None:
+                rows = whitened(rows, part.covariance)
+            yield rows if factors is None else rows * factors[first : first + CHUNK].T
+
+    def _parts(self) -> tuple[range, range]:
+        """Where the channels of the wrench and of the torques stand."""
+        wrenches = len(self.channels) - len(self.torques)
+        return range(wrenches), range(wrenches, len(self.channels))
+
+    def _drives(self, samples: Samples) -> np.ndarray:
+        """Columns of rotor inertia and friction (d, torques, chunk)."""
+        columns = np.concatenate(drive_columns(samples.motion, tuple(DRIVE)), axis=2)
+        every = drive_names(self.mechanism.tree, tuple(DRIVE))
+        chosen = columns[:, list(self.torques)][..., [every.index(name) for name in self.drives]]
+        return chosen.transpose(2, 1, 0)

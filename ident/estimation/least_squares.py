@@ -1,0 +1,264 @@
+"""Least-squares parameters with their uncertainty, and the two checks of Section III.A.
+
+minimise ‖Y ψ - Γ‖²        in one pass and in bounded memory, as `ident.estimation.accumulator` keeps it,
+cov ψ = B⁻¹ M B⁻¹,         B = Yᵀ Y and M = Yᵀ cov(Γ) Y, from the residuals in one pass or in two
+"""
+
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial, reduce
+from itertools import chain
+from operator import add
+
+import numpy as np
+from scipy.linalg import lapack
+
+from ident.errors import InputError
+from ident.estimation.accumulator import PROBE, Accumulator, accumulate, inverse_of, square_root, triangle_of
+from ident.estimation.equations import Equations
+from ident.estimation.excitation import check_excitation, noise_rows
+from ident.estimation.in_order import in_order
+from ident.estimation.noise import sandwiched
+from ident.estimation.pieces import Source, pieces
+from ident.estimation.samples import Samples, even
+from ident.mechanism.motion import Motion
+from ident.parameters.base_parameters import ZERO_COLUMN, BaseParameters
+
+PIECE = 65536
+"""Samples of one piece in memory that one worker takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Coefficients fitted to samples: base parameters ψ first, then those of drives and offsets.
+
+    Attributes:
+        equations: What was fitted, m columns to C channels.
+        values: Coefficients, SI units (m,).
+        covariance: Their covariance due to noise on the channels (m, m).
+        weighted: Whether the rows were weighted, as by a covariance. Then the triangle, its rows, condition number and
+            residuals are those of the weighted rows.
+        triangle: Triangular factor of the columns, `Yᵀ Y = Rᵀ R` (m, m).
+        rows: Rows of the columns; channels that no parameter can produce are left out.
+        samples: Number of samples N.
+        residual_norms: `‖Γ_c - Y_c x‖₂` of each channel (C,).
+        method: How it was solved.
+        noise: Which noise `std` holds for: "white from sample to sample", or "correlated over time or not".
+    """
+
+    equations: Equations
+    values: np.ndarray
+    covariance: np.ndarray
+    weighted: bool
+    triangle: np.ndarray
+    rows: int
+    samples: int
+    residual_norms: np.ndarray
+    method: str
+    noise: str
+
+    @property
+    def parameters(self) -> BaseParameters:
+        """The regrouping that the base parameters belong to."""
+        return self.equations.parameters
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coefficients."""
+        return self.equations.names
+
+    @property
+    def psi(self) -> np.ndarray:
+        """Base parameters ψ, SI units (r,)."""
+        return self.values[: self.parameters.rank]
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviation of each coefficient (m,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+
+    @property
+    def singular_values(self) -> np.ndarray:
+        """Singular values of the columns, largest first (m,)."""
+        return np.linalg.svd(self.triangle, compute_uv=False)
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of the columns, not scaled (Section III.A)."""
+        s = self.singular_values
+        return float(s[0] / s[-1])
+
+    @property
+    def epsilon(self) -> float:
+        """`‖Γ - Y_b ψ‖₂` over all channels (Eq. 5)."""
+        return float(np.linalg.norm(self.residual_norms))
+
+    def predicted(self, motion: Motion) -> np.ndarray:
+        """Channels that the coefficients predict (N, C)."""
+        return -self.residual(Samples(motion, np.zeros((len(motion), len(self.equations.channels)))))
+
+    def residual(self, samples: Samples) -> np.ndarray:
+        """Measured less predicted channels (N, C)."""
+        rows = self.equations.rows(replace(samples, covariance=None))
+        return np.hstack([r[-1] - np.tensordot(self.values, r[:-1], axes=1) for r in rows]).T
+
+
+def least_squares(
+    equations: Equations,
+    source: Source,
+    *,
+    state_noise: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    executor: Executor | None = None,
+    ahead: int | None = None,
+) -> Fit:
+    """Least-squares solution of `Y_b ψ = Γ` (Eq. 4), in one pass and in bounded memory.
+
+    Without a covariance in the samples this is the ordinary least squares of the paper, and the noise of every channel
+    is taken from the residuals, independent of the others'. With a covariance the rows are whitened, which weights
+    them, and the noise is taken as known. Either way the standard deviations are those of white noise, independent from
+    sample to sample, and far too small for noise that is correlated over time, as what a model leaves unexplained
+    mostly is; `huber_white` needs a second pass and knows better. Noise on the joint states (errors in variables) is in
+    neither: it biases ψ.
+
+    Args:
+        equations: What is fitted.
+        source: Samples, a recording whose wrench `ground` is the total one, or an iterable of such pieces.
+        state_noise: Standard deviations of the noise on the columns of q, dq and ddq. With them a joint that rests but
+            whose sensors are noisy does not pass for excited.
+        executor: Where pieces are worked on, by default here. Pieces in memory are split for it. Its workers are best
+            held to one thread for linear algebra (`OPENBLAS_NUM_THREADS=1`).
+        ahead: Number of pieces to submit ahead, more than there are workers; by default as `in_order`.
+
+    Returns:
+        The fit, the same to rounding in whatever pieces the samples come.
+
+    Raises:
+        InputError: A piece does not fit the equations or the others, or a covariance is not positive definite.
+        ExcitationError: The motion does not separate the parameters.
+    """
+    stream = pieces(source, equations)
+    first = next(stream)
+    noise = None if state_noise is None else noise_rows(equations, first, state_noise)
+    if executor is None:
+        found = accumulate(equations, first)
+        for piece in stream:
+            found = accumulate(equations, piece, start=found)
+    else:
+        # In common coordinates accumulators add without a change of them.
+        factor = accumulate(equations, first[:PROBE]).factor
+        work = partial(accumulate, equations, factor=factor)
+        found = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
+    return solve(found, equations, noise)
+
+
+def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
+    for piece in stream:
+        yield from (piece[k : k + PIECE] for k in range(0, len(piece), PIECE))
+
+
+def solve(found: Accumulator, equations: Equations, noise: np.ndarray | None = None) -> Fit:
+    """The fit from what was accumulated.
+
+    Args:
+        found: Accumulator of all samples.
+        equations: What it was made with.
+        noise: The columns' own noise, as `check_excitation` takes it.
+
+    Raises:
+        InputError: The accumulator is of other columns.
+        ExcitationError: The motion does not separate the parameters.
+    """
+    if equations.names != found.names:
+        raise InputError(f"This was accumulated for {', '.join(found.names)}, not for {', '.join(equations.names)}.")
+    m, gram = len(found.names), found.gram
+    P_b, p, scale = found.factor[:m, :m], found.factor[:m, m], found.factor[m, m]
+    # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, and its Cholesky factor that of QR.
+    try:
+        A = np.linalg.cholesky(gram[:m, :m]).T
+    except np.linalg.LinAlgError:
+        A = triangle_of(square_root(gram[:m, :m]))
+    R = A @ P_b
+    check_excitation(R, found.names, found.samples, noise)
+    inverse = inverse_of(A)
+    shift = scale * inverse @ (inverse.T @ gram[:m, m])
+    # The residual Γ - Y_b ψ in the same coordinates, without the difference of two large numbers.
+    residual = np.append(-shift, scale)
+    squares = np.maximum(residual @ found.grams @ residual, 0)
+    own = found.grams[:, :m, :m]
+    seen = np.trace(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * np.trace(gram[:m, :m])
+    half = inverse_of(P_b) @ inverse
+    if found.weighted:
+        covariance = half @ half.T
+    else:
+        shares = inverse.T @ own @ inverse
+        covariance = half @ np.tensordot(_variances(squares, shares, found.samples), shares, axes=1) @ half.T
+    return Fit(
+        equations=equations,
+        values=lapack.dtrtrs(P_b, p + shift)[0],
+        covariance=covariance,
+        weighted=found.weighted,
+        triangle=R,
+        rows=int(seen.sum()) * found.samples,
+        samples=found.samples,
+        residual_norms=np.sqrt(squares),
+        method=f"one pass in QR coordinates, {found.factored} of {found.chunks} chunks by stacked QR",
+        noise="white from sample to sample",
+    )
+
+
+def _variances(squares: np.ndarray, shares: np.ndarray, samples: int) -> np.ndarray:
+    """Noise variance of each channel, unbiased where the channels' noise is independent (C,).
+
+    Args:
+        squares: Sum of squared residuals of each channel (C,).
+        shares: Part `W_c` of each channel in the Gram matrix of orthonormal columns, `Σ W_c = 1` (C, m, m).
+        samples: Number of samples N.
+    """
+    # The fit takes part of a channel's noise, and puts part of the others' in: E‖r_c‖² = N σ_c² - 2 tr(W_c) σ_c²
+    # + Σ_d tr(W_c W_d) σ_d².
+    own = np.diag(samples - 2 * np.trace(shares, axis1=1, axis2=2))
+    mixed = np.einsum("cij,dij->cd", shares, shares)
+    return np.maximum(np.linalg.lstsq(own + mixed, squares, rcond=None)[0], 0)
+
+
+def huber_white(fit: Fit, source: Source) -> Fit:
+    """The fit with standard deviations from the residuals of each sample (Huber and White's sandwich).
+
+    In long recordings they hold whatever the noise of the channels, the correlation between them, its change from
+    sample to sample, as a contact's lever makes it, and its correlation over time, of which each channel's residuals
+    tell (`innovations`); but they need a second pass over the samples.
+
+    Args:
+        fit: Ordinary fit, or one weighted by a covariance: its residuals are those of the whitened rows, so that only
+            the proportions of the covariance need to be right.
+        source: The samples it was made of. Pieces are taken to follow one another without a gap; a border between two
+            recordings counts as many samples wrongly as the noise remembers.
+
+    Returns:
+        The fit with another covariance, the same to rounding in whatever pieces the samples come.
+
+    Raises:
+        InputError: These are not as many samples as the fit was made of, or they are weighted otherwise.
+    """
+    equations, samples, m = fit.equations, 0, len(fit.names)
+    channels = fit.rows / fit.samples
+    middle, before = np.zeros((m, m)), None
+    # Parts of one size, long enough to tell of the correlation, whatever the pieces are.
+    for part in even(pieces(source, equations), PIECE):
+        samples += len(part)
+        if (part.covariance is not None) != fit.weighted:
+            raise InputError(
+                "The noise of a weighted fit is taken as known for its weights, so its samples need their covariance; "
+                "those of an ordinary one have none."
+            )
+        residual = np.hstack([r[-1] - np.tensordot(fit.values, r[:-1], axes=1) for r in equations.rows(part)])
+        taken = m / channels * len(part) / fit.samples
+        chunks = (rows[:-1] for rows in equations.rows(part))
+        added, before = sandwiched(chunks, residual, taken, before)
+        middle += added
+    if samples != fit.samples:
+        raise InputError(f"The fit was made of {fit.samples} samples, these are {samples}.")
+    inverse = inverse_of(fit.triangle)
+    bread = inverse @ inverse.T
+    return replace(fit, covariance=bread @ middle @ bread, noise="correlated over time or not")
