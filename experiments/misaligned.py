@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from experiments.cli import options
 from experiments.output import figures, report
 from experiments.studies import monte_carlo, paper
-from experiments.studies.fitting import Fit
+from experiments.studies.fitting import Trial
 from experiments.studies.tilted_axes import AZIMUTH_DEG, SCENE, Study, problem, study, trial
 from ident.mechanism.axes import angle
 
@@ -84,7 +84,7 @@ def table_wrench_errors(result: Study) -> report.Table:
     )
 
 
-def wrench_error(result: Study, model: Fit) -> np.ndarray:
+def wrench_error(result: Study, model: Trial) -> np.ndarray:
     """Recovered less true, noise-free wrench (N, 6)."""
     return model.predicted - result.recording.noise_free.wrench("ground")
 

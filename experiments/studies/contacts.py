@@ -7,7 +7,7 @@ import numpy as np
 
 import scenes
 from experiments.studies import trials
-from experiments.studies.fitting import Fit, fit
+from experiments.studies.fitting import Trial, fit
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Contact, TotalWrench, total_wrench
@@ -69,9 +69,9 @@ class Study:
     recording: Recording
     measured: TotalWrench
     true: TotalWrench
-    fit: Fit
-    weighted: Fit
-    ignoring: Mapping[str, Fit]
+    fit: Trial
+    weighted: Trial
+    ignoring: Mapping[str, Trial]
 
     @property
     def several(self) -> bool:
@@ -104,7 +104,7 @@ def study(*, seed: int = 0, samples: int = SAMPLES, contact: str = "pad", noise_
     measured = total(known, recording)
     each = {name: {name} for name in known.cells} if len(known.cells) > 1 else {}
 
-    def identified(wrench: TotalWrench, covariance: np.ndarray | None = None) -> Fit:
+    def identified(wrench: TotalWrench, covariance: np.ndarray | None = None) -> Trial:
         return fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench.wrench, covariance=covariance)
 
     return Study(

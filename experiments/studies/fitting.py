@@ -5,16 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.estimation.estimate import Estimate, huber_white, identify, predicted_wrench
+from ident.estimation.equations import Equations
+from ident.estimation.least_squares import Fit, huber_white, least_squares
 from ident.estimation.samples import Samples
 from ident.mechanism.body import BASE
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.recordings.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Trial:
     """A model's base parameters: the estimate, what the true φ gives by the same regrouping, and what is predicted.
 
     Attributes:
@@ -23,7 +26,7 @@ class Fit:
         predicted: Total wrench that the estimate predicts at the measured joint states (N, 6).
     """
 
-    estimate: Estimate
+    estimate: Fit
     psi_true: np.ndarray
     predicted: np.ndarray
 
@@ -47,7 +50,7 @@ def fit(
     wrench: np.ndarray | None = None,
     covariance: np.ndarray | None = None,
     kept: Sequence[str] | None = None,
-) -> Fit:
+) -> Trial:
     """Base parameters of one model from measured joint states and wrenches.
 
     Args:
@@ -63,15 +66,13 @@ def fit(
         ExcitationError: The motion does not separate the base parameters.
         InputError: `kept` is not a basis.
     """
-    states = recording.joint_states(tree.joints)
+    motion = Motion(*recording.joint_states(tree.joints))
     measured = recording.wrench("ground") if wrench is None else wrench
-    samples = Samples(*states, measured, covariance=covariance)
+    samples = Samples(motion, measured, covariance)
     base = structural_base_parameters(tree, tuple(gravity.tolist()), kept=None if kept is None else tuple(kept))
     noise = recording.joint_noise(tree.joints)
-    estimate = identify(tree, samples, gravity=gravity, parameters=base, state_noise=noise)
-    estimate = huber_white(tree, estimate, samples, gravity=gravity)
-    predicted = predicted_wrench(tree, estimate, *states, gravity=gravity)
-    return Fit(estimate, base.regroup(phi_true), predicted)
+    estimate = least_squares(Equations(Mechanism(tree, gravity), base), samples, state_noise=noise)
+    return Trial(huber_white(estimate, samples), base.regroup(phi_true), estimate.predicted(motion))
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 import scenes
 from experiments.studies import paper, trials
-from experiments.studies.fitting import Fit, fit, measured_poses
+from experiments.studies.fitting import Trial, fit, measured_poses
 from ident.errors import InputError
 from ident.mechanism.axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
 from ident.mechanism.tree import Tree
@@ -54,9 +54,9 @@ class Study:
     """
 
     recording: Recording
-    simplified: Fit
-    full: Fit
-    full_on_table: Fit
+    simplified: Trial
+    full: Trial
+    full_on_table: Trial
     recovered: RecoveredAxes
     axis_error: np.ndarray
     rank_apart: int
@@ -109,7 +109,7 @@ def trial(known: Problem, recording: Recording) -> trials.Outcome:
     return trials.outcome(simplified, full)
 
 
-def _both_models(known: Problem, recording: Recording, significance: float) -> tuple[RecoveredAxes, Fit, Fit]:
+def _both_models(known: Problem, recording: Recording, significance: float) -> tuple[RecoveredAxes, Trial, Trial]:
     """Recovered axes, simplified model, and full model on the simplified one's parameters."""
     simplified = fit(known.design, recording, known.phi_true, known.gravity)
     recovered = recover_axes(known.design, measured_poses(known.design, recording), significance=significance)

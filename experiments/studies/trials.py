@@ -13,7 +13,7 @@ import numpy as np
 
 import scenes
 from experiments.runs.checkpoint import Checkpoint
-from experiments.studies.fitting import Fit
+from experiments.studies.fitting import Trial
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 from ident.recordings.recording import Recording
@@ -37,7 +37,7 @@ Outcome = np.ndarray
 """Errors and predicted standard deviations of every model's base parameters (models, 2, parameters)."""
 
 
-def outcome(*fits: Fit) -> Outcome:
+def outcome(*fits: Trial) -> Outcome:
     """What a trial keeps of its fits."""
     return np.array([[fit.error, fit.estimate.std] for fit in fits])
 
