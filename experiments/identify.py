@@ -7,9 +7,9 @@ from pathlib import Path
 
 from experiments.cli import options
 from experiments.output import identify_report, report
-from experiments.studies.identification import HOLDOUT, identify_log
-from experiments.studies.preparation import DRIVE, prepare
 from ident.errors import InputError
+from ident.estimation.preparation import DRIVE, prepare
+from ident.identification import HOLDOUT, identify_log
 
 
 def run(args: argparse.Namespace) -> None:

@@ -22,14 +22,13 @@ from experiments.output import report
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import hired
 from experiments.studies.one_pass import Judged, Seen, judged
-from experiments.studies.preparation import COMPONENTS
 from ident.errors import InputError
 from ident.estimation.accumulator import Accumulator, accumulate
-from ident.estimation.estimate import PIECE, Estimate, solve
+from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.in_order import in_order
-from ident.estimation.samples import Samples, pieces
-from ident.mechanism.tree import Tree
-from ident.parameters.base_parameters import BaseParameters, find_base_parameters
+from ident.estimation.least_squares import PIECE, Fit, huber_white, solve
+from ident.estimation.pieces import pieces
+from ident.estimation.samples import Samples
 from ident.recordings import npz
 from ident.recordings.atomic import save_arrays
 from ident.recordings.recording import Recording
@@ -59,8 +58,8 @@ class Progress:
     found: Accumulator | None = None
     done: int = 0
 
-    def resumed(self, parameters: BaseParameters) -> "Progress":
-        """The progress of an earlier run on these parameters.
+    def resumed(self, equations: Equations) -> "Progress":
+        """The progress of an earlier run on these equations.
 
         Raises:
             InputError: There is none, or it belongs to another run.
@@ -72,10 +71,10 @@ class Progress:
                 raise InputError("another version of this package wrote it")
             found = Accumulator(**fields)
             different = [key for key, value in self.identity.items() if kept.get(key) != value]
-            columns = (parameters.rank + 1,) * 2
+            columns = (len(equations.names) + 1,) * 2
             whole = (found.factor.shape, found.grams.shape) == (columns, (6, *columns)) and done > 0
             whole = whole and bool(np.isfinite([*found.factor, *found.gram]).all())
-            if not different and not (whole and found.names == parameters.names):
+            if not different and not (whole and found.names == equations.names):
                 raise InputError("damaged")
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise InputError(f"--resume needs what an earlier run left in {self.file} ({error}).") from None
@@ -98,7 +97,7 @@ class Reading:
     """What is read, and how it becomes samples.
 
     Attributes:
-        tree: The mechanism.
+        equations: What is fitted.
         files: Recordings, one after the other.
         piece: Samples read at a time.
         contacts: Body and pose of the sensor of each wrench besides the ground's, by its name.
@@ -107,7 +106,7 @@ class Reading:
         seen: What has been seen of the channels.
     """
 
-    tree: Tree
+    equations: Equations
     files: Sequence[Path]
     piece: int
     contacts: Mapping[str, tuple[str, np.ndarray]]
@@ -124,7 +123,7 @@ class Reading:
         for file in self.files:
             try:
                 recordings = Recording.chunks(file, samples=self.piece, limit=self.limit)
-                yield from pieces(map(self._samples, recordings), self.tree)
+                yield from pieces(map(self._samples, recordings), self.equations)
             except ValueError as error:
                 raise InputError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
 
@@ -135,25 +134,23 @@ class Reading:
                 f"the recording holds the wrench '{unknown[0]}' besides the ground's: say --contact {unknown[0]} if a "
                 f"site of that name holds its sensor, or --without {unknown[0]} to leave it out."
             )
-        for joint in self.tree.joints:
+        for joint in self.equations.mechanism.tree.joints:
             if f"{joint}_position" not in recording.measured:
                 raise InputError(
                     f"the recording has no channel '{joint}_position'; it has {', '.join(sorted(recording.measured))}. "
                     f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
                 )
         self.seen.check(recording)
-        states = recording.joint_states(self.tree.joints)
+        states = recording.joint_states(self.equations.mechanism.tree.joints)
         held = [Contact(body, recording.wrench(name), pose) for name, (body, pose) in self.contacts.items()]
-        total = total_wrench(self.tree, states[0], recording.wrench("ground"), held).wrench
+        total = total_wrench(self.equations.mechanism.tree, states[0], recording.wrench("ground"), held).wrench
         self.seen.add(recording, total)
-        return Samples(*states, total)
+        return Samples(Motion(*states), total)
 
 
 def accumulated(
     progress: Progress,
     reading: Reading,
-    gravity: np.ndarray,
-    parameters: BaseParameters,
     *,
     executor: Executor,
     ahead: int | None = None,
@@ -163,8 +160,6 @@ def accumulated(
     Args:
         progress: What is done, and where it is kept.
         reading: What is read.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
-        parameters: Regrouping of the mechanism's parameters.
         executor: Who works on the pieces.
         ahead: Number of pieces to submit ahead, as for `in_order`.
 
@@ -193,7 +188,7 @@ def accumulated(
     return progress.found
 
 
-def table(estimate: Estimate) -> report.Table:
+def table(estimate: Fit) -> report.Table:
     """Base parameters with their standard deviations, one pass knowing those of white noise only."""
     return report.Table(
         f"Base parameters from {estimate.samples} samples, kg, kg m and kg m²; std of wrench noise, {estimate.noise}",
@@ -207,7 +202,7 @@ def table(estimate: Estimate) -> report.Table:
     )
 
 
-def summary(estimate: Estimate, judged: Judged) -> dict[str, Any]:
+def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
     """Everything about the estimate for scripts."""
     arrays = ("psi", "std", "covariance", "singular_values", "residual_norms")
     return {
@@ -232,9 +227,9 @@ def run(args: argparse.Namespace) -> None:
     gravity = gravity_in_base(model, args.base)
     contacts = {name: site_on_tree(model, name, args.base) for name in args.contact}
     seen = Seen.of(tree, ["ground", *contacts])
-    prior, parameters = parameters_from_model(model, args.base), find_base_parameters(tree, gravity=gravity)
+    equations = Equations.of_wrench(Mechanism(tree, gravity, parameters_from_model(model, args.base)))
     limit = 1_000_000 * args.max_size
-    reading = Reading(tree, args.recordings, args.piece, contacts, args.without, limit, seen)
+    reading = Reading(equations, args.recordings, args.piece, contacts, args.without, limit, seen)
     inputs = (args.model, *args.recordings)
     report.check_inputs((args.out / name for name in OUTPUTS), inputs)
     with report.unused_vanish(args.out):
@@ -242,11 +237,12 @@ def run(args: argparse.Namespace) -> None:
             pass  # Refused before the work if it cannot be written.
         progress = Progress(args.out / FILE, identity)
         if args.resume:
-            progress = progress.resumed(parameters)
+            progress = progress.resumed(equations)
         with hired(args.workers, args.scheduler, args.tls) as crew:
-            found = accumulated(progress, reading, gravity, parameters, executor=crew.executor, ahead=crew.ahead)
-        estimate = solve(found, parameters)
-        judgement = judged(seen, found, estimate, prior, gravity)
+            found = accumulated(progress, reading, executor=crew.executor, ahead=crew.ahead)
+        first = solve(found, equations)
+        judgement = judged(seen, found, first)
+        estimate = huber_white(first, reading, steady=True)
         with report.results_folder(args.out, inputs=inputs) as folder:
             table(estimate).write(folder, "base_parameters")
             origin = report.provenance({**identity, "ignore": args.ignore}, {})
@@ -255,7 +251,7 @@ def run(args: argparse.Namespace) -> None:
     print(f"Tables and estimate.json are in {args.out}.")
 
 
-def text(estimate: Estimate, judged: Judged) -> str:
+def text(estimate: Fit, judged: Judged) -> str:
     """What the terminal shows."""
     rms = estimate.residual_norms / np.sqrt(estimate.samples)
     residuals = ", ".join(f"{name} {x:.3g}" for name, x in zip(COMPONENTS, rms, strict=True))

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from experiments.output import escape, figures, page, report
-from experiments.studies.identification import Identification
-from experiments.studies.preparation import COMPONENTS
-from experiments.studies.verdict import SIGNIFICANT, Finding, findings, verdict
+from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS
+from ident.identification import Estimate
 from ident.judgement.diagnosis import amplitude_spectrum
+from ident.judgement.verdict import SIGNIFICANT, Finding, findings, verdict
 from ident.parameters.base_parameters import separating_sensors
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from sim.models.model_update import write_model
@@ -43,10 +43,10 @@ INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
 
 
-def parameters_table(result: Identification) -> report.Table:
+def parameters_table(result: Estimate) -> report.Table:
     """Base parameters with their uncertainty beside the model's own."""
-    base, fit = result.prepared.base, result.fit
-    prior = base.regroup(result.prepared.prior)
+    base, fit = result.base, result.fit
+    prior = base.regroup(result.prepared.mechanism.known)
     priors = [*prior, *[None] * (len(result.names) - base.rank)]
     regroupings = [*base.expressions(digits=4), *[""] * (len(result.names) - base.rank)]
     rows = tuple(
@@ -62,19 +62,19 @@ def _relative(value: float, std: float) -> str:
     return f"{100 * std / abs(value):.1f} %" if abs(value) > 3 * std else f"{std:.2g} abs."
 
 
-def quality_table(result: Identification, full: ConsistentParameters) -> report.Table:
+def quality_table(result: Estimate, full: ConsistentParameters) -> report.Table:
     """How well each channel is predicted on the part that was held out."""
     held = result.held_out
     rows = tuple(
         (channel, float(signal), float(residual), float(ratio), float(updated), float(time), note)
         for channel, signal, residual, ratio, updated, time, note in zip(
-            result.prepared.channels,
-            held.measured.std(axis=0),
+            result.channels,
+            held.samples.measured.std(axis=0),
             np.sqrt((held.residual**2).mean(axis=0)),
             held.ratio,
-            held.ratio_with(full.psi - result.psi),
+            held.ratio_with(full.psi),
             result.correlation,
-            ["not explained by this motion" if c in result.unexplained else "" for c in result.prepared.channels],
+            ["not explained by this motion" if c in result.unexplained else "" for c in result.channels],
             strict=True,
         )
     )
@@ -82,61 +82,59 @@ def quality_table(result: Identification, full: ConsistentParameters) -> report.
     return report.Table("Prediction of the held-out part", columns, rows)
 
 
-def full_table(result: Identification, full: ConsistentParameters) -> report.Table:
+def full_table(result: Estimate, full: ConsistentParameters) -> report.Table:
     """A physically consistent φ of every body beside the model's."""
     bodies = [name for name in _bodies(result) for _ in PARAMETERS]
     return report.Table(
         "Full, physically consistent parameters, SI units",
         *report.columns(
-            body=bodies, parameter=result.prepared.base.parameters, estimate=full.phi, model=result.prepared.prior
+            body=bodies, parameter=result.base.parameters, estimate=full.phi, model=result.prepared.mechanism.known
         ),
     )
 
 
-def _bodies(result: Identification) -> list[str]:
+def _bodies(result: Estimate) -> list[str]:
     """Names of the bodies with a φ, in the order in which the parameters' names number them from 1."""
-    return [result.prepared.tree.bodies[i].name for i in result.prepared.tree.inertial]
+    return list(result.prepared.mechanism.bodies)
 
 
-def data_lines(result: Identification) -> list[str]:
+def data_lines(result: Estimate) -> list[str]:
     """What the data alone say."""
-    prepared, base = result.prepared, result.prepared.base
-    samples, singular = len(prepared.time), result.singular_values
+    prepared, base, checks = result.prepared, result.base, result.checks
+    samples, singular = len(prepared.samples), result.singular_values
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
     lines = [
-        f"{samples} samples at {prepared.rate:.4g} Hz, {filtered}; "
+        f"{samples} samples at {prepared.log.rate:.4g} Hz, {filtered}; "
         f"{result.part.stop - result.part.start} fitted, {len(result.held_out.time)} held out.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(_bodies(result), start=1))}.",
-        f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(prepared.channels)}.",
+        f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
         f"Excitation: condition number {result.condition_number:.1f} of the unit-norm columns, singular values "
         f"{singular[0]:.2g} to {singular[-1]:.2g}.",
     ]
-    if result.weight is not None:
-        weight = result.weight
+    if (weight := checks.weight) is not None:
         lines.append(
             f"Weight: {weight.measured:.2f} kg measured, {weight.model:.2f} kg in the model, "
             f"drift {weight.drift:+.2f} kg."
         )
-    for name, check in result.frames.items():
+    for name, check in checks.frames.items():
         lines.append(f"Wrench '{name}' against the model's prediction: relative error {check.error:.2f}.")
     lines.append(f"Residuals: alike over {result.correlation.min():.2g} to {result.correlation.max():.2g} s.")
-    if (axes := result.misalignment) is not None:
+    if (axes := checks.misalignment) is not None:
         chance = ", no more than by chance" if axes.chance > SIGNIFICANT else ""
         lines.append(f"Axes: tilted ones would explain {axes.explained:.0%} of the residuals{chance}.")
-    more = separating_sensors(prepared.tree, gravity=prepared.gravity, sensors=prepared.sensors)
+    more = separating_sensors(prepared.mechanism.tree, gravity=prepared.mechanism.gravity, sensors=prepared.sensors)
     for what, gained in more.items():
         if gained:
             lines.append(f"More would be seen {GAINS[what]}: {', '.join(gained)}.")
     return [*lines, *prepared.notes]
 
 
-def full_parameters(result: Identification) -> ConsistentParameters:
+def full_parameters(result: Estimate) -> ConsistentParameters:
     """The physical bodies that are as close to the model's as the estimate lets them be."""
-    prepared = result.prepared
-    return consistent_parameters(result.psi, result.covariance, prepared.base, prepared.prior)
+    return consistent_parameters(result.psi, result.covariance, result.base, result.prepared.mechanism.known)
 
 
-def all_findings(result: Identification, full: ConsistentParameters) -> list[Finding]:
+def all_findings(result: Estimate, full: ConsistentParameters) -> list[Finding]:
     """Findings on the fit and on the updated model."""
     return [*findings(result), *_masses(result, full), _consistency(full)]
 
@@ -155,10 +153,10 @@ def _consistency(full: ConsistentParameters) -> Finding:
     )
 
 
-def _masses(result: Identification, full: ConsistentParameters) -> list[Finding]:
+def _masses(result: Estimate, full: ConsistentParameters) -> list[Finding]:
     """Bodies that end far from the model's mass, a doubt where the data cannot tell a mass from one so different."""
     told: dict[bool, list[str]] = {True: [], False: []}
-    masses = zip(_bodies(result), full.phi[::10], full.mass_std, result.prepared.prior[::10], strict=True)
+    masses = zip(_bodies(result), full.phi[::10], full.mass_std, result.prepared.mechanism.known[::10], strict=True)
     for name, mass, std, before in masses:
         if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
             was = f"{before:.3g} kg" if before else "none"
@@ -170,7 +168,7 @@ def _masses(result: Identification, full: ConsistentParameters) -> list[Finding]
     ]
 
 
-def text(result: Identification, full: ConsistentParameters) -> str:
+def text(result: Estimate, full: ConsistentParameters) -> str:
     """What the terminal shows."""
     found = all_findings(result, full)
     return "\n".join(
@@ -186,29 +184,38 @@ def text(result: Identification, full: ConsistentParameters) -> str:
     )
 
 
-def held_out_figure(result: Identification) -> Figure:
+def held_out_figure(result: Estimate) -> Figure:
     """Measured and predicted channels on the held-out part."""
     held = result.held_out
     with figures.paper_style():
         figure, axes = _panels(result)
         for k, ax in enumerate(axes):
-            ax.plot(held.time, held.measured[:, k], color="black", lw=1.2, label="Measured")
-            ax.plot(held.time, held.measured[:, k] - held.residual[:, k], color="tab:blue", lw=0.8, label="Predicted")
+            ax.plot(held.time, held.samples.measured[:, k], color="black", lw=1.2, label="Measured")
+            ax.plot(
+                held.time,
+                held.samples.measured[:, k] - held.residual[:, k],
+                color="tab:blue",
+                lw=0.8,
+                label="Predicted",
+            )
             ax.set_ylabel(_label(result, k), labelpad=2)
             ax.margins(x=0)
         _finish(figure, axes, "Time (s)")
     return figure
 
 
-def spectra_figure(result: Identification) -> Figure:
+def spectra_figure(result: Estimate) -> Figure:
     """Spectra of the measured channels and of their residuals on the held-out part, as far as the filter lets."""
     held, prepared = result.held_out, result.prepared
-    highest = prepared.rate / 2 if prepared.cutoff is None else min(3 * prepared.cutoff, prepared.rate / 2)
+    highest = prepared.log.rate / 2 if prepared.cutoff is None else min(3 * prepared.cutoff, prepared.log.rate / 2)
     with figures.paper_style():
         figure, axes = _panels(result)
         for k, ax in enumerate(axes):
-            for x, color, label in ((held.measured, "black", "Measured"), (held.residual, "tab:red", "Residual")):
-                frequency, power = amplitude_spectrum(x[:, k], prepared.rate)
+            for x, color, label in (
+                (held.samples.measured, "black", "Measured"),
+                (held.residual, "tab:red", "Residual"),
+            ):
+                frequency, power = amplitude_spectrum(x[:, k], prepared.log.rate)
                 shown = (frequency > 0) & (frequency <= highest)
                 ax.loglog(frequency[shown], np.maximum(power[shown], 1e-12), color=color, lw=0.8, label=label)
             ax.set_ylabel(_label(result, k, "/√Hz"), labelpad=2)
@@ -218,9 +225,9 @@ def spectra_figure(result: Identification) -> Figure:
     return figure
 
 
-def _panels(result: Identification) -> tuple[Figure, list[Axes]]:
+def _panels(result: Estimate) -> tuple[Figure, list[Axes]]:
     """A figure with a panel for each channel, from top to bottom and then from left to right."""
-    count = len(result.prepared.channels)
+    count = len(result.channels)
     rows = -(-count // 2)
     figure = Figure(figsize=(3.5, 0.7 + 0.9 * rows))
     grid = figure.subplots(rows, 2, sharex=True, squeeze=False)
@@ -239,11 +246,11 @@ def _finish(figure: Figure, axes: list[Axes], xlabel: str) -> None:
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
 
 
-def parameters_figure(result: Identification) -> Figure:
+def parameters_figure(result: Estimate) -> Figure:
     """Base parameters with 95 % intervals beside the model's own, each in units of its own size."""
-    rank = result.prepared.base.rank
+    rank = result.base.rank
     value, std = result.psi, result.fit.std[:rank]
-    prior = result.prepared.base.regroup(result.prepared.prior)
+    prior = result.base.regroup(result.prepared.mechanism.known)
     size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), INTERVAL * std)
     size = np.where(size > 0, size, 1)
     with figures.paper_style():
@@ -262,25 +269,25 @@ def parameters_figure(result: Identification) -> Figure:
             label="Estimate, 95 %",
         )
         ax.plot(prior / size, place, "|", color="black", ms=7, label="Model")
-        ax.set_yticks(place, [figures.parameter_symbol(name) for name in result.prepared.base.names])
+        ax.set_yticks(place, [figures.parameter_symbol(name) for name in result.base.names])
         ax.invert_yaxis()
         ax.set_xlabel("Value, relative to the larger of estimate and model")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
 
-def _label(result: Identification, k: int, per: str = "") -> str:
+def _label(result: Estimate, k: int, per: str = "") -> str:
     """Symbol or joint of a channel, and its unit; `per` what the unit is divided by."""
-    channel, tree = result.prepared.channels[k], result.prepared.tree
+    channel, tree = result.channels[k], result.prepared.mechanism.tree
     if channel in COMPONENTS:
         return f"${channel[0]}_{channel[1]}$ ({'N' if channel[0] == 'F' else 'N m'}{per})"
     motion = np.hstack([body.motions for body in tree.bodies])[:, tree.freedoms.index(channel)]
     return f"{escape.label(channel)}\n({'N m' if motion[3:].any() else 'N'}{per})"
 
 
-def estimate(result: Identification, full: ConsistentParameters, found: list[Finding]) -> dict[str, Any]:
+def estimate(result: Estimate, full: ConsistentParameters, found: list[Finding]) -> dict[str, Any]:
     """Everything for scripts."""
-    held, base = result.held_out, result.prepared.base
+    held, base = result.held_out, result.base
     return {
         "verdict": verdict(result, found),
         "findings": [{"text": finding.text, "doubt": finding.doubt} for finding in found],
@@ -294,9 +301,9 @@ def estimate(result: Identification, full: ConsistentParameters, found: list[Fin
         "held_out": {
             channel: {"residual_rms": float(r), "signal_std": float(s), "ratio": float(q)}
             for channel, r, s, q in zip(
-                result.prepared.channels,
+                result.channels,
                 np.sqrt((held.residual**2).mean(axis=0)),
-                held.measured.std(axis=0),
+                held.samples.measured.std(axis=0),
                 held.ratio,
                 strict=True,
             )
@@ -310,7 +317,7 @@ def estimate(result: Identification, full: ConsistentParameters, found: list[Fin
 
 
 def write(
-    result: Identification,
+    result: Estimate,
     full: ConsistentParameters,
     folder: Path,
     model: Path,

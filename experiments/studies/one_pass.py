@@ -6,13 +6,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from experiments.studies.identification import Weight
-from experiments.studies.preparation import COMPONENTS
-from experiments.studies.verdict import Finding, quality_findings, sentence, weight_findings
 from ident.errors import InputError
 from ident.estimation.accumulator import Accumulator
-from ident.estimation.estimate import Estimate
+from ident.estimation.equations import COMPONENTS
+from ident.estimation.least_squares import Fit
+from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import FrameCheck
+from ident.judgement.verdict import Finding, quality_findings, sentence, weight_findings
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.mapping import HUGE, UNITS
 from ident.recordings.plausibility import KILONEWTONS, TURNS
@@ -130,15 +131,13 @@ class Judged:
         return sentence(self.ratio, self.findings, "fitted")
 
 
-def judged(seen: Seen, found: Accumulator, estimate: Estimate, prior: np.ndarray, gravity: np.ndarray) -> Judged:
+def judged(seen: Seen, found: Accumulator, fit: Fit) -> Judged:
     """Judges an estimate without another pass.
 
     Args:
         seen: What was seen of the channels.
         found: What was accumulated of them.
-        estimate: The estimate.
-        prior: φ of the model (10 b,).
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        fit: The fit.
 
     Raises:
         InputError: No channel of the wrench changes.
@@ -146,18 +145,20 @@ def judged(seen: Seen, found: Accumulator, estimate: Estimate, prior: np.ndarray
     changes = seen.extent("wrench") > 0
     if not changes.any():
         raise InputError("Every channel of the total wrench is constant; there is nothing to fit.")
-    model = estimate.parameters.regroup(prior)
+    mechanism = fit.equations.mechanism
+    model = np.zeros(len(fit.names))
+    model[: fit.parameters.rank] = fit.parameters.regroup(mechanism.known)
     zero = np.zeros_like(model)
     signal, predicted, straight, opposite = (
         _squares(found, np.append(psi, sign)) for psi, sign in ((zero, 1), (model, 0), (-model, 1), (-model, -1))
     )
     std = np.sqrt(np.maximum(signal / seen.samples - (seen.total / seen.samples) ** 2, 1e-300))
-    ratio = estimate.residual_norms / np.sqrt(seen.samples) / std
+    ratio = fit.residual_norms / np.sqrt(seen.samples) / std
     ratios = {c: float(r) for c, r, changing in zip(COMPONENTS, ratio, changes, strict=True) if changing}
     stuck = [*seen.resting(), *np.array(COMPONENTS)[~changes & (straight > STUCK**2 * predicted)]]
     found_so = [
         *_sign(predicted, straight, opposite),
-        *_weight(seen, float(prior.reshape(-1, 10)[:, 0].sum()), gravity),
+        *_weight(seen, mechanism),
         *([Finding(f"Constant, though the motion would change it: {', '.join(stuck)}.", True)] if stuck else []),
         *quality_findings(ratios, "fitted"),
     ]
@@ -186,8 +187,8 @@ def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> 
     ]
 
 
-def _weight(seen: Seen, mass: float, gravity: np.ndarray) -> list[Finding]:
-    g = float(np.linalg.norm(gravity))
+def _weight(seen: Seen, mechanism: Mechanism) -> list[Finding]:
+    mass, gravity, g = mechanism.mass, mechanism.gravity, float(np.linalg.norm(mechanism.gravity))
     if g == 0:
         return [Finding("The model has no gravity, so nothing could be weighed.", False)]
     weighed = float(-seen.total[:3] @ gravity) / (seen.samples * g**2)

@@ -19,7 +19,7 @@ from ident.estimation.accumulator import PROBE, Accumulator, accumulate, inverse
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import check_excitation, noise_rows
 from ident.estimation.in_order import in_order
-from ident.estimation.noise import sandwiched
+from ident.estimation.noise import Sandwich
 from ident.estimation.pieces import Source, pieces
 from ident.estimation.samples import Samples, even
 from ident.mechanism.motion import Motion
@@ -222,7 +222,7 @@ def _variances(squares: np.ndarray, shares: np.ndarray, samples: int) -> np.ndar
     return np.maximum(np.linalg.lstsq(own + mixed, squares, rcond=None)[0], 0)
 
 
-def huber_white(fit: Fit, source: Source) -> Fit:
+def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
     """The fit with standard deviations from the residuals of each sample (Huber and White's sandwich).
 
     In long recordings they hold whatever the noise of the channels, the correlation between them, its change from
@@ -234,6 +234,8 @@ def huber_white(fit: Fit, source: Source) -> Fit:
             the proportions of the covariance need to be right.
         source: The samples it was made of. Pieces are taken to follow one another without a gap; a border between two
             recordings counts as many samples wrongly as the noise remembers.
+        steady: Whether the noise of each channel is taken for one of the same size throughout, independent of the
+            others', which short recordings with slow noise need.
 
     Returns:
         The fit with another covariance, the same to rounding in whatever pieces the samples come.
@@ -242,8 +244,7 @@ def huber_white(fit: Fit, source: Source) -> Fit:
         InputError: These are not as many samples as the fit was made of, or they are weighted otherwise.
     """
     equations, samples, m = fit.equations, 0, len(fit.names)
-    channels = fit.rows / fit.samples
-    middle, before = np.zeros((m, m)), None
+    sandwich = Sandwich(m, len(equations.channels), steady=steady)
     # Parts of one size, long enough to tell of the correlation, whatever the pieces are.
     for part in even(pieces(source, equations), PIECE):
         samples += len(part)
@@ -253,12 +254,10 @@ def huber_white(fit: Fit, source: Source) -> Fit:
                 "those of an ordinary one have none."
             )
         residual = np.hstack([r[-1] - np.tensordot(fit.values, r[:-1], axes=1) for r in equations.rows(part)])
-        taken = m / channels * len(part) / fit.samples
-        chunks = (rows[:-1] for rows in equations.rows(part))
-        added, before = sandwiched(chunks, residual, taken, before)
-        middle += added
+        taken = m * len(part) / fit.rows
+        sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
     if samples != fit.samples:
         raise InputError(f"The fit was made of {fit.samples} samples, these are {samples}.")
     inverse = inverse_of(fit.triangle)
     bread = inverse @ inverse.T
-    return replace(fit, covariance=bread @ middle @ bread, noise="correlated over time or not")
+    return replace(fit, covariance=bread @ sandwich.middle @ bread, noise="correlated over time or not")

@@ -66,29 +66,46 @@ def remembered(rows: np.ndarray, decay: float, before: np.ndarray) -> np.ndarray
     return np.asarray(linalg.lapack.dtbtrs(band, y, uplo="L")[0].T)
 
 
-def sandwiched(
-    chunks: Iterable[np.ndarray], pull: np.ndarray, taken: float, before: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """The middle of the sandwich, `Σ_nm Y_nᵀ Γ(n - m) Y_m`, with the noise's covariance Γ as `innovations` finds it.
+class Sandwich:
+    """The middle of the sandwich, `M = Σ_nm Y_nᵀ Γ(n - m) Y_m`, gathered part by part.
 
-    Args:
-        chunks: Columns of the samples, some at a time, columns first (m, C, n); measurements may follow them.
-        pull: What each residual adds to the normal equations, for least squares the residual itself (C, N).
-        taken: Parameters that a channel's samples determine on average.
-        before: What the samples before these left, as it was returned (C, m).
-
-    Returns:
-        The middle (m, m), and what these samples leave to those after them (C, m).
+    The noise's covariance Γ is as `innovations` finds it. Noise that is `steady` has one size over a part, and channels
+    are independent of one another; otherwise every sample's own residuals tell both.
     """
-    decay, size = innovations(pull, taken)
-    middle: np.ndarray | float = 0.0
-    first = 0
-    for rows in chunks:
-        left = np.zeros((len(pull), len(rows))) if before is None else before
-        z = [remembered(rows[:, c], rho, y) for c, (rho, y) in enumerate(zip(decay, left, strict=True))]
-        before = np.array([each[:, -1] for each in z])
-        # Each sample pulls at the parameters by its residual.
-        last = first + rows.shape[2]
-        pulls = sum(each * u[first:last] for each, u in zip(z, size, strict=True))
-        middle, first = middle + pulls @ pulls.T, last
-    return np.asarray(middle), np.asarray(before)
+
+    def __init__(self, columns: int, channels: int, *, steady: bool) -> None:
+        self._steady = steady
+        self._middle = np.zeros((columns, columns))
+        self._tail = np.zeros(channels)
+        self._left = np.zeros((channels, columns))
+
+    def add(self, chunks: Iterable[np.ndarray], pull: np.ndarray, taken: float) -> "Sandwich":
+        """With the next part.
+
+        Args:
+            chunks: Columns of its samples, some at a time, columns first (m, C, n).
+            pull: What each residual adds to the normal equations, for least squares the residual itself (C, N).
+            taken: Parameters that a channel's samples determine on average.
+        """
+        decay, size = innovations(pull, taken)
+        variance = (size**2).mean(axis=1)
+        first = 0
+        for rows in chunks:
+            z = [remembered(rows[:, c], rho, y) for c, (rho, y) in enumerate(zip(decay, self._left, strict=True))]
+            self._left = np.array([each[:, -1] for each in z])
+            last = first + rows.shape[2]
+            if self._steady:
+                self._middle += sum(s * each @ each.T for s, each in zip(variance, z, strict=True))
+            else:
+                # Each sample pulls at the parameters by its residual.
+                pulls = sum(each * u[first:last] for each, u in zip(z, size, strict=True))
+                self._middle += pulls @ pulls.T
+            first = last
+        self._tail = variance * decay**2 / (1 - decay**2) if self._steady else 0 * decay
+        return self
+
+    @property
+    def middle(self) -> np.ndarray:
+        """M (m, m)."""
+        # After the last sample the process goes on: what is still to come adds up to a stationary one's variance.
+        return self._middle + np.einsum("c,ck,cl->kl", self._tail, self._left, self._left)

@@ -1,7 +1,7 @@
 """Weighted, outlier-proof least squares with honest standard deviations, for recordings of the real world.
 
 minimise Σ_c Σ_n σ_c² ρ(u_nc / σ_c)        u = measured - Y x,   ρ Huber's, σ_c from the residuals (iterated)
-cov x = B⁻¹ M B⁻¹,                          B = Yᵀ diag(ρ'') Y / σ²,   M as `noise.sandwiched` has it
+cov x = B⁻¹ M B⁻¹,                          B = Yᵀ diag(ρ'') Y / σ²,   M as `noise.Sandwich` gathers it
 """
 
 from dataclasses import replace
@@ -11,7 +11,7 @@ import numpy as np
 from ident.estimation.accumulator import accumulate, inverse_of, square_root, triangle_of
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, huber_white, least_squares, solve
-from ident.estimation.noise import sandwiched
+from ident.estimation.noise import Sandwich
 from ident.estimation.samples import Samples
 from ident.parameters.base_parameters import ZERO_COLUMN
 
@@ -49,7 +49,7 @@ def robust_fit(equations: Equations, samples: Samples, *, weighted: bool = True)
         ExcitationError: The motion does not separate the parameters.
     """
     if not weighted:
-        return huber_white(least_squares(equations, samples), samples)
+        return huber_white(least_squares(equations, samples), samples, steady=True)
     residual = samples.measured
     scale, weights, factor = spread(residual - residual.mean(axis=0)), np.ones_like(residual), None
     for _ in range(ITERATIONS):
@@ -76,9 +76,9 @@ def _covariance(fit: Fit, samples: Samples, pull: np.ndarray, held: np.ndarray) 
     """
     inverse = inverse_of(solve(accumulate(fit.equations, samples, factors=held), fit.equations).triangle)
     chunks = (rows[:-1] for rows in fit.equations.rows(samples))
-    middle, _ = sandwiched(chunks, pull.T, len(fit.values) / len(fit.equations.channels))
-    bread = inverse @ inverse.T
-    return bread @ middle @ bread
+    channels, bread = len(fit.equations.channels), inverse @ inverse.T
+    sandwich = Sandwich(len(fit.values), channels, steady=True).add(chunks, pull.T, len(fit.values) / channels)
+    return bread @ sandwich.middle @ bread
 
 
 def separable(equations: Equations, samples: Samples) -> Equations:

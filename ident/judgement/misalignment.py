@@ -14,7 +14,7 @@ import numpy as np
 from scipy import linalg, optimize, stats
 
 from ident.errors import InputError
-from ident.estimation.noise import sandwiched
+from ident.estimation.noise import Sandwich
 from ident.geometry.inertia import pseudo_inertia
 from ident.geometry.se3 import coAd, hat, inverse
 from ident.mechanism.body import BASE
@@ -191,11 +191,11 @@ def _judged(problem: _Problem, before: _Fit, after: _Fit) -> Misalignment:
     slopes = problem.jacobian(after)
     # All that was fitted takes part of the noise, though the tilts' columns are at right angles to the others'.
     fitted = np.hstack([slopes, after.basis])
-    middle, _ = sandwiched(
-        [fitted.reshape(*shape, -1).transpose(2, 1, 0)], after.residual.reshape(shape).T, fitted.shape[1] / shape[1]
-    )
+    rows, count = fitted.reshape(*shape, -1).transpose(2, 1, 0), fitted.shape[1]
+    sandwich = Sandwich(count, shape[1], steady=True)
+    sandwich.add([rows], after.residual.reshape(shape).T, count / shape[1])
     bread = linalg.pinvh(fitted.T @ fitted)
-    covariance = (bread @ middle @ bread)[: 2 * joints, : 2 * joints]
+    covariance = (bread @ sandwich.middle @ bread)[: 2 * joints, : 2 * joints]
     tilts = after.tilts.reshape(-1, 2)
     blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(joints)]
     wald = [float(t @ linalg.pinvh(C) @ t) for t, C in zip(tilts, blocks, strict=True)]

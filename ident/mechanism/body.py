@@ -65,6 +65,11 @@ class Body:
         return bool(np.any(self.twist != 0))
 
     @property
+    def turns(self) -> bool:
+        """Whether its joint turns about one axis."""
+        return not self.is_ball and bool(self.twist[3:].any())
+
+    @property
     def is_ball(self) -> bool:
         """Whether the joint is a ball."""
         return self.twist.ndim == 2

@@ -34,6 +34,11 @@ class Wrench:
     pose: np.ndarray
     applied_to_link: bool
 
+    @property
+    def on_mechanism(self) -> np.ndarray:
+        """The wrench that the surroundings exert on the mechanism, in the sensor's frame (N, 6)."""
+        return self.values if self.applied_to_link else -self.values
+
 
 @dataclass(frozen=True, eq=False)
 class Log:

@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 import scenes
 from experiments import identify
 from experiments.output import identify_report
-from experiments.studies import verdict
-from experiments.studies.identification import identify_log
-from experiments.studies.preparation import prepare
-from ident.estimation.robust import robust_fit
+from ident.estimation.preparation import prepare
 from ident.geometry.inertia import pseudo_inertia
+from ident.identification import identify_log
+from ident.judgement import verdict
+from ident.model.regressor import base_wrench_regressor
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import parameters_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -168,28 +168,24 @@ def test_full_parameters_of_the_human_are_physical_and_predict_as_well(bowing, t
 
 def assert_predicts_as_well(result, phi):
     """Held-out weighted residuals of full parameters exceed those of the free fit by less than 1 %."""
-    prepared = result.prepared
-    part = slice(result.part.stop, len(prepared.time) - prepared.edge)
-    values = result.fit.values.copy()
-    change = prepared.base.reduce(prepared.Y[part]) @ (prepared.base.regroup(phi) - values[: prepared.base.rank])
-    explained = [c not in result.unexplained for c in prepared.channels]
-    scale = result.fit.scale[explained]
-    before = np.linalg.norm(result.held_out.residual[:, explained] / scale)
-    after = np.linalg.norm((result.held_out.residual - change)[:, explained] / scale)
+    explained = [c not in result.unexplained for c in result.channels]
+    weights = (result.held_out.samples.measured.std(axis=0) / result.scale)[explained]
+    before = np.linalg.norm(result.held_out.ratio[explained] * weights)
+    after = np.linalg.norm(result.held_out.ratio_with(result.base.regroup(phi))[explained] * weights)
     assert after < 1.01 * before
 
 
 def test_the_aligned_scene_is_usable(tmp_path):
     doubts, result = found(tmp_path, recording())
     assert not doubts
-    truth = result.prepared.base.regroup(result.prepared.prior)
+    truth = result.prepared.equations.parameters.regroup(result.prepared.mechanism.known)
     assert abs(result.psi - truth).max() < 0.15
 
 
 def test_tilted_axes_are_named_with_their_angle(tmp_path):
     doubts, result = found(tmp_path, recording(tilt_deg=5.0))
     assert "Joint axes are probably off: that of joint1 by" in doubts
-    assert (abs(np.degrees(result.misalignment.angle) - 5) < 0.5).all()
+    assert (abs(np.degrees(result.checks.misalignment.angle) - 5) < 0.5).all()
     assert result.condition_number < 100
 
 
@@ -217,7 +213,7 @@ def test_a_contact_is_used_missed_when_left_out_and_recognised_when_flipped(tmp_
     doubts, result = found(tmp_path, log)
     assert "A contact may be left out" in doubts
     if contact == "pad":
-        assert result.contact.body == "link2"
+        assert result.checks.contact.body == "link2"
     doubts, _ = found(tmp_path, log, cell_mapping(contact, applied="true"))
     assert "'tip' looks as if it had the opposite sign" in doubts
 
@@ -231,7 +227,7 @@ def test_gross_outliers_move_no_parameter_out_of_its_interval(tmp_path):
         size = 3.0 if "position" in name else 50 * values.std()
         values[bad] += size * rng.choice([-1.0, 1.0], size=(len(bad), *values.shape[1:]))
     _, result = found(tmp_path, with_channels(log, **spoilt))
-    rank = clean.prepared.base.rank
+    rank = clean.prepared.equations.parameters.rank
     assert (abs(result.psi - clean.psi) < 1.96 * clean.fit.std[:rank]).all()
     assert any("outliers" in note for note in result.prepared.notes)
 
@@ -242,7 +238,7 @@ def test_a_balance_board_of_three_channels(tmp_path):
         '[wrenches.ground]\nforce = ["", "", "ground_force.z"]\ntorque = ["ground_torque.x", "ground_torque.y", ""]\n'
     )
     doubts, result = found(tmp_path, log, mapping)
-    assert result.prepared.channels == ("Fz", "Mx", "My")
+    assert result.prepared.equations.channels == ("Fz", "Mx", "My")
     assert not doubts
 
 
@@ -252,15 +248,17 @@ def test_another_log_judges(tmp_path):
     simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=7).save(other)
     prepared = [prepare(PENDULUM, p, base="base") for p in (path, other)]
     result = identify_log(prepared[0], other=prepared[1])
-    assert result.part.stop == len(result.prepared.time)
+    assert result.part.stop == len(result.prepared.log.time)
     assert result.held_out.ratio[2] < 0.1
 
 
 def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
     _, result = found(tmp_path, recording(), offsets=False, weighted=False, holdout=0.05)
-    columns, part = result.prepared.reduced, result.part
-    expected = robust_fit(columns[part], result.prepared.measured[part], weighted=False)
-    np.testing.assert_array_equal(result.fit.values, expected.values)
+    samples, mechanism = result.prepared.samples[result.part], result.prepared.mechanism
+    Y = base_wrench_regressor(mechanism.tree, *samples.motion.states, gravity=mechanism.gravity)
+    rows = result.base.reduce(Y).reshape(-1, result.base.rank)
+    expected = np.linalg.lstsq(rows, samples.measured.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(result.fit.values, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys):
@@ -295,7 +293,7 @@ def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(
     full = identify_report.full_parameters(result)
     (named,) = (f for f in identify_report.all_findings(result, full) if "Masses beyond" in f.text)
     assert not named.doubt and "which the data show: link2 1" in named.text and "(model: 4.43 kg)" in named.text
-    result.prepared.prior[10] = 0
+    result.prepared.mechanism.known[10] = 0
     unseen = replace(full, mass_std=full.phi[::10])
     (named,) = (f for f in identify_report.all_findings(result, unseen) if "Masses beyond" in f.text)
     assert (
@@ -398,7 +396,7 @@ def test_recordings_of_the_project_are_logs(tmp_path):
     recording().save(path)
     prepared = prepare(PENDULUM, path, base="base")
     original = Recording.load(path)
-    np.testing.assert_array_equal(prepared.measured, original.wrench("ground"))
+    np.testing.assert_array_equal(prepared.samples.measured, original.wrench("ground"))
 
 
 def board(**missing):
@@ -415,9 +413,9 @@ def remarks(result):
 def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
     log = recording()
     _, result = found(tmp_path, log, board(Fx="", Fy=""), axes=False)
-    assert abs(result.weight.measured - 20.99) < 0.1 and abs(result.weight.drift) < 0.1
+    assert abs(result.checks.weight.measured - 20.99) < 0.1 and abs(result.checks.weight.drift) < 0.1
     _, result = found(tmp_path, log, board(Fz=""), axes=False)
-    assert result.weight is None
+    assert result.checks.weight is None
     assert "The weight could not be checked: it shows in Fz of the sensor, not measured here." in remarks(result)
     _, result = found(tmp_path, log, board(Fx="", Fy="", Fz=""), axes=False)
     assert "The weight could not be checked: no force is measured." in remarks(result)
@@ -429,7 +427,7 @@ def test_the_weight_in_a_turned_sensor_takes_all_axes_that_carry_it(tmp_path):
     turned = with_channels(log, **{name: log.measured[name] @ R for name in ("ground_force", "ground_torque")})
     quaternion = f"quaternion = {Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()}\n"
     _, result = found(tmp_path, turned, board(Fy="") + quaternion, axes=False)
-    assert abs(result.weight.measured - 20.99) < 0.1
+    assert abs(result.checks.weight.measured - 20.99) < 0.1
     _, result = found(tmp_path, turned, board(Fx="") + quaternion, axes=False)
     assert "it shows in Fx of the sensor, not measured here" in remarks(result)
 
@@ -495,16 +493,16 @@ def test_a_few_samples_are_enough_to_judge_by(tmp_path):
     result = identify_log(prepare(PENDULUM, other, base="base"), other=prepare(PENDULUM, path, base="base"), axes=False)
     assert len(result.held_out.time) == 10 and result.part.stop == len(log.time)
     rms = np.sqrt((result.held_out.residual**2).mean(axis=0))
-    assert (rms < 3 * result.fit.scale).all()
+    assert (rms < 3 * result.scale).all()
 
 
 def test_axes_that_cannot_be_checked_do_not_end_the_command(tmp_path, monkeypatch):
     def fails(*_, **__):
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setattr("experiments.studies.identification.estimate_misalignment", fails)
+    monkeypatch.setattr("ident.judgement.checks.estimate_misalignment", fails)
     doubts, result = found(tmp_path, recording())
-    assert not doubts and result.misalignment is None
+    assert not doubts and result.checks.misalignment is None
     assert "Joint axes could not be checked: SVD did not converge." in remarks(result)
     assert not identify.parser().parse_args(["model", "log", "--no-axes"]).axes
 
@@ -513,7 +511,8 @@ def test_axes_are_blamed_only_for_more_than_chance_and_within_the_search(tmp_pat
     _, result = found(tmp_path, recording(tilt_deg=5.0))
     assert "Joint axes are probably off" in " ".join(f.text for f in verdict.findings(result))
     for change in ({"chance": 0.01}, {"at_bound": np.array([True, True])}):
-        other = replace(result, misalignment=replace(result.misalignment, **change))
+        other = replace(result)
+        vars(other)["checks"] = replace(result.checks, misalignment=replace(result.checks.misalignment, **change))
         assert "axes" not in " ".join(f.text for f in verdict.findings(other) if f.doubt)
 
 
@@ -529,7 +528,7 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     assert "--columns" in message and len(lines) == 3
     columns.write_text("\n".join(lines), encoding="utf-8")
     prepared = prepare(PENDULUM, path, base="base", columns=columns)
-    np.testing.assert_array_equal(prepared.measured, log.wrench("ground"))
+    np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground"))
 
 
 @pytest.mark.parametrize(("share", "doubt"), [(0.65, True), (0.75, False), (1.25, False), (1.35, True)])

@@ -6,8 +6,8 @@ import pytest
 from random_models import inverse_dynamics
 from scipy.spatial.transform import Rotation
 
-from experiments.studies.identification import identify_log
-from experiments.studies.preparation import base_motion_from_poses, prepare
+from ident.estimation.preparation import base_motion_from_poses, prepare
+from ident.identification import identify_log
 from ident.mechanism.motion import BaseMotion
 from ident.parameters.base_parameters import find_base_parameters
 from sim.models.mujoco_model import parameters_from_model
@@ -96,7 +96,10 @@ def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
     path.write_text(ARM, encoding="utf-8")
     write(log, columns)
     prepared = prepare(path, log, base="base", drive=("rotor", "viscous"))
-    assert prepared.channels == (("Fx", "Fy", "Fz", "Mx", "My", "Mz") if wrench else ()) + ("shoulder", "elbow")
+    assert prepared.equations.channels == (COMPONENTS if wrench else ()) + (
+        "shoulder",
+        "elbow",
+    )
     result = identify_log(prepared)
     found = dict(zip(result.names, result.fit.values, strict=True))
     if not wrench:
@@ -106,7 +109,7 @@ def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
         np.testing.assert_allclose([found["Ia(shoulder)"], found["Ia(elbow)"]], [0.05, 0.02], atol=1e-6)
     np.testing.assert_allclose([found["Fv(shoulder)"], found["Fv(elbow)"]], [0.4, 0.2], atol=1e-6)
     if wrench:
-        truth = prepared.base.regroup(parameters_from_model(model, "base"))
+        truth = prepared.equations.parameters.regroup(parameters_from_model(model, "base"))
         np.testing.assert_allclose(result.psi, truth, atol=1e-6)
 
 
@@ -161,9 +164,9 @@ def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
         encoding="utf-8",
     )
     prepared = prepare(path, log, base="trunk", columns=mapping, cutoff=20.0)
-    assert prepared.base.rank == 10 + 7
+    assert prepared.equations.parameters.rank == 10 + 7
     result = identify_log(prepared)
-    truth = prepared.base.regroup(parameters_from_model(model, "trunk"))
+    truth = prepared.equations.parameters.regroup(parameters_from_model(model, "trunk"))
     assert (result.held_out.ratio < 0.02).all()
     np.testing.assert_allclose(result.psi, truth, atol=0.02 * abs(truth).max())
 
@@ -187,13 +190,13 @@ def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
         encoding="utf-8",
     )
     prepared = prepare(path, log, base="plate", columns=mapping)
-    assert prepared.channels == ("Fx", "Fz", "My")
-    every = find_base_parameters(prepared.tree, gravity=prepared.gravity).rank
-    rank = prepared.base.rank
+    assert prepared.equations.channels == ("Fx", "Fz", "My")
+    every = find_base_parameters(prepared.mechanism.tree, gravity=prepared.mechanism.gravity).rank
+    rank = prepared.equations.parameters.rank
     hidden = f"{every - rank} of {every} base parameters cannot be seen in Fx, Fz, My, whatever the motion"
     assert rank < every and any(hidden in note for note in prepared.notes)
     result = identify_log(prepared, axes=False)
-    truth = prepared.base.regroup(parameters_from_model(model, "plate"))
+    truth = prepared.equations.parameters.regroup(parameters_from_model(model, "plate"))
     np.testing.assert_allclose(result.psi, truth, atol=1e-8 * abs(truth).max())
     still = dict.fromkeys((f"ankle_{kind}" for kind in ("position", "velocity", "acceleration")), 0 * TIME)
     write(log, columns | still)

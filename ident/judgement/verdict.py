@@ -2,12 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from experiments.studies.identification import UNEXPLAINED, Identification, Weight
-from experiments.studies.preparation import COMPONENTS
+from ident.estimation.equations import COMPONENTS
+from ident.judgement.checks import Weight
 from ident.parameters.base_parameters import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from ident.identification import Estimate
+
+UNEXPLAINED = 0.9
+"""Residual over signal from which a channel counts as not explained."""
 
 SIGNIFICANT = 1e-3
 """Chance of a false alarm in the tests."""
@@ -61,13 +68,13 @@ class Finding:
         return f"  {'!' if self.doubt else '-'} {self.text}"
 
 
-def verdict(result: Identification, findings: list[Finding]) -> str:
+def verdict(result: "Estimate", findings: list[Finding]) -> str:
     """One sentence."""
     return sentence(_ratios(result), findings, "held-out")
 
 
-def _ratios(result: Identification) -> dict[str, float]:
-    return dict(zip(result.prepared.channels, result.held_out.ratio.tolist(), strict=True))
+def _ratios(result: "Estimate") -> dict[str, float]:
+    return dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True))
 
 
 def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str) -> str:
@@ -83,26 +90,26 @@ def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str
     return f"Usable: {part} residuals are at most {max(explained):.2f} of the signal in {names}."
 
 
-def findings(result: Identification) -> list[Finding]:
+def findings(result: "Estimate") -> list[Finding]:
     """All findings, the doubts first."""
     found = [
         *_frames(result),
         *_axes(result),
         *_contact(result),
-        *weight_findings(result.weight),
+        *weight_findings(result.checks.weight),
         *_offsets(result),
         *quality_findings(_ratios(result), "held-out"),
         *_inseparable(result),
         *_stuck(result),
-        *(Finding(sentence, False) for sentence in result.unchecked),
+        *(Finding(sentence, False) for sentence in result.checks.unchecked),
         *_caveats(result),
     ]
     return sorted(found, key=lambda finding: not finding.doubt)
 
 
-def _frames(result: Identification) -> list[Finding]:
+def _frames(result: "Estimate") -> list[Finding]:
     found = []
-    for name, check in result.frames.items():
+    for name, check in result.checks.frames.items():
         if not check.suspicious:
             continue
         R = result.prepared.log.wrenches[name].pose[:3, :3]
@@ -127,7 +134,7 @@ def _frames(result: Identification) -> list[Finding]:
     return found
 
 
-def _caveats(result: Identification) -> list[Finding]:
+def _caveats(result: "Estimate") -> list[Finding]:
     found = []
     if result.prepared.cutoff is None:
         found.append(
@@ -152,8 +159,8 @@ def _axis(direction: np.ndarray) -> str:
     return ("-" if direction[k] < 0 else "") + "xyz"[k]
 
 
-def _axes(result: Identification) -> list[Finding]:
-    check = result.misalignment
+def _axes(result: "Estimate") -> list[Finding]:
+    check = result.checks.misalignment
     if check is None or check.explained < GAIN or check.chance > SIGNIFICANT:
         return []
     off = [
@@ -174,8 +181,8 @@ def _axes(result: Identification) -> list[Finding]:
     ]
 
 
-def _contact(result: Identification) -> list[Finding]:
-    check = result.contact
+def _contact(result: "Estimate") -> list[Finding]:
+    check = result.checks.contact
     if check is None or check.explained < THROUGH_A_POINT or np.median(result.held_out.ratio) < LARGE:
         return []
     point = ", ".join(f"{x:.2f}" for x in check.point)
@@ -212,12 +219,12 @@ def weight_findings(weight: Weight | None) -> list[Finding]:
     return found
 
 
-def _offsets(result: Identification) -> list[Finding]:
+def _offsets(result: "Estimate") -> list[Finding]:
     fitted = any(name.startswith("offset(") for name in result.names)
     large = {
         channel: f"{channel} {value:.3g} ± {std:.2g} {_unit(channel)}".rstrip()
         for channel, (value, std) in result.offsets.items()
-        if abs(value) > 4 * std and abs(value) > 0.3 * result.fit.scale[result.prepared.channels.index(channel)]
+        if abs(value) > 4 * std and abs(value) > 0.3 * result.scale[result.channels.index(channel)]
     }
     if not large:
         return []
@@ -246,17 +253,17 @@ def _offsets(result: Identification) -> list[Finding]:
     ]
 
 
-def _weights(result: Identification) -> dict[str, float]:
+def _weights(result: "Estimate") -> dict[str, float]:
     """What offsets of forces, N, and of moments, N m, are held against; without gravity the weight on Earth."""
-    prepared = result.prepared
-    g = np.linalg.norm(prepared.gravity) or np.linalg.norm(STANDARD_GRAVITY)
-    weight = max(float(prepared.prior.reshape(-1, 10)[:, 0].sum() * g), 1e-12)
-    origins = prepared.tree.poses(prepared.states[0][:: max(1, len(prepared.time) // 100)])[..., :3, 3]
-    reach = float(np.linalg.norm(origins - prepared.frame[:3, 3], axis=-1).max())
+    mechanism, motion = result.prepared.mechanism, result.prepared.samples.motion
+    g = float(np.linalg.norm(mechanism.gravity) or np.linalg.norm(STANDARD_GRAVITY))
+    weight = max(mechanism.mass * g, 1e-12)
+    origins = mechanism.tree.poses(motion.q[:: max(1, len(motion) // 100)])[..., :3, 3]
+    reach = float(np.linalg.norm(origins - result.prepared.frame[:3, 3], axis=-1).max())
     return {"F": weight, "M": weight * reach if reach > 0 else np.inf}
 
 
-def _stuck(result: Identification) -> list[Finding]:
+def _stuck(result: "Estimate") -> list[Finding]:
     stuck = result.prepared.stuck
     if not stuck:
         return []
@@ -293,7 +300,7 @@ def quality_findings(ratios: Mapping[str, float], part: str) -> list[Finding]:
     return found
 
 
-def _inseparable(result: Identification) -> list[Finding]:
+def _inseparable(result: "Estimate") -> list[Finding]:
     if not result.inseparable:
         return []
     return [

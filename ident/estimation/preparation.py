@@ -9,11 +9,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
-from ident.estimation.robust import independent
+from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.robust import separable
+from ident.estimation.samples import Samples
 from ident.geometry.se3 import coAd, inverse
-from ident.mechanism.motion import BaseMotion
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
+from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.despike import despiked
@@ -26,63 +29,41 @@ from ident.recordings.wrench import Contact, total_wrench
 from sim.models.couplings import check_torques
 from sim.models.mujoco_model import compiled, gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 
-COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 DRIVE = ("viscous", "coulomb", "rotor")
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Everything that a fit needs.
+    """A recording ready to be fitted.
 
     Attributes:
-        tree: The mechanism.
-        prior: φ of the model file (10 b,).
-        base: Its base parameters for these sensors.
+        mechanism: The mechanism.
+        log: The recording as it was read.
+        equations: What is fitted, without offsets.
+        samples: Motion and measured channels, low-passed where there is a cut-off.
         sensors: What is measured.
-        gravity: Acceleration of gravity as `base_wrench_regressor` takes it, m/s² (3,).
-        motion: Motion of the base, None at rest.
-        rate: Samples per second.
-        time: Sample times, s (N,).
-        states: Joint coordinates, velocities and accelerations.
         frame: Pose of the frame in which the wrench is written, the ground sensor's (4, 4).
         wrench: Total wrench in that frame, NaN in channels that are not measured (N, 6).
-        channels: Names of the C channels that are fitted: measured components of the wrench, then joint torques.
-        measured: Their measurements (N, C).
-        Y: Their regressor of φ and of the drives (N, C, 10 b + d).
-        drives: Names of the d columns of friction and rotor inertia.
-        log: The log as it was read.
         cutoff: Cut-off of the low-pass, Hz; None where the log's own derivatives were taken.
-        edge: Samples left out at either end, where the filter settles.
         notes: What was detected and done.
         stuck: Channels left out because they never change, though the model says that they do, with their values.
     """
 
-    tree: Tree
-    prior: np.ndarray
-    base: BaseParameters
+    mechanism: Mechanism
+    log: Log
+    equations: Equations
+    samples: Samples
     sensors: Sensors
-    gravity: np.ndarray
-    motion: BaseMotion | None
-    rate: float
-    time: np.ndarray
-    states: tuple[np.ndarray, np.ndarray, np.ndarray]
     frame: np.ndarray
     wrench: np.ndarray
-    channels: tuple[str, ...]
-    measured: np.ndarray
-    Y: np.ndarray
-    drives: tuple[str, ...]
-    log: Log
     cutoff: float | None
-    edge: int
     notes: tuple[str, ...]
     stuck: tuple[str, ...]
 
     @property
-    def reduced(self) -> np.ndarray:
-        """Columns of the base parameters and the drives (N, C, r + d)."""
-        P = len(self.base.parameters)
-        return np.concatenate([self.base.reduce(self.Y[..., :P]), self.Y[..., P:]], axis=2)
+    def edge(self) -> int:
+        """Samples left out at either end, where the filter settles."""
+        return 0 if self.cutoff is None else settling(self.log.rate, self.cutoff)
 
 
 def prepare(
@@ -116,6 +97,7 @@ def prepare(
     model = compiled(source)
     tree = tree_from_model(model, base, ignore=ignore, fix=fix)
     prior, gravity = parameters_from_model(model, base), gravity_in_base(model, base)
+    mechanism = Mechanism(tree, gravity, prior, source=(source, base))
     joints = [tree.bodies[i] for i in tree.moving]
     log = read_log(
         log_path,
@@ -124,7 +106,7 @@ def prepare(
         columns,
         slides=[body.joint for body in joints if not (body.is_ball or body.twist[3:].any())],
         balls=[body.joint for body in joints if body.is_ball],
-        weight=float(prior.reshape(-1, 10)[:, 0].sum() * np.linalg.norm(gravity)),
+        weight=mechanism.weight,
         limit=limit,
     )
     rate = log.rate
@@ -135,73 +117,95 @@ def prepare(
     log, constant = _without_constant(log, tree.joints)
     cutoff = _cutoff(log, rate, cutoff)
     states = _states(log, rate, cutoff)
-    motion = None if log.base is None else base_motion_from_poses(log.base, rate, cutoff)
     frame, wrench = _wrench(tree, log, states[0], rate, cutoff)
     torques = None if log.torques is None else log.torques if cutoff is None else low_pass(log.torques, rate, cutoff)
 
-    known = np.isfinite(wrench).all(axis=0)
-    to_sensor = coAd(inverse(frame))
-    Y = to_sensor @ base_wrench_regressor(tree, *states, gravity=gravity, base=motion)
-    predicted = dict(zip(COMPONENTS, (Y @ prior).T, strict=True))
-    Y = Y[:, known]
-    measured, names = wrench[:, known], [c for c, k in zip(COMPONENTS, known, strict=True) if k]
-    drives: tuple[str, ...] = ()
-    there = np.zeros(0, dtype=bool) if torques is None else np.isfinite(torques).all(axis=0)
-    if drive and not there.any():
+    motion = Motion(*states, None if log.base is None else base_motion_from_poses(log.base, rate, cutoff))
+    channels = _channels(mechanism, frame, wrench, torques)
+    if channels.torques:
+        check_torques(model, mechanism_bodies(model, base), ignore, [tree.joints[k] for k in channels.torques])
+    if drive and not channels.torques:
         notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
-    if torques is not None:
-        Y_joint = joint_torque_regressor(tree, *states, gravity=gravity, base=motion, drive=drive)
-        predicted |= dict(zip(tree.freedoms, (Y_joint[..., : len(prior)] @ prior).T, strict=True))
-    if torques is not None and there.any():
-        Y_joint = Y_joint[:, there]
-        check_torques(model, mechanism_bodies(model, base), ignore, np.array(tree.joints)[there].tolist())
-        drives = drive_names(tree, drive)
-        Y = np.concatenate([np.pad(Y, ((0, 0), (0, 0), (0, len(drives)))), Y_joint], axis=1)
-        measured = np.concatenate([measured, torques[:, there]], axis=1)
-        names += [name for name, k in zip(tree.freedoms, there, strict=True) if k]
-    if not names and constant:
+    if not channels.names and constant:
         raise InputError(
             f"Every measured channel of {log_path} is constant ({', '.join(constant)}); nothing is to fit."
         )
-    if not names:
+    if not channels.names:
         raise InputError(
             f"{log_path} has neither a wrench nor a joint torque to fit. {suggested_mapping(log.unused, tree.joints)}"
         )
-    stuck = _stuck(constant, predicted, notes)
-    seen = to_sensor[known] if known.any() else None
-    sensors = Sensors(bool(known.any()), len(names) > known.sum(), motion is not None, seen)
-    found = find_base_parameters(tree, gravity=gravity, sensors=sensors)
-    notes += _hidden(tree, gravity, sensors, found, names)
+    stuck = _stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
+    rows = channels.wrench
+    sensors = Sensors(rows is not None, bool(channels.torques), motion.base is not None, rows)
+    found = find_base_parameters(tree, gravity=mechanism.gravity, sensors=sensors)
+    notes += _hidden(mechanism, sensors, found, channels.names)
     notes += [found.remark] if found.remark else []
-    P = len(found.parameters)
-    separable = independent(found.reduce(Y[..., :P]), Y[..., P:])
-    if len(separable) < len(drives):
-        lost = [name for k, name in enumerate(drives) if k not in separable]
+    equations = Equations(
+        mechanism, found, channels.wrench, channels.torques, channels.names, channels.drives(tree, drive)
+    )
+    samples = Samples(motion, channels.measured)
+    fitted = separable(equations, samples) if equations.drives else equations
+    if lost := [name for name in equations.drives if name not in fitted.drives]:
         notes.append(f"{', '.join(lost)} cannot be told from the links' inertias, which take them up.")
-        drives = tuple(drives[k] for k in separable)
-        Y = np.concatenate([Y[..., :P], Y[..., P:][..., separable]], axis=2)
     return Prepared(
-        tree=tree,
-        prior=prior,
-        base=found,
+        mechanism=mechanism,
+        log=log,
+        equations=fitted,
+        samples=samples,
         sensors=sensors,
-        gravity=gravity,
-        motion=motion,
-        rate=rate,
-        time=log.time,
-        states=states,
         frame=frame,
         wrench=wrench,
-        channels=tuple(names),
-        measured=measured,
-        Y=Y,
-        drives=drives,
-        log=log,
         cutoff=cutoff,
-        edge=0 if cutoff is None else settling(rate, cutoff),
         notes=(*log.notes, *notes),
         stuck=stuck,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Channels:
+    """Which components of a wrench and which joint torques are measured.
+
+    Attributes:
+        names: Their names.
+        measured: Their measurements (N, C).
+        wrench: What those of the wrench read of Γ in the base frame, None without any (k, 6).
+        torques: Indices of the joint torques among the velocities.
+    """
+
+    names: tuple[str, ...]
+    measured: np.ndarray
+    wrench: np.ndarray | None
+    torques: tuple[int, ...]
+
+    def drives(self, tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
+        """Names of the columns of rotor inertia and friction, none without joint torques."""
+        return drive_names(tree, drive) if self.torques else ()
+
+
+def _channels(mechanism: Mechanism, frame: np.ndarray, wrench: np.ndarray, torques: np.ndarray | None) -> _Channels:
+    known = np.flatnonzero(np.isfinite(wrench).all(axis=0))
+    torques = np.full((len(wrench), 0), np.nan) if torques is None else torques
+    felt = np.flatnonzero(np.isfinite(torques).all(axis=0))
+    names = [COMPONENTS[k] for k in known] + [mechanism.tree.freedoms[k] for k in felt]
+    rows = coAd(inverse(frame))[known] if len(known) else None
+    return _Channels(tuple(names), np.hstack([wrench[:, known], torques[:, felt]]), rows, tuple(felt.tolist()))
+
+
+def predicted_channels(
+    mechanism: Mechanism, motion: Motion, frame: np.ndarray, *, torques: bool = False
+) -> dict[str, np.ndarray]:
+    """What the prior predicts of the total wrench in a frame of its own, and of all joint torques (N,) each."""
+    in_frame = coAd(inverse(frame))
+    wrenches, felt = [], []
+    for first in range(0, len(motion), CHUNK):
+        part = motion[first : first + CHUNK]
+        given: dict[str, Any] = {"gravity": mechanism.gravity, "base": part.base}
+        Y = base_wrench_regressor(mechanism.tree, *part.states, **given)
+        wrenches.append(Y @ mechanism.known @ in_frame.T)
+        if torques:
+            felt.append(joint_torque_regressor(mechanism.tree, *part.states, **given) @ mechanism.known)
+    predicted = dict(zip(COMPONENTS, np.concatenate(wrenches).T, strict=True))
+    return predicted | (dict(zip(mechanism.tree.freedoms, np.concatenate(felt).T, strict=True)) if torques else {})
 
 
 def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> BaseMotion:
@@ -280,11 +284,12 @@ def _stuck(constant: dict[str, float], predicted: dict[str, np.ndarray], notes: 
     return tuple(f"{name} ({constant[name]:g})" for name in stuck)
 
 
-def _hidden(tree: Tree, gravity: np.ndarray, sensors: Sensors, found: BaseParameters, channels: list[str]) -> list[str]:
+def _hidden(mechanism: Mechanism, sensors: Sensors, found: BaseParameters, channels: Sequence[str]) -> list[str]:
     """A note on what the missing components of the wrench keep out of sight."""
     if not sensors.base_wrench:
         return []
-    every = find_base_parameters(tree, gravity=gravity, sensors=replace(sensors, channels=None)).rank
+    whole = replace(sensors, channels=None)
+    every = find_base_parameters(mechanism.tree, gravity=mechanism.gravity, sensors=whole).rank
     if every == found.rank:
         return []
     return [

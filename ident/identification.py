@@ -1,0 +1,260 @@
+"""From a mechanism and a recording to base parameters, how well they predict, and whether to believe them."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.errors import ExcitationError, InputError
+from ident.estimation.accumulator import accumulate, square_root, triangle_of
+from ident.estimation.equations import Equations
+from ident.estimation.least_squares import Fit
+from ident.estimation.preparation import Prepared
+from ident.estimation.robust import robust_fit, separable, spread
+from ident.estimation.samples import Samples
+from ident.judgement.checks import Checks, checked
+from ident.judgement.diagnosis import correlation_time
+from ident.judgement.verdict import UNEXPLAINED, Finding, findings, verdict
+from ident.parameters.base_parameters import BaseParameters
+
+HOLDOUT = 0.4
+"""Fraction of a recording, its end, that is kept to judge by."""
+
+LEAST_HELD_OUT = 2
+"""Samples that a held-out part needs: a signal's standard deviation takes two."""
+
+CONDITION_LIMIT = 1e4
+"""Condition number of the unit-norm columns from which parameters are not separated."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Samples that are judged by, and what a fit leaves of them.
+
+    Attributes:
+        time: Sample times, s (M,).
+        samples: The samples.
+        fit: The fit.
+    """
+
+    time: np.ndarray
+    samples: Samples
+    fit: Fit
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Measured minus predicted (M, C)."""
+        return self.fit.residual(self.samples)
+
+    @property
+    def ratio(self) -> np.ndarray:
+        """RMS residual over the signal's standard deviation, of each channel (C,)."""
+        return self._ratio(self.residual)
+
+    def ratio_with(self, psi: np.ndarray) -> np.ndarray:
+        """The same with other base parameters (r,)."""
+        values = self.fit.values.copy()
+        values[: len(psi)] = psi
+        return self._ratio(replace(self.fit, values=values).residual(self.samples))
+
+    def _ratio(self, residual: np.ndarray) -> np.ndarray:
+        return np.sqrt((residual**2).mean(axis=0)) / np.maximum(self.samples.measured.std(axis=0), 1e-300)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Base parameters of a mechanism from a recording.
+
+    Attributes:
+        prepared: What was fitted.
+        fit: The fit on the first part of the recording.
+        offsets: Constant offset of each channel where it can be told, fitted or not, with its standard deviation.
+        part: Samples that were fitted.
+        held_out: Those that are judged by: the end of the recording, or another one, or the fitted ones themselves.
+        singular_values: Of the unit-norm columns of base parameters and drives, each channel weighted.
+        axes: Whether joint axes that are off are looked for.
+    """
+
+    prepared: Prepared
+    fit: Fit
+    offsets: dict[str, tuple[float, float]]
+    part: slice
+    held_out: HeldOut
+    singular_values: np.ndarray
+    axes: bool = True
+
+    @property
+    def base(self) -> BaseParameters:
+        """The regrouping."""
+        return self.fit.parameters
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all coefficients: base parameters, drives, offsets."""
+        return self.fit.names
+
+    @property
+    def psi(self) -> np.ndarray:
+        """Base parameters (r,)."""
+        return self.fit.psi
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the base parameters (r, r)."""
+        return self.fit.covariance[: self.base.rank, : self.base.rank]
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the base parameters (r,)."""
+        return self.fit.std[: self.base.rank]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the measured channels."""
+        return self.fit.equations.channels
+
+    @property
+    def inseparable(self) -> tuple[str, ...]:
+        """Channels whose constant offset cannot be told from parameters."""
+        return tuple(channel for channel in self.channels if channel not in self.offsets)
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of the unit-norm, weighted columns."""
+        return float(self.singular_values[0] / self.singular_values[-1])
+
+    @property
+    def unexplained(self) -> tuple[str, ...]:
+        """Channels that this motion and model do not explain."""
+        return tuple(c for c, r in zip(self.channels, self.held_out.ratio, strict=True) if r > UNEXPLAINED)
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Measured minus predicted channels of the fitted part (N, C)."""
+        return self.fit.residual(self.prepared.samples[self.part])
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Standard deviation of each channel's residual, outliers left aside (C,)."""
+        return spread(self.residual)
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation time of each channel's residual, s (C,)."""
+        return correlation_time(self.residual, self.prepared.log.rate)
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What speaks against the estimate, and what else its reader should know, the doubts first."""
+        return findings(self)
+
+    def verdict(self) -> str:
+        """One sentence on whether to believe it."""
+        return verdict(self, self.findings)
+
+    @cached_property
+    def checks(self) -> Checks:
+        """All that can be checked."""
+        return checked(self.prepared, self.fit, self.part, axes=self.axes)
+
+
+def identify_log(
+    prepared: Prepared,
+    *,
+    offsets: bool = True,
+    weighted: bool = True,
+    holdout: float = HOLDOUT,
+    other: Prepared | None = None,
+    axes: bool = True,
+) -> Estimate:
+    """Fits one part of a recording, and holds the rest to judge the fit by.
+
+    Args:
+        prepared: Mechanism and recording.
+        offsets: Whether to fit a constant offset of every channel that can be told from the parameters.
+        weighted: Whether to weight channels by their residuals and outliers down; else ordinary least squares.
+        holdout: Fraction of the recording, its end, that is not fitted; with zero the fit is judged on what was fitted.
+        other: Another recording of the same channels to judge by, of any length; then the whole one is fitted.
+        axes: Whether to look for joint axes that are off.
+
+    Raises:
+        ExcitationError: The motion does not separate the base parameters.
+        InputError: The recording is too short, or the other one has other channels.
+    """
+    part, judged = _parts(prepared, holdout, other)
+    fitted, equations = prepared.samples[part], prepared.equations
+    signal = np.maximum(prepared.samples.measured.std(axis=0), 1e-300)
+    singular_values = _separated(equations, fitted, signal)
+    with_offsets = separable(equations.with_offsets(range(len(equations.channels))), fitted)
+    full = robust_fit(with_offsets, fitted, weighted=weighted)
+    fit = full if offsets else robust_fit(equations, fitted, weighted=weighted)
+    names = [equations.channels[k] for k in with_offsets.offsets]
+    found = slice(len(full.values) - len(names), None)
+    measured = zip(names, full.values[found].tolist(), full.std[found].tolist(), strict=True)
+    source = other or prepared
+    return Estimate(
+        prepared=prepared,
+        fit=fit,
+        offsets={channel: (value, std) for channel, value, std in measured},
+        part=part,
+        held_out=HeldOut(source.log.time[judged], source.samples[judged], fit),
+        singular_values=singular_values,
+        axes=axes,
+    )
+
+
+def _parts(prepared: Prepared, holdout: float, other: Prepared | None) -> tuple[slice, slice]:
+    """Samples to fit, and those of the same or the other recording to judge by."""
+    equations, samples, edge = prepared.equations, len(prepared.samples), prepared.edge
+    if 2 * edge >= samples:
+        raise InputError(
+            f"A cut-off of {prepared.cutoff:g} Hz settles in {edge} samples at either end, more than half of the "
+            f"{samples} recorded; take a higher one."
+        )
+    if other is None:
+        split = round((1 - holdout) * samples) if holdout else samples - edge
+        part, judged = slice(edge, split), slice(split if holdout else edge, samples - edge)
+    else:
+        part, judged = slice(edge, samples - edge), slice(other.edge, len(other.samples) - other.edge)
+        if other.equations.channels != equations.channels:
+            raise InputError(
+                f"The log to judge by needs the channels {', '.join(equations.channels)}; "
+                f"it has {', '.join(other.equations.channels)}."
+            )
+        if judged.stop - judged.start < LEAST_HELD_OUT:
+            raise InputError(
+                f"The log to judge by has {len(other.samples)} samples; with {other.edge} left out at either end, "
+                "where the filter settles, nothing remains."
+            )
+    if not np.ptp(prepared.samples.measured[part], axis=0).any():
+        raise InputError("Every measured channel is constant; there is nothing to fit.")
+    needed = len(equations.names) + len(equations.channels)
+    if part.stop - part.start < needed or judged.stop - judged.start < LEAST_HELD_OUT:
+        raise InputError(
+            f"{samples} samples, {edge} left out at either end and {holdout:.0%} held out, are too few for "
+            f"{len(equations.names)} parameters."
+        )
+    return part, judged
+
+
+def _separated(equations: Equations, samples: Samples, signal: np.ndarray) -> np.ndarray:
+    """Singular values of the unit-norm columns, each channel divided by its signal (C,).
+
+    Raises:
+        ExcitationError: The motion leaves one of them at rounding; it names the parameters.
+    """
+    found = accumulate(equations, samples, factors=np.broadcast_to(1 / signal, samples.measured.shape))
+    columns = (square_root(found.gram) @ found.factor)[:, : len(equations.names)]
+    norms = np.linalg.norm(columns, axis=0)
+    # Of a triangle the decomposition is quicker, and fails to converge less easily, than of all rows.
+    _, s, directions = np.linalg.svd(triangle_of(columns / np.where(norms > 0, norms, 1)))
+    hidden = directions[s <= s[0] / CONDITION_LIMIT]
+    if len(hidden):
+        size = np.linalg.norm(hidden, axis=0)
+        blamed = [name for name, share in zip(equations.names, size, strict=True) if share > 0.1 * size.max()]
+        raise ExcitationError(
+            f"In {', '.join(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
+            f"parameters; it does not separate {', '.join(blamed)}. Move the joints further (experiments.excite "
+            "designs a motion), or measure more."
+        )
+    return s

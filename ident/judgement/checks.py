@@ -1,0 +1,160 @@
+"""What can be checked of a fitted recording: weight, signs and axes of wrenches, contacts left out, joint axes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.estimation.equations import COMPONENTS
+from ident.estimation.least_squares import Fit
+from ident.estimation.preparation import Prepared, predicted_channels
+from ident.estimation.robust import spread
+from ident.geometry.se3 import coAd, inverse
+from ident.judgement import diagnosis
+from ident.judgement.diagnosis import ContactCheck, FrameCheck
+from ident.judgement.misalignment import Misalignment, estimate_misalignment
+from ident.recordings.log import GROUND
+
+Found = TypeVar("Found")
+
+
+class _NotCheckedError(Exception):
+    """Something cannot be checked; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weight:
+    """The recording at a glance, kg.
+
+    Attributes:
+        measured: Mean vertical force over gravity.
+        model: Mass of the model.
+        drift: How much the measured one drifts over the fitted part, beyond what the motion explains.
+    """
+
+    measured: float
+    model: float
+    drift: float
+
+
+@dataclass(frozen=True, eq=False)
+class Checks:
+    """What was found.
+
+    Attributes:
+        weight: Static check; None where it cannot be made.
+        frames: Check of each wrench's sign and axes by its name.
+        contact: What an unmeasured contact would explain, None where not all six components are there.
+        misalignment: Tilts of the axes, None where no joint turns or no wrench is there, or they were not looked for.
+        unchecked: Sentences on what could not be checked, and why.
+    """
+
+    weight: Weight | None
+    frames: dict[str, FrameCheck]
+    contact: ContactCheck | None
+    misalignment: Misalignment | None
+    unchecked: tuple[str, ...]
+
+
+def checked(prepared: Prepared, fit: Fit, part: slice, *, axes: bool = True) -> Checks:
+    """Makes all checks that can be made.
+
+    Args:
+        prepared: The recording.
+        fit: What was fitted to a part of it.
+        part: That part.
+        axes: Whether to look for joint axes that are off.
+    """
+    residual = fit.residual(prepared.samples[part])
+    unchecked: list[str] = [] if axes else ["Joint axes were not checked (--no-axes)."]
+
+    def attempt(what: str, check: Callable[[], Found]) -> Found | None:
+        """What a check finds; if it cannot be made, None and a sentence more."""
+        try:
+            return check()
+        except (_NotCheckedError, InputError, np.linalg.LinAlgError) as error:
+            unchecked.append(f"{what} could not be checked: {error}.")
+            return None
+
+    weight = attempt("The weight", lambda: _weight(prepared, residual, part))
+    frames = _frames(prepared)
+    contact = attempt("A contact left out", lambda: _contact(prepared, residual, part))
+    tilted = attempt("Joint axes", lambda: _misalignment(prepared, residual, part)) if axes else None
+    return Checks(weight, frames, contact, tilted, tuple(unchecked))
+
+
+def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
+    """Mass that the forces along gravity carry; the sensor's other axes may be missing."""
+    mechanism, base, force = prepared.mechanism, prepared.samples.motion.base, prepared.wrench[:, :3]
+    g = float(np.linalg.norm(mechanism.gravity))
+    known = np.isfinite(force).all(axis=0)
+    if g == 0:
+        raise _NotCheckedError("the model has no gravity")
+    if not known.any():
+        raise _NotCheckedError("no force is measured")
+    in_base = mechanism.gravity if base is None else mechanism.gravity @ base.T[:, :3, :3]
+    down = np.broadcast_to(in_base @ prepared.frame[:3, :3], force.shape)
+    most = np.abs(down).max(axis=0)
+    missing = [c for c, k, d in zip(COMPONENTS[:3], known, most, strict=True) if d > 0.1 * g and not k]
+    if missing:
+        raise _NotCheckedError(f"it shows in {', '.join(missing)} of the sensor, not measured here")
+    along = -(force * down)[:, known].sum(axis=1) / g**2
+    beyond = -(residual[:, : known.sum()] * down[part][:, known]).sum(axis=1) / g**2
+    time = np.arange(len(beyond)) - (len(beyond) - 1) / 2
+    slope = (time @ beyond) / (time @ time)
+    return Weight(float(along.mean()), mechanism.mass, float(slope * len(beyond)))
+
+
+def _frames(prepared: Prepared) -> dict[str, FrameCheck]:
+    """Sign and axes of each wrench against what the model's own φ predicts, the other wrenches given."""
+    if not np.isfinite(prepared.wrench).any():
+        return {}
+    mechanism, motion = prepared.mechanism, prepared.samples.motion
+    by_name = predicted_channels(mechanism, motion, prepared.frame)
+    predicted = np.stack([by_name[c] for c in COMPONENTS], axis=1)
+    poses = mechanism.tree.poses(motion.q)
+    checks = {}
+    for name, wrench in prepared.log.wrenches.items():
+        if name == GROUND:
+            others = prepared.wrench - wrench.on_mechanism
+            missing = predicted - np.nan_to_num(others)
+            checks[name] = diagnosis.check_frame(wrench.on_mechanism, missing, wrench.pose[:3, :3])
+            continue
+        pose = poses[:, mechanism.tree.names.index(str(wrench.body))] @ wrench.pose
+        in_frame = coAd(inverse(prepared.frame)) @ coAd(pose)
+        others = prepared.wrench - (in_frame @ wrench.on_mechanism[..., None])[..., 0]
+        if np.isfinite(others).all():
+            missing = (np.linalg.inv(in_frame) @ (predicted - others)[..., None])[..., 0]
+            checks[name] = diagnosis.check_frame(wrench.on_mechanism, missing, wrench.pose[:3, :3])
+    return checks
+
+
+def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCheck | None:
+    known = np.isfinite(prepared.wrench).all(axis=0)
+    if not known.any():
+        return None
+    if not known.all():
+        raise _NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not measured here")
+    in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
+    return diagnosis.check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base)
+
+
+def _misalignment(prepared: Prepared, residual: np.ndarray, part: slice) -> Misalignment | None:
+    known = np.isfinite(prepared.wrench).all(axis=0)
+    tree = prepared.mechanism.tree
+    if not known.any() or not any(tree.bodies[i].turns for i in tree.moving):
+        return None
+    scale = np.full(6, np.inf)
+    scale[known] = spread(residual)[: known.sum()]
+    motion = prepared.samples.motion[part]
+    return estimate_misalignment(
+        tree,
+        motion.states,
+        prepared.wrench[part],
+        scale,
+        gravity=prepared.mechanism.gravity,
+        base=motion.base,
+        frame=prepared.frame,
+    )
