@@ -29,6 +29,8 @@ from ident.estimation.in_order import in_order
 from ident.estimation.least_squares import PIECE, Fit, huber_white, solve
 from ident.estimation.pieces import pieces
 from ident.estimation.samples import Samples
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.recordings import npz
 from ident.recordings.atomic import save_arrays
 from ident.recordings.recording import Recording
@@ -167,7 +169,7 @@ def accumulated(
         InputError: A piece does not fit; the pieces done before are in the file.
     """
     start = progress.done
-    work = partial(accumulate, reading.tree, gravity=gravity, parameters=parameters)
+    work = partial(accumulate, reading.equations)
     saved = time.monotonic()
     try:
         with closing(in_order(executor, work, islice(reading, start, None), ahead=ahead)) as parts:

@@ -7,8 +7,8 @@ from commands import refusal
 
 from experiments import excite, identify, stream
 from experiments.cli import options
-from experiments.studies.identification import identify_log
-from experiments.studies.preparation import prepare
+from ident.estimation.preparation import prepare
+from ident.identification import identify_log
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import parameters_from_model, tree_from_model
@@ -60,7 +60,7 @@ def test_a_log_without_the_fingers_gives_the_parameters_of_the_whole(files, tmp_
     prepared = prepare(model, log, base="base", fix={"finger1": [AT], "finger2": [AT]})
     assert prepared.tree.joints == ("shoulder",) and len(prepared.prior) == 40
     result = identify_log(prepared)
-    truth = prepared.base.regroup(prepared.prior)
+    truth = prepared.equations.parameters.regroup(prepared.prior)
     np.testing.assert_allclose(result.psi, truth, atol=1e-6 * abs(truth).max())
 
 

@@ -6,6 +6,7 @@ import pytest
 from random_models import inverse_dynamics
 from scipy.spatial.transform import Rotation
 
+from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import base_motion_from_poses, prepare
 from ident.identification import identify_log
 from ident.mechanism.motion import BaseMotion

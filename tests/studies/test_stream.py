@@ -4,10 +4,10 @@ import shutil
 import numpy as np
 import pytest
 from commands import refusal
+from fits import fitted
 
 import scenes
 from experiments import stream
-from ident.estimation.estimate import identify
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
@@ -42,7 +42,7 @@ def estimate(out):
 
 def test_files_are_identified_in_pieces(folder, tmp_path, capsys):
     assert stream.main(arguments(folder, tmp_path)) == 0
-    whole = identify(TREE, [Recording.load(folder / name) for name in ("a.csv", "b.npz")], gravity=GRAVITY)
+    whole = fitted(TREE, [Recording.load(folder / name) for name in ("a.csv", "b.npz")], gravity=GRAVITY)
     found = estimate(tmp_path)
     assert (found["samples"], tuple(found["names"])) == (800, whole.names)
     for key in ("psi", "std", "residual_norms", "singular_values"):
