@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -12,16 +13,23 @@ from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared
 from ident.estimation.robust import robust_fit, separable, spread
 from ident.estimation.samples import Samples
+from ident.geometry.inertia import PARAMETERS
 from ident.judgement.checks import Checks, checked
+from ident.judgement.comparison import Comparison, compared
 from ident.judgement.diagnosis import correlation_time
 from ident.judgement.verdict import UNEXPLAINED, Finding, findings, verdict
+from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
+from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 
 HOLDOUT = 0.4
 """Fraction of a recording, its end, that is kept to judge by."""
 
 LEAST_HELD_OUT = 2
 """Samples that a held-out part needs: a signal's standard deviation takes two."""
+
+SHOWN = 30
+"""Base parameters that `print` shows at most."""
 
 CONDITION_LIMIT = 1e4
 """Condition number of the unit-norm columns from which parameters are not separated."""
@@ -143,7 +151,27 @@ class Estimate:
         """Correlation time of each channel's residual, s (C,)."""
         return correlation_time(self.residual, self.prepared.log.rate)
 
-    @property
+    def predict(self, motion: Motion) -> np.ndarray:
+        """Channels that the estimate predicts for a motion, in N and N m (N, C)."""
+        return self.fit.predicted(motion)
+
+    def compare(self, other: "Estimate") -> Comparison:
+        """The difference from an estimate of another recording of the same mechanism, and whether it is noise.
+
+        Raises:
+            InputError: The other one has other base parameters.
+        """
+        return compared(self.fit, other.fit)
+
+    @cached_property
+    def _consistent(self) -> ConsistentParameters:
+        return consistent_parameters(self.psi, self.covariance, self.base, self.prepared.mechanism.known)
+
+    def consistent(self) -> ConsistentParameters:
+        """The physical bodies that are as close to the mechanism's prior as the estimate lets them be."""
+        return self._consistent
+
+    @cached_property
     def findings(self) -> list[Finding]:
         """What speaks against the estimate, and what else its reader should know, the doubts first."""
         return findings(self)
@@ -151,6 +179,47 @@ class Estimate:
     def verdict(self) -> str:
         """One sentence on whether to believe it."""
         return verdict(self, self.findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything for scripts, in JSON's types."""
+        held, full = self.held_out, self.consistent()
+        rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
+        numbers = zip(self.channels, rms.tolist(), signal.tolist(), held.ratio.tolist(), strict=True)
+        bodies = zip(self.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
+        return {
+            "verdict": self.verdict(),
+            "findings": [{"text": finding.text, "doubt": finding.doubt} for finding in self.findings],
+            "columns": list(self.names),
+            "values": self.fit.values.tolist(),
+            "std": self.fit.std.tolist(),
+            "covariance": self.fit.covariance.tolist(),
+            "regrouping": dict(zip(self.base.names, self.base.expressions(12), strict=True)),
+            "condition_number": self.condition_number,
+            "cutoff_hz": self.prepared.cutoff,
+            "held_out": {c: {"residual_rms": r, "signal_std": s, "ratio": q} for c, r, s, q in numbers},
+            "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in self.offsets.items()},
+            "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
+        }
+
+    def __str__(self) -> str:
+        prior, rank = self.base.regroup(self.prepared.mechanism.known), self.base.rank
+        rows = zip(self.base.names, self.psi, self.std, prior, self.base.expressions(4), strict=True)
+        lines = [
+            f"{name:<8} {value:12.4f} ± {std:<10.2g} {before:12.4f}  {regrouping:.60}"
+            for name, value, std, before, regrouping in rows
+        ][:SHOWN]
+        more = [f"… and {rank - SHOWN} more" for _ in range(rank > SHOWN)]
+        ratios = ", ".join(f"{c} {r:.2f}" for c, r in zip(self.channels, self.held_out.ratio, strict=True))
+        return "\n".join(
+            [
+                f"{rank} base parameters, SI units, from {self.fit.samples} samples",
+                f"{'':<8} {'estimate':>12}   {'s.d.':<10} {'model':>12}  regrouping",
+                *lines,
+                *more,
+                f"Residual over signal: {ratios}; condition number {self.condition_number:.3g}.",
+                self.verdict(),
+            ]
+        )
 
     @cached_property
     def checks(self) -> Checks:

@@ -16,21 +16,12 @@ from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS
 from ident.identification import Estimate
 from ident.judgement.diagnosis import amplitude_spectrum
-from ident.judgement.verdict import SIGNIFICANT, Finding, findings, verdict
+from ident.judgement.verdict import SIGNIFICANT
 from ident.parameters.base_parameters import separating_sensors
-from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
 OUTPUTS = (*report.OUTPUTS, "report.html", "estimate.json", "model.xml", "model.urdf")
-FAR = 2.0
-"""Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
-
-FACTOR = 2.0
-"""By how much a body's mass may differ from the model's without a remark."""
-
-SLIGHT = 1e-3
-"""Bodies below this fraction of the whole mass are not worth a remark."""
 
 GAINS = {
     "base wrench": "with the base wrench",
@@ -62,7 +53,7 @@ def _relative(value: float, std: float) -> str:
     return f"{100 * std / abs(value):.1f} %" if abs(value) > 3 * std else f"{std:.2g} abs."
 
 
-def quality_table(result: Estimate, full: ConsistentParameters) -> report.Table:
+def quality_table(result: Estimate) -> report.Table:
     """How well each channel is predicted on the part that was held out."""
     held = result.held_out
     rows = tuple(
@@ -72,7 +63,7 @@ def quality_table(result: Estimate, full: ConsistentParameters) -> report.Table:
             held.samples.measured.std(axis=0),
             np.sqrt((held.residual**2).mean(axis=0)),
             held.ratio,
-            held.ratio_with(full.psi),
+            held.ratio_with(result.consistent().psi),
             result.correlation,
             ["not explained by this motion" if c in result.unexplained else "" for c in result.channels],
             strict=True,
@@ -82,13 +73,16 @@ def quality_table(result: Estimate, full: ConsistentParameters) -> report.Table:
     return report.Table("Prediction of the held-out part", columns, rows)
 
 
-def full_table(result: Estimate, full: ConsistentParameters) -> report.Table:
+def full_table(result: Estimate) -> report.Table:
     """A physically consistent φ of every body beside the model's."""
     bodies = [name for name in _bodies(result) for _ in PARAMETERS]
     return report.Table(
         "Full, physically consistent parameters, SI units",
         *report.columns(
-            body=bodies, parameter=result.base.parameters, estimate=full.phi, model=result.prepared.mechanism.known
+            body=bodies,
+            parameter=result.base.parameters,
+            estimate=result.consistent().phi,
+            model=result.prepared.mechanism.known,
         ),
     )
 
@@ -129,57 +123,17 @@ def data_lines(result: Estimate) -> list[str]:
     return [*lines, *prepared.notes]
 
 
-def full_parameters(result: Estimate) -> ConsistentParameters:
-    """The physical bodies that are as close to the model's as the estimate lets them be."""
-    return consistent_parameters(result.psi, result.covariance, result.base, result.prepared.mechanism.known)
-
-
-def all_findings(result: Estimate, full: ConsistentParameters) -> list[Finding]:
-    """Findings on the fit and on the updated model."""
-    return [*findings(result), *_masses(result, full), _consistency(full)]
-
-
-def _consistency(full: ConsistentParameters) -> Finding:
-    """What physical consistency has cost."""
-    if not full.divergence.any():
-        return Finding("The estimate does not contradict the model, whose bodies stay as they are.", False)
-    listed = ", ".join(f"{name} by {shift:+.1f}" for name, shift in full.moved(0.1)[:5])
-    moves = f"it moves {listed} standard deviations" if listed else "it moves none of them"
-    if full.attainable:
-        return Finding(f"The updated model has the base parameters within their joint 95 % region: {moves}.", False)
-    return Finding(
-        f"No physical bodies near the model's have these base parameters; of the updated model's, {moves}.",
-        full.distance > FAR * float(np.sqrt(len(full.psi))),
-    )
-
-
-def _masses(result: Estimate, full: ConsistentParameters) -> list[Finding]:
-    """Bodies that end far from the model's mass, a doubt where the data cannot tell a mass from one so different."""
-    told: dict[bool, list[str]] = {True: [], False: []}
-    masses = zip(_bodies(result), full.phi[::10], full.mass_std, result.prepared.mechanism.known[::10], strict=True)
-    for name, mass, std, before in masses:
-        if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
-            was = f"{before:.3g} kg" if before else "none"
-            told[bool(2 * std < np.log(FACTOR) * mass)].append(f"{name} {mass:.3g} ± {std:.2g} kg (model: {was})")
-    return [
-        Finding(f"Masses beyond a factor of {FACTOR:g} of the model's, {how}: {', '.join(told[known])}.", not known)
-        for known, how in ((True, "which the data show"), (False, "though the data hardly see them"))
-        if told[known]
-    ]
-
-
-def text(result: Estimate, full: ConsistentParameters) -> str:
+def text(result: Estimate) -> str:
     """What the terminal shows."""
-    found = all_findings(result, full)
     return "\n".join(
         [
             "The recording",
             *(f"  {line}" for line in data_lines(result)),
             "",
             parameters_table(result).text(),
-            quality_table(result, full).text(),
-            f"Verdict: {verdict(result, found)}",
-            *(finding.line for finding in found),
+            quality_table(result).text(),
+            f"Verdict: {result.verdict()}",
+            *(finding.line for finding in result.findings),
         ]
     )
 
@@ -285,40 +239,8 @@ def _label(result: Estimate, k: int, per: str = "") -> str:
     return f"{escape.label(channel)}\n({'N m' if motion[3:].any() else 'N'}{per})"
 
 
-def estimate(result: Estimate, full: ConsistentParameters, found: list[Finding]) -> dict[str, Any]:
-    """Everything for scripts."""
-    held, base = result.held_out, result.base
-    return {
-        "verdict": verdict(result, found),
-        "findings": [{"text": finding.text, "doubt": finding.doubt} for finding in found],
-        "columns": list(result.names),
-        "values": result.fit.values.tolist(),
-        "std": result.fit.std.tolist(),
-        "covariance": result.fit.covariance.tolist(),
-        "regrouping": dict(zip(base.names, base.expressions(12), strict=True)),
-        "condition_number": result.condition_number,
-        "cutoff_hz": result.prepared.cutoff,
-        "held_out": {
-            channel: {"residual_rms": float(r), "signal_std": float(s), "ratio": float(q)}
-            for channel, r, s, q in zip(
-                result.channels,
-                np.sqrt((held.residual**2).mean(axis=0)),
-                held.samples.measured.std(axis=0),
-                held.ratio,
-                strict=True,
-            )
-        },
-        "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in result.offsets.items()},
-        "bodies": {
-            body: dict(zip(PARAMETERS, map(float, phi), strict=True))
-            for body, phi in zip(_bodies(result), full.phi.reshape(-1, 10), strict=True)
-        },
-    }
-
-
 def write(
     result: Estimate,
-    full: ConsistentParameters,
     folder: Path,
     model: Path,
     log: Path,
@@ -330,7 +252,6 @@ def write(
 
     Args:
         result: The identification.
-        full: Its full parameters.
         folder: Where to.
         model: The model file that is updated.
         log: The log it was identified from.
@@ -338,12 +259,11 @@ def write(
         provenance: Where the results come from.
         formats: Formats of the figures; the page needs PNG.
     """
-    found = all_findings(result, full)
     title = f"{model.name}, identified from {log.name}"
     tables = {
         "table_base_parameters": parameters_table(result),
-        "table_held_out": quality_table(result, full),
-        "table_full_parameters": full_table(result, full),
+        "table_held_out": quality_table(result),
+        "table_full_parameters": full_table(result),
     }
     for name, table in tables.items():
         table.write(folder, name)
@@ -354,13 +274,15 @@ def write(
     }
     for name, (figure, _) in drawn.items():
         figures.save(figure, folder, name, formats)
-    report.write_json(folder / "estimate.json", estimate(result, full, found))
+    report.write_json(folder / "estimate.json", result.to_dict())
     report.write_json(folder / "provenance.json", provenance)
-    write_model(folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}", model, full.phi, base)
+    write_model(
+        folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}", model, result.consistent().phi, base
+    )
     parts = [
         f"<h1>{html.escape(title)}</h1>",
-        f"<p><strong>{page.prose(verdict(result, found))}</strong></p>",
-        "<ul>" + "".join(f"<li>{page.prose(finding.text)}</li>" for finding in found) + "</ul>",
+        f"<p><strong>{page.prose(result.verdict())}</strong></p>",
+        "<ul>" + "".join(f"<li>{page.prose(finding.text)}</li>" for finding in result.findings) + "</ul>",
         "<h2>The recording</h2>",
         "<ul>" + "".join(f"<li>{page.prose(line)}</li>" for line in data_lines(result)) + "</ul>",
         "<h2>The estimate</h2>",

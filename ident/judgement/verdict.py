@@ -9,6 +9,7 @@ import numpy as np
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.checks import Weight
 from ident.parameters.base_parameters import STANDARD_GRAVITY
+from ident.parameters.consistency import ConsistentParameters
 
 if TYPE_CHECKING:
     from ident.identification import Estimate
@@ -45,6 +46,15 @@ LEFT = 1.5
 
 POOR = 0.5
 """Residual over signal from which a channel is predicted poorly."""
+
+FAR = 2.0
+"""Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
+
+FACTOR = 2.0
+"""By how much a body's mass may differ from the model's without a remark."""
+
+SLIGHT = 1e-3
+"""Bodies below this fraction of the whole mass are not worth a remark."""
 
 DRIFT = 0.02
 """Drift of the weighed mass worth a remark, of the model's."""
@@ -91,7 +101,7 @@ def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str
 
 
 def findings(result: "Estimate") -> list[Finding]:
-    """All findings, the doubts first."""
+    """All findings on the fit, the doubts first, and then those on the updated model."""
     found = [
         *_frames(result),
         *_axes(result),
@@ -104,7 +114,8 @@ def findings(result: "Estimate") -> list[Finding]:
         *(Finding(sentence, False) for sentence in result.checks.unchecked),
         *_caveats(result),
     ]
-    return sorted(found, key=lambda finding: not finding.doubt)
+    found = sorted(found, key=lambda finding: not finding.doubt)
+    return [*found, *_masses(result), _consistency(result.consistent())]
 
 
 def _frames(result: "Estimate") -> list[Finding]:
@@ -309,4 +320,34 @@ def _inseparable(result: "Estimate") -> list[Finding]:
             "those take them up.",
             False,
         )
+    ]
+
+
+def _consistency(full: ConsistentParameters) -> Finding:
+    """What physical consistency has cost."""
+    if not full.divergence.any():
+        return Finding("The estimate does not contradict the model, whose bodies stay as they are.", False)
+    listed = ", ".join(f"{name} by {shift:+.1f}" for name, shift in full.moved(0.1)[:5])
+    moves = f"it moves {listed} standard deviations" if listed else "it moves none of them"
+    if full.attainable:
+        return Finding(f"The updated model has the base parameters within their joint 95 % region: {moves}.", False)
+    return Finding(
+        f"No physical bodies near the model's have these base parameters; of the updated model's, {moves}.",
+        full.distance > FAR * float(np.sqrt(len(full.psi))),
+    )
+
+
+def _masses(result: "Estimate") -> list[Finding]:
+    """Bodies that end far from the model's mass, a doubt where the data cannot tell a mass from one so different."""
+    full, mechanism = result.consistent(), result.prepared.mechanism
+    told: dict[bool, list[str]] = {True: [], False: []}
+    masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], strict=True)
+    for name, mass, std, before in masses:
+        if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
+            was = f"{before:.3g} kg" if before else "none"
+            told[bool(2 * std < np.log(FACTOR) * mass)].append(f"{name} {mass:.3g} ± {std:.2g} kg (model: {was})")
+    return [
+        Finding(f"Masses beyond a factor of {FACTOR:g} of the model's, {how}: {', '.join(told[known])}.", not known)
+        for known, how in ((True, "which the data show"), (False, "though the data hardly see them"))
+        if told[known]
     ]

@@ -98,16 +98,16 @@ def test_torques_of_the_fingers_are_refused_until_their_coupling_is_ignored(file
     model, log, channels = files
     Recording(TIME, channels).save(log)
     fingers = {f"finger{k}": [AT] for k in (1, 2)}
-    assert prepare(model, log, base="base", fix=fingers).channels[-1] == "shoulder"
+    assert prepare(model, log, base="base", fix=fingers).equations.channels[-1] == "shoulder"
     moving = {f"finger{k}_{kind}": 0 * TIME + (kind == "position") * AT for k in (1, 2) for kind in KINDS}
     Recording(TIME, channels | moving).save(log)
-    assert prepare(model, log, base="base").channels[-1] == "shoulder"
+    assert prepare(model, log, base="base").equations.channels[-1] == "shoulder"
     (note,) = (note for note in prepare(model, log, base="base", fix=fingers).notes if "--fix" in note)
     assert "joints that --fix holds still were not read: finger1_position, finger1_velocity, finger1_acc" in note
     Recording(TIME, channels | moving | {"finger2_torque": 0.1 * np.sin(TIME)}).save(log)
     with pytest.raises(ValueError, match=r"of finger1, finger2, which act on its joints\. .* --ignore equality0 "):
         prepare(model, log, base="base")
-    assert prepare(model, log, base="base", ignore=("equality0",)).channels[-2:] == ("shoulder", "finger2")
+    assert prepare(model, log, base="base", ignore=("equality0",)).equations.channels[-2:] == ("shoulder", "finger2")
 
 
 def test_notes_are_printed_once(tmp_path, capsys):

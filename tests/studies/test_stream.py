@@ -8,6 +8,7 @@ from fits import fitted
 
 import scenes
 from experiments import stream
+from ident.estimation.least_squares import huber_white
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
@@ -45,8 +46,10 @@ def test_files_are_identified_in_pieces(folder, tmp_path, capsys):
     whole = fitted(TREE, [Recording.load(folder / name) for name in ("a.csv", "b.npz")], gravity=GRAVITY)
     found = estimate(tmp_path)
     assert (found["samples"], tuple(found["names"])) == (800, whole.names)
-    for key in ("psi", "std", "residual_norms", "singular_values"):
+    for key in ("psi", "residual_norms", "singular_values"):
         np.testing.assert_allclose(found[key], getattr(whole, key), rtol=1e-9, atol=1e-12)
+    pieces = [Recording.load(folder / name) for name in ("a.csv", "b.npz")]
+    np.testing.assert_allclose(found["std"], huber_white(whole, pieces, steady=True).std, rtol=1e-9)
     truth = find_base_parameters(TREE, gravity=GRAVITY).regroup(parameters_from_model(MODEL, "base"))
     assert (abs(np.array(found["psi"]) - truth) < 0.3).all()
     assert "800 samples" in capsys.readouterr().out
