@@ -74,7 +74,7 @@ def run_of(study: str, option: str, run: tuple[str | float, int]) -> list[str]:
     value, seed = run
     try:
         found = STUDIES[study].summary(STUDIES[study].study(**{option: value}, seed=seed))
-    except ValueError as error:
+    except InputError as error:
         found = {"refused": f"{option} {value}, seed {seed}: {error}"}
     return [json.dumps(found)]
 

@@ -287,12 +287,13 @@ def provenance(options: dict[str, Any], recording: dict[str, Any]) -> dict[str, 
     return {
         "options": options,
         "recording": recording,
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in packages},
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
         "git_commit": _git_commit(),
     }
 
 
-def _version(package: str) -> str | None:
+def version(package: str) -> str | None:
+    """Version of an installed package, None of one that is not installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

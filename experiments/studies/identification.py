@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from experiments.studies.preparation import COMPONENTS, Prepared
-from ident.errors import ExcitationError, InputError
+from ident.errors import ExcitationError, InputError, LogError
 from ident.estimation.robust import RobustFit, independent, robust_fit
 from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
@@ -158,11 +158,12 @@ def identify_log(
 
     Raises:
         ExcitationError: The motion does not separate the base parameters.
-        InputError: The recording is too short, or the other log has other channels.
+        LogError: The recording is too short or constant, or the other log has other channels.
+        InputError: The cut-off is too low for it.
     """
     samples, edge = len(prepared.time), prepared.edge
     if other is not None and other.channels != prepared.channels:
-        raise InputError(
+        raise LogError(
             f"The log to judge by needs the channels {', '.join(prepared.channels)}; "
             f"it has {', '.join(other.channels)}."
         )
@@ -176,14 +177,14 @@ def identify_log(
             f"{samples} recorded; take a higher one."
         )
     if other is not None and len(other.time) - 2 * other.edge < LEAST_HELD_OUT:
-        raise InputError(
+        raise LogError(
             f"The log to judge by has {len(other.time)} samples; with {other.edge} left out at either end, where the "
             "filter settles, nothing remains."
         )
     if not np.ptp(prepared.measured[part], axis=0).any():
-        raise InputError("Every measured channel is constant; there is nothing to fit.")
+        raise LogError("Every measured channel is constant; there is nothing to fit.")
     if split - edge < needed or (other is None and samples - edge - split < LEAST_HELD_OUT):
-        raise InputError(
+        raise LogError(
             f"{samples} samples, {edge} left out at either end and {holdout:.0%} held out, are too few for "
             f"{columns.shape[2]} parameters."
         )
@@ -220,7 +221,7 @@ def _checked(what: str, check: Callable[[], Found], unchecked: list[str]) -> Fou
     """What a check finds; if it cannot be made, None and a sentence more."""
     try:
         return check()
-    except (_NotCheckedError, ValueError) as error:
+    except (_NotCheckedError, InputError, np.linalg.LinAlgError) as error:
         unchecked.append(f"{what} could not be checked: {error}.")
         return None
 
@@ -248,7 +249,8 @@ def _singular_values(prepared: Prepared, columns: np.ndarray) -> np.ndarray:
         raise ExcitationError(
             f"In {', '.join(prepared.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
             f"parameters; it does not separate {', '.join(blamed)}. Move the joints further (experiments.excite "
-            "designs a motion), or measure more."
+            "designs a motion), or measure more.",
+            blamed,
         )
     return s
 

@@ -85,5 +85,6 @@ def check_excitation(
         raise ExcitationError(
             f"The motion of {samples} samples does not separate the base parameters {', '.join(names)}: "
             f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "
-            "joints further."
+            "joints further.",
+            names,
         )

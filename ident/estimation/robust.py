@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from ident.errors import InputError
+from ident.errors import ExcitationError, InputError
 
 HUBER = 1.345
 """Residuals beyond so many standard deviations lose weight; 95 % efficient where noise is normal."""
@@ -148,7 +148,7 @@ def _solve(columns: np.ndarray, measured: np.ndarray, factors: np.ndarray) -> np
     norms = np.where(norms > 0, norms, 1)
     solution, rank = least_squares(rows / norms, (measured * factors).ravel())
     if rank < columns.shape[2]:
-        raise InputError(f"The recording separates {rank} of {columns.shape[2]} parameters.")
+        raise ExcitationError(f"The recording separates {rank} of {columns.shape[2]} parameters.")
     return solution / norms
 
 

@@ -145,7 +145,7 @@ def _of_recording(recording: Recorded, tree: Tree) -> Samples:
 
 
 def check_samples(samples: Samples, tree: Tree, where: str = "The samples") -> None:
-    """Raises a ValueError unless samples fit a mechanism and are finite."""
+    """Raises an InputError unless samples fit a mechanism and are finite."""
     widths = {"q": sum(body.coordinates for body in tree.bodies), "wrench": 6}
     widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))
     for name, width in widths.items():
