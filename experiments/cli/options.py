@@ -19,7 +19,7 @@ from experiments.studies.trials import REDRAWN
 from ident.errors import InputError
 from ident.recordings.npz import LIMIT
 from sim.models.notes import ModelNote
-from sim.simulation.simulate import SAMPLES
+from sim.simulation.simulate import LONGEST, SAMPLES
 
 
 def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
@@ -49,9 +49,7 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser with the options of every simulated study; arguments as for `output_parser`."""
     parser = output_parser(name, description)
     parser.add_argument("--seed", type=whole_number(0), default=0, help="seed of all noise")
-    parser.add_argument(
-        "--samples", type=whole_number(1, 1_000_000), default=SAMPLES, help="samples recorded at 100 Hz"
-    )
+    parser.add_argument("--samples", type=whole_number(1, LONGEST), default=SAMPLES, help="samples recorded at 100 Hz")
     parser.add_argument(
         "--noise-scale", type=float, default=1.0, help="factor on the scene's and the excitation's noise"
     )

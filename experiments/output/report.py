@@ -158,8 +158,9 @@ OUTPUTS = ("table_*", "figure_*", "monte_carlo*")
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Writes indented JSON."""
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    """Writes indented JSON; bytes in files' names that are no text become escapes."""
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
 
 
 @contextmanager

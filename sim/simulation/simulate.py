@@ -24,6 +24,9 @@ RATE = 100.0
 SAMPLES = 943
 """Samples of the paper's recordings: 4715 / 5 and 5658 / 6 rows."""
 
+LONGEST = 1_000_000
+"""Most samples of a recording: what is desired and what is read is in memory step by step."""
+
 LEAD_IN = 1.0
 """Seconds of motion before the recording starts, for servos and contacts to settle."""
 
@@ -90,8 +93,8 @@ def simulate_many(
         InputError: As for `simulate`, or the number of threads is not positive; likewise ModelError.
     """
     threads = (os.cpu_count() or 1) if threads is None else threads
-    if samples < 1:
-        raise InputError(f"A recording needs at least one sample, got {samples}.")
+    if not 1 <= samples <= LONGEST:
+        raise InputError(f"A recording needs 1 to {LONGEST} samples, got {samples}.")
     if not 0 <= noise_scale <= LOUDEST:
         raise InputError(f"The noise scale must be from 0 to {LOUDEST:g}, got {noise_scale:.6g}.")
     if threads < 1:

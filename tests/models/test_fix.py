@@ -9,6 +9,7 @@ from experiments import excite, identify, stream
 from experiments.cli import options
 from experiments.studies.identification import identify_log
 from experiments.studies.preparation import prepare
+from ident.errors import ModelError
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import parameters_from_model, tree_from_model
@@ -105,7 +106,7 @@ def test_torques_of_the_fingers_are_refused_until_their_coupling_is_ignored(file
     (note,) = (note for note in prepare(model, log, base="base", fix=fingers).notes if "--fix" in note)
     assert "joints that --fix holds still were not read: finger1_position, finger1_velocity, finger1_acc" in note
     Recording(TIME, channels | moving | {"finger2_torque": 0.1 * np.sin(TIME)}).save(log)
-    with pytest.raises(ValueError, match=r"of finger1, finger2, which act on its joints\. .* --ignore equality0 "):
+    with pytest.raises(ModelError, match=r"of finger1, finger2, which act on its joints\. .* --ignore equality0 "):
         prepare(model, log, base="base")
     assert prepare(model, log, base="base", ignore=("equality0",)).channels[-2:] == ("shoulder", "finger2")
 
