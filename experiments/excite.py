@@ -20,13 +20,14 @@ from experiments.output.excite_report import Motion, figure, recording, table_li
 from experiments.studies import excitation
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
+from ident.recordings.mapping import HUGE
 from sim.models.joints import Joint
 from sim.models.mujoco_model import compiled
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits
 from sim.motion.fourier import FEWEST, FourierTrajectory
-from sim.simulation.simulate import RATE, SAMPLES
+from sim.simulation.simulate import LONGEST, RATE, SAMPLES
 
 PAPER = "double_pendulum"
 """Scene whose excitation the paper's is compared with."""
@@ -40,9 +41,6 @@ because models do not know them."""
 
 PER_PERIOD = 10
 """Samples that a period of the fastest harmonic needs at least."""
-
-LONGEST = 1_000_000
-"""Samples at most."""
 
 
 def sample_times(seconds: float, harmonics: int) -> np.ndarray:
@@ -210,7 +208,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--joints", nargs="+", help="hinge and slide joints to move; all if not given, the others rest")
     out.add_argument("--base", help="body whose frame is {0}; the scene's or the world's if not given")
     out.add_argument(
-        "--position", nargs=2, type=float, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
+        "--position", nargs=2, type=_number, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
     )
     limits = "for every joint; {:g} or the peak of the paper's if not given"
     out.add_argument("--velocity", type=_positive, help=f"largest, rad/s or m/s, {limits.format(VELOCITY)}")
@@ -240,14 +238,22 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-def _positive(text: str) -> float:
-    """Type of an option: a positive number."""
+def _number(text: str) -> float:
+    """Type of an option: a number that a quantity in SI units may have."""
     try:
         value = float(text)
     except ValueError:
         value = np.nan
-    if not 0 < value < np.inf:
-        raise argparse.ArgumentTypeError(f"needs a positive number, got '{text}'")
+    if not abs(value) < HUGE:
+        raise argparse.ArgumentTypeError(f"needs a number within ±{HUGE:g}, got '{text}'")
+    return value
+
+
+def _positive(text: str) -> float:
+    """Type of an option: such a number that is positive."""
+    value = _number(text)
+    if value < 1 / HUGE:
+        raise argparse.ArgumentTypeError(f"needs a positive number, {1 / HUGE:g} or more, got '{text}'")
     return value
 
 

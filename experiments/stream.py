@@ -22,7 +22,7 @@ from experiments.output import report
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import hired
 from experiments.studies.one_pass import Judged, Seen, judged
-from ident.errors import InputError
+from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.in_order import in_order
@@ -120,25 +120,25 @@ class Reading:
         """Pieces of all files, checked against the mechanism.
 
         Raises:
-            InputError: A file is no recording of this mechanism.
+            LogError: A file is no recording of this mechanism.
         """
         for file in self.files:
             try:
                 recordings = Recording.chunks(file, samples=self.piece, limit=self.limit)
                 yield from pieces(map(self._samples, recordings), self.equations)
-            except ValueError as error:
-                raise InputError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
+            except InputError as error:
+                raise LogError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
 
     def _samples(self, recording: Recording) -> Samples:
         unknown = [name for name in recording.wrenches if name not in ("ground", *self.contacts, *self.without)]
         if unknown:
-            raise InputError(
+            raise LogError(
                 f"the recording holds the wrench '{unknown[0]}' besides the ground's: say --contact {unknown[0]} if a "
                 f"site of that name holds its sensor, or --without {unknown[0]} to leave it out."
             )
         for joint in self.equations.mechanism.tree.joints:
             if f"{joint}_position" not in recording.measured:
-                raise InputError(
+                raise LogError(
                     f"the recording has no channel '{joint}_position'; it has {', '.join(sorted(recording.measured))}. "
                     f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
                 )
@@ -166,7 +166,7 @@ def accumulated(
         ahead: Number of pieces to submit ahead, as for `in_order`.
 
     Raises:
-        InputError: A piece does not fit; the pieces done before are in the file.
+        LogError: A piece does not fit; the pieces done before are in the file.
     """
     start = progress.done
     work = partial(accumulate, reading.equations)
@@ -185,7 +185,7 @@ def accumulated(
             print(f"\nThe {progress.done} pieces done are in {progress.file}; go on with --resume.", file=sys.stderr)
         raise
     if progress.found is None:
-        raise InputError("The recordings hold no samples.")
+        raise LogError("The recordings hold no samples.")
     progress.save()
     return progress.found
 

@@ -74,7 +74,7 @@ def run_of(study: str, option: str, run: tuple[str | float, int]) -> list[str]:
     value, seed = run
     try:
         found = STUDIES[study].summary(STUDIES[study].study(**{option: value}, seed=seed))
-    except ValueError as error:
+    except InputError as error:
         found = {"refused": f"{option} {value}, seed {seed}: {error}"}
     return [json.dumps(found)]
 
@@ -93,8 +93,8 @@ def values_of(study: str, option: str, texts: Sequence[str]) -> list[str | float
         values = [kind(text) for text in texts]
     except ValueError as error:
         raise InputError(f"--over {option} needs values of type {kind.__name__} ({error}).") from None
-    if not values or len(set(values)) < len(values):
-        raise InputError(f"--over {option} needs one or more values, all different, got '{' '.join(texts)}'.")
+    if not values or len(set(values)) < len(values) or not all(isinstance(x, str) or abs(x) < np.inf for x in values):
+        raise InputError(f"--over {option} needs one or more finite values, all different, got '{' '.join(texts)}'.")
     return values
 
 

@@ -324,6 +324,7 @@ def _separated(equations: Equations, samples: Samples, signal: np.ndarray) -> np
         raise ExcitationError(
             f"In {', '.join(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
             f"parameters; it does not separate {', '.join(blamed)}. Move the joints further (experiments.excite "
-            "designs a motion), or measure more."
+            "designs a motion), or measure more.",
+            blamed,
         )
     return s

@@ -102,6 +102,7 @@ CONTACT = '[wrenches.grip]\nforce = ["a", "b", "c"]\n'
 BAD_MAPPINGS = {
     "no TOML": ("time = = 3", "needs to be TOML in UTF-8"),
     "too deep": ("a = " + "[" * 3000, "needs to be TOML"),
+    "too long": ("time = " + "1" * 5000, "needs to be TOML"),
     "unknown entry": ("[joint.hip]", "the mapping has no entry 'joint'; valid are time, joints, wrenches, base"),
     "unknown joint": ('[joints.knee]\nposition = "a"', "[joints] has no entry 'knee'; valid are ankle, hip"),
     "unknown quantity": ('[joints.hip]\nangle = "a"', "[joints.hip] has no entry 'angle'; valid are position, vel"),

@@ -4,6 +4,7 @@ import json
 import sys
 import time
 
+import numpy as np
 import pytest
 from fuzz import __main__ as command
 from fuzz import cases
@@ -29,7 +30,8 @@ def test_a_case_is_the_same_whatever_ran_before():
     ("wrong", "kind", "what"),
     [
         (lambda options: {}["missing"], "traceback", "KeyError under test_fuzz.py:<lambda>"),
-        (lambda options: float("x"), "foreign", "ValueError under test_fuzz.py:<lambda>: could not convert"),
+        (lambda options: float("x"), "traceback", "ValueError under test_fuzz.py:<lambda>"),
+        (lambda options: np.empty(10**15), "foreign", "MemoryError under test_fuzz.py:<lambda>: Unable to allocate"),
         (lambda options: sys.exit(3), "odd", "exit 3 after 0 error lines"),
         (lambda options: [time.process_time() for _ in iter(int, 1)], "hang", "longer than 0.2 s"),
     ],

@@ -28,6 +28,7 @@ from experiments.benchmark.timing import QUICK, Effort
 from experiments.cli import options
 from experiments.output import figures, report
 from experiments.runs.workers import hired
+from ident.errors import InputError
 
 FILE = "benchmark.json"
 """File in the output folder with all numbers."""
@@ -37,7 +38,8 @@ def measured(effort: Effort) -> dict[str, Any]:
     """All that `benchmark.json` holds but its provenance.
 
     Raises:
-        InputError: Ours and theirs differ, or a worker died.
+        ValueError: Ours and theirs differ.
+        InputError: A worker died.
     """
     sections: dict[str, Callable[[Effort], dict[str, Any]]] = {
         "limits": _limits,
@@ -88,7 +90,7 @@ def _bounds(effort: Effort) -> dict[str, Any]:
     found: dict[str, Any] = {"peaks": [asdict(row) for row in bounds.peaks((*effort.sizes[-2:], effort.streamed))]}
     try:
         return found | {"accuracies": [asdict(row) for row in bounds.accuracies()]}
-    except ValueError as error:
+    except InputError as error:
         return found | {"accuracies": [], "notes": [str(error)]}
 
 

@@ -4,13 +4,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
+from ident.estimation.estimate import Estimate, identify
 
 from experiments.benchmark.mechanisms import Mechanism, chain, double_pendulum, mechanisms
 from experiments.benchmark.peers import PEERS, Peer
 from experiments.benchmark.timing import Comparison, Effort, alternating
-from ident.errors import InputError
 from ident.estimation.accumulator import Accumulator, accumulate
-from ident.estimation.estimate import Estimate, identify
 from ident.estimation.samples import Samples
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters
 
@@ -45,7 +44,7 @@ def comparisons(effort: Effort, peers: Sequence[str]) -> list[Comparison]:
     """All comparisons, on samples on which both sides were seen to agree.
 
     Raises:
-        InputError: They disagree.
+        ValueError: They disagree.
     """
     found: list[Comparison] = []
     for name in peers:
@@ -123,11 +122,11 @@ def check_agreement(what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
     """Holds two results of one task against each other.
 
     Raises:
-        InputError: They differ by more than `AGREEMENT`.
+        ValueError: They differ by more than `AGREEMENT`.
     """
     error = abs(ours - theirs).max() / abs(theirs).max()
     if not error < AGREEMENT:
-        raise InputError(
+        raise ValueError(
             f"Only what gives the same result is timed; {what}: results differ by {error:.1e} of the largest."
         )
 

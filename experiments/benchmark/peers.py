@@ -6,6 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from experiments.cli import options
+from ident.errors import InputError
 from ident.geometry import se3
 from ident.geometry.inertia import PINOCCHIO
 from ident.mechanism.body import BASE, Body
@@ -113,7 +114,7 @@ def installed() -> tuple[tuple[str, ...], tuple[str, ...]]:
         try:
             peer(single, np.zeros(3))
             names.append(name)
-        except ValueError as error:
+        except InputError as error:
             missing.append(f"{name} is not compared with. {error}")
     return tuple(names), tuple(missing)
 

@@ -2,6 +2,7 @@
 
 import argparse
 import io
+import shlex
 import signal
 import sys
 import threading
@@ -13,11 +14,12 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from experiments.output.figures import FORMATS
+from experiments.output.report import version
 from experiments.studies.trials import REDRAWN
 from ident.errors import InputError
 from ident.recordings.npz import LIMIT
 from sim.models.notes import ModelNote
-from sim.simulation.simulate import SAMPLES
+from sim.simulation.simulate import LONGEST, SAMPLES
 
 
 def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
@@ -47,9 +49,7 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser with the options of every simulated study; arguments as for `output_parser`."""
     parser = output_parser(name, description)
     parser.add_argument("--seed", type=whole_number(0), default=0, help="seed of all noise")
-    parser.add_argument(
-        "--samples", type=whole_number(1, 1_000_000), default=SAMPLES, help="samples recorded at 100 Hz"
-    )
+    parser.add_argument("--samples", type=whole_number(1, LONGEST), default=SAMPLES, help="samples recorded at 100 Hz")
     parser.add_argument(
         "--noise-scale", type=float, default=1.0, help="factor on the scene's and the excitation's noise"
     )
@@ -131,7 +131,7 @@ def add_max_size(parser: argparse.ArgumentParser) -> None:
 def run(
     study: Callable[[argparse.Namespace], None], parser: argparse.ArgumentParser, argv: Sequence[str] | None
 ) -> int:
-    """Runs a study and turns bad input into one sentence.
+    """Runs a study and turns bad input into one sentence; what else it raises carries a request to report it.
 
     Args:
         study: The study, given the parsed options.
@@ -148,13 +148,24 @@ def run(
     with _interruptible_once(), _notes_printed_once():
         try:
             study(options)
-        except (ValueError, OSError, MemoryError) as error:
+        except (InputError, OSError, MemoryError) as error:
             print(f"{parser.prog}: error: {error}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
             print(f"{parser.prog}: interrupted; every file is whole.", file=sys.stderr)
             return 130
+        except Exception as error:
+            error.add_note(_request(f"{parser.prog} {shlex.join(sys.argv[1:] if argv is None else argv)}"))
+            raise
     return 0
+
+
+def _request(command: str) -> str:
+    """What follows the traceback of an error that no input should cause."""
+    return (
+        "This is a fault of multicontact, not of what it was given: please report it in the project's issue tracker, "
+        f"with all of the above, version {version('multicontact')} and the command: {command}"
+    )
 
 
 @contextmanager

@@ -291,4 +291,4 @@ def write(
         "<h2>Provenance</h2>",
         f"<pre>{html.escape(json.dumps(provenance, indent=1, ensure_ascii=False))}</pre>",
     ]
-    (folder / "report.html").write_text(page.document(title, parts), encoding="utf-8")
+    (folder / "report.html").write_text(page.document(title, parts), encoding="utf-8", errors="backslashreplace")

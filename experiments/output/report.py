@@ -158,8 +158,9 @@ OUTPUTS = ("table_*", "figure_*", "monte_carlo*")
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Writes indented JSON."""
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    """Writes indented JSON; bytes in files' names that are no text become escapes."""
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
 
 
 @contextmanager
@@ -287,12 +288,13 @@ def provenance(options: dict[str, Any], recording: dict[str, Any]) -> dict[str, 
     return {
         "options": options,
         "recording": recording,
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in packages},
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
         "git_commit": _git_commit(),
     }
 
 
-def _version(package: str) -> str | None:
+def version(package: str) -> str | None:
+    """Version of an installed package, None of one that is not installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -96,7 +96,8 @@ def study(*, seed: int = 0, samples: int = SAMPLES, contact: str = "pad", noise_
         noise_scale: Factor on all noise.
 
     Raises:
-        InputError: An argument makes no sense, or the motion does not separate the base parameters.
+        InputError: An argument makes no sense.
+        ExcitationError: The motion does not separate the base parameters.
     """
     spec = scenes.load(SCENE, contact=contact)
     recording = simulate(spec, DOUBLE_PENDULUM, samples=samples, seed=seed, noise_scale=noise_scale)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from ident.errors import InputError
+from ident.errors import InputError, ModelError
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
@@ -92,7 +92,7 @@ def problem(
         ignore: Names of equality constraints and tendons to leave out.
 
     Raises:
-        InputError: A joint does not exist or cannot be moved so.
+        ModelError: A joint does not exist or cannot be moved so, or there is none.
     """
     tree = tree_from_model(model, base, ignore=ignore)
     joints = joints_of(model, base)
@@ -110,12 +110,12 @@ def problem(
 def _chosen(joints: tuple[Joint, ...], tree: Tree, names: Sequence[str] | None) -> tuple[Joint, ...]:
     """The joints of some names, in the tree's order."""
     if not joints:
-        raise InputError("Excitation needs a hinge or slide joint; this mechanism has none.")
+        raise ModelError("Excitation needs a hinge or slide joint; this mechanism has none.")
     known = {joint.name: joint for joint in joints}
     for name in names or ():
         if name not in known:
             what = "is neither hinge nor slide" if name in tree.joints else "does not exist"
-            raise InputError(f"Joint '{name}' {what}; the joints to choose from are {', '.join(known)}.")
+            raise ModelError(f"Joint '{name}' {what}; the joints to choose from are {', '.join(known)}.")
     return tuple(joint for joint in joints if names is None or joint.name in names)
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.errors import InputError
+from ident.errors import LogError, ModelError
 from ident.estimation.accumulator import Accumulator
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.least_squares import Fit
@@ -53,13 +53,14 @@ class Seen:
         """Nothing yet of a mechanism's joints and of wrenches.
 
         Raises:
-            InputError: Nothing moves, or a joint is a ball.
+            ModelError: Nothing moves.
+            LogError: A joint is a ball, which recordings do not hold.
         """
         bodies = [tree.bodies[i] for i in tree.moving]
         if not bodies:
-            raise InputError(f"Nothing moves on this base: {', '.join(tree.names)} without joints; see --base.")
+            raise ModelError(f"Nothing moves on this base: {', '.join(tree.names)} without joints; see --base.")
         if balls := [body.joint for body in bodies if body.is_ball]:
-            raise InputError(f"A recording holds hinges and slides, but not the ball joint '{balls[0]}'; see --base.")
+            raise LogError(f"A recording holds hinges and slides, but not the ball joint '{balls[0]}'; see --base.")
         hinges = {body.joint: "hinge" if body.twist[3:].any() else "slide" for body in bodies}
         joints = {f"{joint}_{kind}": f"{hinge} {kind}" for joint, hinge in hinges.items() for kind in KINDS}
         return cls(joints, {f"{name}_{kind}": kind for name in wrenches for kind in ("force", "torque")})
@@ -68,21 +69,21 @@ class Seen:
         """Refuses channels of another shape or unit.
 
         Raises:
-            InputError: A channel is missing, has another number of components, or is in no unit of the SI.
+            LogError: A channel is missing, has another number of components, or is in no unit of the SI.
         """
         for name, kind in {**self.joints, **self.wrenches}.items():
             components, unit = (3,) if kind in ("force", "torque") else (), str(recording.units.get(name))
             if recording[name].shape[1:] != components:
                 needed = "three numbers" if components else "one number"
-                raise InputError(f"channel '{name}' needs {needed} a sample, got shape {recording[name].shape}.")
+                raise LogError(f"channel '{name}' needs {needed} a sample, got shape {recording[name].shape}.")
             if unit != "None" and UNITS[kind].get(unit) != 1:
-                raise InputError(f"channel '{name}' is in {unit}, but a recording needs {next(iter(UNITS[kind]))}.")
+                raise LogError(f"channel '{name}' is in {unit}, but a recording needs {next(iter(UNITS[kind]))}.")
 
     def add(self, recording: Recording, wrench: np.ndarray) -> None:
         """Looks at more samples and their total wrench (N, 6).
 
         Raises:
-            InputError: A number is too large, or angles look like degrees.
+            LogError: A number is too large, or angles look like degrees.
         """
         # Numpy is ten times faster along rows.
         rows = np.ascontiguousarray(wrench.T)
@@ -92,12 +93,12 @@ class Seen:
             low, high = x.min(axis=-1), x.max(axis=-1)
             if not (largest := max(-low.min(), high.max())) <= HUGE:
                 what = "the total wrench" if name == "wrench" else f"channel '{name}'"
-                raise InputError(f"{what} needs numbers below {HUGE:g}, got {largest:g}.")
+                raise LogError(f"{what} needs numbers below {HUGE:g}, got {largest:g}.")
             self.low[name] = np.minimum(self.low.get(name, low), low)
             self.high[name] = np.maximum(self.high.get(name, high), high)
         for name, kind in self.joints.items():
             if kind == "hinge position" and name not in recording.units and self.extent(name) > TURNS:
-                raise InputError(
+                raise LogError(
                     f"channel '{name}' ranges over {self.extent(name):.3g} rad, which looks like degrees; convert it, "
                     "or state its unit, rad, in the recording's 'units'."
                 )
@@ -140,11 +141,11 @@ def judged(seen: Seen, found: Accumulator, fit: Fit) -> Judged:
         fit: The fit.
 
     Raises:
-        InputError: No channel of the wrench changes.
+        LogError: No channel of the wrench changes.
     """
     changes = seen.extent("wrench") > 0
     if not changes.any():
-        raise InputError("Every channel of the total wrench is constant; there is nothing to fit.")
+        raise LogError("Every channel of the total wrench is constant; there is nothing to fit.")
     mechanism = fit.equations.mechanism
     model = np.zeros(len(fit.names))
     model[: fit.parameters.rank] = fit.parameters.regroup(mechanism.known)

@@ -80,7 +80,8 @@ def study(
         noise_scale: Factor on all noise.
 
     Raises:
-        InputError: An argument makes no sense, or the motion does not separate the base parameters.
+        InputError: An argument makes no sense.
+        ExcitationError: The motion does not separate the base parameters.
     """
     spec = scenes.load(SCENE, tilt_deg=tilt_deg, azimuth_deg=azimuth_deg)
     recording = simulate(spec, DOUBLE_PENDULUM, samples=samples, seed=seed, noise_scale=noise_scale)

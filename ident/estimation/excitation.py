@@ -78,5 +78,6 @@ def check_excitation(triangle: np.ndarray, names: Sequence[str], samples: int, n
         raise ExcitationError(
             f"The motion of {samples} samples does not separate the base parameters {', '.join(names)}: "
             f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "
-            "joints further."
+            "joints further.",
+            names,
         )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.errors import InputError
+from ident.errors import InputError, LogError
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.robust import separable
 from ident.estimation.samples import Samples
@@ -92,7 +92,9 @@ def prepare(
         limit: Bytes that a npz file may take in memory.
 
     Raises:
-        InputError: Something is missing or does not fit; the message names it.
+        ModelError: The model is missing or malformed, or has no such base or joint.
+        LogError: Something is missing in the log, or does not fit the model.
+        InputError: An argument does not fit; the message names it, as all do.
     """
     model = compiled(source)
     tree = tree_from_model(model, base, ignore=ignore, fix=fix)
@@ -127,11 +129,9 @@ def prepare(
     if drive and not channels.torques:
         notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
     if not channels.names and constant:
-        raise InputError(
-            f"Every measured channel of {log_path} is constant ({', '.join(constant)}); nothing is to fit."
-        )
+        raise LogError(f"Every measured channel of {log_path} is constant ({', '.join(constant)}); nothing is to fit.")
     if not channels.names:
-        raise InputError(
+        raise LogError(
             f"{log_path} has neither a wrench nor a joint torque to fit. {suggested_mapping(log.unused, tree.joints)}"
         )
     stuck = _stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
@@ -318,7 +318,7 @@ def _states(log: Log, rate: float, cutoff: float | None) -> tuple[np.ndarray, np
     if cutoff is not None:
         return smoothed(log.q, rate, cutoff)
     if log.dq is None or log.ddq is None:
-        raise InputError("Without a cut-off the log has to have joint velocities and accelerations.")
+        raise LogError("Without a cut-off the log has to have joint velocities and accelerations.")
     return log.q, log.dq, log.ddq
 
 
@@ -332,7 +332,7 @@ def _wrench(tree: Tree, log: Log, q: np.ndarray, rate: float, cutoff: float | No
         if name == GROUND:
             continue
         if not np.isfinite(wrench.values).all():
-            raise InputError(
+            raise LogError(
                 f"The wrench '{name}' on '{wrench.body}' needs all six components; only the ground's may lack some."
             )
         make = Contact.applied_to_link if wrench.applied_to_link else Contact
@@ -340,7 +340,7 @@ def _wrench(tree: Tree, log: Log, q: np.ndarray, rate: float, cutoff: float | No
     if ground is None and moved is None and not contacts:
         return frame, np.full((len(q), 6), np.nan)
     if ground is None and moved is None:
-        raise InputError("On a base at rest the wrench 'ground' has to be measured besides the contacts'.")
+        raise LogError("On a base at rest the wrench 'ground' has to be measured besides the contacts'.")
     others = total_wrench(tree, q, None, contacts).wrench
     total = (coAd(inverse(frame)) @ others[..., None])[..., 0]
     if ground is not None:

@@ -13,7 +13,6 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy import linalg, optimize, stats
 
-from ident.errors import InputError
 from ident.estimation.noise import Sandwich
 from ident.geometry.inertia import pseudo_inertia
 from ident.geometry.se3 import coAd, hat, inverse
@@ -94,12 +93,12 @@ def estimate_misalignment(
         The angles. Constant offsets of the channels are free as well.
 
     Raises:
-        InputError: No joint of the mechanism turns about one axis.
+        ModelError: No joint of the mechanism turns about one axis.
         LinAlgError: LAPACK does not converge.
     """
     turning = tuple(i for i in tree.moving if not tree.bodies[i].is_ball and tree.bodies[i].twist[3:].any())
     if not turning:
-        raise InputError("Axes are estimated for revolute joints; the mechanism has none.")
+        raise ModelError("Axes are estimated for revolute joints; the mechanism has none.")
     count = min(SAMPLES, SAMPLES_OF_ALL // len(turning), len(wrench))
     part = np.unique(np.linspace(0, len(wrench) - 1, count).astype(int))
     channels = np.flatnonzero(np.isfinite(wrench).all(axis=0) & np.isfinite(scale))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from ident.errors import InputError
+from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.mechanism.body import BASE
 from ident.mechanism.tree import Tree
@@ -176,7 +176,8 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
         The recovered axes.
 
     Raises:
-        InputError: A joint is not revolute, or hardly moves.
+        ModelError: A joint is not revolute.
+        InputError: A joint hardly moves.
     """
     home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
     screws = [_joint_screw(tree, poses, i) for i in tree.moving]
@@ -216,11 +217,11 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
 def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:
     body = tree.bodies[i]
     if not body.twist[3:].any() or abs(body.twist[3:] @ body.twist[:3]) > ROUNDING:
-        raise InputError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
+        raise ModelError(f"Joint '{body.joint}' slides; axes are recovered for revolute joints only.")
     parent = np.eye(4) if body.parent == BASE else poses[:, body.parent]
     try:
         return estimate_screw(se3.inverse(body.home) @ se3.inverse(parent) @ poses[:, i], body.twist[3:])
-    except ValueError as error:
+    except InputError as error:
         raise InputError(f"Joint '{body.joint}': {error}") from None
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.errors import InputError, ModelError
+from ident.errors import InputError
 from ident.geometry import se3
 from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
@@ -33,11 +33,11 @@ class BaseMotion:
             object.__setattr__(self, key, np.asarray(getattr(self, key)))
             x = getattr(self, key)
             if x.shape != (*self.T.shape[:-2], *shape) or not (x.dtype == object or np.isfinite(x).all()):
-                raise ModelError(
+                raise InputError(
                     f"The motion of a base needs finite T (N, 4, 4), V (N, 6) and dV (N, 6), got {key} {x.shape}."
                 )
         if self.T.dtype != object and not is_rigid(self.T):
-            raise ModelError("The motion of a base needs rigid poses T.")
+            raise InputError("The motion of a base needs rigid poses T.")
 
     @classmethod
     def from_free_joint(cls, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> "BaseMotion":
@@ -50,7 +50,7 @@ class BaseMotion:
         """
         q, dq, ddq = np.asarray(q), np.asarray(dq), np.asarray(ddq)
         if not (q.shape[-1:] == (7,) and dq.shape == ddq.shape == (*q.shape[:-1], 6)):
-            raise ModelError(
+            raise InputError(
                 f"A free joint has coordinates (N, 7), velocities and accelerations (N, 6), "
                 f"got {q.shape}, {dq.shape} and {ddq.shape}."
             )

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.errors import ModelError
+from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.geometry.inertia import parameter_transform
 from ident.mechanism.body import BASE, Body
@@ -114,7 +114,8 @@ class Tree:
             coordinates: Coordinates of these joints by their names, rad, m or a quaternion, each (1,) or (4,).
 
         Raises:
-            ModelError: There is no such joint, or it has another number of coordinates.
+            ModelError: There is no such joint.
+            InputError: It has another number of coordinates.
         """
         unknown = [joint for joint in coordinates if joint not in self.joints]
         if unknown:
@@ -125,7 +126,7 @@ class Tree:
             if body.joint in coordinates:
                 q = np.asarray(coordinates[body.joint], float)
                 if q.shape != (body.coordinates,) or not np.isfinite(q).all() or (body.is_ball and not q.any()):
-                    raise ModelError(
+                    raise InputError(
                         f"Joint '{body.joint}' is fixed at {body.coordinates} finite coordinates, got {q.tolist()}."
                     )
                 bodies[i] = replace(body, home=body.home @ body.joint_pose(q), twist=np.zeros(6), joint="")
@@ -169,7 +170,7 @@ class Tree:
     def _dealt(self, what: str, values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:
         values = np.asarray(values)
         if values.shape[-1:] != (sum(sizes),):
-            raise ModelError(
+            raise InputError(
                 f"Joint {what} need {sum(sizes)} columns ({', '.join(self.joints)}), got shape {values.shape}."
             )
         ends = np.cumsum(sizes)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.errors import InputError
+from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.geometry.se3 import Ad, ad, hat, inverse
 from ident.mechanism.body import BASE, Body
@@ -70,10 +70,13 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
 
     Returns:
         A matrix (rows, 10 b) with the dependencies between columns that the regressor has for general motions.
+
+    Raises:
+        ModelError: No body has parameters.
     """
     sensors = sensors or Sensors()
     if not tree.inertial:
-        raise InputError("A mechanism of massless bodies has no parameters.")
+        raise ModelError("A mechanism of massless bodies has no parameters.")
     gravity = checked_gravity(gravity)
     tree = _one_axis_each(tree)
     weight = np.concatenate([-gravity, np.zeros(3, dtype=int)])[None]

@@ -82,7 +82,7 @@ def _comment(line: str, row: int) -> tuple[str, Any]:
     key, _, value = line[1:].partition(":")
     try:
         return key.strip(), json.loads(value)
-    except (json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise LogError(f"row {row} needs '# units', noise or provenance in JSON ({error}).") from None
 
 

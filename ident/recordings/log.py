@@ -111,7 +111,7 @@ def read_log(
     mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), joints, bodies, slides)
     try:
         return _log(read_table(Path(path), limit), mapping, joints, slides, weight)
-    except ValueError as error:
+    except LogError as error:
         raise LogError(f"{path}: {error}") from None
 
 

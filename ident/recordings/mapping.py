@@ -101,10 +101,12 @@ def read_mapping(path: Path, joints: Sequence[str], bodies: Sequence[str], slide
         raise LogError(f"{path}: a mapping of columns is a TOML file that exists.")
     try:
         entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-        return _mapping(entries, joints, bodies, slides)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    # Not all are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
+    except (ValueError, RecursionError) as error:
         raise LogError(f"{path}: a mapping of columns needs to be TOML in UTF-8 ({error}).") from None
-    except ValueError as error:
+    try:
+        return _mapping(entries, joints, bodies, slides)
+    except LogError as error:
         raise LogError(f"{path}: {error}") from None
 
 

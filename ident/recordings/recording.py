@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.errors import LogError
+from ident.errors import InputError, LogError
 from ident.recordings.atomic import replacing
 from ident.recordings.csv_file import TRUE, csv_pieces, write_csv
 from ident.recordings.npz import LIMIT
@@ -114,11 +114,15 @@ class Recording:
         return T
 
     def save(self, path: str | Path) -> None:
-        """Writes a `.npz` or `.csv` file that `load` reads back bit by bit."""
+        """Writes a `.npz` or `.csv` file that `load` reads back bit by bit.
+
+        Raises:
+            InputError: The file's name ends otherwise.
+        """
         path = Path(path)
         writers = {".npz": write_npz, ".csv": write_csv}
         if path.suffix not in writers:
-            raise LogError(f"A recording is saved as .npz or .csv, got '{path.name}'.")
+            raise InputError(f"A recording is saved as .npz or .csv, got '{path.name}'.")
         channels = {"time": self.time, **self.measured} | {f"{TRUE}{name}": x for name, x in self.true.items()}
         metadata = {name: getattr(self, name) for name in METADATA}
         with replacing(path) as temporary:
@@ -145,12 +149,13 @@ class Recording:
 
         Raises:
             LogError: The file is missing or not a recording, as for `load`; a fault is found when its piece is due.
+            InputError: A piece has no samples.
         """
         path = Path(path)
         if path.suffix not in (".npz", ".csv") or not path.is_file():
             raise LogError(f"A recording is a .npz or .csv file that exists, got '{path}'.")
         if samples < 1:
-            raise LogError(f"A piece of a recording needs at least one sample, got {samples}.")
+            raise InputError(f"A piece of a recording needs at least one sample, got {samples}.")
         first, last = 0, np.empty(0)
         try:
             pieces = npz_pieces(path, samples, limit) if path.suffix == ".npz" else csv_pieces(path, samples)
@@ -163,7 +168,7 @@ class Recording:
                 first, last = first + len(time), time[-1:]
             if first == 0:
                 raise LogError("a recording needs samples, it has none.")
-        except (ValueError, OSError) as error:
+        except (LogError, OSError) as error:
             raise LogError(f"{path}: {error}") from error
 
     @classmethod

@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.models.names import body_name
 from sim.models.notes import note
+from sim.models.refusals import refusals
 
 OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
 """Compiler settings, besides inertiafromgeom, that change inertias which a file states."""
@@ -70,16 +71,26 @@ def overrides(spec: mujoco.MjSpec) -> bool:
     return bool(from_geoms or any(getattr(compiler, key) > 0 for key in OVERRIDING))
 
 
-def compiled_as_stated(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The compiled model with the inertias that a specification states, also where the compiler refuses them."""
+def compiled_as_stated(spec: mujoco.MjSpec, source: object = "The model") -> mujoco.MjModel:
+    """The compiled model with the inertias that a specification states, also where the compiler refuses them.
+
+    Args:
+        spec: The specification.
+        source: What to call it where MuJoCo refuses it for other reasons.
+
+    Raises:
+        ModelError: It does.
+    """
     refused = {} if overrides(spec) else dict(_refused(spec))
     if not refused:
-        return spec.compile()
+        with refusals(source):
+            return spec.compile()
     spheres = spec.copy()
     for b, stated in refused.items():
         moment = max(*stated.moments, SMALLEST)
         set_inertials(spheres, {b: stated._replace(mass=max(stated.mass, SMALLEST), moments=np.full(3, moment))})
-    model = spheres.compile()
+    with refusals(source):
+        model = spheres.compile()
     for b, stated in refused.items():
         model.body_mass[b], model.body_inertia[b] = stated.mass, stated.moments
     return model

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import mujoco
 import numpy as np
 
-from ident.errors import ModelError
+from ident.errors import InputError, ModelError
 from ident.geometry.inertia import com_from_parameters, pseudo_inertia
 from ident.recordings.atomic import replacing
 from sim.models.inertials import (
@@ -22,7 +22,8 @@ from sim.models.inertials import (
 )
 from sim.models.mujoco_model import BEYOND, body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.names import body_name
-from sim.models.urdf import model_from_urdf, parsed, sentence
+from sim.models.refusals import refusals
+from sim.models.urdf import model_from_urdf, parsed
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """What can be updated: a specification, or the path of an MJCF or URDF file."""
@@ -49,7 +50,8 @@ def updated_spec(
         The specification, compiled.
 
     Raises:
-        ModelError: MuJoCo cannot read or compile the model, φ does not fit its bodies, or a body is not physical.
+        ModelError: MuJoCo cannot read or compile the model.
+        InputError: φ does not fit its bodies, or a body is not physical.
     """
     spec = _specification(source)
     _write_into(spec, _inertials(spec, source, phi, base, beyond))
@@ -74,13 +76,13 @@ def write_model(
         beyond: Names of bodies at which the mechanism ends.
 
     Raises:
-        ModelError: As for `updated_spec`; a URDF file is asked for from something else; or the file does not read
-            back as φ.
+        ModelError: As for `updated_spec`, or the file does not read back as φ.
+        InputError: As for `updated_spec`, or a URDF file is asked for from something else.
     """
     path, phi = Path(path), np.asarray(phi, float)
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
-        raise ModelError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
+        raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
     spec = _specification(source)
     inertials = _inertials(spec, source, phi, base, beyond, unchanged=urdf)
     if urdf:
@@ -105,10 +107,8 @@ def _specification(source: Editable) -> mujoco.MjSpec:
         return source.copy()
     if _is_urdf(source):
         return model_from_urdf(source)
-    try:
+    with refusals(source):
         return mujoco.MjSpec.from_file(str(source))
-    except ValueError as error:
-        raise sentence(source, error) from None
 
 
 def _inertials(
@@ -129,7 +129,7 @@ def _inertials(
     phi = np.asarray(phi, float)
     if phi.shape != (10 * len(members),) or not np.isfinite(phi).all():
         names = ", ".join(body_name(model, b) for b in members)
-        raise ModelError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
+        raise InputError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
     inertials = {}
     if overrides(spec):
         for b in set(range(1, model.nbody)) - set(members):
@@ -140,7 +140,7 @@ def _inertials(
         if own.any() and (eigenvalues[0] < -1e-12 * eigenvalues[-1] or own[0] <= 0):
             if unchanged and np.allclose(own, body_parameters(model, b), rtol=1e-12, atol=0):
                 continue
-            raise ModelError(f"The parameters of '{body_name(model, b)}' are not those of a physical body.")
+            raise InputError(f"The parameters of '{body_name(model, b)}' are not those of a physical body.")
         inertials[b] = inertial_of(*(com_from_parameters(own) if own[0] else (0.0, np.zeros(3), np.zeros((3, 3)))))
     return inertials
 
@@ -218,10 +218,11 @@ def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, base: str | Non
 
 
 def _compiled(spec: mujoco.MjSpec, source: Editable, *, as_stated: bool = False) -> mujoco.MjModel:
-    try:
-        return compiled_as_stated(spec) if as_stated else spec.compile()
-    except ValueError as error:
-        raise sentence("The model" if isinstance(source, mujoco.MjSpec) else source, error) from None
+    name = "The model" if isinstance(source, mujoco.MjSpec) else source
+    if as_stated:
+        return compiled_as_stated(spec, name)
+    with refusals(name):
+        return spec.compile()
 
 
 def _is_urdf(path: str | Path) -> bool:

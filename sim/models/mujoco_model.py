@@ -17,6 +17,7 @@ from ident.mechanism.tree import Tree
 from sim.models.couplings import check_couplings
 from sim.models.inertials import compiled_as_stated, note_inertias
 from sim.models.names import body_id, body_name, id_of, joint_name
+from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
 
 Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
@@ -50,13 +51,10 @@ def _compiled_file(path: Path) -> mujoco.MjModel:
     root = parsed(path)
     if path.suffix.lower() not in (".xml", ".urdf"):
         raise ModelError(f"A model file ends in .xml or .urdf, got '{path}'.")
-    try:
-        if root.tag == "robot":
-            return compiled_as_stated(model_from_urdf(path))
+    if root.tag == "robot":
+        return compiled_as_stated(model_from_urdf(path), path)
+    with refusals(path):
         return mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        text = " ".join(str(error).split())
-        raise ModelError(text if text.startswith(str(path)) else f"{path}: {text}") from None
 
 
 def tree_from_model(
@@ -92,6 +90,7 @@ def tree_from_model(
     Raises:
         ModelError: The base or a joint to fix does not exist, or equality constraints or tendons that nobody ignores
             reach outside the tree.
+        InputError: A joint to fix has another number of coordinates.
     """
     model = compiled(source)
     members = mechanism_bodies(model, base, beyond)

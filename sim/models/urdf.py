@@ -10,6 +10,10 @@ from scipy.spatial.transform import Rotation
 from ident.errors import ModelError
 from ident.geometry.inertia import symmetric
 from sim.models.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
+from sim.models.refusals import refusals
+
+LARGEST = 1e100
+"""Numbers of an inertia are smaller, so that products of them are finite."""
 
 
 def model_from_urdf(path: str | Path) -> mujoco.MjSpec:
@@ -47,26 +51,29 @@ def model_from_urdf(path: str | Path) -> mujoco.MjSpec:
     # MuJoCo would merge the root link into the world, which has no mass, and links with their welded carriers.
     compiler.set("fusestatic", "false")
     links = {link.get("name"): link for link in root.findall("link") if link.find("inertial") is not None}
-    try:
+    with refusals(path):
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
-        # MuJoCo 3.3 leaves the inertia's rpy out, and finds principal axes to six digits only.
-        ids = {body.name: b for b, body in enumerate(bodies_in_order(spec.worldbody))}
-        set_inertials(spec, {ids[name]: _stated(link) for name, link in links.items() if name in ids})
-    except ValueError as error:
-        raise sentence(path, error) from None
+    # MuJoCo 3.3 leaves the inertia's rpy out, and finds principal axes to six digits only.
+    ids = {body.name: b for b, body in enumerate(bodies_in_order(spec.worldbody))}
+    set_inertials(spec, {ids[name]: _stated(path, link) for name, link in links.items() if name in ids})
     return spec
 
 
-def _stated(link: ET.Element) -> Inertial:
+def _stated(path: str | Path, link: ET.Element) -> Inertial:
     """What a link of a URDF file says in its `<inertial>`."""
 
     def numbers(element: str, keys: str, otherwise: str) -> np.ndarray:
         found = link.find(f"inertial/{element}")
         attributes = {} if found is None else found.attrib
-        values = np.array(" ".join(attributes.get(key) or otherwise for key in keys.split()).split(), float)
-        if not np.isfinite(values).all() or (element == "mass" and values[0] < 0):
+        stated = " ".join(attributes.get(key, "").strip() or otherwise for key in keys.split())
+        try:
+            values = np.array(stated.split(), float)
+        except ValueError:
+            values = np.array([np.nan])
+        if not (abs(values) < LARGEST).all() or (element == "mass" and values[0] < 0):
             raise ModelError(
-                f"link '{link.get('name')}' needs finite numbers and no negative mass; its {element} is {values}."
+                f"{path}: link '{link.get('name')}' needs finite numbers and no negative mass; its {element} is "
+                f"{stated}."
             )
         return values
 
@@ -90,8 +97,3 @@ def parsed(path: Path) -> ET.Element:
     except (ET.ParseError, LookupError, ValueError) as error:
         # The last two are of encodings that are unknown, no text, or of several bytes.
         raise ModelError(f"{path}: no XML that can be read: {error}.") from None
-
-
-def sentence(source: object, error: ValueError) -> ValueError:
-    """MuJoCo's error about a source as one line."""
-    return ValueError(f"{source}: {' '.join(str(error).split())}")

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from sim.models.names import body_name
+from sim.models.refusals import refusals
 
 
 class Collisions:
@@ -66,8 +67,9 @@ class Collisions:
     def _contacts(self, posture: np.ndarray, clearance: float) -> tuple[np.ndarray, np.ndarray]:
         """Geoms (k, 2) and distances (k,) of the contacts that count."""
         self._data.qpos[self._columns] = posture
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_collision(self._model, self._data)
+        with refusals("The model"):
+            mujoco.mj_kinematics(self._model, self._data)
+            mujoco.mj_collision(self._model, self._data)
         geoms, distance = self._data.contact.geom.reshape(-1, 2), self._data.contact.dist
         a, b = self._body[geoms].T
         counts = (distance < clearance) & self._apart(a, b)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ident.errors import InputError
+from ident.recordings.mapping import HUGE
 from sim.motion.collisions import Collisions
 from sim.motion.fourier import FourierTrajectory, basis
 
@@ -48,15 +49,15 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ("low", "high", "velocity", "acceleration"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), float))
-        if not (np.isfinite([self.low, self.high]).all() and (self.low < self.high).all()):
+        if not ((self.low > -HUGE) & (self.low < self.high) & (self.high < HUGE)).all():
             raise InputError(
-                f"Position limits need a lower one below an upper one, got {self.low.tolist()} and "
-                f"{self.high.tolist()}."
+                f"Position limits need a lower one below an upper one, both within ±{HUGE:g}, got {self.low.tolist()} "
+                f"and {self.high.tolist()}."
             )
         for name in ("velocity", "acceleration"):
             limit = getattr(self, name)
-            if not ((limit > 0) & (limit < np.inf)).all():
-                raise InputError(f"Limits of the {name} need to be positive and finite, got {limit.tolist()}.")
+            if not ((limit > 0) & (limit < HUGE)).all():
+                raise InputError(f"Limits of the {name} need to be positive and below {HUGE:g}, got {limit.tolist()}.")
 
     @property
     def middle(self) -> np.ndarray:

@@ -42,8 +42,8 @@ def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE
         rate: Samples per second.
 
     Raises:
-        InputError: The base does not exist, the duration is too short for one sample, or the timestep does not divide
-            the time between samples.
+        ModelError: The base does not exist, or the timestep does not divide the time between samples.
+        InputError: The duration is too short for one sample.
     """
     if not 1 <= seconds * rate < np.inf:
         raise InputError(f"A fall needs at least one sample, got {seconds:g} s at {rate:g} Hz.")
@@ -75,7 +75,7 @@ def contact_wrenches(model: mujoco.MjModel, data: mujoco.MjData, base: str) -> d
         and N m (6,).
 
     Raises:
-        InputError: The base does not exist.
+        ModelError: The base does not exist.
     """
     members = mechanism_bodies(model, base)
     wrenches: dict[str, np.ndarray] = {}

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from mujoco.rollout import rollout
 
-from ident.errors import InputError
+from ident.errors import ModelError
 
 STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 """What a rollout starts from and returns: time, qpos, qvel, and what actuators and plugins remember, in this order."""
@@ -101,10 +101,10 @@ def steps_per_sample(model: mujoco.MjModel, rate: float) -> int:
         rate: Samples per second.
 
     Raises:
-        InputError: The timestep does not divide the time between samples.
+        ModelError: The timestep does not divide the time between samples.
     """
     h = model.opt.timestep
     steps = round(1 / (rate * h)) if h > 0 else 0
     if steps < 1 or abs(steps * rate * h - 1) > 1e-9:
-        raise InputError(f"The scene's timestep of {h} s must divide {1 / rate} s.")
+        raise ModelError(f"The scene's timestep of {h} s must divide {1 / rate} s.")
     return steps

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from ident.errors import InputError
+from ident.errors import ModelError
 from sim.models.names import name_of
 
 QUATERNION = "quaternion"
@@ -56,7 +56,7 @@ def sensors(model: mujoco.MjModel) -> list[Sensor]:
     """The sensors that a model declares.
 
     Raises:
-        InputError: A user sensor is not attached to a hinge or slide joint.
+        ModelError: A user sensor is not attached to a hinge or slide joint.
     """
     return [_sensor(model, i) for i in range(model.nsensor)]
 
@@ -68,7 +68,7 @@ def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
     if kind == mujoco.mjtSensor.mjSENS_USER:
         joint = model.sensor_objid[i] if model.sensor_objtype[i] == mujoco.mjtObj.mjOBJ_JOINT else -1
         if joint < 0 or model.jnt_type[joint] not in ONE_DOF or model.sensor_dim[i] != 1:
-            raise InputError(
+            raise ModelError(
                 f"User sensor '{name}' must report one number of a hinge or slide joint (objtype='joint', dim='1')."
             )
         dof = int(model.jnt_dofadr[model.sensor_objid[i]])

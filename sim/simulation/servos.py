@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ident.errors import InputError
+from ident.errors import ModelError
 from sim.models.names import body_name
 from sim.simulation.hand import Hand
 from sim.simulation.inverse_dynamics import Chain, chain
@@ -71,14 +71,14 @@ def servos(model: mujoco.MjModel, joints: int) -> Servos:
     """The servos that drive a number of joints.
 
     Raises:
-        InputError: The scene has other actuators than so many position servos on hinges or slides, or a mocap body
+        ModelError: The scene has other actuators than so many position servos on hinges or slides, or a mocap body
             that holds nothing.
     """
     is_position = (model.actuator_gainprm[:, 0] > 0) & (model.actuator_biasprm[:, 1] == -model.actuator_gainprm[:, 0])
     on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     ids = model.actuator_trnid[:, 0]
     if model.nu != joints or not (is_position & on_joint).all() or not np.isin(model.jnt_type[ids], ONE_DOF).all():
-        raise InputError(
+        raise ModelError(
             f"An excitation of {joints} joints needs as many position servos, the scene has {model.nu} actuators."
         )
     return Servos(model, model.jnt_qposadr[ids], model.jnt_dofadr[ids], chain(model, ids), _held(model))
@@ -91,6 +91,6 @@ def _held(model: mujoco.MjModel) -> tuple[int, ...]:
     for mocap in range(model.nmocap):
         body = int(np.flatnonzero(model.body_mocapid == mocap)[0])
         if body not in ties:
-            raise InputError(f"Mocap body '{body_name(model, body)}' needs a weld whose body1 is what it holds.")
+            raise ModelError(f"Mocap body '{body_name(model, body)}' needs a weld whose body1 is what it holds.")
         held.append(ties[body])
     return tuple(held)

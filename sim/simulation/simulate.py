@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ident.errors import InputError
 from ident.recordings.recording import Recording
 from sim.models.names import joint_name
+from sim.models.refusals import refusals
 from sim.motion.excitation import Excitation
 from sim.simulation.rollout import play, steps_per_sample
 from sim.simulation.sensors import QUATERNION, sensors
@@ -22,6 +23,9 @@ RATE = 100.0
 
 SAMPLES = 943
 """Samples of the paper's recordings: 4715 / 5 and 5658 / 6 rows."""
+
+LONGEST = 1_000_000
+"""Most samples of a recording: what is desired and what is read is in memory step by step."""
 
 LEAD_IN = 1.0
 """Seconds of motion before the recording starts, for servos and contacts to settle."""
@@ -60,7 +64,8 @@ def simulate(
         and the largest tracking error.
 
     Raises:
-        InputError: The scene or an argument does not fit, or the servos lose the excitation.
+        ModelError: MuJoCo cannot compile the scene, or it has other actuators or sensors than are needed.
+        InputError: An argument does not fit, or the servos lose the excitation.
     """
     return simulate_many(spec, excitation, seeds=[seed], samples=samples, noise_scale=noise_scale)[0]
 
@@ -85,16 +90,17 @@ def simulate_many(
         threads: Number of threads, without it one for each processor.
 
     Raises:
-        InputError: As for `simulate`, or the number of threads is not positive.
+        InputError: As for `simulate`, or the number of threads is not positive; likewise ModelError.
     """
     threads = (os.cpu_count() or 1) if threads is None else threads
-    if samples < 1:
-        raise InputError(f"A recording needs at least one sample, got {samples}.")
+    if not 1 <= samples <= LONGEST:
+        raise InputError(f"A recording needs 1 to {LONGEST} samples, got {samples}.")
     if not 0 <= noise_scale <= LOUDEST:
         raise InputError(f"The noise scale must be from 0 to {LOUDEST:g}, got {noise_scale:.6g}.")
     if threads < 1:
         raise InputError(f"A simulation needs at least one thread, got {threads}.")
-    model = spec.compile()
+    with refusals("The scene"):
+        model = spec.compile()
     declared = sensors(model)
     scene = {"scene": spec.modelname, "scene_sha256": hashlib.sha256(spec.to_xml().encode()).hexdigest()}
     settings = {"excitation": {key: np.asarray(x).tolist() for key, x in vars(excitation).items()}, "rate_hz": RATE}

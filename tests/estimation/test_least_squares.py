@@ -1,3 +1,4 @@
+import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import nullcontext
 from itertools import pairwise
@@ -145,8 +146,12 @@ def test_a_joint_at_rest_is_named():
     states = np.stack(STATES)
     states[:, :, 1] = 0
     wrench = base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI
-    with pytest.raises(ExcitationError, match=r"200 samples.*m2rz2.*m3rz3.* combinations"):
+    with pytest.raises(ExcitationError, match=r"200 samples.*m2rz2.*m3rz3.* combinations") as raised:
         identified(wrench, states)
+    assert {"m2rz2", "m3rz3"} <= set(raised.value.parameters) < set(find_base_parameters(TREE, gravity=GRAVITY).names)
+    # A worker process sends its errors home.
+    sent = pickle.loads(pickle.dumps(raised.value))
+    assert (str(sent), sent.parameters) == (str(raised.value), raised.value.parameters)
 
 
 def test_noise_alone_is_not_excitation():

@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from experiments import identify, stream
 from experiments.output import figures
 from experiments.runs.workers import Crew
+from ident.errors import InputError
 
 from .corpus import LOGS, MODELS, write_corpus
 from .damage import NAMES, Rng, any_of, damaged
@@ -163,7 +164,7 @@ def _ending(command: ModuleType, arguments: Sequence[str], err: StringIO) -> tup
         return "hang", f"{command.__name__}: longer than {HANG} s"
     except Exception as error:
         err.write(traceback.format_exc())
-        return "traceback", _place(error)[0]
+        return "traceback", _place(error)
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
     if code == 130:
@@ -173,18 +174,16 @@ def _ending(command: ModuleType, arguments: Sequence[str], err: StringIO) -> tup
         return "accepted", ""
     if code != 2 or len(said) != 1 or len(said[0]) < 10:
         return "odd", f"exit {code} after {len(said)} error lines"
-    if refusals and not isinstance(refusals[0], OSError) and not _place(refusals[0])[1]:
-        return "foreign", f"{_place(refusals[0])[0]}: {said[0]}"
+    if refusals and not isinstance(refusals[0], InputError | OSError):
+        return "foreign", f"{_place(refusals[0])}: {said[0]}"
     return "refused", said[0]
 
 
-def _place(error: Exception) -> tuple[str, bool]:
-    """Where in this project an error was raised, or let through; and whether this project raised it."""
+def _place(error: Exception) -> str:
+    """Where in this project an error was raised, or let through."""
     calls = traceback.extract_tb(error.__traceback__)
-    ours = [call for call in calls if any(Path(call.filename).is_relative_to(folder) for folder in OURS)]
-    last = ours[-1]
-    by_us = last is calls[-1] and str(last.line).startswith("raise")
-    return f"{type(error).__name__} under {Path(last.filename).name}:{last.name}", by_us
+    last = [call for call in calls if any(Path(call.filename).is_relative_to(folder) for folder in OURS)][-1]
+    return f"{type(error).__name__} under {Path(last.filename).name}:{last.name}"
 
 
 def _hang(*_: object) -> None:

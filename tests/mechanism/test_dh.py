@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from ident.errors import ModelError
 from ident.mechanism.body import BASE
 from ident.mechanism.dh import Frame, tree_from_mdh
 from ident.model.regressor import base_wrench_regressor
@@ -87,5 +88,5 @@ def test_a_link_without_inertia_keeps_its_joint():
     ],
 )
 def test_tables_that_are_no_trees_are_refused(frames, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ModelError, match=message):
         tree_from_mdh(frames)

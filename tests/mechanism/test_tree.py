@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random_states, random_tree, random_twist
 
+from ident.errors import InputError, ModelError
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.motion import BaseMotion
@@ -66,45 +67,45 @@ def test_the_mechanism_cannot_be_changed_by_accident():
 )
 def test_bad_bodies_are_refused(change, message):
     good = {"name": "arm", "parent": BASE, "home": np.eye(4), "twist": np.zeros(6)}
-    with pytest.raises(ValueError, match=f"'arm'.*{message}"):
+    with pytest.raises(ModelError, match=f"'arm'.*{message}"):
         Body(**(good | change))
 
 
 def test_parents_come_first():
-    with pytest.raises(ValueError, match=r"'b'.*parent index from -1 to 0, got 1"):
+    with pytest.raises(ModelError, match=r"'b'.*parent index from -1 to 0, got 1"):
         Tree((Body("a", BASE, np.eye(4), np.zeros(6)), Body("b", 1, np.eye(4), np.zeros(6))))
 
 
 def test_names_stand_once():
     body = Body("a", BASE, np.eye(4), np.zeros(6))
-    with pytest.raises(ValueError, match="name of its own for every body; 'a' stands twice"):
+    with pytest.raises(ModelError, match="name of its own for every body; 'a' stands twice"):
         Tree((body, body))
     hinge = Body("a", BASE, np.eye(4), np.array([0, 0, 0, 1.0, 0, 0]), "elbow")
-    with pytest.raises(ValueError, match="for every joint; 'elbow' stands twice"):
+    with pytest.raises(ModelError, match="for every joint; 'elbow' stands twice"):
         Tree((hinge, replace(hinge, name="b")))
 
 
 def test_a_tree_has_bodies_with_whole_parents():
-    with pytest.raises(ValueError, match="at least one body"):
+    with pytest.raises(ModelError, match="at least one body"):
         Tree(())
-    with pytest.raises(ValueError, match=r"parent index from -1 to -1, got -0.5"):
+    with pytest.raises(ModelError, match=r"parent index from -1 to -1, got -0.5"):
         Tree((Body("a", -0.5, np.eye(4), np.zeros(6)),))
-    with pytest.raises(ValueError, match=r"Parents come before their children, got \(1, -1\)"):
+    with pytest.raises(ModelError, match=r"Parents come before their children, got \(1, -1\)"):
         Tree.from_home_poses("ab", np.stack([np.eye(4)] * 2), np.zeros((2, 6)), [1, -1])
 
 
 def test_a_free_joint_has_seven_coordinates():
-    with pytest.raises(ValueError, match=r"coordinates \(N, 7\).* got \(3, 6\), \(3, 6\) and \(3, 6\)"):
+    with pytest.raises(InputError, match=r"coordinates \(N, 7\).* got \(3, 6\), \(3, 6\) and \(3, 6\)"):
         BaseMotion.from_free_joint(*np.ones((3, 3, 6)))
 
 
 def test_joint_values_need_a_column_for_each_joint():
-    with pytest.raises(ValueError, match=r"2 columns \(link1, link2\), got shape \(3,\)"):
+    with pytest.raises(InputError, match=r"2 columns \(link1, link2\), got shape \(3,\)"):
         double_pendulum().poses(np.zeros(3))
 
 
 def test_mirrored_frames_are_refused():
-    with pytest.raises(ValueError, match="rigid home pose"):
+    with pytest.raises(ModelError, match="rigid home pose"):
         Body("arm", BASE, np.diag([1.0, 1, -1, 1]), np.zeros(6))
 
 
@@ -139,12 +140,12 @@ def test_merged_welds_need_the_same_wrench_and_torques(seed):
 )
 def test_bad_motions_of_a_base_are_refused(change, message):
     good = {"T": np.tile(np.eye(4), (3, 1, 1)), "V": np.zeros((3, 6)), "dV": np.zeros((3, 6))}
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message):
         BaseMotion(**(good | change))
 
 
 def test_twists_of_no_joint_are_refused():
-    with pytest.raises(ValueError, match="or a ball joint's 6×3"):
+    with pytest.raises(ModelError, match="or a ball joint's 6×3"):
         Body("arm", BASE, np.eye(4), np.ones((6, 3)))
 
 
@@ -190,5 +191,5 @@ def test_what_cannot_be_fixed_is_refused():
         "knee": "no joint 'knee' to fix; the joints are link1, link2",
         "link1": r"'link1' is fixed at 1 finite coordinates, got \[1.0, 2.0\]",
     }.items():
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(InputError, match=message):
             tree.fixed({coordinates: [1, 2]})

@@ -58,9 +58,9 @@ def files(tmp_path):
 def test_a_log_without_the_fingers_gives_the_parameters_of_the_whole(files, tmp_path):
     model, log, _ = files
     prepared = prepare(model, log, base="base", fix={"finger1": [AT], "finger2": [AT]})
-    assert prepared.tree.joints == ("shoulder",) and len(prepared.prior) == 40
+    assert prepared.mechanism.tree.joints == ("shoulder",) and len(prepared.mechanism.known) == 40
     result = identify_log(prepared)
-    truth = prepared.equations.parameters.regroup(prepared.prior)
+    truth = prepared.equations.parameters.regroup(prepared.mechanism.known)
     np.testing.assert_allclose(result.psi, truth, atol=1e-6 * abs(truth).max())
 
 
@@ -105,7 +105,7 @@ def test_torques_of_the_fingers_are_refused_until_their_coupling_is_ignored(file
     (note,) = (note for note in prepare(model, log, base="base", fix=fingers).notes if "--fix" in note)
     assert "joints that --fix holds still were not read: finger1_position, finger1_velocity, finger1_acc" in note
     Recording(TIME, channels | moving | {"finger2_torque": 0.1 * np.sin(TIME)}).save(log)
-    with pytest.raises(ValueError, match=r"of finger1, finger2, which act on its joints\. .* --ignore equality0 "):
+    with pytest.raises(ModelError, match=r"of finger1, finger2, which act on its joints\. .* --ignore equality0 "):
         prepare(model, log, base="base")
     assert prepare(model, log, base="base", ignore=("equality0",)).equations.channels[-2:] == ("shoulder", "finger2")
 

@@ -9,6 +9,7 @@ import pytest
 from mechanisms import random_phi
 
 import scenes
+from ident.errors import InputError
 from ident.geometry.inertia import com_from_parameters
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from sim.models.model_update import updated_spec, write_model
@@ -239,6 +240,6 @@ def test_what_cannot_be_updated_is_refused_in_a_sentence(tmp_path, urdf):
         lambda: model_from_urdf(path): "a URDF file has a <robot>, this one a <mujoco>",
         lambda: model_from_urdf(written(tmp_path, "<robot name='x'><link/></robot>", "arm.urdf")): "arm.urdf: ",
     }.items():
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(InputError, match=message):
             call()
     assert set(tmp_path.iterdir()) == before

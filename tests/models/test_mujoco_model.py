@@ -2,6 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from ident.errors import InputError, ModelError
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
 from sim.models.couplings import check_torques
 from sim.models.mujoco_model import (
@@ -121,7 +122,7 @@ def test_coulomb_friction_has_the_sign_of_the_velocity():
     dq = np.array([[1.0, -2.0], [0.0, 3.0]])
     Y = joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("coulomb",))
     np.testing.assert_array_equal(Y[:, :, -2:], [[[1, 0], [0, -1]], [[0, 0], [0, 1]]])
-    with pytest.raises(ValueError, match="Drive parameters are a list out of rotor, viscous, coulomb, got stiction"):
+    with pytest.raises(InputError, match="Drive parameters are a list out of rotor, viscous, coulomb, got stiction"):
         joint_torque_regressor(tree, dq, dq, dq, gravity=[0, 0, -9.81], drive=("stiction",))
 
 
@@ -145,10 +146,10 @@ ON_BASE = '<site name="nail" pos="0 0 1"/>'
 def test_couplings_with_the_surroundings_are_refused_by_name_or_ignored_by_name(m, name, kind):
     message = f"do not hold the forces of {kind} '{name}', which reach outside the mechanism. .*--ignore {name} "
     for base in (None, "base"):
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(ModelError, match=message):
             tree_from_model(m, base)
     assert "arm" in tree_from_model(m, ignore=(name,)).names
-    with pytest.raises(ValueError, match=f"no active equality constraint, tendon or flex named nothing; it has {name}"):
+    with pytest.raises(ModelError, match=f"no active equality constraint, tendon or flex named nothing; it has {name}"):
         tree_from_model(m, ignore=("nothing",))
 
 
@@ -168,7 +169,7 @@ def test_couplings_between_bodies_are_noted_and_refused_for_the_torques_of_their
     check_torques(m, members, (), ())
     check_torques(m, members, (name,), joints)
     for joint in joints:
-        with pytest.raises(ValueError, match=f"the forces of {what}, which act on its joints. .*--ignore {name} "):
+        with pytest.raises(ModelError, match=f"the forces of {what}, which act on its joints. .*--ignore {name} "):
             check_torques(m, members, (), (joint,))
 
 
@@ -184,7 +185,7 @@ def test_a_joint_of_the_base_couples_it_with_what_carries_it():
     rails = '<body name="base"><joint name="rail" type="slide"/><geom size=".1"/>' + ARM + "</body>"
     drive = '<equality><joint name="drive" joint1="rail" joint2="elbow"/></equality>'
     m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{rails}</worldbody>{drive}</mujoco>")
-    with pytest.raises(ValueError, match="'drive' of elbow, rail, which reach outside"):
+    with pytest.raises(ModelError, match="'drive' of elbow, rail, which reach outside"):
         tree_from_model(m, "base")
     with pytest.warns(ModelNote, match="drive"):
         tree_from_model(m)
@@ -197,7 +198,7 @@ FLEX = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radi
 def test_a_tendon_around_a_body_and_a_flex_on_it_are_couplings():
     around = '<body name="arm"><joint/><geom name="pulley" type="cylinder" size=".1 .1"/></body>'
     m = model(around, '<site name="nail" pos="1 0 0"/><site name="nail2" pos="-1 0 0"/>', WRAPPED)
-    with pytest.raises(ValueError, match="tendon 'belt'"):
+    with pytest.raises(ModelError, match="tendon 'belt'"):
         tree_from_model(m, "base")
     with pytest.warns(ModelNote, match="flex 'cloth'"):
         tree_from_model(model(FLEX))
@@ -251,7 +252,7 @@ def test_only_couplings_with_the_surroundings_show_in_the_base_wrench(equality):
 
 
 def test_a_world_without_bodies_is_refused():
-    with pytest.raises(ValueError, match="no body besides the world"):
+    with pytest.raises(ModelError, match="no body besides the world"):
         tree_from_model(world(""))
 
 
@@ -263,7 +264,7 @@ def test_couplings_of_others_do_not_matter():
 
 def test_a_mechanism_without_mass_is_refused():
     light = world('<body name="ghost"><site/></body><body name="rock"><geom size="1"/></body>')
-    with pytest.raises(ValueError, match="A mechanism needs mass; ghost have none"):
+    with pytest.raises(ModelError, match="A mechanism needs mass; ghost have none"):
         parameters_from_model(light, "ghost")
 
 
@@ -278,13 +279,13 @@ def test_a_mechanism_without_mass_is_refused():
 def test_files_that_are_no_models_are_refused(tmp_path, path, text, message):
     if text is not None:
         (tmp_path / path).write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ModelError, match=message):
         tree_from_model(tmp_path / path)
 
 
 @pytest.mark.parametrize("function", [tree_from_model, parameters_from_model, gravity_in_base, state_columns])
 def test_unknown_bases_are_refused(function):
-    with pytest.raises(ValueError, match="no body named 'foot'; its bodies are base, arm"):
+    with pytest.raises(ModelError, match="no body named 'foot'; its bodies are base, arm"):
         function(model(ARM), "foot")
 
 
@@ -300,5 +301,5 @@ def test_bodies_with_numbers_that_are_not_finite_are_named():
         "<mujoco><worldbody><body name='a'><geom size='1'/></body></worldbody></mujoco>"
     )
     model.body_inertia[1, 2] = np.nan
-    with pytest.raises(ValueError, match="Body 'a' needs a finite mass, centre of mass and inertia"):
+    with pytest.raises(ModelError, match="Body 'a' needs a finite mass, centre of mass and inertia"):
         parameters_from_model(model)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.model.regressor import base_wrench_regressor
 from sim.models.inertials import is_balanced
@@ -75,7 +76,7 @@ def test_parameters_are_those_that_the_file_states_and_are_written_back(tmp_path
         if odd:
             with pytest.warns(ModelNote, match=f"{odd[0]}.* no rigid body has it"):
                 compiled(path)
-            with pytest.raises(ValueError, match="are not those of a physical body"):
+            with pytest.raises(InputError, match="are not those of a physical body"):
                 write_model(tmp_path / "new.xml", path, found.ravel())
 
 
@@ -107,23 +108,25 @@ BODY = '<mujoco><worldbody><body name="a"><joint/><geom size=".1"/></body></worl
 def test_encodings_that_are_none_are_refused_in_a_sentence(tmp_path, encoding):
     path = tmp_path / "a.xml"
     path.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{BODY}', encoding="utf-8")
-    with pytest.raises(ValueError, match=r"a\.xml: no XML that can be read: "):
+    with pytest.raises(ModelError, match=r"a\.xml: no XML that can be read: "):
         compiled(path)
 
 
 def test_files_without_anything_and_names_that_are_no_text_are_refused(tmp_path):
     nameless = tmp_path / os.fsdecode(b"a\xff.xml")
     nameless.write_text(BODY, encoding="utf-8")
-    with pytest.raises(ValueError, match="has to be text in UTF-8"):
+    with pytest.raises(ModelError, match="has to be text in UTF-8"):
         compiled(nameless)
     for text, message in {
         "": "no XML that can be read",
         "<robot name='r'/>": "has a <link> for every body, this one has none",
-        STATED.format("nan", ""): "link 'a' needs finite numbers and no negative mass; its inertia is",
+        STATED.format("nan", ""): "link 'a' needs finite numbers and no negative mass; its inertia is 1 1 nan 0 0 0",
+        STATED.format("0x10", ""): "link 'a' needs finite numbers and no negative mass; its inertia is 1 1 0x10 0 0 0",
+        STATED.format("1e308", ""): "link 'a' needs finite numbers and no negative mass; its inertia is 1 1 1e308",
         STATED.format("1", MASS.format(-1)): "link 'c' needs finite numbers and no negative mass; its mass is",
     }.items():
         (tmp_path / "a.urdf").write_text(text, encoding="utf-8")
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(ModelError, match=message):
             compiled(tmp_path / "a.urdf")
 
 

@@ -25,6 +25,7 @@ from malformed_logs import (
 )
 from scipy.spatial.transform import Rotation
 
+from ident.errors import LogError
 from ident.recordings.log import GROUND, UNITS, Log, read_log
 from ident.recordings.recording import Recording
 from ident.recordings.suggestion import suggested_mapping
@@ -247,7 +248,7 @@ def test_a_column_that_names_find_can_be_left_out(tmp_path):
 
 @pytest.mark.parametrize(("content", "message"), BAD_LOGS.values(), ids=BAD_LOGS.keys())
 def test_bad_logs_are_one_sentence(tmp_path, content, message):
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(LogError) as error:
         read(tmp_path, content)
     assert str(error.value).startswith(f"{tmp_path / 'log.csv'}: ")
     assert message in str(error.value)
@@ -256,7 +257,7 @@ def test_bad_logs_are_one_sentence(tmp_path, content, message):
 
 @pytest.mark.parametrize(("mapping", "message"), BAD_MAPPINGS.values(), ids=BAD_MAPPINGS.keys())
 def test_bad_mappings_are_one_sentence(tmp_path, mapping, message):
-    with pytest.raises(ValueError) as error:
+    with pytest.raises(LogError) as error:
         read(tmp_path, text(PLAIN), mapping)
     assert message in str(error.value)
     assert str(error.value).startswith(str(tmp_path))
@@ -266,7 +267,7 @@ def test_bad_mappings_are_one_sentence(tmp_path, mapping, message):
 def test_base_quaternions_have_norm_one(tmp_path):
     columns, _ = mapped()
     columns["qw"] = columns["qw"] + (np.arange(N) == 5)
-    with pytest.raises(ValueError, match=r"row 7, base.quaternion needs a norm of 1, got"):
+    with pytest.raises(LogError, match=r"row 7, base.quaternion needs a norm of 1, got"):
         read(tmp_path, text(columns), MAPPING)
 
 
@@ -293,7 +294,7 @@ def test_bad_archives_are_one_sentence(tmp_path):
     (tmp_path / "log.npz").write_bytes((tmp_path / "log.npy").read_bytes())
     for make, message in cases:
         make()
-        with pytest.raises(ValueError) as error:
+        with pytest.raises(LogError) as error:
             read_log(tmp_path / "log.npz", JOINTS)
         assert message in str(error.value)
         assert "log.npz: " in str(error.value)
@@ -301,12 +302,12 @@ def test_bad_archives_are_one_sentence(tmp_path):
 
 def test_files_that_are_no_logs(tmp_path):
     for name in ("missing.csv", "log.xlsx", "."):
-        with pytest.raises(ValueError, match=r"a log is a \.csv, \.tsv, \.txt or \.npz file that exists"):
+        with pytest.raises(LogError, match=r"a log is a \.csv, \.tsv, \.txt or \.npz file that exists"):
             read_log(tmp_path / name, JOINTS)
     (tmp_path / "log.csv").write_text(text(PLAIN))
-    with pytest.raises(ValueError, match=r"no.toml: a mapping of columns is a TOML file that exists"):
+    with pytest.raises(LogError, match=r"no.toml: a mapping of columns is a TOML file that exists"):
         read_log(tmp_path / "log.csv", JOINTS, columns=tmp_path / "no.toml")
-    with pytest.raises(ValueError, match="but not the ball joint 'hip'"):
+    with pytest.raises(LogError, match="but not the ball joint 'hip'"):
         read_log(tmp_path / "log.csv", JOINTS, balls=("hip",))
 
 
@@ -371,7 +372,7 @@ def outcome(tmp_path, content, mapping=None):
     (tmp_path / "c.toml").write_bytes(mapping or b"")
     try:
         log = read_log(tmp_path / "log.csv", JOINTS, BODIES, tmp_path / "c.toml", weight=500.0)
-    except ValueError as error:
+    except LogError as error:
         assert str(tmp_path) in str(error)
         return
     assert isinstance(log, Log)
@@ -401,7 +402,7 @@ def test_any_archive_is_read_or_refused(tmp_path, place, byte):
     (tmp_path / "log.npz").write_bytes(content)
     try:
         assert isinstance(read_log(tmp_path / "log.npz", JOINTS), Log)
-    except ValueError as error:
+    except LogError as error:
         assert "log.npz" in str(error)
 
 
@@ -422,13 +423,13 @@ def test_a_person_bowing(tmp_path):
 def test_the_largest_time_and_the_largest_number(tmp_path, sign):
     """No clock shows more than 1e12 s, and no channel more than 1e8 of its SI unit, whatever unit it is in."""
     read(tmp_path, retimed(9e11 * sign + 10 * T), 'time = { column = "time", unit = "s" }')
-    with pytest.raises(ValueError, match=r"row 2, column 'time' needs numbers below 1e\+12"):
+    with pytest.raises(LogError, match=r"row 2, column 'time' needs numbers below 1e\+12"):
         read(tmp_path, retimed(1.1e12 * sign + 10 * T), 'time = { column = "time", unit = "s" }')
     kilo = '[wrenches.ground]\nforce = ["", "", "ground_fz"]\nunit = "kN"'
     for mapping, limit in ((None, 1e8), (kilo, 1e5)):
         force = text(PLAIN | {"ground_fz": 0.9 * sign * limit + T})
         np.testing.assert_allclose(read(tmp_path, force, mapping).wrenches[GROUND].values[0, 2], 0.9e8 * sign)
-        with pytest.raises(ValueError, match=r"row 2, column 'ground_fz' needs numbers below"):
+        with pytest.raises(LogError, match=r"row 2, column 'ground_fz' needs numbers below"):
             read(tmp_path, text(PLAIN | {"ground_fz": 1.1 * sign * limit + T}), mapping)
 
 
@@ -436,6 +437,6 @@ def test_positions_in_degrees_with_rates_in_radians_are_refused(tmp_path):
     time = np.arange(400) / 100
     columns = {"time": time, "ankle": np.sin(time), "dq_ankle": np.cos(time)}
     swing = {"hip": np.rad2deg(0.1 * np.sin(time)), "dq_hip": 0.1 * np.cos(time)}
-    with pytest.raises(ValueError, match=r"velocity of joint 'hip' is 0\.0175 times the derivative of its position"):
+    with pytest.raises(LogError, match=r"velocity of joint 'hip' is 0\.0175 times the derivative of its position"):
         read(tmp_path, text(columns | swing))
     assert read(tmp_path, text(columns | swing), slides=("hip",)).dq is not None

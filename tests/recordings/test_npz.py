@@ -14,6 +14,7 @@ from commands import refusal
 import scenes
 from experiments import identify, stream
 from experiments.runs.checkpoint import Checkpoint
+from ident.errors import InputError
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 
@@ -77,7 +78,7 @@ READERS = {
 def test_whatever_is_wrong_with_a_member_is_one_sentence(tmp_path, read):
     for what, (content, compression) in EVIL.items():
         path = archive(tmp_path / "evil.npz", content, compression)
-        with pytest.raises(ValueError, match=r"evil\.npz") as raised:
+        with pytest.raises(InputError, match=r"evil\.npz") as raised:
             read(path)
         assert "\n" not in str(raised.value) and len(str(raised.value)) < 500, what
 
@@ -95,7 +96,7 @@ def test_a_small_file_is_not_unpacked_to_a_large_one(tmp_path, stated):
     for name, read in READERS.items():
         tracemalloc.start()
         try:
-            with pytest.raises(ValueError, match=r"bomb\.npz"):
+            with pytest.raises(InputError, match=r"bomb\.npz"):
                 read(path)
             assert tracemalloc.get_traced_memory()[1] < 2_000_000, name
         finally:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from ident.errors import InputError, LogError
 from ident.recordings.recording import Recording
 
 RNG = np.random.default_rng(0)
@@ -55,12 +56,12 @@ def test_channels_by_role():
 
 def test_noise_free_swaps_the_truth_in():
     np.testing.assert_array_equal(RECORDING.noise_free["imu"], CHANNELS["imu"] + 1)
-    with pytest.raises(ValueError, match="no true values"):
+    with pytest.raises(LogError, match="no true values"):
         _ = Recording(RECORDING.time, CHANNELS).noise_free
 
 
 def test_missing_channels_are_named_with_those_there_are():
-    with pytest.raises(ValueError, match="'knee_position'; it has arm_orientation, arm_position"):
+    with pytest.raises(LogError, match="'knee_position'; it has arm_orientation, arm_position"):
         RECORDING.joint_states(["knee"])
 
 
@@ -80,12 +81,12 @@ def test_recordings_are_frozen():
     ],
 )
 def test_bad_channels_are_refused(time, channels, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(LogError, match=message):
         Recording(time, channels)
 
 
 def test_truth_needs_the_same_channels():
-    with pytest.raises(ValueError, match="same channels"):
+    with pytest.raises(LogError, match="same channels"):
         Recording([0.0], {"a": [1.0]}, {"b": [1.0]})
 
 
@@ -104,6 +105,7 @@ def test_truth_needs_the_same_channels():
         ("# foo: {}\ntime\n0\n", "units, noise, provenance, each a JSON object; not 'foo'"),
         ("# units: 5\ntime\n0\n", "each a JSON object; not 'units'"),
         ("# units: {oops\ntime\n0\n", "row 1 needs '# units', noise or provenance in JSON"),
+        (f"# noise: {'1' * 5000}\ntime\n0\n", "row 1 needs '# units', noise or provenance in JSON"),
         ("time,a\n0,1\n\n1,2\n", "row 3 is blank"),
         ("time,a\n0,1\n  \n1,2\n", "row 3 has 1 cells where the header has 2"),
         ("time,a\n0,1\n1,2,\n", "row 3 has 3 cells where the header has 2"),
@@ -112,16 +114,16 @@ def test_truth_needs_the_same_channels():
 )
 def test_bad_files_name_the_place(tmp_path, text, message):
     (tmp_path / "bad.csv").write_text(text)
-    with pytest.raises(ValueError, match=f"bad.csv.*{message}"):
+    with pytest.raises(LogError, match=f"bad.csv.*{message}"):
         Recording.load(tmp_path / "bad.csv")
 
 
 def test_files_that_are_no_recordings(tmp_path):
     (tmp_path / "r.npz").write_text("not a zip")
     for name in ("r.npz", "missing.csv", "r.mat"):
-        with pytest.raises(ValueError, match=name):
+        with pytest.raises(LogError, match=name):
             Recording.load(tmp_path / name)
-    with pytest.raises(ValueError, match=r"as .npz or .csv, got 'r.mat'"):
+    with pytest.raises(InputError, match=r"as .npz or .csv, got 'r.mat'"):
         RECORDING.save(tmp_path / "r.mat")
 
 
@@ -148,19 +150,19 @@ def test_components_are_read_by_name(tmp_path):
 
 @pytest.mark.parametrize("name", ["time", "a,b", "a.b", "true:a", "#a", " a", "a\n", ""])
 def test_names_that_a_file_could_not_hold_are_refused(name):
-    with pytest.raises(ValueError, match="name cannot be"):
+    with pytest.raises(LogError, match="name cannot be"):
         Recording([0.0], {name: [1.0]})
 
 
 @pytest.mark.parametrize("level", [-1.0, np.nan, np.inf, "loud", None])
 def test_noise_levels_must_be_levels(level):
-    with pytest.raises(ValueError, match="noise of channel 'a' needs a standard deviation"):
+    with pytest.raises(LogError, match="noise of channel 'a' needs a standard deviation"):
         Recording([0.0], {"a": [1.0]}, noise={"a": level})
 
 
 def test_text_that_is_not_in_utf_8_is_refused(tmp_path):
     (tmp_path / "r.csv").write_bytes("time,Kraft_°\n0,1\n".encode("latin-1"))
-    with pytest.raises(ValueError, match=r"r\.csv: the file needs to be text in UTF-8, a byte 0xb0 is not"):
+    with pytest.raises(LogError, match=r"r\.csv: the file needs to be text in UTF-8, a byte 0xb0 is not"):
         Recording.load(tmp_path / "r.csv")
 
 
@@ -184,5 +186,5 @@ def test_a_cell_is_the_number_that_python_reads(tmp_path, odd):
 def test_a_truncated_file_is_one_sentence(tmp_path):
     RECORDING.save(tmp_path / "r.npz")
     (tmp_path / "r.npz").write_bytes((tmp_path / "r.npz").read_bytes()[:-200])
-    with pytest.raises(ValueError, match=r"r\.npz"):
+    with pytest.raises(LogError, match=r"r\.npz"):
         Recording.load(tmp_path / "r.npz")

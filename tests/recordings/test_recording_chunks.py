@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ident.errors import InputError, LogError
 from ident.recordings.recording import Recording
 
 METADATA = {"units": {"a": "rad"}, "noise": {"a": 0.1}, "provenance": {"seed": 3, "nested": [1, None]}}
@@ -74,7 +75,7 @@ def test_arrays_in_fortran_order_are_saved_in_the_other_and_read_whole(tmp_path)
     x = np.asfortranarray(np.arange(12.0).reshape(4, 3))
     path = archive(tmp_path / "r.npz", time=np.arange(4.0), measured__a=x)
     np.testing.assert_array_equal(Recording.load(path)["a"], x)
-    with pytest.raises(ValueError, match=r"r\.npz: member 'measured/a' .*Fortran order is not read in pieces"):
+    with pytest.raises(LogError, match=r"r\.npz: member 'measured/a' .*Fortran order is not read in pieces"):
         next(Recording.chunks(path, 3))
     Recording.load(path).save(path)
     np.testing.assert_array_equal(channels(Recording.chunks(path, 3))["a"], x)
@@ -104,7 +105,7 @@ np.lib.format.write_array(NPY, np.arange(5.0))
 def test_a_member_that_is_no_channel_is_named(tmp_path, member, message):
     path = archive(tmp_path / "r.npz", time=np.arange(5.0), measured__b=np.ones(5), measured__a=member)
     for read in (Recording.load, lambda path: next(Recording.chunks(path, 2))):
-        with pytest.raises(ValueError, match=rf"r\.npz: member 'measured/a' cannot be read \(.*({message})"):
+        with pytest.raises(LogError, match=rf"r\.npz: member 'measured/a' cannot be read \(.*({message})"):
             read(path)
 
 
@@ -117,12 +118,12 @@ def test_a_member_that_is_no_channel_is_named(tmp_path, member, message):
     ],
 )
 def test_metadata_that_are_none_are_refused(tmp_path, metadata, message):
-    with pytest.raises(ValueError, match=rf"r\.npz: .*{message}"):
+    with pytest.raises(LogError, match=rf"r\.npz: .*{message}"):
         Recording.load(archive(tmp_path / "r.npz", metadata, time=np.arange(5.0)))
 
 
 def test_an_archive_without_times_is_none_of_ours(tmp_path):
-    with pytest.raises(ValueError, match=r"r\.npz: a recording needs a member 'time'; it has metadata, measured/a\."):
+    with pytest.raises(LogError, match=r"r\.npz: a recording needs a member 'time'; it has metadata, measured/a\."):
         Recording.load(archive(tmp_path / "r.npz", measured__a=np.ones(5)))
 
 
@@ -132,13 +133,13 @@ def test_wherever_a_file_ends_early_or_a_byte_is_wrong_it_is_one_sentence_or_har
     data, expected = path.read_bytes(), {name: x.tobytes() for name, x in channels([original]).items()}
     for k in range(0, len(data), 29):
         path.write_bytes(data[:k])
-        with pytest.raises(ValueError, match=r"r\.npz: ") as raised:
+        with pytest.raises(LogError, match=r"r\.npz: ") as raised:
             list(Recording.chunks(path, 6))
         assert "\n" not in str(raised.value)
         path.write_bytes(data[:k] + bytes([data[k] ^ 4]) + data[k + 1 :])
         try:
             read = channels(Recording.chunks(path, 6))
-        except ValueError as error:
+        except LogError as error:
             assert str(path) in str(error)
         else:
             # A member whose name has become another one is a stranger's, which may be there.
@@ -162,7 +163,7 @@ def test_a_late_fault_is_found_when_its_piece_is_due(tmp_path, row, message, sam
     pieces = Recording.chunks(tmp_path / "r.csv", samples)
     for _ in range(9 // samples):
         next(pieces)
-    with pytest.raises(ValueError, match=rf"r\.csv: {message}"):
+    with pytest.raises(LogError, match=rf"r\.csv: {message}"):
         next(pieces)
 
 
@@ -170,18 +171,18 @@ def test_a_late_fault_is_found_when_its_piece_is_due(tmp_path, row, message, sam
 def test_late_faults_of_an_archive_name_the_sample(tmp_path, samples):
     x = np.arange(10.0)
     path = archive(tmp_path / "r.npz", time=x, measured__a=np.where(x == 7, np.nan, x))
-    with pytest.raises(ValueError, match=r"r\.npz: Channel 'a' needs finite numbers; sample 7 is nan"):
+    with pytest.raises(LogError, match=r"r\.npz: Channel 'a' needs finite numbers; sample 7 is nan"):
         list(Recording.chunks(path, samples))
     path = archive(tmp_path / "r.npz", time=np.where(x == 8, 7, x), measured__a=x)
-    with pytest.raises(ValueError, match=r"r\.npz: Recorded times must increase; sample 8 does not"):
+    with pytest.raises(LogError, match=r"r\.npz: Recorded times must increase; sample 8 does not"):
         list(Recording.chunks(path, samples))
 
 
 def test_pieces_need_a_file_and_samples(tmp_path):
-    with pytest.raises(ValueError, match=r"that exists, got 'missing\.csv'"):
+    with pytest.raises(LogError, match=r"that exists, got 'missing\.csv'"):
         next(Recording.chunks("missing.csv"))
     (tmp_path / "r.csv").write_text("time\n0\n")
-    with pytest.raises(ValueError, match="needs at least one sample, got 0"):
+    with pytest.raises(InputError, match="needs at least one sample, got 0"):
         next(Recording.chunks(tmp_path / "r.csv", 0))
 
 

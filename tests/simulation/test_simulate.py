@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import scenes
+from ident.errors import ModelError
 from ident.model.regressor import base_wrench_regressor
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -98,7 +99,7 @@ def test_noise_can_be_drawn_again_around_the_same_truth(recording):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"samples": 0}, "at least one sample, got 0"),
+        ({"samples": 0}, "needs 1 to 1000000 samples, got 0"),
         ({"noise_scale": -1}, "from 0 to 1000, got -1"),
         ({"noise_scale": np.nan}, "from 0 to 1000, got nan"),
     ],
@@ -112,6 +113,13 @@ def test_a_timestep_must_divide_the_sampling_interval():
     spec = scenes.load("double_pendulum")
     spec.option.timestep = 0.003
     with pytest.raises(ValueError, match=r"0.003 s must divide 0.01 s"):
+        simulate(spec, DOUBLE_PENDULUM, samples=1)
+
+
+def test_a_scene_that_does_not_compile_is_refused_in_one_line():
+    spec = scenes.load("double_pendulum")
+    spec.worldbody.add_body(name="loose").add_joint()
+    with pytest.raises(ModelError, match=r"^The scene: .*mass and inertia of moving bodies.*loose.*$"):
         simulate(spec, DOUBLE_PENDULUM, samples=1)
 
 

@@ -8,6 +8,7 @@ from commands import refusal
 
 from experiments import excite
 from experiments.studies import excitation
+from ident.errors import ModelError
 from ident.recordings.recording import Recording
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -153,6 +154,15 @@ def test_a_pedestal_is_a_parent_like_any_other():
     assert not Collisions(model, [0, 1], 0.005).touching(np.zeros((1, 2)))
 
 
+def test_too_little_memory_for_collisions_is_the_models_fault():
+    ball = '<body name="b{0}"><joint/><geom size="1"/></body>'
+    bodies = "".join(map(ball.format, range(40)))
+    text = f'<mujoco><size memory="20K"/><worldbody>{bodies}</worldbody></mujoco>'
+    collisions = Collisions(mujoco.MjModel.from_xml_string(text), range(40), 0.01)
+    with pytest.raises(ModelError, match=r"The model: .*out of memory"):
+        collisions.depth(np.zeros((2, 40)))
+
+
 def test_a_motion_around_collisions_is_found(arm):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = arm_problem(model)
@@ -206,14 +216,16 @@ ALONE = '<mujoco><worldbody><body name="a">{}<geom size="0.1" mass="1"/></body><
     [
         ("arm", ["--joints", "elbow"], "Joint 'elbow' does not exist; the joints to choose from are lift, fold."),
         ("arm", ["--seconds", "0.1"], "5 harmonics at 100 Hz need 0.5 s to 10000 s"),
-        ("arm", ["--seconds", "1e9"], "got 1e+09 s"),
-        ("arm", ["--seconds", "-1"], "needs a positive number, got '-1'"),
-        ("arm", ["--velocity", "fast"], "needs a positive number, got 'fast'"),
-        ("arm", ["--acceleration", "nan"], "needs a positive number, got 'nan'"),
+        ("arm", ["--seconds", "1e7"], "got 1e+07 s"),
+        ("arm", ["--seconds", "-1"], "needs a positive number, 1e-08 or more, got '-1'"),
+        ("arm", ["--velocity", "fast"], "needs a number within ±1e+08, got 'fast'"),
+        ("arm", ["--velocity", "1e-300"], "needs a positive number, 1e-08 or more, got '1e-300'"),
+        ("arm", ["--position", "0", "inf"], "needs a number within ±1e+08, got 'inf'"),
+        ("arm", ["--acceleration", "nan"], "needs a number within ±1e+08, got 'nan'"),
         ("arm", ["--harmonics", "1"], "needs a whole number of 2 to 100, got '1'"),
         ("arm", ["--position", "1", "-1"], "a lower limit below the upper one, got 1 to -1 rad"),
         ("arm", ["--position", "4", "5"], "where the model allows -2.96706 to 2.96706"),
-        ("arm", ["--position", "nan", "1"], "a lower limit below the upper one"),
+        ("arm", ["--position", "nan", "1"], "needs a number within ±1e+08"),
         ("arm", ["--base", "pelvis"], "no body named 'pelvis'"),
         ("arm", ["--criterion", "beauty"], "invalid choice: 'beauty'"),
         ("nowhere.xml", [], "an MJCF or URDF file that exists, got 'nowhere.xml'"),
@@ -247,7 +259,9 @@ def test_the_force_on_a_slide_sees_only_mass():
 
 
 def test_bad_limits_are_refused():
-    with pytest.raises(ValueError, match=r"a lower one below an upper one, got \[1.0\] and \[0.0\]"):
+    with pytest.raises(
+        ValueError, match=r"a lower one below an upper one, both within ±1e\+08, got \[1.0\] and \[0.0\]"
+    ):
         Limits([1.0], [0.0], [1.0], [1.0])
-    with pytest.raises(ValueError, match=r"velocity need to be positive and finite, got \[0.0\]"):
+    with pytest.raises(ValueError, match=r"velocity need to be positive and below 1e\+08, got \[0.0\]"):
         Limits([0.0], [1.0], [0.0], [1.0])

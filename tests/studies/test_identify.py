@@ -327,6 +327,18 @@ def test_bad_input_gets_one_sentence(tmp_path, capsys, arguments, message):
     assert not list((tmp_path / "out").rglob("*.json"))
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_a_name_that_is_no_text_is_written_as_escapes(tmp_path):
+    log, other = tmp_path / "log.csv", tmp_path / os.fsdecode(b"a\xff.csv")
+    for path in (log, other):
+        recording().save(path)
+    arguments = [str(PENDULUM), str(log), "--base", "base", "--held-out", str(other), "--no-axes"]
+    assert identify.main([*arguments, "--out", str(tmp_path), "--name", "r"]) == 0
+    origin = json.loads((tmp_path / "r" / "provenance.json").read_text(encoding="utf-8"))
+    assert origin["options"]["held_out"] == str(other)
+    assert r"a\udcff.csv" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+
+
 def test_the_users_files_are_not_touched(tmp_path, capsys):
     model, log = tmp_path / "model.xml", tmp_path / "log.csv"
     model.write_bytes(PENDULUM.read_bytes())

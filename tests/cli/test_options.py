@@ -1,0 +1,65 @@
+import argparse
+import re
+import subprocess
+import sys
+import traceback
+
+import numpy as np
+import pytest
+from commands import refusal
+
+from experiments import mechanism
+from experiments.cli import options
+from experiments.output.report import version
+from ident.errors import ExcitationError, InputError, LogError, ModelError
+
+COMMAND = "python -m experiments.mechanism"
+ASKED = "please report it in the project's issue tracker"
+
+
+def main_of(monkeypatch, error):
+    def study(*_):
+        raise error
+
+    monkeypatch.setattr(mechanism, "run", study)
+    return mechanism.main
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        *(kind("the sentence") for kind in (InputError, ModelError, LogError, ExcitationError)),
+        OSError("the sentence"),
+        MemoryError("the sentence"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_what_users_do_wrong_is_one_sentence(monkeypatch, capsys, error):
+    said = refusal(main_of(monkeypatch, error), [], capsys)
+    assert said == f"{COMMAND}: error: the sentence\n"
+
+
+@pytest.mark.parametrize("error", [ValueError("of numpy"), np.linalg.LinAlgError("of LAPACK"), KeyError("of ours")])
+def test_any_other_error_asks_to_be_reported_below_its_traceback(monkeypatch, error):
+    with pytest.raises(type(error)) as raised:
+        main_of(monkeypatch, error)(["--out", "a folder"])
+    *calls, message, request = traceback.format_exception(raised.value)
+    assert calls[0].startswith("Traceback") and re.search("of (numpy|LAPACK|ours)", message)
+    assert ASKED in request and request.count("\n") == 1
+    assert f"version {version('multicontact')} and the command: {COMMAND} --out 'a folder'\n" in request
+
+
+def test_such_an_error_ends_the_command_with_1():
+    script = "import sys; from experiments import mechanism as m; m.run = lambda args: float('x'); sys.exit(m.main())"
+    ended = subprocess.run([sys.executable, "-c", script, "--out", "x"], capture_output=True, text=True)
+    assert ended.returncode == 1
+    *_, message, request = ended.stderr.splitlines()
+    assert message == "ValueError: could not convert string to float: 'x'"
+    assert ASKED in request and request.endswith(f"{COMMAND} --out x")
+
+
+def test_an_option_that_is_no_number_is_named():
+    with pytest.raises(InputError, match="--fix takes a joint and where it stands, got knee high"):
+        options.fixed([["knee", "high"]])
+    with pytest.raises(argparse.ArgumentTypeError, match="needs a whole number of at least 1, got 'x'"):
+        options.whole_number(1)("x")
