@@ -2,22 +2,24 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from experiments.cli import options
-from experiments.output import identify_report, report
-from experiments.studies.identification import HOLDOUT, identify_log
-from experiments.studies.preparation import DRIVE, prepare
+from experiments.cli.defaults import DRIVE, HOLDOUT
 from ident.errors import InputError
 
 
 def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
+    from experiments.output import identify_report, report
+    from experiments.studies.identification import identify_log
+    from experiments.studies.preparation import prepare
+
     out = _folder(args)
     known = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     known |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
-    known |= {"limit": 1_000_000 * args.max_size}
+    known |= {"limit": options.size_limit(args)}
     prepared = prepare(args.model, args.log, **known)
     other = None if args.held_out is None else prepare(args.model, args.held_out, **known)
     result = identify_log(
@@ -86,10 +88,7 @@ def _fraction(text: str) -> float:
     return value
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
+main = partial(options.run, run, parser)
 
 if __name__ == "__main__":
     sys.exit(main())

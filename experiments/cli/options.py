@@ -12,26 +12,32 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from experiments.output.figures import FORMATS
-from experiments.studies.trials import REDRAWN
+from experiments.cli.defaults import FORMATS, REDRAWN
+from experiments.studies import paper
 from ident.errors import InputError
-from ident.recordings.npz import LIMIT
-from sim.models.notes import ModelNote
-from sim.simulation.simulate import SAMPLES
+
+
+class _Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Help with the defaults that there are."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return action.help if action.default in (None, []) else super()._get_help_string(action)
+
+
+def plain_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser of a command.
+
+    Args:
+        name: Name of the command, `python -m experiments.NAME`.
+        description: What it does, for `--help`.
+    """
+    prog = f"python -m experiments.{name}".rstrip(".")
+    return argparse.ArgumentParser(prog=prog, description=description, formatter_class=_Help)
 
 
 def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of everything that writes results.
-
-    Args:
-        name: Name of the study, `python -m experiments.NAME`.
-        description: What it does, for `--help`.
-    """
-    parser = argparse.ArgumentParser(
-        prog=f"python -m experiments.{name}".rstrip("."),
-        description=description,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
+    """Parser of everything that writes results; arguments as for `plain_parser`."""
+    parser = plain_parser(name, description)
     parser.add_argument("--out", type=Path, default=Path("results") / name, help="folder for the results")
     return parser
 
@@ -48,7 +54,7 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     parser = output_parser(name, description)
     parser.add_argument("--seed", type=whole_number(0), default=0, help="seed of all noise")
     parser.add_argument(
-        "--samples", type=whole_number(1, 1_000_000), default=SAMPLES, help="samples recorded at 100 Hz"
+        "--samples", type=whole_number(1, 1_000_000), default=paper.SAMPLES, help="samples recorded at 100 Hz"
     )
     parser.add_argument(
         "--noise-scale", type=float, default=1.0, help="factor on the scene's and the excitation's noise"
@@ -118,24 +124,33 @@ def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
 
 
 def add_max_size(parser: argparse.ArgumentParser) -> None:
-    """Adds the option of what reads npz files."""
+    """Adds the option of what reads npz files, which `size_limit` gives in bytes."""
     parser.add_argument(
         "--max-size",
         type=whole_number(1, 1_000_000),
-        default=LIMIT // 1_000_000,
         metavar="MB",
-        help="memory that an npz file may take at once; a small one can unpack to more than there is",
+        help="memory that an npz file may take at once, by default that of a million samples of sixty channels; a "
+        "small one can unpack to more than there is",
     )
 
 
+def size_limit(args: argparse.Namespace) -> int:
+    """Bytes that an npz file may take in memory."""
+    from ident.recordings.npz import LIMIT
+
+    return LIMIT if args.max_size is None else 1_000_000 * args.max_size
+
+
 def run(
-    study: Callable[[argparse.Namespace], None], parser: argparse.ArgumentParser, argv: Sequence[str] | None
+    study: Callable[[argparse.Namespace], None],
+    make_parser: Callable[[], argparse.ArgumentParser],
+    argv: Sequence[str] | None = None,
 ) -> int:
     """Runs a study and turns bad input into one sentence.
 
     Args:
         study: The study, given the parsed options.
-        parser: Its parser.
+        make_parser: Makes its parser.
         argv: Arguments, by default the command line's.
 
     Returns:
@@ -144,6 +159,7 @@ def run(
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    parser = make_parser()
     options = parser.parse_args(argv)
     with _interruptible_once(), _notes_printed_once():
         try:
@@ -171,6 +187,8 @@ def extra(name: str) -> Iterator[None]:
 @contextmanager
 def _notes_printed_once() -> Iterator[None]:
     """Prints remarks on models, which are read several times, as a line each."""
+    from sim.models.notes import ModelNote
+
     printed: set[str] = set()
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelNote)

@@ -1,8 +1,7 @@
-"""Section VII: identification with a contact at the end of the second link, or several (Table IV, Figures 4 and 5)."""
+"""What Section VII shows of contacts: Table IV, Figures 4 and 5, key numbers, and the text for the terminal."""
 
 import argparse
-import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import scenes
-from experiments.cli import options
 from experiments.output import figures, report
 from experiments.studies import monte_carlo, paper
 from experiments.studies.contacts import SCENE, Study, problem, study, total, trial
@@ -213,25 +211,3 @@ def run(args: argparse.Namespace) -> None:
     )
     writing = partial(write, result, formats=args.formats)
     monte_carlo.conclude(args, choices, result.recording, plan, writing, report_text(result))
-
-
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.study_parser("multicontact", __doc__)
-    out.add_argument(
-        "--contact",
-        nargs="+",
-        choices=scenes.CONTACTS,
-        default=["pad"],
-        help="what touches the second link; of both at the same time the pad does, and the handle holds the first",
-    )
-    return out
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,18 +1,13 @@
-"""Writes the generated parts of README.md: `python -m experiments.readme`, from the root of a checkout."""
+"""The generated parts of README.md: tables of both studies, a figure, and the benchmark."""
 
-import argparse
 import json
 import re
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments import misaligned, multicontact
-from experiments.benchmark import command, words
+from experiments.benchmark import sections, words
 from experiments.benchmark.figure import figure_benchmark
-from experiments.cli import options
-from experiments.output import figures, report
+from experiments.output import contacts_report, figures, report, tilted_axes_report
 from experiments.studies import contacts, tilted_axes
 from ident.errors import InputError
 from ident.recordings.atomic import replacing
@@ -20,7 +15,7 @@ from ident.recordings.atomic import replacing
 
 def table_3(result: tilted_axes.Study) -> report.Table:
     """Table III with our errors beside the paper's."""
-    rows = misaligned.table_3(result).rows
+    rows = tilted_axes_report.table_3(result).rows
     name, _, simplified, paper_simplified, _, full, paper_full = zip(*rows, strict=True)
     columns = {
         "parameter": name,
@@ -36,7 +31,7 @@ def table_wrench_errors(result: tilted_axes.Study) -> report.Table:
     """Errors of the recovered wrenches by channel, in brackets over what there is to recover."""
     rows = []
     for (channel, found), (_, unit) in zip(
-        misaligned.summary(result)["wrench_errors"].items(), figures.COMPONENTS, strict=True
+        tilted_axes_report.summary(result)["wrench_errors"].items(), figures.COMPONENTS, strict=True
     ):
         shown = (f"{found[f'rms_{m}']:.2f} ({100 * found[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
         rows.append((f"{channel}, {unit}", found["true_std"], *shown))
@@ -46,7 +41,7 @@ def table_wrench_errors(result: tilted_axes.Study) -> report.Table:
 
 def table_4(result: contacts.Study) -> report.Table:
     """Table IV with our errors beside the paper's."""
-    name, true_paper, true_scene, error, paper_error = zip(*multicontact.table_4(result).rows, strict=True)
+    name, true_paper, true_scene, error, paper_error = zip(*contacts_report.table_4(result).rows, strict=True)
     columns = {
         "parameter": name,
         "true, paper": true_paper,
@@ -54,9 +49,9 @@ def table_4(result: contacts.Study) -> report.Table:
         "error, paper": paper_error,
         "error, ours": error,
     }
-    footnote = multicontact.FOOTNOTE
+    footnote = contacts_report.FOOTNOTE
     rows = report.columns(**columns)
-    return report.Table("", *rows, decimals=2, marked=multicontact.DIFFERS, footnote=footnote)
+    return report.Table("", *rows, decimals=2, marked=contacts_report.DIFFERS, footnote=footnote)
 
 
 def benchmark_results(root: Path) -> dict[str, Any]:
@@ -65,7 +60,7 @@ def benchmark_results(root: Path) -> dict[str, Any]:
     Raises:
         InputError: That one was made with `--quick`, or of a checkout with changes that nobody has committed.
     """
-    made, shown = root / "results" / "benchmark" / command.FILE, root / "docs" / command.FILE
+    made, shown = root / "results" / "benchmark" / sections.FILE, root / "docs" / sections.FILE
     results = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
     if results["provenance"]["options"]["quick"]:
         raise InputError(f"README shows a whole benchmark, but '{made}' is of a quick one: run it without --quick.")
@@ -84,31 +79,20 @@ def with_block(text: str, name: str, content: str) -> str:
     return pattern.sub(lambda match: f"{match[1]}{content}{match[2]}", text)
 
 
-def run(args: argparse.Namespace) -> None:
+def write(root: Path) -> None:
     """Writes README.md, its figures and the record of its benchmark anew."""
-    readme, figure = args.root / "README.md", args.root / "docs"
+    readme, figure = root / "README.md", root / "docs"
     if not (readme.is_file() and figure.is_dir()):
-        raise InputError(f"The root of a checkout has a README.md and a folder docs; '{args.root}' has not.")
-    measured = benchmark_results(args.root)
+        raise InputError(f"The root of a checkout has a README.md and a folder docs; '{root}' has not.")
+    measured = benchmark_results(root)
     tilted, touching = tilted_axes.study(), contacts.study()
     text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted).markdown())
     text = with_block(text, "wrench errors", table_wrench_errors(tilted).markdown())
     text = with_block(text, "table 4", table_4(touching).markdown())
     text = with_block(text, "benchmark", words.readme_block(measured))
     with report.results_folder(figure) as folder:
-        figures.save(misaligned.figure_2(tilted), folder, "figure_2", ["png"])
+        figures.save(tilted_axes_report.figure_2(tilted), folder, "figure_2", ["png"])
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
-        report.write_json(folder / command.FILE, measured)
+        report.write_json(folder / sections.FILE, measured)
     with replacing(readme) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.readme", description=__doc__)
-    parser.add_argument("--root", type=Path, default=Path(), help="root of the checkout")
-    return options.run(run, parser, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,8 +1,7 @@
-"""Section VI: what a 5° tilt of the joint axes does to a model that neglects it (Table III, Figures 2 and 3)."""
+"""What Section VI shows of tilted axes: Table III, Figures 2 and 3, key numbers, and the text for the terminal."""
 
 import argparse
-import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,11 +10,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.cli import options
 from experiments.output import figures, report
 from experiments.studies import monte_carlo, paper
 from experiments.studies.fitting import Fit
-from experiments.studies.tilted_axes import AZIMUTH_DEG, SCENE, Study, problem, study, trial
+from experiments.studies.tilted_axes import SCENE, Study, problem, study, trial
 from ident.mechanism.axes import angle
 
 TRUE_LINE = figures.Line("black", width=1.6)
@@ -208,20 +206,3 @@ def run(args: argparse.Namespace) -> None:
     )
     writing = partial(write, result, formats=args.formats)
     monte_carlo.conclude(args, choices, result.recording, plan, writing, report_text(result))
-
-
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.study_parser("misaligned", __doc__)
-    out.add_argument("--tilt-deg", type=float, default=paper.TILT_DEG, help="angle of both joint axes from X")
-    out.add_argument("--azimuth-deg", type=float, default=AZIMUTH_DEG, help="direction of the tilt, from +Y to +Z")
-    return out
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

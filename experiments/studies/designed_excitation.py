@@ -1,11 +1,6 @@
-"""Designs the joint motion that tells most about a mechanism's base parameters, within limits and without collisions.
-
-The motion is a finite Fourier series for every joint, which starts and ends at rest. For the double pendulum the limits
-are those of the paper's excitation, which is also what the design is compared with.
-"""
+"""A motion designed for a model or a scene, from its limits to its files."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,10 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import scenes
-from experiments.cli import options
+from experiments.cli.defaults import ACCELERATION, SECONDS, VELOCITY
 from experiments.output import figures, report
 from experiments.output.excite_report import Motion, figure, recording, table_limits, table_quality
-from experiments.studies import excitation
+from experiments.studies import excitation, paper
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
 from sim.models.joints import Joint
@@ -25,18 +20,14 @@ from sim.models.mujoco_model import compiled
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits
-from sim.motion.fourier import FEWEST, FourierTrajectory
-from sim.simulation.simulate import RATE, SAMPLES
+from sim.motion.fourier import FourierTrajectory
+from sim.simulation.simulate import RATE
 
 PAPER = "double_pendulum"
 """Scene whose excitation the paper's is compared with."""
 
 BASES = {"double_pendulum": "base", "humanoid": "pelvis"}
 """Body whose frame is {0} in the scenes."""
-
-SECONDS, VELOCITY, ACCELERATION = 10.0, 1.0, 3.0
-"""Duration in s, and limits in rad/s and rad/s² (m/s and m/s² of slides), where nobody gives others: modest ones,
-because models do not know them."""
 
 PER_PERIOD = 10
 """Samples that a period of the fastest harmonic needs at least."""
@@ -111,7 +102,7 @@ def run(args: argparse.Namespace) -> None:
         model, base, args.joints, sensors=args.sensors, noise=(args.noise[0], args.noise[1]), ignore=args.ignore
     )
     published = args.model == PAPER and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
-    duration = (SAMPLES - 1) / RATE if published else SECONDS
+    duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
     time = sample_times(duration if args.seconds is None else args.seconds, args.harmonics)
     reference = paper_motion(time) if published else None
     limits = joint_limits(args, problem, reference)
@@ -200,61 +191,3 @@ def _checked(collisions: Collisions | None) -> str:
     if pairs == 0:
         return "not checked, because the model has no geoms that could collide with one another"
     return f"none; of {pairs} pairs of geoms none comes closer than {collisions.clearance:g} m"
-
-
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("excite", __doc__)
-    out.add_argument("model", help=f"an MJCF or URDF file, or a scene: {', '.join(scenes.NAMES)}")
-    out.add_argument("--seconds", type=_positive, help=f"duration; {SECONDS:g} or the paper's if not given")
-    out.add_argument("--joints", nargs="+", help="hinge and slide joints to move; all if not given, the others rest")
-    out.add_argument("--base", help="body whose frame is {0}; the scene's or the world's if not given")
-    out.add_argument(
-        "--position", nargs=2, type=float, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
-    )
-    limits = "for every joint; {:g} or the peak of the paper's if not given"
-    out.add_argument("--velocity", type=_positive, help=f"largest, rad/s or m/s, {limits.format(VELOCITY)}")
-    out.add_argument("--acceleration", type=_positive, help=f"largest, rad/s² or m/s², {limits.format(ACCELERATION)}")
-    out.add_argument(
-        "--criterion",
-        choices=excitation.CRITERIA,
-        default="condition",
-        help="; ".join(f"{key}, {what}" for key, what in excitation.CRITERIA.items()),
-    )
-    out.add_argument("--sensors", choices=excitation.SENSORS, default="wrench", help="what the regressor explains")
-    out.add_argument(
-        "--noise",
-        nargs=2,
-        type=_positive,
-        default=[0.5, 0.05],
-        metavar=("N", "NM"),
-        help="sensors' standard deviations",
-    )
-    out.add_argument("--harmonics", type=options.whole_number(FEWEST, 100), default=5, help="terms of the series")
-    out.add_argument("--starts", type=options.whole_number(1, 10_000), default=8, help="motions to begin from")
-    out.add_argument("--iterations", type=options.whole_number(1, 100_000), default=100, help="at most, each start")
-    out.add_argument("--seed", type=options.whole_number(0), default=0, help="seed of the starts")
-    out.add_argument("--collisions", choices=("avoid", "ignore"), default="avoid", help="what to do about them")
-    out.add_argument("--clearance", type=_positive, default=0.005, help="distance in m that counts as a collision")
-    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
-    return out
-
-
-def _positive(text: str) -> float:
-    """Type of an option: a positive number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not 0 < value < np.inf:
-        raise argparse.ArgumentTypeError(f"needs a positive number, got '{text}'")
-    return value
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,6 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from experiments.cli.defaults import HOLDOUT
 from experiments.studies.preparation import COMPONENTS, Prepared
 from ident.errors import ExcitationError, InputError
 from ident.estimation.robust import RobustFit, independent, robust_fit
@@ -16,9 +17,6 @@ from ident.judgement.misalignment import Misalignment, estimate_misalignment
 from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.log import GROUND, Wrench
-
-HOLDOUT = 0.4
-"""Fraction of a recording, its end, that is kept to judge by."""
 
 LEAST_HELD_OUT = 2
 """Samples that a held-out part needs: a signal's standard deviation takes two."""

@@ -1,8 +1,6 @@
 """The double pendulum itself: Figure 1 and Table II from the scene's own geometry, and Table I as printed."""
 
 import argparse
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +9,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc
 
 import scenes
-from experiments.cli import options
 from experiments.output import figures, report
 from experiments.studies import paper
 from ident.geometry.inertia import com_from_parameters
@@ -197,17 +194,3 @@ def run(args: argparse.Namespace) -> None:
     apart = difference(tree_of_table_1(np.zeros(3), length), tree)
     print(f"Tables I and II are the same mechanism: poses and twists differ by {apart:.0e} at 100 random postures.")
     print(f"Figure and tables are in {args.out}.")
-
-
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    return options.output_parser("mechanism", __doc__)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -27,7 +27,6 @@ from sim.models.couplings import check_torques
 from sim.models.mujoco_model import compiled, gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-DRIVE = ("viscous", "coulomb", "rotor")
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from experiments.studies.one_pass import Judged, Seen, judged
 from experiments.studies.preparation import COMPONENTS
 from ident.errors import InputError
 from ident.estimation.accumulator import Accumulator, accumulate
-from ident.estimation.estimate import PIECE, Estimate, solve
+from ident.estimation.estimate import Estimate, solve
 from ident.estimation.in_order import in_order
 from ident.estimation.samples import Samples, pieces
 from ident.mechanism.tree import Tree
@@ -233,8 +233,7 @@ def run(args: argparse.Namespace) -> None:
     contacts = {name: site_on_tree(model, name, args.base) for name in args.contact}
     seen = Seen.of(tree, ["ground", *contacts])
     prior, parameters = parameters_from_model(model, args.base), find_base_parameters(tree, gravity=gravity)
-    limit = 1_000_000 * args.max_size
-    reading = Reading(tree, args.recordings, args.piece, contacts, args.without, limit, seen)
+    reading = Reading(tree, args.recordings, args.piece, contacts, args.without, options.size_limit(args), seen)
     inputs = (args.model, *args.recordings)
     report.check_inputs((args.out / name for name in OUTPUTS), inputs)
     with report.unused_vanish(args.out):
@@ -284,32 +283,3 @@ def _identity(args: argparse.Namespace) -> dict[str, Any]:
         "recordings": [f"{file}, {stat.st_size} bytes, {stat.st_mtime_ns}" for file, stat in stats],
         **{key: getattr(args, key) for key in ("base", "fix", "piece", "contact", "without")},
     }
-
-
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.command_parser("stream", __doc__)
-    out.add_argument("model", type=Path, help="MJCF or URDF file")
-    out.add_argument(
-        "recordings",
-        type=Path,
-        nargs="+",
-        help="CSV or npz files with the channels JOINT_position, JOINT_velocity, JOINT_acceleration of every joint, "
-        "ground_force and ground_torque",
-    )
-    options.add_mechanism(out)
-    out.add_argument("--contact", nargs="*", default=[], help="wrenches at the sites of the same names")
-    out.add_argument("--without", nargs="*", default=[], help="wrenches to leave out")
-    out.add_argument("--piece", type=options.whole_number(1, 10_000_000), default=PIECE, help="samples read at a time")
-    options.add_max_size(out)
-    options.add_workers(out.add_argument_group("workers"))
-    return out
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,4 +1,4 @@
-"""A study over the values of one of its options and several seeds: a table, a chart, and all its numbers."""
+"""A study with several values and seeds: its runs, a table of their numbers, and a chart."""
 
 import argparse
 import inspect
@@ -13,15 +13,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments import misaligned, multicontact
-from experiments.cli import options
-from experiments.output import escape, figures, report
+from experiments.output import contacts_report, escape, figures, report, tilted_axes_report
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import hired
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 
-STUDIES = {"misaligned": misaligned, "multicontact": multicontact}
+STUDIES = {"misaligned": tilted_axes_report, "multicontact": contacts_report}
 
 CHARTED = {
     "misaligned": {
@@ -195,25 +193,3 @@ def run(args: argparse.Namespace) -> None:
         report.write_json(folder / "sweep.json", {"runs": found.runs, "provenance": report.provenance(choices, {})})
     print(table(found, list(charted)).text())
     print(f"Table, chart and all numbers are in {args.out}.")
-
-
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("sweep", __doc__)
-    out.add_argument("study", choices=STUDIES, help="study to run")
-    out.add_argument(
-        "--over", nargs="+", required=True, metavar=("OPTION", "VALUE"), help="option of the study, and its values"
-    )
-    out.add_argument("--seeds", type=options.whole_number(1, 10_000), default=1, help="runs of each value")
-    out.add_argument("--numbers", nargs="+", metavar="NAME", help="numbers of the study's summary that the chart shows")
-    options.add_workers(out)
-    return out
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

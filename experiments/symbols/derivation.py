@@ -1,12 +1,11 @@
-"""The dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
+"""A mechanism's model in symbols as files: from its name or its MJCF or URDF file to LaTeX, Python and C."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.cli import options
 from experiments.output import report
+from experiments.symbols import codegen, symbolic
 from ident.errors import InputError
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import separating_sensors
@@ -24,8 +23,6 @@ GAINS = {
 
 def run(args: argparse.Namespace) -> None:
     """Derives a model and writes it."""
-    with options.extra("symbolic"):
-        from experiments.symbols import codegen, symbolic
     name = codegen.plain(Path(args.mechanism).stem)
     name = name if name.strip(". ") else "model"
     out = args.out / name
@@ -66,25 +63,3 @@ def _tree(path: str, base: str | None, ignore: Sequence[str]) -> Tree:
     source = compiled(path)
     parameters_from_model(source, base)
     return tree_from_model(source, base, ignore=ignore)
-
-
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.command_parser("derive", __doc__)
-    out.epilog = (
-        "The regressor Y and the base parameters are those of the wrench at the base, which rests; parameters are "
-        "regrouped with gravity along -Z of the base frame."
-    )
-    out.add_argument("mechanism", help="table_1 or table_2 for the paper's double pendulum, or an MJCF or URDF file")
-    out.add_argument("--base", help="body whose frame is {0}; by default the world's frame is")
-    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
-    return out
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,33 @@
+"""The dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
+
+import argparse
+import sys
+from functools import partial
+
+from experiments.cli import options
+
+
+def run(args: argparse.Namespace) -> None:
+    """Derives a model and writes it."""
+    with options.extra("symbolic"):
+        from experiments.symbols import derivation
+    derivation.run(args)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.command_parser("derive", __doc__)
+    out.epilog = (
+        "The regressor Y and the base parameters are those of the wrench at the base, which rests; parameters are "
+        "regrouped with gravity along -Z of the base frame."
+    )
+    out.add_argument("mechanism", help="table_1 or table_2 for the paper's double pendulum, or an MJCF or URDF file")
+    out.add_argument("--base", help="body whose frame is {0}; by default the world's frame is")
+    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    return out
+
+
+main = partial(options.run, run, parser)
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+"""Designs the joint motion that tells most about a mechanism's base parameters, within limits and without collisions.
+
+The motion is a finite Fourier series for every joint, which starts and ends at rest. For the double pendulum the limits
+are those of the paper's excitation, which is also what the design is compared with.
+"""
+
+import argparse
+import math
+import sys
+from functools import partial
+
+import scenes
+from experiments.cli import options
+from experiments.cli.defaults import ACCELERATION, CRITERIA, SECONDS, SENSORS, VELOCITY
+
+
+def run(args: argparse.Namespace) -> None:
+    """Designs a motion, and writes and prints it."""
+    from experiments.studies import designed_excitation
+
+    designed_excitation.run(args)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.output_parser("excite", __doc__)
+    out.add_argument("model", help=f"an MJCF or URDF file, or a scene: {', '.join(scenes.NAMES)}")
+    out.add_argument("--seconds", type=_positive, help=f"duration; {SECONDS:g} or the paper's if not given")
+    out.add_argument("--joints", nargs="+", help="hinge and slide joints to move; all if not given, the others rest")
+    out.add_argument("--base", help="body whose frame is {0}; the scene's or the world's if not given")
+    out.add_argument(
+        "--position", nargs=2, type=float, metavar=("LOW", "HIGH"), help="rad or m; the model's range if not given"
+    )
+    limits = "for every joint; {:g} or the peak of the paper's if not given"
+    out.add_argument("--velocity", type=_positive, help=f"largest, rad/s or m/s, {limits.format(VELOCITY)}")
+    out.add_argument("--acceleration", type=_positive, help=f"largest, rad/s² or m/s², {limits.format(ACCELERATION)}")
+    out.add_argument(
+        "--criterion",
+        choices=CRITERIA,
+        default="condition",
+        help="; ".join(f"{key}, {what}" for key, what in CRITERIA.items()),
+    )
+    out.add_argument("--sensors", choices=SENSORS, default="wrench", help="what the regressor explains")
+    out.add_argument(
+        "--noise",
+        nargs=2,
+        type=_positive,
+        default=[0.5, 0.05],
+        metavar=("N", "NM"),
+        help="sensors' standard deviations",
+    )
+    out.add_argument("--harmonics", type=options.whole_number(2, 100), default=5, help="terms of the series")
+    out.add_argument("--starts", type=options.whole_number(1, 10_000), default=8, help="motions to begin from")
+    out.add_argument("--iterations", type=options.whole_number(1, 100_000), default=100, help="at most, each start")
+    out.add_argument("--seed", type=options.whole_number(0), default=0, help="seed of the starts")
+    out.add_argument("--collisions", choices=("avoid", "ignore"), default="avoid", help="what to do about them")
+    out.add_argument("--clearance", type=_positive, default=0.005, help="distance in m that counts as a collision")
+    out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    return out
+
+
+def _positive(text: str) -> float:
+    """Type of an option: a positive number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"needs a positive number, got '{text}'")
+    return value
+
+
+main = partial(options.run, run, parser)
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,28 @@
+"""Writes the generated parts of README.md, from the root of a checkout: for maintainers."""
+
+import argparse
+import sys
+from functools import partial
+from pathlib import Path
+
+from experiments.cli import options
+
+
+def run(args: argparse.Namespace) -> None:
+    """Writes README.md, its figures and the record of its benchmark anew."""
+    from experiments.output import readme_blocks
+
+    readme_blocks.write(args.root)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.plain_parser("readme", __doc__)
+    out.add_argument("--root", type=Path, default=Path(), help="root of the checkout")
+    return out
+
+
+main = partial(options.run, run, parser)
+
+if __name__ == "__main__":
+    sys.exit(main())

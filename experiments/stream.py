@@ -1,0 +1,43 @@
+"""Base parameters from recordings of any length, read and worked on piece by piece."""
+
+import argparse
+import sys
+from functools import partial
+from pathlib import Path
+
+from experiments.cli import options
+
+
+def run(args: argparse.Namespace) -> None:
+    """Identifies, and writes and prints what was found."""
+    from experiments.studies import stream
+    from ident.estimation.estimate import PIECE
+
+    args.piece = args.piece or PIECE
+    stream.run(args)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.command_parser("stream", __doc__)
+    out.add_argument("model", type=Path, help="MJCF or URDF file")
+    out.add_argument(
+        "recordings",
+        type=Path,
+        nargs="+",
+        help="CSV or npz files with the channels JOINT_position, JOINT_velocity, JOINT_acceleration of every joint, "
+        "ground_force and ground_torque",
+    )
+    options.add_mechanism(out)
+    out.add_argument("--contact", nargs="*", default=[], help="wrenches at the sites of the same names")
+    out.add_argument("--without", nargs="*", default=[], help="wrenches to leave out")
+    out.add_argument("--piece", type=options.whole_number(1, 10_000_000), help="samples read at a time")
+    options.add_max_size(out)
+    options.add_workers(out.add_argument_group("workers"))
+    return out
+
+
+main = partial(options.run, run, parser)
+
+if __name__ == "__main__":
+    sys.exit(main())
