@@ -3,7 +3,6 @@
 import argparse
 import sys
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import scenes
@@ -41,7 +40,6 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.output_parser("", __doc__)
     options.add_trials(out)
-    out.set_defaults(out=Path("results"))
     return out
 
 

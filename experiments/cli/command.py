@@ -34,8 +34,9 @@ def run(args: argparse.Namespace) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options of all subcommands."""
-    out = argparse.ArgumentParser("multicontact", description=importlib.metadata.metadata("multicontact")["Summary"])
-    out.add_argument("--version", action="version", version=importlib.metadata.version("multicontact"))
+    package = importlib.metadata.metadata("multicontact")
+    out = argparse.ArgumentParser("multicontact", description=package["Summary"])
+    out.add_argument("--version", action="version", version=f"%(prog)s {package['Version']}")
     commands = out.add_subparsers(metavar="COMMAND", required=True)
     for name, module in COMMANDS.items():
         one = module.parser()

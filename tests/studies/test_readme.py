@@ -146,8 +146,13 @@ def test_the_examples_run(capsys, tmp_path, monkeypatch):
     assert re.search(r"sum of contacts - Y phi: \de-1[0-9]", printed)
 
 
+def test_every_room_that_readme_names_exists():
+    rooms = re.findall(r"`((?:ident|sim|experiments)/[\w/]*)`", README.read_text(encoding="utf-8"))
+    assert len(rooms) > 10 and [room for room in rooms if not (README.parent / room).is_dir()] == []
+
+
 def test_every_test_that_the_documents_name_exists():
     root = README.parent
-    tests = "".join(path.read_text(encoding="utf-8") for path in (root / "tests").glob("*.py"))
+    tests = "".join(path.read_text(encoding="utf-8") for path in (root / "tests").rglob("*.py"))
     for name in re.findall(r"`(test_\w+)`", (root / "REPRODUCTION.md").read_text(encoding="utf-8")):
         assert f"def {name}(" in tests, name
