@@ -1,8 +1,6 @@
 """Runs everything: the mechanism, both studies, that of contacts also with several at once, and a page of them all."""
 
 import argparse
-import sys
-from functools import partial
 from typing import Any
 
 import scenes
@@ -43,7 +41,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

@@ -1,8 +1,6 @@
 """The dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
 
 import argparse
-import sys
-from functools import partial
 
 from experiments.cli import options
 
@@ -27,7 +25,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

@@ -6,8 +6,6 @@ are those of the paper's excitation, which is also what the design is compared w
 
 import argparse
 import math
-import sys
-from functools import partial
 
 import scenes
 from experiments.cli import options
@@ -70,7 +68,4 @@ def _positive(text: str) -> float:
     return value
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

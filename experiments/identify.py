@@ -1,8 +1,6 @@
 """Base parameters of your own mechanism from your own recording, and whether to believe them."""
 
 import argparse
-import sys
-from functools import partial
 from pathlib import Path
 
 from experiments.cli import options
@@ -88,7 +86,4 @@ def _fraction(text: str) -> float:
     return value
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

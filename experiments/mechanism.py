@@ -1,8 +1,6 @@
 """The double pendulum itself: Figure 1 and Table II from the scene's own geometry, and Table I as printed."""
 
 import argparse
-import sys
-from functools import partial
 
 from experiments.cli import options
 
@@ -19,7 +17,4 @@ def parser() -> argparse.ArgumentParser:
     return options.output_parser("mechanism", __doc__)
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

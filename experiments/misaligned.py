@@ -1,8 +1,6 @@
 """Section VI: what a 5° tilt of the joint axes does to a model that neglects it (Table III, Figures 2 and 3)."""
 
 import argparse
-import sys
-from functools import partial
 
 from experiments.cli import options
 from experiments.cli.defaults import AZIMUTH_DEG
@@ -24,7 +22,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

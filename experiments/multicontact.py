@@ -1,8 +1,6 @@
 """Section VII: identification with a contact at the end of the second link, or several (Table IV, Figures 4 and 5)."""
 
 import argparse
-import sys
-from functools import partial
 
 import scenes
 from experiments.cli import options
@@ -28,7 +26,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

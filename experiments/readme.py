@@ -1,8 +1,6 @@
 """Writes the generated parts of README.md, from the root of a checkout: for maintainers."""
 
 import argparse
-import sys
-from functools import partial
 from pathlib import Path
 
 from experiments.cli import options
@@ -17,12 +15,9 @@ def run(args: argparse.Namespace) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.plain_parser("readme", __doc__)
+    out = argparse.ArgumentParser(prog="python -m experiments.readme", description=__doc__)
     out.add_argument("--root", type=Path, default=Path(), help="root of the checkout")
     return out
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

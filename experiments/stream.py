@@ -1,8 +1,6 @@
 """Base parameters from recordings of any length, read and worked on piece by piece."""
 
 import argparse
-import sys
-from functools import partial
 from pathlib import Path
 
 from experiments.cli import options
@@ -37,7 +35,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

@@ -1,8 +1,6 @@
 """A study over the values of one of its options and several seeds: a table, a chart, and all its numbers."""
 
 import argparse
-import sys
-from functools import partial
 
 from experiments.cli import options
 
@@ -27,7 +25,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

@@ -5,8 +5,6 @@ thread for linear algebra. Nothing here is asserted: machines differ, and are no
 """
 
 import argparse
-import sys
-from functools import partial
 
 from experiments.cli import options
 
@@ -25,7 +23,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = partial(options.run, run, parser)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

@@ -8,6 +8,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -15,6 +16,9 @@ from urllib.parse import urlsplit
 from experiments.cli.defaults import FORMATS, REDRAWN
 from experiments.studies import paper
 from ident.errors import InputError
+
+Study = Callable[[argparse.Namespace], None]
+MakeParser = Callable[[], argparse.ArgumentParser]
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
@@ -24,20 +28,15 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
         return action.help if action.default in (None, []) else super()._get_help_string(action)
 
 
-def plain_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of a command.
+def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser of everything that writes results.
 
     Args:
         name: Name of the command, `python -m experiments.NAME`.
         description: What it does, for `--help`.
     """
     prog = f"python -m experiments.{name}".rstrip(".")
-    return argparse.ArgumentParser(prog=prog, description=description, formatter_class=_Help)
-
-
-def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of everything that writes results; arguments as for `plain_parser`."""
-    parser = plain_parser(name, description)
+    parser = argparse.ArgumentParser(prog=prog, description=description, formatter_class=_Help)
     parser.add_argument("--out", type=Path, default=Path("results") / name, help="folder for the results")
     return parser
 
@@ -141,11 +140,15 @@ def size_limit(args: argparse.Namespace) -> int:
     return LIMIT if args.max_size is None else 1_000_000 * args.max_size
 
 
-def run(
-    study: Callable[[argparse.Namespace], None],
-    make_parser: Callable[[], argparse.ArgumentParser],
-    argv: Sequence[str] | None = None,
-) -> int:
+def main(module: str, study: Study, make_parser: MakeParser) -> Callable[[Sequence[str] | None], int]:
+    """Entry point of the command in a module of that `__name__`; where it is the script, the command runs at once."""
+    entry = partial(run, study, make_parser)
+    if module == "__main__":
+        sys.exit(entry())
+    return entry
+
+
+def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None) -> int:
     """Runs a study and turns bad input into one sentence.
 
     Args:
