@@ -1,21 +1,18 @@
 """Runs everything: the mechanism, both studies, that of contacts also with several at once, and a page of them all."""
 
 import argparse
-import sys
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import scenes
 from experiments import mechanism, misaligned, multicontact
 from experiments.cli import options
-from experiments.output.figures import FORMATS
-from experiments.output.index import write_index
-from experiments.studies.trials import FILE
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs every study with its defaults, into folders of their own."""
+    from experiments.output.index import write_index
+    from experiments.studies.trials import FILE
+
     # The page embeds the figures as PNG.
     formats = ["--formats", *dict.fromkeys(["png", *args.formats])]
     trials = ["--trials", str(args.trials), "--workers", str(args.workers), "--redraw", args.redraw]
@@ -41,14 +38,7 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.output_parser("", __doc__)
     options.add_trials(out)
-    out.set_defaults(out=Path("results"), formats=list(FORMATS[:2]))
     return out
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

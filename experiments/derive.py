@@ -1,71 +1,15 @@
 """The dynamic identification model of a mechanism in closed form: LaTeX, Python and C."""
 
 import argparse
-import sys
-from collections.abc import Sequence
-from pathlib import Path
 
 from experiments.cli import options
-from experiments.output import report
-from ident.errors import InputError
-from ident.mechanism.tree import Tree
-from ident.parameters.base_parameters import separating_sensors
-from sim.models.mujoco_model import compiled, parameters_from_model, tree_from_model
-
-TABLES = ("table_1", "table_2")
-
-GAINS = {
-    "base wrench": "with the base wrench",
-    "joint torques": "with joint torques",
-    "moving base": "on a moving base",
-    "not parallel": "with joint axes that are not parallel",
-}
 
 
 def run(args: argparse.Namespace) -> None:
     """Derives a model and writes it."""
     with options.extra("symbolic"):
-        from experiments.symbols import codegen, symbolic
-    name = codegen.plain(Path(args.mechanism).stem)
-    name = name if name.strip(". ") else "model"
-    out = args.out / name
-    if args.mechanism not in TABLES:
-        tree, lengths = symbolic.exact_tree(_tree(args.mechanism, args.base, args.ignore))
-    elif args.base is None and not args.ignore:
-        tree, lengths = getattr(symbolic, args.mechanism)()
-    else:
-        raise InputError(f"The options --base and --ignore need an MJCF or URDF file, got '{args.mechanism}'.")
-    model = symbolic.derive(tree, lengths)
-    digits = 12 if model.exact else 6
-    rows = tuple((key, str(symbolic.decimals(x, digits))) for key, x in model.base_expressions().items())
-    table = report.Table(f"Base parameters of {name}: {model.base.rank}", ("parameter", "expression"), rows)
-    sources = {
-        "dim.tex": codegen.latex_source(model, name),
-        "regressor.py": codegen.python_source(model, name),
-        "regressor.c": codegen.c_source(model, name),
-        "base_parameters.csv": table.csv(),
-    }
-    with report.results_folder(out, inputs=[Path(args.mechanism)]) as folder:
-        for file, text in sources.items():
-            (folder / file).write_text(text, encoding="utf-8")
-        given = {"mechanism": args.mechanism, "base": args.base, "ignore": args.ignore}
-        report.write_json(folder / "provenance.json", report.provenance(given, {}))
-    print(table.text())
-    if not model.exact:
-        print(f"The coefficients are decimals, because {model.reason}.")
-    print(f"Not seen at all: {', '.join(model.base.unseen) or 'nothing'}.")
-    if model.base.remark:
-        print(model.base.remark)
-    for what, gained in separating_sensors(symbolic.with_values(tree, lengths)).items():
-        print(f"Seen apart besides, {GAINS[what]}: {', '.join(gained) or 'nothing'}.")
-    print(f"LaTeX, Python and C are in {out}.")
-
-
-def _tree(path: str, base: str | None, ignore: Sequence[str]) -> Tree:
-    """The mechanism of a model file, which needs to have mass."""
-    source = compiled(path)
-    parameters_from_model(source, base)
-    return tree_from_model(source, base, ignore=ignore)
+        from experiments.symbols import derivation
+    derivation.run(args)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -81,10 +25,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

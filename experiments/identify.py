@@ -1,23 +1,23 @@
 """Base parameters of your own mechanism from your own recording, and whether to believe them."""
 
 import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from experiments.cli import options
-from experiments.output import identify_report, report
+from experiments.cli.defaults import DRIVE, HOLDOUT
 from ident.errors import InputError
-from ident.estimation.preparation import DRIVE, prepare
-from ident.identification import HOLDOUT, identify_log
 
 
 def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
+    from experiments.output import identify_report, report
+    from ident.estimation.preparation import prepare
+    from ident.identification import identify_log
+
     out = _folder(args)
     known = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     known |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
-    known |= {"limit": 1_000_000 * args.max_size}
+    known |= {"limit": options.size_limit(args)}
     prepared = prepare(args.model, args.log, **known)
     other = None if args.held_out is None else prepare(args.model, args.held_out, **known)
     result = identify_log(
@@ -65,7 +65,9 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument(
         "--cutoff", help="cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if it has any"
     )
-    out.add_argument("--holdout", type=_fraction, default=HOLDOUT, help="fraction of the recording kept to judge by")
+    out.add_argument(
+        "--holdout", type=_fraction, default=HOLDOUT, help="fraction of the recording kept to judge by; 0 judges by all"
+    )
     out.add_argument("--held-out", type=Path, help="another log to judge by, instead of a part of this one")
     out.add_argument("--offsets", action=argparse.BooleanOptionalAction, default=True, help="fit constant offsets")
     out.add_argument("--axes", action=argparse.BooleanOptionalAction, default=True, help="look for axes that are off")
@@ -80,15 +82,9 @@ def _fraction(text: str) -> float:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not 0.05 <= value <= 0.9:
-        raise argparse.ArgumentTypeError(f"needs a number from 0.05 to 0.9, got '{text}'")
+    if value != 0 and not 0.05 <= value <= 0.9:
+        raise argparse.ArgumentTypeError(f"needs a number from 0.05 to 0.9, or 0, got '{text}'")
     return value
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = options.main(__name__, run, parser)

@@ -4,11 +4,14 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from importlib.resources import files
-
-import mujoco
-import numpy as np
+from math import radians
+from typing import TYPE_CHECKING
 
 from ident.errors import InputError
+
+if TYPE_CHECKING:
+    import mujoco
+    import numpy as np
 
 NAMES = ("double_pendulum", "humanoid")
 """Names that `load` knows, one for each mechanism's MJCF file in this package."""
@@ -21,7 +24,7 @@ CONTACTS = {"pad": "end", "handle": "link1_end"}
 touches one at the site `end` of the last link."""
 
 
-def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact: str | None = None) -> mujoco.MjSpec:
+def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact: str | None = None) -> "mujoco.MjSpec":
     """A scene as an editable specification; those in `VARIED` with a tilt or a contact on request.
 
     Args:
@@ -37,6 +40,8 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
     Raises:
         InputError: The scene or the contact does not exist, the angles make no sense, or the scene has no variants.
     """
+    import mujoco
+
     if name not in NAMES:
         raise InputError(f"No scene is named '{name}'; the scenes are {', '.join(NAMES)}.")
     if name not in VARIED and (tilt_deg or azimuth_deg or contact is not None):
@@ -52,7 +57,7 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
     _touch(root, cells)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     if tilt_deg:
-        turn = _tilt(np.radians(tilt_deg), np.radians(azimuth_deg))
+        turn = _tilt(radians(tilt_deg), radians(azimuth_deg))
         for hinge in hinges:
             spec.joint(hinge).axis = turn @ spec.joint(hinge).axis
     return spec
@@ -109,8 +114,11 @@ def _merge(root: ET.Element, addition: ET.Element, parent: ET.Element) -> None:
             root.append(section)
 
 
-def _tilt(angle: float, azimuth: float) -> np.ndarray:
+def _tilt(angle: float, azimuth: float) -> "np.ndarray":
     """Rotation that takes X to `(cos, sin cos azimuth, sin sin azimuth)` the short way."""
+    import mujoco
+    import numpy as np
+
     rotation = np.zeros(9)
     quaternion = np.zeros(4)
     mujoco.mju_axisAngle2Quat(quaternion, np.array([0.0, -np.sin(azimuth), np.cos(azimuth)]), angle)

@@ -18,7 +18,7 @@ ALLOWED = {
     "sim": {"numpy", "scipy", "mujoco", "scenes", "ident"},
     "experiments": {"numpy", "scipy", "mujoco", "matplotlib", "tqdm", "scenes", "ident", "sim"},
 }
-EXTRAS = {"symbols": {"sympy"}, "runs": {"distributed"}, "benchmark": {"pinocchio"}}
+EXTRAS = {"cli": {"argcomplete"}, "symbols": {"sympy"}, "runs": {"distributed"}, "benchmark": {"pinocchio"}}
 """What rooms import besides where the optional extra is installed."""
 
 MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]

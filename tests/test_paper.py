@@ -7,7 +7,7 @@ import pytest
 from mechanisms import GRAVITY, double_pendulum
 
 import scenes
-from experiments import misaligned
+from experiments.output import tilted_axes_report
 from experiments.studies import paper, tilted_axes
 from experiments.studies.fitting import fit
 from ident.geometry.inertia import pseudo_inertia
@@ -21,12 +21,12 @@ SEEDS = (0, 1, 2)
 
 @pytest.fixture(scope="module", params=SEEDS)
 def study(request):
-    return misaligned.study(seed=request.param)
+    return tilted_axes.study(seed=request.param)
 
 
 @pytest.fixture(scope="module")
 def noise_free():
-    return misaligned.study(noise_scale=0)
+    return tilted_axes.study(noise_scale=0)
 
 
 def error(fit, name):
@@ -48,7 +48,7 @@ def test_a_larger_condition_number_is_only_a_choice_of_columns(study):
 @pytest.fixture(scope="module")
 def spread():
     """Errors of the simplified and of the full model over twelve seeds (12, 13), by parameter."""
-    found = [misaligned.study(seed=seed) for seed in range(12)]
+    found = [tilted_axes.study(seed=seed) for seed in range(12)]
     errors = ([study.simplified.error for study in found], [study.full_on_table.error for study in found])
     return tuple(dict(zip(paper.TABLE_3, np.transpose(e), strict=True)) for e in errors)
 
@@ -125,7 +125,7 @@ def test_no_common_error_of_the_axes_gives_the_papers_full_column(noise_free):
 
 
 def test_errors_of_the_wrench_are_far_lower_in_three_channels_only(study):
-    errors = misaligned.summary(study)["wrench_errors"]
+    errors = tilted_axes_report.summary(study)["wrench_errors"]
     gain = {channel: x["rms_simplified"] / x["rms_full"] for channel, x in errors.items()}
     assert all(28 < gain[channel] < 56 for channel in ("Fx", "τy", "τz"))
     assert all(0.99 < gain[channel] < 1.02 for channel in ("Fy", "Fz")) and 1.04 < gain["τx"] < 1.10

@@ -1,7 +1,26 @@
-"""Runs the benchmark."""
+"""Measures how fast regressor, identification, simulation and trials are: as ratios to other ways in one process.
 
-import sys
+Ours and theirs take turns, and their medians are compared, on results that were seen to be the same. All work with one
+thread for linear algebra. Nothing here is asserted: machines differ, and are noisy.
+"""
 
-from experiments.benchmark.command import main
+import argparse
 
-sys.exit(main())
+from experiments.cli import options
+
+
+def run(args: argparse.Namespace) -> None:
+    """Measures, and writes and prints the results."""
+    from experiments.benchmark import sections
+
+    sections.run(args)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.output_parser("benchmark", __doc__)
+    out.add_argument("--quick", action="store_true", help="few samples and repetitions, to see that everything runs")
+    return out
+
+
+main = options.main(__name__, run, parser)

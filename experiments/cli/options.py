@@ -9,31 +9,35 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from experiments.output.figures import FORMATS
-from experiments.output.report import version
-from experiments.studies.trials import REDRAWN
+from experiments.cli.defaults import FORMATS, REDRAWN
+from experiments.studies import paper
 from ident.errors import InputError
-from ident.recordings.npz import LIMIT
-from sim.models.notes import ModelNote
-from sim.simulation.simulate import LONGEST, SAMPLES
+
+Study = Callable[[argparse.Namespace], None]
+MakeParser = Callable[[], argparse.ArgumentParser]
+
+
+class _Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Help with the defaults that there are."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return action.help if action.default in (None, []) else super()._get_help_string(action)
 
 
 def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser of everything that writes results.
 
     Args:
-        name: Name of the study, `python -m experiments.NAME`.
+        name: Name of the command, `python -m experiments.NAME`.
         description: What it does, for `--help`.
     """
-    parser = argparse.ArgumentParser(
-        prog=f"python -m experiments.{name}".rstrip("."),
-        description=description,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-    )
+    prog = f"python -m experiments.{name}".rstrip(".")
+    parser = argparse.ArgumentParser(prog=prog, description=description, formatter_class=_Help)
     parser.add_argument("--out", type=Path, default=Path("results") / name, help="folder for the results")
     return parser
 
@@ -49,7 +53,7 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser with the options of every simulated study; arguments as for `output_parser`."""
     parser = output_parser(name, description)
     parser.add_argument("--seed", type=whole_number(0), default=0, help="seed of all noise")
-    parser.add_argument("--samples", type=whole_number(1, LONGEST), default=SAMPLES, help="samples recorded at 100 Hz")
+    parser.add_argument("--samples", type=whole_number(1), default=paper.SAMPLES, help="samples recorded at 100 Hz")
     parser.add_argument(
         "--noise-scale", type=float, default=1.0, help="factor on the scene's and the excitation's noise"
     )
@@ -118,24 +122,37 @@ def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
 
 
 def add_max_size(parser: argparse.ArgumentParser) -> None:
-    """Adds the option of what reads npz files."""
+    """Adds the option of what reads npz files, which `size_limit` gives in bytes."""
     parser.add_argument(
         "--max-size",
         type=whole_number(1, 1_000_000),
-        default=LIMIT // 1_000_000,
         metavar="MB",
-        help="memory that an npz file may take at once; a small one can unpack to more than there is",
+        help="memory that an npz file may take at once, by default that of a million samples of sixty channels; a "
+        "small one can unpack to more than there is",
     )
 
 
-def run(
-    study: Callable[[argparse.Namespace], None], parser: argparse.ArgumentParser, argv: Sequence[str] | None
-) -> int:
+def size_limit(args: argparse.Namespace) -> int:
+    """Bytes that an npz file may take in memory."""
+    from ident.recordings.npz import LIMIT
+
+    return LIMIT if args.max_size is None else 1_000_000 * args.max_size
+
+
+def main(module: str, study: Study, make_parser: MakeParser) -> Callable[[Sequence[str] | None], int]:
+    """Entry point of the command in a module of that `__name__`; where it is the script, the command runs at once."""
+    entry = partial(run, study, make_parser)
+    if module == "__main__":
+        sys.exit(entry())
+    return entry
+
+
+def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None) -> int:
     """Runs a study and turns bad input into one sentence; what else it raises carries a request to report it.
 
     Args:
         study: The study, given the parsed options.
-        parser: Its parser.
+        make_parser: Makes its parser.
         argv: Arguments, by default the command line's.
 
     Returns:
@@ -144,6 +161,7 @@ def run(
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    parser = make_parser()
     options = parser.parse_args(argv)
     with _interruptible_once(), _notes_printed_once():
         try:
@@ -162,6 +180,8 @@ def run(
 
 def _request(command: str) -> str:
     """What follows the traceback of an error that no input should cause."""
+    from experiments.output.report import version
+
     return (
         "This is a fault of multicontact, not of what it was given: please report it in the project's issue tracker, "
         f"with all of the above, version {version('multicontact')} and the command: {command}"
@@ -182,6 +202,8 @@ def extra(name: str) -> Iterator[None]:
 @contextmanager
 def _notes_printed_once() -> Iterator[None]:
     """Prints remarks on models, which are read several times, as a line each."""
+    from sim.models.notes import ModelNote
+
     printed: set[str] = set()
     with warnings.catch_warnings():
         warnings.simplefilter("always", ModelNote)

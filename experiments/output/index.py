@@ -5,11 +5,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from experiments.misaligned import WINDOW
-from experiments.multicontact import DIFFERS
+from experiments.cli.defaults import REDRAWN
 from experiments.output import page
+from experiments.output.contacts_report import DIFFERS
+from experiments.output.tilted_axes_report import WINDOW
 from experiments.studies import paper
-from experiments.studies.trials import REDRAWN
 from ident.recordings.atomic import replacing
 
 WHY = (

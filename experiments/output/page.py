@@ -9,9 +9,10 @@ from itertools import count
 from pathlib import Path
 from urllib.parse import quote
 
+from experiments.cli import defaults
 from experiments.output import figures, report
 
-FORMATS = ("csv", "tex", "md", *figures.FORMATS)
+FORMATS = ("csv", "tex", "md", *defaults.FORMATS)
 """Formats of tables and figures that a page links to."""
 
 STYLE = """

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 import scenes
-from experiments.studies import trials
+from experiments.studies import paper, trials
 from experiments.studies.fitting import Trial, fit
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Contact, TotalWrench, total_wrench
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.simulate import SAMPLES, simulate
+from sim.simulation.simulate import simulate
 
 SCENE = "double_pendulum"
 
@@ -86,7 +86,7 @@ class Study:
         return {name: true.get(f"{name}_normal_force", held) > 0 for name in self.known.cells}
 
 
-def study(*, seed: int = 0, samples: int = SAMPLES, contact: str = "pad", noise_scale: float = 1.0) -> Study:
+def study(*, seed: int = 0, samples: int = paper.SAMPLES, contact: str = "pad", noise_scale: float = 1.0) -> Study:
     """Simulates the double pendulum in contact and identifies it from ground and contact wrenches.
 
     Args:

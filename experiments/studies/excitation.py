@@ -20,14 +20,6 @@ from sim.motion.collisions import Collisions
 from sim.motion.excitation_design import Cost, Limits, design, random_start, scaled_into
 from sim.motion.fourier import FourierTrajectory
 
-CRITERIA = {
-    "condition": "the smallest condition number of the base regressor",
-    "information": "the largest log-determinant of the information, weighted by the sensors' noise",
-}
-
-SENSORS = {"wrench": Sensors(), "torque": Sensors(base_wrench=False, joint_torques=True)}
-"""What is measured: the wrench at the base, or the torques of the excited joints."""
-
 CHUNK = 4096
 """Samples of candidate motions worked on together."""
 
@@ -45,7 +37,7 @@ class Problem:
         resting: The mechanism's other hinge and slide joints.
         tree: The mechanism of the joints that move, all others locked where they rest.
         gravity: Acceleration of gravity in the base frame, m/s² (3,).
-        sensors: One of `SENSORS`.
+        sensors: One of `defaults.SENSORS`.
         noise: Standard deviations of the noise on forces in N, and on moments and torques in N m.
         base: Base parameters that motions of these joints can tell apart.
     """
@@ -87,7 +79,7 @@ def problem(
         model: Compiled model.
         base: Name of the body whose frame is {0}; by default the world's frame is.
         names: Joints to move; by default all hinge and slide joints.
-        sensors: One of `SENSORS`.
+        sensors: One of `defaults.SENSORS`.
         noise: Standard deviations of the noise, N and N m.
         ignore: Names of equality constraints and tendons to leave out.
 
@@ -103,7 +95,8 @@ def problem(
     rest = rest_coordinates(model, base)
     locked = tree.fixed({name: q for name, q in rest.items() if name not in moving})
     gravity = gravity_at_rest(model, base)
-    found = find_base_parameters(locked, gravity=gravity, sensors=SENSORS[sensors])
+    measured = Sensors(base_wrench=sensors == "wrench", joint_torques=sensors == "torque")
+    found = find_base_parameters(locked, gravity=gravity, sensors=measured)
     return Problem(model, chosen, resting, locked, gravity, sensors, noise, found)
 
 
@@ -132,7 +125,7 @@ def information(problem: Problem, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
 
 
 def cost(problem: Problem, criterion: str) -> Cost:
-    """What a criterion of `CRITERIA` makes small, as a logarithm."""
+    """What a criterion of `defaults.CRITERIA` makes small, as a logarithm."""
     weights = problem.weights() if criterion == "information" else np.ones_like(problem.weights())
 
     def logarithm(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:

@@ -15,9 +15,10 @@ from ident.judgement.diagnosis import FrameCheck
 from ident.judgement.verdict import Finding, quality_findings, sentence, weight_findings
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.mapping import HUGE, UNITS
+from ident.recordings.mapping import UNITS
 from ident.recordings.plausibility import KILONEWTONS, TURNS
 from ident.recordings.recording import Recording
+from ident.tolerances import HUGE
 
 KINDS = ("position", "velocity", "acceleration")
 

@@ -57,6 +57,9 @@ CONDITION_NUMBER_FULL = 334.2
 SHAPE_FULL = (5658, 13)
 """Section VI: condition numbers and shapes of the two base regressors."""
 
+SAMPLES = SHAPE_FULL[0] // 6
+"""Samples of the recordings, for six rows each."""
+
 CONDITION_NUMBER_MULTICONTACT = 36.5
 SHAPE_MULTICONTACT = (4715, 13)
 """Section VII: condition number and shape of the base regressor with several contacts."""

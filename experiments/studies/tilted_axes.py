@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import scenes
+from experiments.cli.defaults import AZIMUTH_DEG
 from experiments.studies import paper, trials
 from experiments.studies.fitting import Trial, fit, measured_poses
 from ident.errors import InputError
@@ -14,10 +15,7 @@ from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.simulate import SAMPLES, simulate
-
-AZIMUTH_DEG = 120.0
-"""Direction of the tilt, which the paper does not print: the one that fits its Table III."""
+from sim.simulation.simulate import simulate
 
 SCENE = "double_pendulum"
 
@@ -65,7 +63,7 @@ class Study:
 def study(
     *,
     seed: int = 0,
-    samples: int = SAMPLES,
+    samples: int = paper.SAMPLES,
     tilt_deg: float = paper.TILT_DEG,
     azimuth_deg: float = AZIMUTH_DEG,
     noise_scale: float = 1.0,

@@ -20,13 +20,6 @@ from ident.recordings.recording import Recording
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate_many, with_noise
 
-REDRAWN = {
-    "all": "the excitation's and the sensors' noise, every trial being a simulation",
-    "sensors": "the sensors' noise around one simulation",
-    "wrench": "force and torque noise alone, with exact joint states and poses",
-}
-"""Which noise is drawn anew for each trial."""
-
 FILE = "trials.npz"
 """File in the output folder that keeps every trial's outcome."""
 
@@ -50,7 +43,7 @@ class Draw:
         scene: Arguments of `scenes.load`.
         samples: Samples of a recording.
         noise_scale: Factor on all noise.
-        redrawn: One of `REDRAWN`.
+        redrawn: One of `defaults.REDRAWN`.
         seed: Seed of the whole run; trial k has a seed of its own, made of this one and k.
         recording: The one simulation of `sensors` and `wrench`.
     """

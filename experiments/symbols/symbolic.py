@@ -8,7 +8,7 @@ import numpy as np
 import sympy
 from scipy.spatial.transform import Rotation
 
-from experiments.mechanism import mechanism, tree_of_table_1
+from experiments.studies.mechanism import mechanism, tree_of_table_1
 from ident.mechanism.body import ball_twist
 from ident.mechanism.tree import Tree
 from ident.model import dim

@@ -29,8 +29,6 @@ from ident.recordings.wrench import Contact, total_wrench
 from sim.models.couplings import check_torques
 from sim.models.mujoco_model import compiled, gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 
-DRIVE = ("viscous", "coulomb", "rotor")
-
 
 @dataclass(frozen=True, eq=False)
 class Prepared:

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.mapping import GROUND, HUGE, KINDS, ColumnMapping, Columns, Sensor, check_no_column_twice
+from ident.recordings.mapping import GROUND, KINDS, ColumnMapping, Columns, Sensor, check_no_column_twice
 from ident.recordings.table import Table
+from ident.tolerances import HUGE
 
 
 def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> ColumnMapping:

@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
 from ident.recordings.table import short
-
-HUGE = 1e8
-"""No position, velocity, force or torque in SI units is larger."""
+from ident.tolerances import HUGE
 
 GROUND = "ground"
 """Name of the wrench at the base; all others are contacts."""

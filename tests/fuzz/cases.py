@@ -21,6 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments import identify, stream
+from experiments.cli import options
 from experiments.output import figures
 from experiments.runs.workers import Crew
 from ident.errors import InputError
@@ -110,7 +111,7 @@ class Runner:
             # MuJoCo logs warnings into the working directory.
             os.chdir(self._folder)
             stack.callback(os.chdir, before)
-            stack.enter_context(mock.patch.object(stream, "hired", _hired))
+            stack.enter_context(mock.patch("experiments.studies.stream.hired", _hired))
             stack.callback(signal.signal, signal.SIGPROF, signal.signal(signal.SIGPROF, _hang))
             self._open = stack.pop_all()
         return self
@@ -147,17 +148,16 @@ class Runner:
 def _ending(command: ModuleType, arguments: Sequence[str], err: StringIO) -> tuple[str, str]:
     refusals: list[Exception] = []
 
-    def run(options: argparse.Namespace, original: Callable[[argparse.Namespace], None] = command.run) -> None:
+    def run(args: argparse.Namespace) -> None:
         try:
-            original(options)
+            command.run(args)
         except Exception as error:
             refusals.append(error)
             raise
 
     signal.setitimer(signal.ITIMER_PROF, HANG)
     try:
-        with mock.patch.object(command, "run", run):
-            code: Any = command.main(arguments)
+        code: Any = options.run(run, command.parser, arguments)
     except SystemExit as stop:
         code = stop.code
     except Hang:

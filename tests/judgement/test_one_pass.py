@@ -10,6 +10,7 @@ from commands import refusal
 
 import scenes
 from experiments import identify, stream
+from experiments.studies.stream import FILE
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -106,7 +107,7 @@ def test_a_base_on_which_nothing_moves_is_named(tmp_path, capsys):
     assert "but not the ball joint 'neck'" in refusal(stream.main, given[:2], capsys)
 
 
-@pytest.mark.parametrize("name", [stream.FILE, "estimate.json"])
+@pytest.mark.parametrize("name", [FILE, "estimate.json"])
 def test_a_recording_is_never_written_over(tmp_path, capsys, name):
     model, log, *given = arguments(tmp_path)
     result = tmp_path / "out" / name

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 import scenes
 from experiments import excite, mechanism, misaligned
+from experiments.cli import defaults
 from experiments.output import figures, report
 from experiments.runs.checkpoint import Checkpoint
 from ident.recordings.recording import Recording
@@ -88,7 +89,7 @@ def write_figure(extension):
     return write
 
 
-WRITERS = {"csv": write_table, "json": write_json, **{format: write_figure(format) for format in figures.FORMATS}}
+WRITERS = {"csv": write_table, "json": write_json, **{format: write_figure(format) for format in defaults.FORMATS}}
 
 
 def into_results(write, out):

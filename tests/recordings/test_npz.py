@@ -14,6 +14,7 @@ from commands import refusal
 import scenes
 from experiments import identify, stream
 from experiments.runs.checkpoint import Checkpoint
+from experiments.studies.stream import Progress
 from ident.errors import InputError
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
@@ -70,7 +71,7 @@ READERS = {
     "recording": Recording.load,
     "pieces": lambda path: next(Recording.chunks(path, 7)),
     "outcomes": lambda path: Checkpoint("runs", path, {}).done(),
-    "progress": lambda path: stream.Progress(path, {}).resumed(None),
+    "progress": lambda path: Progress(path, {}).resumed(None),
 }
 
 

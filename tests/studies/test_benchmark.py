@@ -10,15 +10,16 @@ from commands import refusal
 
 from experiments.benchmark import (
     bounds,
-    command,
     identification,
     monte_carlo,
     peers,
+    sections,
     tables,
     targets,
     timing,
     words,
 )
+from experiments.benchmark.__main__ import main
 from experiments.benchmark.mechanisms import chain, double_pendulum, humanoid, in_general_position, mechanisms
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 
@@ -26,8 +27,8 @@ from ident.parameters.base_parameters import STANDARD_GRAVITY
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("benchmark")
-    assert command.main(["--quick", "--formats", "png", "--out", str(out)]) == 0
-    found = json.loads((out / command.FILE).read_text(encoding="utf-8"))
+    assert main(["--quick", "--formats", "png", "--out", str(out)]) == 0
+    found = json.loads((out / sections.FILE).read_text(encoding="utf-8"))
     for name in tables.tables(found):
         for suffix in ("csv", "md", "tex"):
             assert (out / f"{name}.{suffix}").stat().st_size
@@ -74,9 +75,9 @@ def test_results_are_shown_without_anything_to_compare_with(results):
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_measured(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(command, "measured", lambda effort: pytest.fail("measured first"))
+    monkeypatch.setattr(sections, "measured", lambda effort: pytest.fail("measured first"))
     (tmp_path / "file").touch()
-    assert "needs to be a writable folder" in refusal(command.main, ["--out", str(tmp_path / "file")], capsys)
+    assert "needs to be a writable folder" in refusal(main, ["--out", str(tmp_path / "file")], capsys)
 
 
 def test_a_missing_peer_is_named_with_its_extra(monkeypatch):

@@ -15,8 +15,7 @@ from mechanisms import random_states, random_tree
 from scipy.spatial.transform import Rotation
 from test_against_opensymoro import DATA, tree_of
 
-import experiments
-from experiments import derive
+from experiments import derive, symbols
 from ident.geometry import se3
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.tree import Tree
@@ -25,6 +24,7 @@ from ident.parameters.base_parameters import find_base_parameters
 from sim.models.mujoco_model import tree_from_model
 
 sympy = pytest.importorskip("sympy", reason="sympy is in the extra 'symbolic'")
+derivation = pytest.importorskip("experiments.symbols.derivation")
 codegen = pytest.importorskip("experiments.symbols.codegen")
 symbolic = pytest.importorskip("experiments.symbols.symbolic")
 
@@ -63,7 +63,7 @@ TREES = {path.stem: path.stem for path in DATA} | {f"random {seed}": seed for se
 @cache
 def case(name):
     """A numeric tree and its symbolic model."""
-    if name in derive.TABLES:
+    if name in derivation.TABLES:
         tree, lengths = getattr(symbolic, name)()
         return symbolic.with_values(tree, lengths), symbolic.derive(tree, lengths)
     tree = golden(name) if isinstance(TREES[name], str) else random(TREES[name])
@@ -110,7 +110,7 @@ def assert_is_the_regressor(tree, function):
         np.testing.assert_allclose(function(*state, gravity), expected[k], rtol=0, atol=1e-12 * abs(expected[k]).max())
 
 
-@pytest.mark.parametrize("table", derive.TABLES)
+@pytest.mark.parametrize("table", derivation.TABLES)
 def test_base_parameters_of_the_double_pendulum(table):
     _, model = case(table)
     assert model.exact
@@ -133,14 +133,14 @@ def test_parallel_axes_leave_exactly_nothing_of_the_force_along_them():
     assert all(sympy.trigsimp(sympy.expand(x)) in (0, -model.gravity[0]) for x in model.Y[0])
 
 
-@pytest.mark.parametrize("name", [*derive.TABLES, *TREES])
+@pytest.mark.parametrize("name", [*derivation.TABLES, *TREES])
 def test_generated_python_is_the_regressor(name):
     tree, model = case(name)
     assert_is_the_regressor(tree, generated_python(model))
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-@pytest.mark.parametrize("name", [*derive.TABLES, *TREES])
+@pytest.mark.parametrize("name", [*derivation.TABLES, *TREES])
 def test_generated_c_is_the_regressor(name, tmp_path):
     tree, model = case(name)
     source, library = tmp_path / "regressor.c", tmp_path / "regressor.so"
@@ -348,7 +348,7 @@ def test_a_file_that_does_not_exist_is_refused(capsys):
 
 def test_the_missing_extra_is_named(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "sympy", None)
-    for module in ("symbolic", "codegen"):
-        monkeypatch.delitem(sys.modules, f"experiments.{module}")
-        monkeypatch.delattr(experiments, module)
+    for module in ("derivation", "symbolic", "codegen"):
+        monkeypatch.delitem(sys.modules, f"experiments.symbols.{module}")
+        monkeypatch.delattr(symbols, module)
     assert "package 'sympy', which the extra 'symbolic' brings" in refusal(derive.main, ["table_1"], capsys)

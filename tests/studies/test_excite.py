@@ -7,6 +7,7 @@ import pytest
 from commands import refusal
 
 from experiments import excite
+from experiments.cli import defaults
 from experiments.studies import excitation
 from ident.errors import ModelError
 from ident.recordings.recording import Recording
@@ -87,8 +88,8 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path, arm):
     assert a == b != c
 
 
-@pytest.mark.parametrize("criterion", excitation.CRITERIA)
-@pytest.mark.parametrize("sensors", excitation.SENSORS)
+@pytest.mark.parametrize("criterion", defaults.CRITERIA)
+@pytest.mark.parametrize("sensors", defaults.SENSORS)
 def test_each_criterion_improves(arm, criterion, sensors):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = excitation.problem(model, "column", None, sensors=sensors, noise=(0.5, 0.05))

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from mechanisms import double_pendulum
 
-from experiments import mechanism
 from experiments.__main__ import main as everything
-from experiments.studies import paper
+from experiments.mechanism import main
+from experiments.studies import mechanism, paper
 from ident.geometry.se3 import exp
 
 STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts")
@@ -47,7 +47,7 @@ def test_table_1_as_printed_is_the_double_pendulum():
 
 
 def test_the_command_prints_the_check(tmp_path, capsys):
-    assert mechanism.main(["--out", str(tmp_path), "--formats", "png"]) == 0
+    assert main(["--out", str(tmp_path), "--formats", "png"]) == 0
     assert "Tables I and II are the same mechanism" in capsys.readouterr().out
 
 

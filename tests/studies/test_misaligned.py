@@ -12,7 +12,8 @@ import pytest
 from commands import refusal
 
 from experiments import misaligned
-from experiments.output import figures
+from experiments.cli import defaults
+from experiments.output import tilted_axes_report
 from experiments.studies import paper, tilted_axes
 
 NAMES = ("table_3", "table_3_full", "table_wrench_errors")
@@ -31,12 +32,12 @@ COLUMNS = [
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("results") / "new" / "folder"
-    assert misaligned.main(["--out", str(out), "--formats", *figures.FORMATS, "--seed", "3"]) == 0
+    assert misaligned.main(["--out", str(out), "--formats", *defaults.FORMATS, "--seed", "3"]) == 0
     return out
 
 
 def test_everything_is_written(results):
-    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in figures.FORMATS]
+    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in defaults.FORMATS]
     expected = {*TABLES, *drawings, "summary.json", "provenance.json"}
     assert {file.name for file in results.iterdir()} == expected
     assert all(file.stat().st_size > 100 for file in results.iterdir())
@@ -83,7 +84,7 @@ def test_the_study_is_identified_from_noisy_wrenches():
 
 def test_summary_is_for_scripts(results):
     summary = json.loads((results / "summary.json").read_text())
-    study = misaligned.study(seed=3)
+    study = tilted_axes.study(seed=3)
     assert summary["condition_number_simplified"] == study.simplified.estimate.condition_number
     assert summary["condition_number_full"] == study.full.estimate.condition_number
     assert (summary["rank_simplified"], summary["rank_full"]) == (13, 13)
@@ -94,7 +95,7 @@ def test_summary_is_for_scripts(results):
 
 def test_errors_of_the_wrench_are_told_channel_by_channel(results):
     summary = json.loads((results / "summary.json").read_text())["wrench_errors"]
-    study = misaligned.study(seed=3)
+    study = tilted_axes.study(seed=3)
     true = study.recording.noise_free.wrench("ground")
     assert list(summary) == ["Fx", "Fy", "Fz", "τx", "τy", "τz"]
     for k, channel in enumerate(summary.values()):
@@ -115,7 +116,7 @@ def test_provenance_says_how_to_run_it_again(results):
         "tilt_deg": 5.0,
         "azimuth_deg": 120.0,
         "noise_scale": 1.0,
-        "formats": list(figures.FORMATS),
+        "formats": list(defaults.FORMATS),
     }
     assert len(origin["recording"]["scene_sha256"]) == 64
     assert set(origin["versions"]) >= {"python", "mujoco", "numpy", "scipy", "matplotlib"}
@@ -123,7 +124,7 @@ def test_provenance_says_how_to_run_it_again(results):
 
 def test_the_same_seed_gives_the_same_bytes(results, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
-    assert misaligned.main(["--out", str(tmp_path), "--formats", *figures.FORMATS, "--seed", "3"]) == 0
+    assert misaligned.main(["--out", str(tmp_path), "--formats", *defaults.FORMATS, "--seed", "3"]) == 0
     for file in results.iterdir():
         assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
 
@@ -136,8 +137,8 @@ def test_another_seed_or_tilt_gives_other_tables(results, tmp_path):
 
 
 def test_figures_show_what_their_captions_say():
-    study = misaligned.study(seed=3)
-    figure = misaligned.figure_2(study)
+    study = tilted_axes.study(seed=3)
+    figure = tilted_axes_report.figure_2(study)
     assert figure.get_figwidth() == 3.5
     assert len(figure.axes) == 6
     for component, ax in enumerate(figure.axes):
@@ -151,7 +152,7 @@ def test_figures_show_what_their_captions_say():
         colors = {name: line.get_color() for name, line in lines.items()}
         assert colors == {"True": "black", "Simplified": "tab:red", "Full": "tab:blue"}
         np.testing.assert_array_equal(lines["True"].get_xdata(), study.recording.time)
-        errors = {line.get_label(): line for line in misaligned.figure_3(study).axes[component].get_lines()}
+        errors = {line.get_label(): line for line in tilted_axes_report.figure_3(study).axes[component].get_lines()}
         expected = abs(study.simplified.predicted[:, k] - truth)
         np.testing.assert_array_equal(errors["Simplified"].get_ydata(), expected)
         np.testing.assert_array_equal(errors["Full"].get_xdata(), np.arange(1, 944))
@@ -161,9 +162,10 @@ def test_figures_show_what_their_captions_say():
         under, over = (errors[f"{name}, running RMS"] for name in ("Simplified", "Full"))
         assert under.get_linewidth() > over.get_linewidth() and over.get_linestyle() == "--"
         assert errors["Full"].get_alpha() < 0.5
-        window = slice(500 - misaligned.WINDOW // 2, 501 + misaligned.WINDOW // 2)
+        half = tilted_axes_report.WINDOW // 2
+        window = slice(500 - half, 501 + half)
         assert over.get_ydata()[500] == pytest.approx(np.sqrt((expected[window] ** 2).mean()), rel=1e-9)
-        assert over.get_ydata()[0] == pytest.approx(np.sqrt((expected[: misaligned.WINDOW // 2 + 1] ** 2).mean()))
+        assert over.get_ydata()[0] == pytest.approx(np.sqrt((expected[: half + 1] ** 2).mean()))
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -239,7 +241,7 @@ def test_an_interrupted_run_leaves_earlier_results_whole(tmp_path, capsys, monke
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(misaligned, "figure_3", interrupt)
+    monkeypatch.setattr(tilted_axes_report, "figure_3", interrupt)
     assert misaligned.main(["--out", str(tmp_path)]) == 130
     assert [file.name for file in tmp_path.iterdir()] == ["table_3.csv"]
     assert (tmp_path / "table_3.csv").read_text() == "earlier"

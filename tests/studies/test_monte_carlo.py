@@ -10,13 +10,13 @@ import pytest
 from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import misaligned, multicontact
-from experiments.cli import options
+from experiments.cli import defaults, options
 from experiments.studies import monte_carlo, trials
 from experiments.studies.contacts import problem, study, trial
 from ident.recordings.recording import Recording
 
 
-@pytest.mark.parametrize("redrawn", trials.REDRAWN)
+@pytest.mark.parametrize("redrawn", defaults.REDRAWN)
 def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
     source = draw(tmp_path, "--redraw", redrawn)
     a, b, again = source.recordings([0, 1, 0])

@@ -10,6 +10,7 @@ from commands import refusal
 
 import scenes
 from experiments import multicontact
+from experiments.output import contacts_report
 from experiments.studies import paper
 from experiments.studies.contacts import problem, study, total
 from experiments.studies.fitting import fit
@@ -88,7 +89,7 @@ def test_weights_help_where_only_the_wrenches_are_noisy(contact):
 
 def test_the_scene_differs_from_the_paper_in_the_marked_entries_only(result):
     for name, true in zip(result.fit.base.names, result.fit.psi_true, strict=True):
-        assert (abs(true - paper.TABLE_4[name][0]) > 0.006) == (name in multicontact.DIFFERS)
+        assert (abs(true - paper.TABLE_4[name][0]) > 0.006) == (name in contacts_report.DIFFERS)
 
 
 def test_command_line_writes_everything(tmp_path, contact, result):
@@ -133,24 +134,24 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path):
 
 
 def test_figures_show_what_their_captions_say(result):
-    for component, ax in enumerate(multicontact.figure_4(result).axes):
+    for component, ax in enumerate(contacts_report.figure_4(result).axes):
         k = component // 2 + 3 * (component % 2)
         lines = {line.get_color(): line.get_ydata() for line in ax.get_lines()}
         np.testing.assert_array_equal(lines["tab:red"], result.recording.wrench("ground")[:, k])
         np.testing.assert_array_equal(lines["tab:blue"], result.true.wrench[:, k])
         np.testing.assert_array_equal(lines["black"], result.fit.predicted[:, k])
-        error = multicontact.figure_5(result).axes[component].get_lines()[0].get_ydata()
+        error = contacts_report.figure_5(result).axes[component].get_lines()[0].get_ydata()
         np.testing.assert_array_equal(error, (result.measured.wrench - result.fit.predicted)[:, k])
 
 
 def test_two_contacts_touch_at_the_same_time():
     result = study(contact="pad handle")
-    touching, summary = result.recording.true["pad_normal_force"] > 0, multicontact.summary(result)
+    touching, summary = result.recording.true["pad_normal_force"] > 0, contacts_report.summary(result)
     assert 0.25 < summary["fraction_all_touch"] == touching.mean() < 0.8
     alone = ("contact_pad_fraction_alone", "contact_handle_fraction_alone", "fraction_none_touches")
     assert [summary[key] for key in alone] == [0, np.mean(~touching), 0]
     assert summary["contact_handle_episodes"] == summary["contact_handle_fraction"] == 1
-    pad, handle = multicontact.table_contacts(result).rows
+    pad, handle = contacts_report.table_contacts(result).rows
     assert pad[:2] + handle[:2] == ("pad", "link2", "handle", "link1")
     assert pad[2:4] == (touching.mean(), 0)
     assert summary["tracking_error_rad"] < 0.03
@@ -159,7 +160,7 @@ def test_two_contacts_touch_at_the_same_time():
 def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result):
     tree, recording = result.known.tree, result.recording
     poses = tree.poses(recording.joint_states(tree.joints)[0])
-    figure = multicontact.figure_contacts(result)
+    figure = contacts_report.figure_contacts(result)
     for number, cell in enumerate(result.known.cells.values()):
         expected = transform_wrench(poses[:, tree.names.index(cell.body)] @ cell.pose, recording.wrench(cell.site))
         for component, ax in enumerate(figure.axes):
@@ -167,7 +168,7 @@ def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result
             shown = ax.get_lines()[number].get_ydata()
             np.testing.assert_allclose(shown, expected[:, k], atol=1e-12 * abs(expected).max())
     together = np.all(list(result.touching.values()), axis=0)
-    for shown in (figure, multicontact.figure_4(result), multicontact.figure_5(result)):
+    for shown in (figure, contacts_report.figure_4(result), contacts_report.figure_5(result)):
         for ax in shown.axes:
             grey = [path for shade in ax.collections for path in shade.get_paths()]
             assert len(grey) == (7 if result.several else 0)

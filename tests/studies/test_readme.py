@@ -10,9 +10,9 @@ import pytest
 
 import experiments
 import scenes
-from experiments import misaligned, readme
 from experiments.benchmark import words
-from experiments.multicontact import summary
+from experiments.output import readme_blocks, tilted_axes_report
+from experiments.output.contacts_report import summary
 from experiments.studies import contacts, tilted_axes
 
 README = Path(experiments.__file__).parents[1] / "README.md"
@@ -26,8 +26,8 @@ def cells(markdown):
 @pytest.mark.parametrize(
     ("name", "table", "study"),
     [
-        ("table 3", readme.table_3, tilted_axes.study),
-        ("table 4", readme.table_4, contacts.study),
+        ("table 3", readme_blocks.table_3, tilted_axes.study),
+        ("table 4", readme_blocks.table_4, contacts.study),
     ],
 )
 def test_tables_are_not_stale(name, table, study):
@@ -53,15 +53,15 @@ def test_errors_of_the_wrench_are_not_stale():
     study = tilted_axes.study()
     text = README.read_text(encoding="utf-8")
     printed = re.search(r"<!-- wrench errors -->\n(.*?)<!-- end wrench errors -->", text, re.DOTALL)[1]
-    found, fresh = cells(printed), cells(readme.table_wrench_errors(study).markdown())
+    found, fresh = cells(printed), cells(readme_blocks.table_wrench_errors(study).markdown())
     assert [re.sub(r"[\d.]+", "#", cell) for row in found for cell in row] == [
         re.sub(r"[\d.]+", "#", cell) for row in fresh for cell in row
     ]
-    for row, expected in zip(found[2:], misaligned.table_wrench_errors(study).rows, strict=True):
+    for row, expected in zip(found[2:], tilted_axes_report.table_wrench_errors(study).rows, strict=True):
         std, simplified, full = (np.array(re.findall(r"[\d.]+", cell), float) for cell in row[1:])
         np.testing.assert_allclose([*std, simplified[0], full[0]], expected[1:4], atol=0.0051)
         np.testing.assert_allclose([simplified[1], full[1]], 100 * np.array(expected[4:]), atol=0.51)
-    share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in misaligned.table_wrench_errors(study).rows}
+    share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in tilted_axes_report.table_wrench_errors(study).rows}
     share["epsilon"] = f"{study.simplified.estimate.epsilon / np.linalg.norm(study.recording.wrench('ground')):.1%}"
     assert share["epsilon"] == "1.5%"
     for file in (README, README.parent / "REPRODUCTION.md"):
@@ -88,15 +88,15 @@ def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_o
         (folder / "benchmark.json").write_text(json.dumps(content))
 
     record(tmp_path / "docs", "shown", quick=False)
-    assert readme.benchmark_results(tmp_path)["machine"]["processor"] == "shown"
+    assert readme_blocks.benchmark_results(tmp_path)["machine"]["processor"] == "shown"
     record(tmp_path / "results" / "benchmark", "new", quick=False)
-    assert readme.benchmark_results(tmp_path)["machine"]["processor"] == "new"
+    assert readme_blocks.benchmark_results(tmp_path)["machine"]["processor"] == "new"
     record(tmp_path / "results" / "benchmark", "new", quick=True)
     with pytest.raises(ValueError, match="without --quick"):
-        readme.benchmark_results(tmp_path)
+        readme_blocks.benchmark_results(tmp_path)
     record(tmp_path / "results" / "benchmark", "new", quick=False, commit="0123abc-dirty")
     with pytest.raises(ValueError, match="of a checkout with changes"):
-        readme.benchmark_results(tmp_path)
+        readme_blocks.benchmark_results(tmp_path)
 
 
 @pytest.mark.skipif(
@@ -127,9 +127,9 @@ def test_numbers_of_two_contacts_are_not_stale():
 
 def test_a_block_is_replaced_and_a_missing_one_is_named():
     text = "a\n<!-- t -->\nold\n<!-- end t -->\nb"
-    assert readme.with_block(text, "t", "new\n") == "a\n<!-- t -->\nnew\n<!-- end t -->\nb"
+    assert readme_blocks.with_block(text, "t", "new\n") == "a\n<!-- t -->\nnew\n<!-- end t -->\nb"
     with pytest.raises(ValueError, match="<!-- u -->"):
-        readme.with_block(text, "u", "")
+        readme_blocks.with_block(text, "u", "")
 
 
 def test_the_examples_run(capsys, tmp_path, monkeypatch):
@@ -146,8 +146,13 @@ def test_the_examples_run(capsys, tmp_path, monkeypatch):
     assert re.search(r"sum of contacts - Y phi: \de-1[0-9]", printed)
 
 
+def test_every_room_that_readme_names_exists():
+    rooms = re.findall(r"`((?:ident|sim|experiments)/[\w/]*)`", README.read_text(encoding="utf-8"))
+    assert len(rooms) > 10 and [room for room in rooms if not (README.parent / room).is_dir()] == []
+
+
 def test_every_test_that_the_documents_name_exists():
     root = README.parent
-    tests = "".join(path.read_text(encoding="utf-8") for path in (root / "tests").glob("*.py"))
+    tests = "".join(path.read_text(encoding="utf-8") for path in (root / "tests").rglob("*.py"))
     for name in re.findall(r"`(test_\w+)`", (root / "REPRODUCTION.md").read_text(encoding="utf-8")):
         assert f"def {name}(" in tests, name

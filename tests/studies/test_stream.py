@@ -7,7 +7,8 @@ from commands import refusal
 from fits import fitted
 
 import scenes
-from experiments import stream
+from experiments.stream import main
+from experiments.studies import stream
 from ident.estimation.least_squares import huber_white
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
@@ -42,7 +43,7 @@ def estimate(out):
 
 
 def test_files_are_identified_in_pieces(folder, tmp_path, capsys):
-    assert stream.main(arguments(folder, tmp_path)) == 0
+    assert main(arguments(folder, tmp_path)) == 0
     whole = fitted(TREE, [Recording.load(folder / name) for name in ("a.csv", "b.npz")], gravity=GRAVITY)
     found = estimate(tmp_path)
     assert (found["samples"], tuple(found["names"])) == (800, whole.names)
@@ -57,7 +58,7 @@ def test_files_are_identified_in_pieces(folder, tmp_path, capsys):
 
 
 def test_an_interrupted_run_goes_on(folder, tmp_path, monkeypatch, capsys):
-    assert stream.main(arguments(folder, tmp_path / "whole")) == 0
+    assert main(arguments(folder, tmp_path / "whole")) == 0
     whole, original = estimate(tmp_path / "whole"), stream.Progress.and_piece
 
     def interrupted(progress, part):
@@ -67,15 +68,15 @@ def test_an_interrupted_run_goes_on(folder, tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr(stream.Progress, "and_piece", interrupted)
     out = tmp_path / "parts"
-    assert stream.main(arguments(folder, out, "--workers", "2")) == 130
+    assert main(arguments(folder, out, "--workers", "2")) == 130
     assert "The 6 pieces done are in" in capsys.readouterr().err
     monkeypatch.undo()
-    assert stream.main(arguments(folder, out, "--resume")) == 0
+    assert main(arguments(folder, out, "--resume")) == 0
     assert estimate(out) == whole
-    assert stream.main(arguments(folder, out, "--resume")) == 0
+    assert main(arguments(folder, out, "--resume")) == 0
     assert estimate(out) == whole
     assert "is of another run: base differ" in refusal(
-        stream.main, [*arguments(folder, out, "--resume"), "--base", "link1"], capsys
+        main, [*arguments(folder, out, "--resume"), "--base", "link1"], capsys
     )
 
 
@@ -86,12 +87,12 @@ def test_bad_input_is_named(folder, tmp_path, capsys):
     broken.write_text("\n".join([*lines[:300], ",".join(["x", *cells[1:]]), *lines[301:]]) + "\n")
     model, good, out = str(folder / "model.xml"), str(folder / "a.csv"), ["--out", str(tmp_path / "out")]
     given = [model, good, str(broken), "--base", "base", "--piece", "100", *out]
-    message = refusal(stream.main, given, capsys)
+    message = refusal(main, given, capsys)
     assert "broken.csv: row 301, column 'time' needs a number, got 'x'" in message
     assert (tmp_path / "out" / stream.FILE).is_file() and not (tmp_path / "out" / "estimate.json").exists()
-    assert "There is no file" in refusal(stream.main, [model, "nowhere.csv", *out], capsys)
-    assert "no body named 'hip'" in refusal(stream.main, [model, good, "--base", "hip", *out], capsys)
-    missing = refusal(stream.main, [model, good, "--base", "base", "--resume", "--out", str(tmp_path / "new")], capsys)
+    assert "There is no file" in refusal(main, [model, "nowhere.csv", *out], capsys)
+    assert "no body named 'hip'" in refusal(main, [model, good, "--base", "hip", *out], capsys)
+    missing = refusal(main, [model, good, "--base", "base", "--resume", "--out", str(tmp_path / "new")], capsys)
     assert "--resume needs what an earlier run left in" in missing
 
 
@@ -101,12 +102,12 @@ def test_contacts_are_added_or_left_out_by_name(tmp_path, capsys):
     (tmp_path / "model.xml").write_text(spec.to_xml())
     simulate(spec, DOUBLE_PENDULUM, samples=943).save(tmp_path / "pad.npz")
     given = [str(tmp_path / "model.xml"), str(tmp_path / "pad.npz"), "--base", "base", "--out", str(tmp_path / "out")]
-    message = refusal(stream.main, given, capsys)
+    message = refusal(main, given, capsys)
     assert "pad.npz: the recording holds the wrench 'contact' besides the ground's: say --contact contact" in message
-    assert stream.main([*given, "--contact", "contact"]) == 0
+    assert main([*given, "--contact", "contact"]) == 0
     truth = find_base_parameters(TREE, gravity=GRAVITY).regroup(parameters_from_model(MODEL, "base"))
     np.testing.assert_allclose(estimate(tmp_path / "out")["psi"], truth, atol=0.1)
-    assert stream.main([*given, "--without", "contact"]) == 0
+    assert main([*given, "--without", "contact"]) == 0
     assert abs(np.array(estimate(tmp_path / "out")["psi"]) - truth).max() > 1
 
 
@@ -124,20 +125,20 @@ def test_contacts_are_added_or_left_out_by_name(tmp_path, capsys):
     ids=str,
 )
 def test_a_damaged_file_is_not_resumed(folder, tmp_path, capsys, damage):
-    assert stream.main(arguments(folder, tmp_path)) == 0
+    assert main(arguments(folder, tmp_path)) == 0
     with np.load(tmp_path / stream.FILE) as data:
         fields = dict(data) | damage
     np.savez(tmp_path / stream.FILE, **fields)
     assert "--resume needs what an earlier run left in" in refusal(
-        stream.main, arguments(folder, tmp_path, "--resume"), capsys
+        main, arguments(folder, tmp_path, "--resume"), capsys
     )
 
 
 def test_a_changed_recording_is_not_resumed(folder, tmp_path, capsys):
     copies = tmp_path / "copies"
     shutil.copytree(folder, copies)
-    assert stream.main(arguments(copies, tmp_path / "out")) == 0
+    assert main(arguments(copies, tmp_path / "out")) == 0
     text = (copies / "a.csv").read_text()
     (copies / "a.csv").write_text(text[:-3] + ("1" if text[-3] != "1" else "2") + text[-2:])
-    message = refusal(stream.main, arguments(copies, tmp_path / "out", "--resume"), capsys)
+    message = refusal(main, arguments(copies, tmp_path / "out", "--resume"), capsys)
     assert "is of another run: recordings differ" in message

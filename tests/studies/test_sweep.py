@@ -5,14 +5,16 @@ import numpy as np
 import pytest
 from commands import refusal
 
-from experiments import multicontact, sweep
+from experiments.output import contacts_report
 from experiments.runs.checkpoint import Checkpoint
+from experiments.studies import sweep
 from experiments.studies.contacts import study
+from experiments.sweep import main
 
 
 def run(tmp_path, *more, over=("noise_scale", "0", "1"), seeds=2):
     command = ["multicontact", "--over", *over, "--seeds", str(seeds), "--formats", "png", "--out", str(tmp_path)]
-    assert sweep.main([*command, *more]) == 0
+    assert main([*command, *more]) == 0
     return tmp_path / "multicontact" / over[0]
 
 
@@ -25,7 +27,7 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
     out = run(tmp_path, "--workers", "2")
     found = json.loads((out / "sweep.json").read_text())["runs"]
     expected = [
-        {"noise_scale": scale, "seed": seed, **multicontact.summary(study(noise_scale=scale, seed=seed))}
+        {"noise_scale": scale, "seed": seed, **contacts_report.summary(study(noise_scale=scale, seed=seed))}
         for seed in (0, 1)
         for scale in (0.0, 1.0)
     ]
@@ -58,7 +60,7 @@ def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch
     with monkeypatch.context() as patched:
         patched.setattr(Checkpoint, "collect", interrupted)
         command = ["multicontact", "--over", "noise_scale", "0", "1", "--out", str(tmp_path / "part")]
-        assert sweep.main(command) == 130
+        assert main(command) == 130
     # More seeds may follow than were asked for at first.
     resumed = run(tmp_path / "part", "--resume")
     assert (resumed / "table_sweep.csv").read_bytes() == (whole / "table_sweep.csv").read_bytes()
@@ -70,7 +72,7 @@ def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch
 @pytest.mark.usefixtures("undrawn")
 def test_several_contacts_are_a_value_like_one(tmp_path):
     out = run(tmp_path, over=("contact", "pad", "pad handle"), seeds=1)
-    expected = multicontact.summary(study(contact="pad handle"))
+    expected = contacts_report.summary(study(contact="pad handle"))
     for number in sweep.CHARTED["multicontact"]:
         one, several = rows(out, number)
         assert (one["contact"], several["contact"]) == ("pad", "pad handle")
@@ -106,14 +108,14 @@ def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, caps
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path, capsys, command, message):
-    assert message in refusal(sweep.main, [*command, "--out", str(tmp_path)], capsys)
+    assert message in refusal(main, [*command, "--out", str(tmp_path)], capsys)
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_runs_of_another_sweep_are_not_resumed(tmp_path, capsys):
     run(tmp_path, seeds=1)
     command = ["multicontact", "--over", "noise_scale", "2", "--resume", "--out", str(tmp_path)]
-    assert "are of another run: values differ" in refusal(sweep.main, command, capsys)
+    assert "are of another run: values differ" in refusal(main, command, capsys)
 
 
 def test_the_chart_shows_every_seed_and_the_mean():

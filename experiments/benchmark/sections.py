@@ -1,12 +1,8 @@
-"""Measures how fast regressor, identification, simulation and trials are: as ratios to other ways in one process.
-
-Ours and theirs take turns, and their medians are compared, on results that were seen to be the same. All work with one
-thread for linear algebra. Nothing here is asserted: machines differ, and are noisy.
-"""
+"""All that is measured, section by section, and the files that keep it."""
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -25,7 +21,6 @@ from experiments.benchmark import (
 from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
 from experiments.benchmark.timing import QUICK, Effort
-from experiments.cli import options
 from experiments.output import figures, report
 from experiments.runs.workers import hired
 from ident.errors import InputError
@@ -110,15 +105,3 @@ def run(args: argparse.Namespace) -> None:
     for line in (*words.findings(results), *results["notes"]):
         print(f"- {line}")
     print(f"All numbers are in {args.out}.")
-
-
-def parser() -> argparse.ArgumentParser:
-    """Command-line options."""
-    out = options.output_parser("benchmark", __doc__)
-    out.add_argument("--quick", action="store_true", help="few samples and repetitions, to see that everything runs")
-    return out
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
-    return options.run(run, parser(), argv)

@@ -1,0 +1,61 @@
+# PYTHON_ARGCOMPLETE_OK
+"""The command `multicontact`: what `python -m experiments.NAME` runs, as `multicontact NAME`."""
+
+import argparse
+import importlib.metadata
+import os
+from collections.abc import Sequence
+
+import experiments.__main__
+import experiments.benchmark.__main__
+from experiments import derive, excite, identify, mechanism, misaligned, multicontact, readme, stream, sweep
+from experiments.cli import options
+
+COMMANDS = {
+    "paper": experiments.__main__,
+    "mechanism": mechanism,
+    "misaligned": misaligned,
+    "multicontact": multicontact,
+    "sweep": sweep,
+    "identify": identify,
+    "stream": stream,
+    "excite": excite,
+    "derive": derive,
+    "benchmark": experiments.benchmark.__main__,
+    "readme": readme,
+}
+"""Modules of the subcommands."""
+
+
+def run(args: argparse.Namespace) -> None:
+    """Runs the subcommand that was chosen."""
+    vars(args).pop("run")(args)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options of all subcommands."""
+    package = importlib.metadata.metadata("multicontact")
+    out = argparse.ArgumentParser("multicontact", description=package["Summary"])
+    out.add_argument("--version", action="version", version=f"%(prog)s {package['Version']}")
+    commands = out.add_subparsers(metavar="COMMAND", required=True)
+    for name, module in COMMANDS.items():
+        one = module.parser()
+        commands.add_parser(
+            name,
+            parents=[one],
+            add_help=False,
+            help=str(one.description).partition("\n")[0],
+            description=one.description,
+            epilog=one.epilog,
+            formatter_class=one.formatter_class,
+        ).set_defaults(run=module.run)
+    return out
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    if "_ARGCOMPLETE" in os.environ:
+        import argcomplete
+
+        argcomplete.autocomplete(parser())
+    return options.run(run, parser, argv)

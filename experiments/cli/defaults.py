@@ -1,0 +1,33 @@
+"""What options offer, and what they are if not given: known before anything that they choose is imported."""
+
+FORMATS = ("pdf", "png", "svg")
+"""File formats of figures that are the same every time they are written."""
+
+REDRAWN = {
+    "all": "the excitation's and the sensors' noise, every trial being a simulation",
+    "sensors": "the sensors' noise around one simulation",
+    "wrench": "force and torque noise alone, with exact joint states and poses",
+}
+"""Which noise is drawn anew for each trial."""
+
+AZIMUTH_DEG = 120.0
+"""Direction of the tilt, which the paper does not print: the one that fits its Table III."""
+
+DRIVE = ("viscous", "coulomb", "rotor")
+"""What else takes torque at the joints."""
+
+HOLDOUT = 0.4
+"""Fraction of a recording, its end, that is kept to judge by."""
+
+CRITERIA = {
+    "condition": "the smallest condition number of the base regressor",
+    "information": "the largest log-determinant of the information, weighted by the sensors' noise",
+}
+"""What a designed excitation makes best."""
+
+SENSORS = ("wrench", "torque")
+"""What is measured: the wrench at the base, or the torques of the excited joints."""
+
+SECONDS, VELOCITY, ACCELERATION = 10.0, 1.0, 3.0
+"""Duration of an excitation in s, and its limits in rad/s and rad/s² (m/s and m/s² of slides): modest ones, because
+models do not know them."""

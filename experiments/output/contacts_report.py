@@ -1,0 +1,213 @@
+"""What Section VII shows of contacts: Table IV, Figures 4 and 5, key numbers, and the text for the terminal."""
+
+import argparse
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import scenes
+from experiments.output import figures, report
+from experiments.studies import monte_carlo, paper
+from experiments.studies.contacts import SCENE, Study, problem, study, total, trial
+
+DIFFERS = frozenset({"Ixx2", "Ixx3", "Ixz3"})
+"""Entries of Table IV that no rigid body can have."""
+
+FOOTNOTE = (
+    "The paper put inertias about the centres of mass into parameters that are defined about the frame origins; no "
+    "rigid body has those. The scene's values differ by exactly the parallel-axis terms."
+)
+
+CONTACT_LINES = (figures.Line("tab:green"), figures.Line("tab:orange"))
+"""How the contacts' wrenches are drawn."""
+
+
+def table_4(result: Study) -> report.Table:
+    """Errors with all contacts' wrenches, beside the paper's."""
+    return report.Table(
+        f"Base parameters with {'several contacts' if result.several else 'a contact'}, kg, kg m and kg m²",
+        *report.columns(
+            parameter=result.fit.base.names,
+            true_paper=[paper.TABLE_4[name][0] for name in result.fit.base.names],
+            true_scene=result.fit.psi_true,
+            error=result.fit.error,
+            paper_error=[paper.TABLE_4[name][1] for name in result.fit.base.names],
+        ),
+        marked=DIFFERS,
+        footnote=FOOTNOTE,
+    )
+
+
+def table_4_ignoring(result: Study) -> report.Table:
+    """What the ground wrench alone gives, or all wrenches but one's, beside the estimate from all of them."""
+    least_squares: dict[str, np.ndarray] = {
+        "std_wrench_noise": result.fit.estimate.std,
+        "error_weighted": result.weighted.error,
+        "std_weighted": result.weighted.estimate.std,
+    }
+    alone = result.ignoring["all"]
+    without = {"estimated_ignoring": alone.estimate.psi, "error_ignoring": alone.error}
+    if result.several:
+        without = {f"error_ignoring_{name}": fit.error for name, fit in result.ignoring.items()}
+    return report.Table(
+        f"Ordinary and weighted least squares, and the contact{'s' * result.several} ignored, kg, kg m and kg m²; "
+        f"std of wrench noise, {result.fit.estimate.noise}",
+        *report.columns(
+            parameter=result.fit.base.names,
+            true=result.fit.psi_true,
+            estimated=result.fit.estimate.psi,
+            error=result.fit.error,
+            **(without | least_squares if result.several else least_squares | without),
+            regrouping=result.fit.base.expressions(),
+        ),
+    )
+
+
+def table_contacts(result: Study) -> report.Table:
+    """When each contact touches, and how much."""
+    found, cells = summary(result), result.known.cells
+
+    def each(number: str) -> list[Any]:
+        return [found[f"{cell.site}_{number}"] for cell in cells.values()]
+
+    return report.Table(
+        "Contacts: shares of the samples in which each touches, and touches alone, number of episodes, peak force",
+        *report.columns(
+            contact=cells,
+            link=[cell.body for cell in cells.values()],
+            touches=each("fraction"),
+            touches_alone=each("fraction_alone"),
+            episodes=map(str, each("episodes")),
+            peak_force_N=each("peak_force_N"),
+        ),
+    )
+
+
+def figure_4(result: Study) -> Figure:
+    """Measured ground wrench, true total wrench and the wrench recovered from the estimates, over time."""
+    return figures.wrench_panels(
+        result.recording.time,
+        {
+            "Ground, measured": (result.recording.wrench("ground"), figures.Line("tab:red", width=0.6)),
+            "Total, true": (result.true.wrench, figures.Line("tab:blue", width=1.8)),
+            "Recovered": (result.fit.predicted, figures.Line("black", width=0.6)),
+        },
+        "Time (s)",
+        shaded=together(result),
+    )
+
+
+def figure_5(result: Study) -> Figure:
+    """Measured total wrench less the wrench predicted from the estimates, over time."""
+    return figures.wrench_panels(
+        result.recording.time,
+        {"Measured - predicted": (result.measured.wrench - result.fit.predicted, figures.Line("black", width=0.4))},
+        "Time (s)",
+        symbol=r"\Delta {}",
+        shaded=together(result),
+    )
+
+
+def figure_contacts(result: Study) -> Figure:
+    """What each contact takes from the ground wrench, measured and moved to the base frame, over time."""
+    known, recording = result.known, result.recording
+    taken = {name: total(known, recording, {name}).wrench - result.measured.wrench for name in known.cells}
+    return figures.wrench_panels(
+        recording.time,
+        {name.capitalize(): (taken[name], line) for name, line in zip(taken, CONTACT_LINES, strict=False)},
+        "Time (s)",
+        shaded=together(result),
+    )
+
+
+def together(result: Study) -> dict[str, np.ndarray]:
+    """When several contacts all touch, for the figures (N,)."""
+    return {"All touch": np.all(list(result.touching.values()), axis=0)} if result.several else {}
+
+
+def summary(result: Study) -> dict[str, Any]:
+    """Key numbers for scripts."""
+    recording, estimate = result.recording, result.fit.estimate
+    ignoring = {name: float(np.abs(fit.error).max()) for name, fit in result.ignoring.items()}
+    return {
+        "condition_number": estimate.condition_number,
+        "rank": result.fit.base.rank,
+        "rows": estimate.rows,
+        "epsilon": estimate.epsilon,
+        "paper_condition_number": paper.CONDITION_NUMBER_MULTICONTACT,
+        "largest_error": float(np.abs(result.fit.error).max()),
+        "largest_error_ignoring": ignoring.pop("all"),
+        **{f"largest_error_ignoring_{name}": error for name, error in ignoring.items()},
+        **_touches(result),
+        "tracking_error_rad": recording.provenance["tracking_error_rad"],
+        "noise": dict(recording.noise),
+    }
+
+
+def _touches(result: Study) -> dict[str, float]:
+    """When each contact touches, and how much; how often all do, and none does."""
+    number = np.sum(list(result.touching.values()), axis=0)
+    found: dict[str, float] = {}
+    for name, touching in result.touching.items():
+        site = result.known.cells[name].site
+        found |= {
+            f"{site}_fraction": float(touching.mean()),
+            f"{site}_fraction_alone": float(np.mean(touching & (number == 1))),
+            f"{site}_episodes": int(touching[0] + np.sum(~touching[:-1] & touching[1:])),
+            f"{site}_peak_force_N": float(np.linalg.norm(result.recording.true[f"{site}_force"], axis=1).max()),
+        }
+    return found | {
+        "contact_peak_force_N": max(x for key, x in found.items() if key.endswith("_peak_force_N")),
+        "fraction_all_touch": float(np.mean(number == len(result.touching))),
+        "fraction_none_touches": float(np.mean(number == 0)),
+    }
+
+
+def report_text(result: Study) -> str:
+    """What the terminal shows."""
+    found = summary(result)
+    rows, columns = paper.SHAPE_MULTICONTACT
+    errors = "; ".join(f"ignoring {name} {np.abs(fit.error).max():.3f}" for name, fit in result.ignoring.items())
+    lines = [
+        table_4(result).text(),
+        table_4_ignoring(result).text(),
+        table_contacts(result).text(),
+        f"Condition number: {found['condition_number']:.1f} at {found['rows']}x{found['rank']} "
+        f"(paper: {paper.CONDITION_NUMBER_MULTICONTACT} at {rows}x{columns})",
+        f"Largest error: {found['largest_error']:.3f} with all contacts; {errors}",
+        f"All contacts touch in {found['fraction_all_touch']:.0%} of the samples, "
+        f"none in {found['fraction_none_touches']:.0%}",
+    ]
+    return "\n".join(lines)
+
+
+def write(result: Study, folder: Path, formats: Iterable[str]) -> None:
+    """Writes all tables, figures and the summary into a folder."""
+    table_4(result).write(folder, "table_4")
+    table_4_ignoring(result).write(folder, "table_4_ignoring")
+    figures.save(figure_4(result), folder, "figure_4", formats)
+    figures.save(figure_5(result), folder, "figure_5", formats)
+    if result.several:
+        table_contacts(result).write(folder, "table_contacts")
+        figures.save(figure_contacts(result), folder, "figure_contacts", formats)
+    report.write_json(folder / "summary.json", summary(result))
+
+
+def run(args: argparse.Namespace) -> None:
+    """Runs the study and writes and prints its results."""
+    choices = {key: getattr(args, key) for key in ("seed", "samples", "contact", "noise_scale")}
+    choices["contact"] = contact = " ".join(scenes.load_cells(" ".join(args.contact)))
+    result = study(**choices)
+    names = result.fit.base.names
+    plan = monte_carlo.Plan(
+        scene={"name": SCENE, "contact": contact},
+        analyse=partial(trial, problem(contact)),
+        names=names,
+        published={"multicontact": [paper.TABLE_4[name][1] for name in names]},
+    )
+    writing = partial(write, result, formats=args.formats)
+    monte_carlo.conclude(args, choices, result.recording, plan, writing, report_text(result))

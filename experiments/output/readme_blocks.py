@@ -1,0 +1,98 @@
+"""The generated parts of README.md: tables of both studies, a figure, and the benchmark."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from experiments.benchmark import sections, words
+from experiments.benchmark.figure import figure_benchmark
+from experiments.output import contacts_report, figures, report, tilted_axes_report
+from experiments.studies import contacts, tilted_axes
+from ident.errors import InputError
+from ident.recordings.atomic import replacing
+
+
+def table_3(result: tilted_axes.Study) -> report.Table:
+    """Table III with our errors beside the paper's."""
+    rows = tilted_axes_report.table_3(result).rows
+    name, _, simplified, paper_simplified, _, full, paper_full = zip(*rows, strict=True)
+    columns = {
+        "parameter": name,
+        "simplified, paper": paper_simplified,
+        "simplified, ours": simplified,
+        "full, paper": paper_full,
+        "full, ours": full,
+    }
+    return report.Table("", *report.columns(**columns), decimals=2)
+
+
+def table_wrench_errors(result: tilted_axes.Study) -> report.Table:
+    """Errors of the recovered wrenches by channel, in brackets over what there is to recover."""
+    rows = []
+    for (channel, found), (_, unit) in zip(
+        tilted_axes_report.summary(result)["wrench_errors"].items(), figures.COMPONENTS, strict=True
+    ):
+        shown = (f"{found[f'rms_{m}']:.2f} ({100 * found[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
+        rows.append((f"{channel}, {unit}", found["true_std"], *shown))
+    columns = ("channel", "s.d. of the true wrench", "error, simplified", "error, full")
+    return report.Table("", columns, tuple(rows), decimals=2)
+
+
+def table_4(result: contacts.Study) -> report.Table:
+    """Table IV with our errors beside the paper's."""
+    name, true_paper, true_scene, error, paper_error = zip(*contacts_report.table_4(result).rows, strict=True)
+    columns = {
+        "parameter": name,
+        "true, paper": true_paper,
+        "true, scene": true_scene,
+        "error, paper": paper_error,
+        "error, ours": error,
+    }
+    footnote = contacts_report.FOOTNOTE
+    rows = report.columns(**columns)
+    return report.Table("", *rows, decimals=2, marked=contacts_report.DIFFERS, footnote=footnote)
+
+
+def benchmark_results(root: Path) -> dict[str, Any]:
+    """The benchmark that README shows: that of `results/benchmark`, or the one it shows already.
+
+    Raises:
+        InputError: That one was made with `--quick`, or of a checkout with changes that nobody has committed.
+    """
+    made, shown = root / "results" / "benchmark" / sections.FILE, root / "docs" / sections.FILE
+    results = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
+    if results["provenance"]["options"]["quick"]:
+        raise InputError(f"README shows a whole benchmark, but '{made}' is of a quick one: run it without --quick.")
+    if made.exists() and str(results["provenance"]["git_commit"]).endswith("-dirty"):
+        raise InputError(
+            f"README shows the benchmark of a commit, but '{made}' is of a checkout with changes beyond one."
+        )
+    return results
+
+
+def with_block(text: str, name: str, content: str) -> str:
+    """The text with the part between `<!-- name -->` and `<!-- end name -->` replaced."""
+    pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end {name} -->)", re.DOTALL)
+    if not pattern.search(text):
+        raise InputError(f"README.md needs a block '<!-- {name} -->' that ends with '<!-- end {name} -->'.")
+    return pattern.sub(lambda match: f"{match[1]}{content}{match[2]}", text)
+
+
+def write(root: Path) -> None:
+    """Writes README.md, its figures and the record of its benchmark anew."""
+    readme, figure = root / "README.md", root / "docs"
+    if not (readme.is_file() and figure.is_dir()):
+        raise InputError(f"The root of a checkout has a README.md and a folder docs; '{root}' has not.")
+    measured = benchmark_results(root)
+    tilted, touching = tilted_axes.study(), contacts.study()
+    text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted).markdown())
+    text = with_block(text, "wrench errors", table_wrench_errors(tilted).markdown())
+    text = with_block(text, "table 4", table_4(touching).markdown())
+    text = with_block(text, "benchmark", words.readme_block(measured))
+    with report.results_folder(figure) as folder:
+        figures.save(tilted_axes_report.figure_2(tilted), folder, "figure_2", ["png"])
+        figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
+        report.write_json(folder / sections.FILE, measured)
+    with replacing(readme) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,190 @@
+"""A motion designed for a model or a scene, from its limits to its files."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from matplotlib.figure import Figure
+
+import scenes
+from experiments.cli.defaults import ACCELERATION, SECONDS, VELOCITY
+from experiments.output import figures, report
+from experiments.output.excite_report import Motion, figure, recording, table_limits, table_quality
+from experiments.studies import excitation, paper
+from experiments.studies.excitation import Problem
+from ident.errors import InputError
+from sim.models.joints import Joint
+from sim.models.mujoco_model import compiled
+from sim.motion.collisions import Collisions
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.motion.excitation_design import Limits
+from sim.motion.fourier import FourierTrajectory
+from sim.simulation.simulate import LONGEST, RATE
+
+PAPER = "double_pendulum"
+"""Scene whose excitation the paper's is compared with."""
+
+BASES = {"double_pendulum": "base", "humanoid": "pelvis"}
+"""Body whose frame is {0} in the scenes."""
+
+PER_PERIOD = 10
+"""Samples that a period of the fastest harmonic needs at least."""
+
+
+def sample_times(seconds: float, harmonics: int) -> np.ndarray:
+    """Times of the samples, both ends included, s (N,).
+
+    Raises:
+        InputError: The motion is too short for its harmonics, or too long.
+    """
+    shortest = PER_PERIOD * harmonics / RATE
+    if not shortest <= seconds <= LONGEST / RATE:
+        raise InputError(
+            f"{harmonics} harmonics at {RATE:g} Hz need {shortest:g} s to {LONGEST / RATE:g} s, which is {PER_PERIOD} "
+            f"samples or more for a period of the fastest; got {seconds:g} s."
+        )
+    return np.arange(round(seconds * RATE) + 1) / RATE
+
+
+def joint_limits(args: argparse.Namespace, problem: Problem, reference: Motion | None) -> Limits:
+    """Limits from the options, else from the paper's motion, else from the model.
+
+    Raises:
+        InputError: A joint has no range and none is given, or the ranges leave no room.
+    """
+    if reference is None:
+        low, high = np.array([_range(joint, args.position) for joint in problem.joints]).T
+        velocity, acceleration = (np.full(len(low), limit) for limit in (VELOCITY, ACCELERATION))
+    else:
+        low, high = reference.q.min(axis=0), reference.q.max(axis=0)
+        velocity, acceleration = abs(reference.dq).max(axis=0), abs(reference.ddq).max(axis=0)
+        if args.position is not None:
+            low, high = np.array([_range(joint, args.position) for joint in problem.joints]).T
+    if args.velocity is not None:
+        velocity = np.full(len(low), args.velocity)
+    if args.acceleration is not None:
+        acceleration = np.full(len(low), args.acceleration)
+    return Limits(low, high, velocity, acceleration)
+
+
+def _range(joint: Joint, given: Sequence[float] | None) -> tuple[float, float]:
+    """The part of the given range that the model allows."""
+    if given is None and joint.range is None:
+        raise InputError(
+            f"Joint '{joint.name}' has no range in the model; give one with --position LOW HIGH, in {joint.unit}."
+        )
+    low, high = given if given is not None else (-np.inf, np.inf)
+    inner, outer = joint.range if joint.range is not None else (-np.inf, np.inf)
+    if not max(low, inner) < min(high, outer):
+        raise InputError(
+            f"Joint '{joint.name}' needs a range with a lower limit below the upper one, got {low:g} to {high:g} "
+            f"{joint.unit} where the model allows {inner:g} to {outer:g}."
+        )
+    return max(low, inner), min(high, outer)
+
+
+def paper_motion(time: np.ndarray) -> Motion:
+    """The paper's excitation without its noise."""
+    return Motion(time, *DOUBLE_PENDULUM.trajectory(time))
+
+
+def run(args: argparse.Namespace) -> None:
+    """Designs a motion, and writes and prints it."""
+    scene = args.model in scenes.NAMES
+    model = compiled(scenes.load(args.model) if scene else args.model)
+    base = args.base or BASES.get(args.model) if scene else args.base
+    problem = excitation.problem(
+        model, base, args.joints, sensors=args.sensors, noise=(args.noise[0], args.noise[1]), ignore=args.ignore
+    )
+    published = args.model == PAPER and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
+    duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
+    time = sample_times(duration if args.seconds is None else args.seconds, args.harmonics)
+    reference = paper_motion(time) if published else None
+    limits = joint_limits(args, problem, reference)
+    collisions = _collisions(args, model, problem)
+    before, trajectory = _designed(args, problem, limits, reference, time, collisions)
+    after = Motion(time, *trajectory.states(time))
+    start = "the paper's excitation" if published else "the first random start"
+    title = f"Excitation of {', '.join(joint.name for joint in problem.joints)}: {start} and the designed one"
+    tables = {
+        "table_quality": table_quality(problem, before, after, title),
+        "table_limits": table_limits(problem, limits, before, after),
+    }
+    _write(args, problem, tables, figure(problem, limits, before, after), after, trajectory)
+    for table in tables.values():
+        print(table.text())
+    _print_summary(args, problem, tables["table_quality"], start, collisions)
+
+
+def _collisions(args: argparse.Namespace, model: mujoco.MjModel, problem: Problem) -> Collisions | None:
+    if args.collisions == "ignore":
+        return None
+    return Collisions(model, [joint.id for joint in problem.joints], args.clearance)
+
+
+def _designed(
+    args: argparse.Namespace,
+    problem: Problem,
+    limits: Limits,
+    reference: Motion | None,
+    time: np.ndarray,
+    collisions: Collisions | None,
+) -> tuple[Motion, FourierTrajectory]:
+    """What the design is compared with, and the design."""
+    rest = np.array([joint.rest for joint in problem.joints])
+    starts = excitation.start_motions(limits, rest, float(time[-1]), args.harmonics, args.starts, args.seed)
+    if reference is None:
+        before = Motion(time, *starts[0].states(time))
+    else:
+        before = reference
+        starts[0] = FourierTrajectory.closest(float(time[-1]), args.harmonics, time, reference.q)
+    found = excitation.best(problem, limits, args.criterion, starts, collisions, args.iterations)
+    return before, found
+
+
+def _write(
+    args: argparse.Namespace,
+    problem: Problem,
+    tables: dict[str, report.Table],
+    drawing: Figure,
+    motion: Motion,
+    trajectory: FourierTrajectory,
+) -> None:
+    given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
+    series = {
+        "duration": trajectory.duration,
+        "joints": [joint.name for joint in problem.joints],
+        "center": trajectory.center.tolist(),
+        "coefficients": trajectory.coefficients.tolist(),
+    }
+    source = report.provenance(given, {"series": series, "base_parameters": list(problem.base.names)})
+    with report.results_folder(args.out, stale=report.OUTPUTS, inputs=[Path(args.model)]) as folder:
+        figures.save(drawing, folder, "figure_excitation", args.formats)
+        for name, table in tables.items():
+            table.write(folder, name)
+        samples = recording(problem, motion, {"designed": args.model, "criterion": args.criterion, "series": series})
+        samples.save(folder / "trajectory.csv")
+        samples.save(folder / "trajectory.npz")
+        report.write_json(folder / "provenance.json", source)
+
+
+def _print_summary(
+    args: argparse.Namespace, problem: Problem, table: report.Table, start: str, collisions: Collisions | None
+) -> None:
+    before, after = table.rows[0][1:]
+    print(f"{problem.base.rank} base parameters: {', '.join(problem.base.names)}.")
+    print(f"Condition number before, {start}: {before:.1f}; after: {after:.1f}.")
+    print(f"Collisions: {_checked(collisions)}.")
+    print(f"Trajectory, figure and tables are in {args.out}.")
+
+
+def _checked(collisions: Collisions | None) -> str:
+    """What is known about collisions."""
+    if collisions is None:
+        return "not checked"
+    pairs = collisions.pairs()
+    if pairs == 0:
+        return "not checked, because the model has no geoms that could collide with one another"
+    return f"none; of {pairs} pairs of geoms none comes closer than {collisions.clearance:g} m"

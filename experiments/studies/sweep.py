@@ -1,0 +1,195 @@
+"""A study with several values and seeds: its runs, a table of their numbers, and a chart."""
+
+import argparse
+import inspect
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.output import contacts_report, escape, figures, report, tilted_axes_report
+from experiments.runs.checkpoint import Checkpoint
+from experiments.runs.workers import hired
+from ident.errors import InputError
+from ident.estimation.in_order import in_order
+
+STUDIES = {"misaligned": tilted_axes_report, "multicontact": contacts_report}
+
+CHARTED = {
+    "misaligned": {
+        "condition_number_simplified": "Condition number, simplified model",
+        "epsilon_simplified": "Residual ε, simplified model (N, N m)",
+        "condition_number_full": "Condition number, full model on its own columns",
+        "axis_error_deg": "Error of the recovered axes (deg)",
+    },
+    "multicontact": {
+        "condition_number": "Condition number",
+        "largest_error": "Largest error (kg, kg m, kg m²)",
+        "largest_error_ignoring": "Largest error, contact ignored (kg, kg m, kg m²)",
+        "contact_peak_force_N": "Peak contact force (N)",
+    },
+}
+"""Numbers of a study's summary that the chart shows if none are named, and their titles."""
+
+FILE = "runs.npz"
+"""File in the output folder that keeps every run's summary."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """What a study found for each value and seed.
+
+    Attributes:
+        option: Name of the option.
+        values: Its values.
+        runs: Value, seed and summary of each run, or under `refused` why the study refused it; all values with the
+            first seed, then with the next.
+    """
+
+    option: str
+    values: Sequence[str | float]
+    runs: Sequence[Mapping[str, Any]]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the numbers in the summaries, without those that are the paper's."""
+        names = dict.fromkeys(name for run in self.runs for name, x in run.items() if isinstance(x, int | float))
+        return [name for name in names if not name.startswith("paper_") and name not in (self.option, "seed")]
+
+    def numbers(self, name: str) -> np.ndarray:
+        """A number for each seed and value (seeds, values); NaN where a summary does not have it."""
+        return np.array([run.get(name, np.nan) for run in self.runs], dtype=float).reshape(-1, len(self.values))
+
+
+def run_of(study: str, option: str, run: tuple[str | float, int]) -> list[str]:
+    """What a worker makes of a value and a seed: a batch of one summary, as JSON."""
+    value, seed = run
+    try:
+        found = STUDIES[study].summary(STUDIES[study].study(**{option: value}, seed=seed))
+    except InputError as error:
+        found = {"refused": f"{option} {value}, seed {seed}: {error}"}
+    return [json.dumps(found)]
+
+
+def values_of(study: str, option: str, texts: Sequence[str]) -> list[str | float]:
+    """Values of a study's option, of its default's type.
+
+    Raises:
+        InputError: The study has no such option, or the values are none, equal or not of that type.
+    """
+    defaults = {k: p.default for k, p in inspect.signature(STUDIES[study].study).parameters.items() if k != "seed"}
+    if option not in defaults:
+        raise InputError(f"--over needs an option of {study}, one of {', '.join(defaults)}, got '{option}'.")
+    kind = type(defaults[option])
+    try:
+        values = [kind(text) for text in texts]
+    except ValueError as error:
+        raise InputError(f"--over {option} needs values of type {kind.__name__} ({error}).") from None
+    if not values or len(set(values)) < len(values) or not all(isinstance(x, str) or abs(x) < np.inf for x in values):
+        raise InputError(f"--over {option} needs one or more finite values, all different, got '{' '.join(texts)}'.")
+    return values
+
+
+def table(found: Sweep, names: Sequence[str]) -> report.Table:
+    """Means and standard deviations over the seeds, a row for each number and value."""
+    rows = [
+        (name, str(value), *_statistics(column))
+        for name in names
+        for value, column in zip(found.values, found.numbers(name).T, strict=True)
+    ]
+    columns = ("number", found.option, "runs", "mean", "std")
+    return report.Table(f"Over {report.heading(found.option)}", columns, tuple(rows), decimals=4)
+
+
+def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
+    """Some numbers over the option, a panel for each: every seed as a dot, and their mean as a line."""
+    numeric = not isinstance(found.values[0], str)
+    x = np.array(found.values) if numeric else np.arange(len(found.values))
+    order = np.argsort(x)
+    with figures.paper_style():
+        figure = Figure(figsize=(3.5, 0.6 + 1.1 * len(titles)))
+        panels = figure.subplots(len(titles), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, (name, title) in zip(panels, titles.items(), strict=True):
+            numbers = found.numbers(name)
+            mean = np.array([_statistics(column)[1] for column in numbers.T], dtype=float)
+            ax.plot(x[order], mean[order], "o-" if numeric else "o", color="tab:blue", ms=3, zorder=3, label="mean")
+            for row in numbers:
+                ax.plot(x, row, "o", color="0.6", ms=1.5, label="seed")
+            if np.nanmin(numbers) > 0 and np.nanmax(numbers) > 100 * np.nanmin(numbers):
+                ax.set_yscale("log")
+            else:
+                figures.widen_flat(ax)
+            ax.set_title(title, pad=3)
+        if not numeric:
+            panels[-1].set_xticks(x, [escape.label(str(value)) for value in found.values])
+            panels[-1].margins(x=0.2)
+        panels[-1].set_xlabel(_label(found.option))
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles[:2], labels[:2], loc="outside upper center", ncols=2)
+    return figure
+
+
+def _statistics(x: np.ndarray) -> tuple[str, float | None, float | None]:
+    """Number of runs that have a number, its mean and its standard deviation, as far as they are defined."""
+    known = x[np.isfinite(x)]
+    mean = float(known.mean()) if len(known) else None
+    return str(len(known)), mean, float(known.std(ddof=1)) if len(known) > 1 else None
+
+
+def _label(name: str) -> str:
+    """A name as a label: `axis_error_deg` becomes `Axis error (deg)`."""
+    text = report.heading(name)
+    return text[0].upper() + text[1:]
+
+
+def swept(args: argparse.Namespace, option: str, values: Sequence[str | float]) -> Sweep:
+    """Runs the study with every value and seed, or what an interrupted run has left of them.
+
+    Raises:
+        InputError: The study refuses every run, or a worker died.
+    """
+    runs = [(value, seed) for seed in range(args.seeds) for value in values]
+    kept = Checkpoint("runs", args.out / FILE, {"study": args.study, "option": option, "values": values})
+    done = kept.done()[: len(runs)] if args.resume else []
+    with hired(max(1, min(args.workers, len(runs) - len(done))), args.scheduler, args.tls) as crew:
+        work = partial(run_of, args.study, option)
+        with closing(in_order(crew.executor, work, runs[len(done) :], ahead=crew.ahead)) as batches:
+            outcomes = kept.collect(batches, len(runs), done)
+    found = [
+        {option: value, "seed": seed, **json.loads(str(x))} for (value, seed), x in zip(runs, outcomes, strict=True)
+    ]
+    refused = [run["refused"] for run in found if "refused" in run]
+    if len(refused) == len(found):
+        raise InputError(f"{args.study} refuses every run: {refused[0]}")
+    for sentence in refused:
+        print(f"Refused: {sentence}", file=sys.stderr)
+    return Sweep(option, values, found)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Runs the sweep and writes and prints its results."""
+    option, *texts = args.over
+    values = values_of(args.study, option, texts)
+    args.out = args.out / args.study / option
+    with report.unused_vanish(args.out):
+        with report.results_folder(args.out):
+            pass  # Refused before the work if it cannot be written.
+        found = swept(args, option, values)
+    titles = CHARTED[args.study]
+    charted = {name: titles.get(name, _label(name)) for name in args.numbers or titles}
+    for name in charted:
+        if name not in found.names:
+            raise InputError(f"--numbers needs names of {', '.join(found.names)}, got '{name}'.")
+    choices = {key: getattr(args, key) for key in ("study", "over", "seeds", "numbers", "formats")}
+    with report.results_folder(args.out) as folder:
+        table(found, found.names).write(folder, "table_sweep")
+        figures.save(chart(found, charted), folder, "figure_sweep", args.formats)
+        report.write_json(folder / "sweep.json", {"runs": found.runs, "provenance": report.provenance(choices, {})})
+    print(table(found, list(charted)).text())
+    print(f"Table, chart and all numbers are in {args.out}.")

@@ -1,0 +1,80 @@
+"""What commands say of themselves, and that saying it costs next to nothing."""
+
+import os
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+import experiments
+from experiments import mechanism
+from experiments.cli.command import COMMANDS, main
+
+TOP = Path(experiments.__file__).parent
+
+HELP = """
+import sys
+from experiments.cli.command import COMMANDS, parser
+parser().format_help()
+for command in COMMANDS.values():
+    command.parser().format_help()
+print(*(sys.modules.keys() & {"mujoco", "numpy", "scipy", "matplotlib"}))
+"""
+
+
+def python(*arguments, **environment):
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | environment).stdout
+
+
+def test_help_imports_nothing_that_computes():
+    assert python("-c", HELP) == "\n"
+
+
+def test_every_file_on_top_is_a_command():
+    files = [path.resolve() for path in TOP.glob("*.py") if path.name != "__init__.py"]
+    files.append(TOP / "benchmark" / "__main__.py")
+    assert sorted(files) == sorted(Path(module.__file__).resolve() for module in COMMANDS.values())
+    for module in COMMANDS.values():
+        assert callable(module.main) and module.parser().description
+
+
+def test_every_command_is_listed_with_a_line(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(SystemExit) as stop:
+        main(["--help"])
+    assert stop.value.code == 0
+    said = " ".join(capsys.readouterr().out.split())
+    for name, module in COMMANDS.items():
+        assert f" {name} {module.__doc__.splitlines()[0]}" in said
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_options_are_those_of_the_module(name, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([name, "--help"])
+    assert stop.value.code == 0
+    usage, options = capsys.readouterr().out.split("\n\n", 1)
+    assert usage.startswith(f"usage: multicontact {name} ")
+    assert options == COMMANDS[name].parser().format_help().split("\n\n", 1)[1]
+
+
+def test_a_subcommand_does_what_its_module_does(tmp_path, capsys):
+    options = ["--formats", "svg", "--out", str(tmp_path)]
+    found = []
+    for command in (partial(main, ["mechanism", *options]), partial(mechanism.main, options)):
+        assert command() == 0
+        found.append((capsys.readouterr(), {path.name: path.read_bytes() for path in tmp_path.iterdir()}))
+    assert found[0] == found[1]
+
+
+def test_the_shell_completes_commands_and_options(tmp_path):
+    pytest.importorskip("argcomplete")
+    for line, expected in (("multicontact ident", ["identify "]), ("multicontact identify --held", ["--held-out "])):
+        found = tmp_path / "found"
+        shell = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "IFS": "\n", "_ARGCOMPLETE_IFS": "\n"}
+        shell |= {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": str(found)}
+        python("-c", "from experiments.cli.command import main; main()", **shell)
+        assert found.read_text().split("\n") == expected
