@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from ident.estimation.estimate import identify
 
 import scenes
 from experiments.benchmark.identification import check_agreement, solved
 from experiments.benchmark.mechanisms import Mechanism, double_pendulum
 from experiments.benchmark.peers import PEERS, Peer
 from experiments.benchmark.timing import Comparison, Effort, alternating
-from ident.estimation.estimate import identify
 from ident.estimation.samples import Samples
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 from sim.motion.excitation import DOUBLE_PENDULUM

@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy import linalg, optimize, stats
 
+from ident.errors import ModelError
 from ident.estimation.noise import Sandwich
 from ident.geometry.inertia import pseudo_inertia
 from ident.geometry.se3 import coAd, hat, inverse

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ident.errors import InputError
-from ident.recordings.mapping import HUGE
+from ident.tolerances import HUGE
 from sim.motion.collisions import Collisions
 from sim.motion.fourier import FourierTrajectory, basis
 
