@@ -17,6 +17,7 @@ from experiments.studies.preparation import COMPONENTS
 from experiments.studies.verdict import SIGNIFICANT, Finding, findings, verdict
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.diagnosis import amplitude_spectrum
+from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import separating_sensors
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from sim.models.model_update import write_model
@@ -123,7 +124,7 @@ def data_lines(result: Identification) -> list[str]:
     if (axes := result.misalignment) is not None:
         chance = ", no more than by chance" if axes.chance > SIGNIFICANT else ""
         lines.append(f"Axes: tilted ones would explain {axes.explained:.0%} of the residuals{chance}.")
-    more = separating_sensors(prepared.tree, gravity=prepared.gravity, sensors=prepared.sensors)
+    more = separating_sensors(Mechanism(prepared.tree, prepared.gravity), prepared.sensors)
     for what, gained in more.items():
         if gained:
             lines.append(f"More would be seen {GAINS[what]}: {', '.join(gained)}.")
