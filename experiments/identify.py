@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     full = identify_report.full_parameters(result)
     with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=_inputs(args)) as folder:
-        identify_report.write(result, full, folder, args.model, args.log, args.base, report.provenance(given, {}))
+        identify_report.write(result, full, folder, args.model, args.log, report.provenance(given, {}))
     print(identify_report.text(result, full))
     print(f"Everything is in {out}; open report.html.")
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.benchmark.mechanisms import Mechanism, double_pendulum
+from experiments.benchmark.mechanisms import Subject, double_pendulum
 from ident.errors import InputError
 from ident.estimation.estimate import identify
 from ident.estimation.samples import Samples, Source
@@ -51,7 +51,7 @@ def peaks(numbers: Iterable[int]) -> list[Peak]:
     return found
 
 
-def _peak(mechanism: Mechanism, source: Source) -> float:
+def _peak(mechanism: Subject, source: Source) -> float:
     """Largest memory in use beyond what was in use before, MB."""
     tracemalloc.start()
     try:
@@ -94,7 +94,7 @@ def accuracies(spreads: np.ndarray = SPREADS) -> list[Accuracy]:
     return sorted(found, key=lambda accuracy: accuracy.condition_number)
 
 
-def _accuracy(mechanism: Mechanism, spread: float, noise: float) -> Accuracy:
+def _accuracy(mechanism: Subject, spread: float, noise: float) -> Accuracy:
     """Errors for small motions around one posture."""
     rng = np.random.default_rng(1)
     joints = len(mechanism.tree.freedoms)

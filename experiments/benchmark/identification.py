@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from experiments.benchmark.mechanisms import Mechanism, chain, double_pendulum, mechanisms
+from experiments.benchmark.mechanisms import Subject, chain, double_pendulum, mechanisms, subject
 from experiments.benchmark.peers import PEERS, Peer
 from experiments.benchmark.timing import Comparison, Effort, alternating
 from ident.errors import InputError
@@ -55,7 +55,7 @@ def comparisons(effort: Effort, peers: Sequence[str]) -> list[Comparison]:
                 found += _compared(mechanism, number, name, effort)
         found.append(_streamed(double_pendulum(), name, effort))
         for bodies in CHAINS:
-            found += _compared(Mechanism(CHAIN, chain(bodies)), effort.sizes[-2], name, effort, (REGRESSOR,))
+            found += _compared(subject(CHAIN, chain(bodies)), effort.sizes[-2], name, effort, (REGRESSOR,))
     return found
 
 
@@ -68,7 +68,7 @@ def solved(Y: np.ndarray, wrench: np.ndarray, columns: Sequence[int] | None = No
 
 
 def _compared(
-    mechanism: Mechanism, number: int, name: str, effort: Effort, tasks: Iterable[str] = tuple(TASKS)
+    mechanism: Subject, number: int, name: str, effort: Effort, tasks: Iterable[str] = tuple(TASKS)
 ) -> Iterator[Comparison]:
     """Comparisons of one mechanism and number of samples with one peer."""
     samples = mechanism.samples(number)
@@ -80,7 +80,7 @@ def _compared(
             yield _comparison(task, mechanism, number, name, alternating(ways[task], effort.seconds, effort.least))
 
 
-def _ways(mechanism: Mechanism, samples: Samples, peer: Peer) -> dict[str, Ways]:
+def _ways(mechanism: Subject, samples: Samples, peer: Peer) -> dict[str, Ways]:
     """Our way and theirs to do each of `TASKS`."""
     states = peer.states((samples.q, samples.dq, samples.ddq), samples.base)
     given, kept = mechanism.parameters, peer.columns(mechanism.parameters.kept)
@@ -96,16 +96,16 @@ def _ways(mechanism: Mechanism, samples: Samples, peer: Peer) -> dict[str, Ways]
     }
 
 
-def _accumulated(mechanism: Mechanism, samples: Samples, start: Accumulator | None = None) -> Accumulator:
+def _accumulated(mechanism: Subject, samples: Samples, start: Accumulator | None = None) -> Accumulator:
     given = mechanism.parameters
     return accumulate(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=given, start=start)
 
 
-def _identified(mechanism: Mechanism, samples: Samples, parameters: BaseParameters | None) -> Estimate:
+def _identified(mechanism: Subject, samples: Samples, parameters: BaseParameters | None) -> Estimate:
     return identify(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=parameters)
 
 
-def _check(mechanism: Mechanism, samples: Samples, peer: Peer) -> None:
+def _check(mechanism: Subject, samples: Samples, peer: Peer) -> None:
     """Holds our results against theirs."""
     theirs = peer.regressor(*peer.states((samples.q, samples.dq, samples.ddq), samples.base))
     every, kept = (peer.columns(columns) for columns in (range(theirs.shape[2]), mechanism.parameters.kept))
@@ -132,7 +132,7 @@ def check_agreement(what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
         )
 
 
-def _streamed(mechanism: Mechanism, name: str, effort: Effort) -> Comparison:
+def _streamed(mechanism: Subject, name: str, effort: Effort) -> Comparison:
     """Accumulation of pieces that are in memory, against the loop with a matrix for one piece at a time."""
     samples = mechanism.samples(effort.streamed)
     pieces = [samples.part(slice(k, k + PIECE)) for k in range(0, effort.streamed, PIECE)]
@@ -152,5 +152,5 @@ def _streamed(mechanism: Mechanism, name: str, effort: Effort) -> Comparison:
     return _comparison(ACCUMULATION, mechanism, effort.streamed, name, times)
 
 
-def _comparison(task: str, mechanism: Mechanism, number: int, peer: str, times: np.ndarray) -> Comparison:
+def _comparison(task: str, mechanism: Subject, number: int, peer: str, times: np.ndarray) -> Comparison:
     return Comparison.of(task, mechanism.name, len(mechanism.tree.bodies), number, peer, times)

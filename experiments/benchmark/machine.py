@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from experiments.benchmark.identification import ACCUMULATION, REGRESSOR
-from experiments.benchmark.mechanisms import Mechanism, mechanisms
+from experiments.benchmark.mechanisms import Subject, mechanisms
 from experiments.benchmark.timing import Effort, alternating, timed
 from ident.estimation.accumulator import accumulate
 from ident.model.regressor import regressor_program
@@ -129,7 +129,7 @@ def distances(effort: Effort, reached: Limits) -> list[Distance]:
     return [_distance(task, m, effort, reached) for m in chosen for task in (REGRESSOR, ACCUMULATION)]
 
 
-def _distance(task: str, mechanism: Mechanism, effort: Effort, reached: Limits) -> Distance:
+def _distance(task: str, mechanism: Subject, effort: Effort, reached: Limits) -> Distance:
     tree, given, number = mechanism.tree, mechanism.parameters, effort.sizes[-1]
     samples = mechanism.samples(number)
     if task == REGRESSOR:

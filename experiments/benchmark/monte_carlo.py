@@ -8,7 +8,7 @@ import numpy as np
 
 import scenes
 from experiments.benchmark.identification import check_agreement, solved
-from experiments.benchmark.mechanisms import Mechanism, double_pendulum
+from experiments.benchmark.mechanisms import Subject, double_pendulum
 from experiments.benchmark.peers import PEERS, Peer
 from experiments.benchmark.timing import Comparison, Effort, alternating
 from ident.estimation.estimate import identify
@@ -40,7 +40,7 @@ class Trials:
         noise: Standard deviations on the columns of q, dq, ddq and of the wrench.
     """
 
-    mechanism: Mechanism
+    mechanism: Subject
     true: Samples
     noise: tuple[np.ndarray, ...]
 

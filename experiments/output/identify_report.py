@@ -17,7 +17,6 @@ from experiments.studies.preparation import COMPONENTS
 from experiments.studies.verdict import SIGNIFICANT, Finding, findings, verdict
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.diagnosis import amplitude_spectrum
-from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import separating_sensors
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from sim.models.model_update import write_model
@@ -124,7 +123,7 @@ def data_lines(result: Identification) -> list[str]:
     if (axes := result.misalignment) is not None:
         chance = ", no more than by chance" if axes.chance > SIGNIFICANT else ""
         lines.append(f"Axes: tilted ones would explain {axes.explained:.0%} of the residuals{chance}.")
-    more = separating_sensors(Mechanism(prepared.tree, prepared.gravity), prepared.sensors)
+    more = separating_sensors(prepared.mechanism, prepared.sensors)
     for what, gained in more.items():
         if gained:
             lines.append(f"More would be seen {GAINS[what]}: {', '.join(gained)}.")
@@ -316,7 +315,6 @@ def write(
     folder: Path,
     model: Path,
     log: Path,
-    base: str | None,
     provenance: dict[str, Any],
     formats: Iterable[str] = ("pdf", "png"),
 ) -> None:
@@ -328,7 +326,6 @@ def write(
         folder: Where to.
         model: The model file that is updated.
         log: The log it was identified from.
-        base: Name of the base body.
         provenance: Where the results come from.
         formats: Formats of the figures; the page needs PNG.
     """
@@ -350,7 +347,7 @@ def write(
         figures.save(figure, folder, name, formats)
     report.write_json(folder / "estimate.json", estimate(result, full, found))
     report.write_json(folder / "provenance.json", provenance)
-    write_model(folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}", model, full.phi, base)
+    write_model(folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}", result.prepared.mechanism, full)
     parts = [
         f"<h1>{html.escape(title)}</h1>",
         f"<p><strong>{page.prose(verdict(result, found))}</strong></p>",

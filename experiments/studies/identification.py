@@ -13,7 +13,6 @@ from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import ContactCheck, FrameCheck
 from ident.judgement.misalignment import Misalignment, estimate_misalignment
-from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.log import GROUND, Wrench
@@ -325,6 +324,5 @@ def _misalignment(prepared: Prepared, fit: RobustFit, part: slice) -> Misalignme
         return None
     scale = np.full(6, np.inf)
     scale[known] = fit.scale[: known.sum()]
-    mechanism = Mechanism(prepared.tree, prepared.gravity)
     motion = Motion(*prepared.states, prepared.motion)[part]
-    return estimate_misalignment(mechanism, motion, prepared.wrench[part], scale, frame=prepared.frame)
+    return estimate_misalignment(prepared.mechanism, motion, prepared.wrench[part], scale, frame=prepared.frame)

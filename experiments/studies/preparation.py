@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from ident.errors import InputError
 from ident.estimation.robust import independent
 from ident.geometry.se3 import coAd, inverse
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, drive_names, joint_torque_regressor
@@ -24,7 +25,8 @@ from ident.recordings.smoothing import chosen_cutoff, low_pass, settling, smooth
 from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.wrench import Contact, total_wrench
 from sim.models.couplings import check_torques
-from sim.models.mujoco_model import compiled, gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
+from sim.models.mechanism import mechanism
+from sim.models.mujoco_model import mechanism_bodies
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 DRIVE = ("viscous", "coulomb", "rotor")
@@ -35,7 +37,8 @@ class Prepared:
     """Everything that a fit needs.
 
     Attributes:
-        tree: The mechanism.
+        mechanism: The mechanism, its model as its source.
+        tree: Its tree.
         prior: φ of the model file (10 b,).
         base: Its base parameters for these sensors.
         sensors: What is measured.
@@ -57,6 +60,7 @@ class Prepared:
         stuck: Channels left out because they never change, though the model says that they do, with their values.
     """
 
+    mechanism: Mechanism
     tree: Tree
     prior: np.ndarray
     base: BaseParameters
@@ -113,9 +117,8 @@ def prepare(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    model = compiled(source)
-    tree = tree_from_model(model, base, ignore=ignore, fix=fix)
-    prior, gravity = parameters_from_model(model, base), gravity_in_base(model, base)
+    arm = mechanism(source, base, ignore=ignore, fix=fix)
+    model, tree, prior, gravity = arm.source.model, arm.tree, arm.known, arm.gravity
     joints = [tree.bodies[i] for i in tree.moving]
     log = read_log(
         log_path,
@@ -181,6 +184,7 @@ def prepare(
         drives = tuple(drives[k] for k in separable)
         Y = np.concatenate([Y[..., :P], Y[..., P:][..., separable]], axis=2)
     return Prepared(
+        mechanism=arm,
         tree=tree,
         prior=prior,
         base=found,

@@ -52,9 +52,7 @@ class Mechanism:
             ModelError: There is none.
         """
         if self.prior is None:
-            raise ModelError(
-                f"This takes masses, as a model states them; of {', '.join(self.bodies)} no prior φ is known."
-            )
+            raise ModelError(f"A mechanism needs mass; {', '.join(self.bodies)} have none (no prior φ).")
         return self.prior
 
     def site(self, name: str) -> tuple[str, np.ndarray]:
