@@ -11,7 +11,7 @@ from ident.errors import InputError
 def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
     from experiments.output import identify_report, report
-    from ident.estimation.preparation import prepare
+    from experiments.studies.identification import prepare
     from ident.identification import identify_log
 
     out = _folder(args)
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> None:
     )
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=_inputs(args)) as folder:
-        identify_report.write(result, folder, args.model, args.log, args.base, report.provenance(given, {}))
+        identify_report.write(result, folder, args.model, args.log, report.provenance(given, {}))
     print(identify_report.text(result))
     print(f"Everything is in {out}; open report.html.")
 

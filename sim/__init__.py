@@ -1,1 +1,63 @@
-"""The bridge to MuJoCo: mechanisms read from models, excitation, simulation, and recordings."""
+"""The bridge to MuJoCo: mechanisms read from models and written back, excitation, simulation.
+
+    mechanism(source, base)             a body and all on it, as an MJCF or URDF model describes them
+    tree_from_model(source, base)       its kinematic tree alone
+    state_columns(source, base)         where its states stand among MuJoCo's
+    base_motion(source, base, …)        motion of a base that does not rest, from MuJoCo's states
+    write_model(path, mechanism, phi)   its model with other inertial parameters, as a file
+    updated_spec(mechanism, phi)        the same as a specification
+    Excitation                          a joint motion of sinusoids, with noise
+    simulate(spec, excitation)          a scene along an excitation, and what its sensors record
+    simulate_many(spec, …, seeds=…)     the same with many seeds at a time
+    fall(model, base, seconds=…)        a scene that is let go, and what touches it
+
+A module is imported when one of its names is first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sim.models.mechanism import mechanism
+    from sim.models.model_update import updated_spec, write_model
+    from sim.models.mujoco_model import base_motion, state_columns, tree_from_model
+    from sim.motion.excitation import Excitation
+    from sim.simulation.contacts import fall
+    from sim.simulation.simulate import simulate, simulate_many
+
+__all__ = [
+    "Excitation",
+    "base_motion",
+    "fall",
+    "mechanism",
+    "simulate",
+    "simulate_many",
+    "state_columns",
+    "tree_from_model",
+    "updated_spec",
+    "write_model",
+]
+
+_MODULES = {
+    "Excitation": "sim.motion.excitation",
+    "base_motion": "sim.models.mujoco_model",
+    "fall": "sim.simulation.contacts",
+    "mechanism": "sim.models.mechanism",
+    "simulate": "sim.simulation.simulate",
+    "simulate_many": "sim.simulation.simulate",
+    "state_columns": "sim.models.mujoco_model",
+    "tree_from_model": "sim.models.mujoco_model",
+    "updated_spec": "sim.models.model_update",
+    "write_model": "sim.models.model_update",
+}
+"""Where each name is defined."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'sim' has no attribute '{name}'")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

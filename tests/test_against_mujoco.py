@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from random_models import inverse_dynamics, random_model, random_model_states
 
-from ident.mechanism.motion import BaseMotion
+from ident.mechanism.motion import BaseMotion, Motion
 from ident.model import dim
 from ident.model.regressor import FEW, base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
-from sim.models.joints import gravity_at_rest
+from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import base_motion, gravity_in_base, parameters_from_model, state_columns, tree_from_model
 
 MODELS = 300
@@ -53,7 +53,7 @@ def test_gravity_is_the_models(gravity):
         else:
             model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
         check_base_wrench_and_joint_torques(model, states, seed % 3 == 0)
-        assert not gravity_in_base(model, "b0").any() and not gravity_at_rest(model, "b0").any()
+        assert not gravity_in_base(model, "b0").any()
 
 
 def check_base_wrench_and_joint_torques(model, states, floating):
@@ -68,9 +68,9 @@ def check_base_wrench_and_joint_torques(model, states, floating):
     }
     assert_equal(base_wrench_regressor(tree, *joints, **known) @ phi, wrench)
     assert_equal(joint_torque_regressor(tree, *joints, **known) @ phi, forces[:, dofs], wrench)
-    merged, less = tree_from_model(model, "b0", merge_welds=True), parameters_from_model(model, "b0", merge_welds=True)
-    assert len(less) == 10 * (len(merged.moving) + 1 - sum(body.massless for body in merged.bodies))
-    assert_equal(base_wrench_regressor(merged, *joints, **known) @ less, wrench)
+    merged = mechanism(model, "b0", merge_welds=True)
+    assert len(merged.known) == 10 * (len(merged.tree.moving) + 1 - sum(body.massless for body in merged.tree.bodies))
+    assert_equal(base_wrench_regressor(merged.tree, *joints, **known) @ merged.known, wrench)
 
 
 @pytest.mark.parametrize("seed", range(1, MODELS, 10))
@@ -86,11 +86,11 @@ def test_the_world_as_base(seed):
 def test_the_papers_recursion(seed):
     model, states = case(seed)
     forces, _ = inverse_dynamics(model, *states)
-    tree, phi = tree_from_model(model), parameters_from_model(model)
-    for k, state in enumerate(zip(*states, strict=True)):
-        ground, torques = dim.inverse_dynamics(tree, phi, *state, gravity=model.opt.gravity)
-        assert_equal(torques, forces[k])
-        assert_equal(dim.base_wrench_regressor(tree, *state, gravity=model.opt.gravity) @ phi, ground)
+    whole = mechanism(model)
+    for force, sample in zip(forces, Motion(*states), strict=True):
+        ground, torques = dim.inverse_dynamics(whole, sample)
+        assert_equal(torques, force)
+        assert_equal(dim.base_wrench_regressor(whole, sample) @ whole.known, ground)
 
 
 @pytest.mark.parametrize("seed", range(0, MODELS, 30))

@@ -17,15 +17,18 @@ import scenes
 from experiments.studies import paper
 from ident.geometry import se3
 from ident.geometry.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.model import dim
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.wrench import Contact, total_wrench
-from sim.models.mujoco_model import parameters_from_model, tree_from_model
+from sim.models.mechanism import mechanism
 
 RNG = np.random.default_rng(0)
 TREE = double_pendulum(axis_1=(0.6, 0.8, 0), axis_2=(0, 0, 1))
 Q, DQ, DDQ = (x[0] for x in random_states(RNG, TREE, 1))
 PHI = random_phi(RNG, 3)
+PENDULUM, MOTION = Mechanism(TREE, GRAVITY, PHI), Motion(Q, DQ, DDQ)
 
 
 def forward(carry, gravity_sign, bracket_sign):
@@ -65,7 +68,7 @@ def test_equation_8_the_printed_transform_moves_another_way():
 
 
 def test_equation_9_the_printed_adjoint_takes_twists_the_wrong_way():
-    _, V, dV = dim.forward_recursion(TREE, Q, DQ, DDQ, GRAVITY)
+    _, V, dV = dim.forward_recursion(PENDULUM, MOTION)
     correct = forward(inverse_adjoint, -1, -1)
     np.testing.assert_allclose(correct[0], V[-1], atol=1e-13)
     np.testing.assert_allclose(correct[1], dV[-1], atol=1e-13)
@@ -73,7 +76,7 @@ def test_equation_9_the_printed_adjoint_takes_twists_the_wrong_way():
 
 
 def test_equation_9_the_printed_gravity_lifts():
-    at_rest = dim.base_wrench_regressor(TREE, Q, 0 * Q, 0 * Q, gravity=GRAVITY) @ PHI
+    at_rest = dim.base_wrench_regressor(PENDULUM, Motion(Q, 0 * Q, 0 * Q)) @ PHI
     mass = PHI[[0, 10, 20]].sum()
     assert np.isclose(at_rest[2], 9.81 * mass)
     _, printed = forward(inverse_adjoint, +1, -1)
@@ -90,11 +93,12 @@ def test_equation_9_the_angle_and_not_its_rate_is_in_the_exponent():
 
 def test_equation_9_the_bracket_is_with_the_joint_twist_times_its_rate():
     # Printed is ad(ξ†θ), with the angle; with it the twist rate is not the derivative of the twist.
-    _, V, dV = dim.forward_recursion(TREE, Q, DQ, DDQ, np.zeros(3))
+    weightless = Mechanism(TREE, np.zeros(3))
+    _, V, dV = dim.forward_recursion(weightless, MOTION)
     body, carried = TREE.bodies[2], V[2] - TREE.bodies[2].twist * DQ[1]
     printed = dV[2] + se3.ad(body.twist * DQ[1]) @ carried - se3.ad(body.twist * Q[1]) @ carried
     h = 1e-6
-    later = dim.forward_recursion(TREE, Q + h * DQ, DQ + h * DDQ, DDQ, np.zeros(3))[1][2]
+    later = dim.forward_recursion(weightless, Motion(Q + h * DQ, DQ + h * DDQ, DDQ))[1][2]
     np.testing.assert_allclose((later - V[2]) / h, dV[2], atol=1e-4)
     assert abs((later - V[2]) / h - printed).max() > 0.1
 
@@ -116,9 +120,9 @@ def test_equations_11_13_14_wrenches_move_by_the_inverse_transpose():
     power = F @ V
     assert np.isclose((se3.coAd(T) @ F) @ (se3.Ad(T) @ V), power)
     assert not np.isclose((se3.Ad(T).T @ F) @ (se3.Ad(T) @ V), power)
-    Y = dim.base_wrench_regressor(TREE, Q, DQ, DDQ, gravity=GRAVITY)
-    wrench, _ = dim.inverse_dynamics(TREE, PHI, Q, DQ, DDQ, gravity=GRAVITY)
-    _, twists, rates = dim.forward_recursion(TREE, Q, DQ, DDQ, GRAVITY)
+    Y = dim.base_wrench_regressor(PENDULUM, MOTION)
+    wrench, _ = dim.inverse_dynamics(PENDULUM, MOTION)
+    _, twists, rates = dim.forward_recursion(PENDULUM, MOTION)
     poses = TREE.poses(Q)
     bodies = [dim.body_regressor(v, dv) @ p for v, dv, p in zip(twists, rates, PHI.reshape(3, 10), strict=True)]
     np.testing.assert_allclose(sum(se3.coAd(T) @ w for T, w in zip(poses, bodies, strict=True)), wrench, atol=1e-11)
@@ -145,12 +149,12 @@ def test_section_7_a_wrench_exerted_on_the_link_has_the_other_sign():
     data.body("link2").xfrc_applied = on_link
     mujoco.mj_forward(model, data)
     ground = np.concatenate([data.sensor(f"ground_{kind}").data for kind in ("force", "torque")])
-    tree = tree_from_model(model, "base")
-    Y = dim.base_wrench_regressor(tree, data.qpos, data.qvel, data.qacc, gravity=GRAVITY)
+    arm = mechanism(model, "base")
+    Y = dim.base_wrench_regressor(arm, Motion(data.qpos, data.qvel, data.qacc))
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = data.body("link2").xmat.reshape(3, 3).T, model.body("link2").ipos
-    moved = se3.coAd(tree.poses(Q)[2] @ pose) @ on_link
-    expected = Y @ parameters_from_model(model, "base")
+    moved = se3.coAd(arm.tree.poses(Q)[2] @ pose) @ on_link
+    expected = Y @ arm.known
     np.testing.assert_allclose(ground + moved, expected, atol=1e-9)
     assert abs(ground - moved - expected).max() > 0.1
 
@@ -158,7 +162,7 @@ def test_section_7_a_wrench_exerted_on_the_link_has_the_other_sign():
 def test_equation_17_the_sum_is_over_contacts_and_not_over_links():
     # One contact, on the last of three bodies: the printed g_{0,i} with i = 1 … N_c is another body's.
     contact, poses = RNG.normal(size=6), TREE.poses(Q)
-    ground = dim.base_wrench_regressor(TREE, Q, DQ, DDQ, gravity=GRAVITY) @ PHI + se3.coAd(poses[2]) @ contact
+    ground = dim.base_wrench_regressor(PENDULUM, MOTION) @ PHI + se3.coAd(poses[2]) @ contact
     measured = total_wrench(TREE, Q[None], ground[None], [Contact(TREE.names[2], contact[None], np.eye(4))]).wrench[0]
     np.testing.assert_allclose(measured, ground - se3.coAd(poses[2]) @ contact, atol=1e-11)
     for other in poses[:2]:

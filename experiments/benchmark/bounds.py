@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.benchmark.mechanisms import Mechanism, double_pendulum
+from experiments.benchmark.mechanisms import Subject, double_pendulum
 from ident.errors import InputError
-from ident.estimation.estimate import identify
-from ident.estimation.samples import Samples, Source
-from ident.parameters.base_parameters import STANDARD_GRAVITY
+from ident.estimation.least_squares import least_squares
+from ident.estimation.pieces import Source
+from ident.estimation.samples import Samples
+from ident.mechanism.motion import Motion
 
 PIECE = 10_000
 """Samples in a piece of a stream that is made while it is read."""
@@ -51,11 +52,11 @@ def peaks(numbers: Iterable[int]) -> list[Peak]:
     return found
 
 
-def _peak(mechanism: Mechanism, source: Source) -> float:
+def _peak(mechanism: Subject, source: Source) -> float:
     """Largest memory in use beyond what was in use before, MB."""
     tracemalloc.start()
     try:
-        identify(mechanism.tree, source, gravity=STANDARD_GRAVITY, parameters=mechanism.parameters)
+        least_squares(mechanism.equations, source)
         return tracemalloc.get_traced_memory()[1] / 1e6
     finally:
         tracemalloc.stop()
@@ -67,7 +68,7 @@ class Accuracy:
 
     Attributes:
         condition_number: Of the base regressor.
-        ours: Of `identify`.
+        ours: Of `least_squares`.
         qr: Of LAPACK's Householder QR in double precision.
         normal: Of the plain normal equations.
     """
@@ -94,18 +95,18 @@ def accuracies(spreads: np.ndarray = SPREADS) -> list[Accuracy]:
     return sorted(found, key=lambda accuracy: accuracy.condition_number)
 
 
-def _accuracy(mechanism: Mechanism, spread: float, noise: float) -> Accuracy:
+def _accuracy(mechanism: Subject, spread: float, noise: float) -> Accuracy:
     """Errors for small motions around one posture."""
     rng = np.random.default_rng(1)
     joints = len(mechanism.tree.freedoms)
     q = rng.normal(size=joints) + spread * rng.normal(size=(SAMPLES, joints))
     dq, ddq = spread * rng.normal(size=(2, SAMPLES, joints))
-    samples = Samples(q, dq, ddq, noise * rng.normal(size=(SAMPLES, 6)))
+    samples = Samples(Motion(q, dq, ddq), noise * rng.normal(size=(SAMPLES, 6)))
     Y = mechanism.regressor(samples, mechanism.parameters.kept)
-    samples.wrench[:] += Y @ rng.normal(size=Y.shape[2])
-    A, b = np.ascontiguousarray(Y).reshape(-1, Y.shape[2]), samples.wrench.ravel()
+    samples.measured[:] += Y @ rng.normal(size=Y.shape[2])
+    A, b = np.ascontiguousarray(Y).reshape(-1, Y.shape[2]), samples.measured.ravel()
     exact = _householder(A.astype(np.longdouble), b.astype(np.longdouble))
-    estimate = identify(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=mechanism.parameters)
+    estimate = least_squares(mechanism.equations, samples)
     Q, R = np.linalg.qr(A)
 
     def error(psi: np.ndarray) -> float:

@@ -4,12 +4,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
-from ident.estimation.estimate import Estimate, identify
 
-from experiments.benchmark.mechanisms import Mechanism, chain, double_pendulum, mechanisms
+from experiments.benchmark.mechanisms import Subject, chain, double_pendulum, mechanisms, subject
 from experiments.benchmark.peers import PEERS, Peer
 from experiments.benchmark.timing import Comparison, Effort, alternating
 from ident.estimation.accumulator import Accumulator, accumulate
+from ident.estimation.equations import Equations
+from ident.estimation.least_squares import Fit, least_squares
 from ident.estimation.samples import Samples
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters
 
@@ -19,8 +20,8 @@ ALL_COLUMNS, BASE_COLUMNS = "identification, all columns", "identification, base
 TASKS = {
     REGRESSOR: "the matrix Y of all columns (N, 6, 10 b), against the loop that fills such a matrix",
     ACCUMULATION: "all that least squares needs of the base columns (`accumulate`), against the same loop alone",
-    ALL_COLUMNS: "from joint states and wrench to base parameters and their covariance (`identify`), the regrouping "
-    "found before, against the loop and np.linalg.lstsq on all columns, without a covariance",
+    ALL_COLUMNS: "from joint states and wrench to base parameters and their covariance (`least_squares`), the "
+    "regrouping found before, against the loop and np.linalg.lstsq on all columns, without a covariance",
     BASE_COLUMNS: "the same with the regrouping given, against the loop and np.linalg.lstsq on the base columns",
 }
 """What is timed. Before that models are built, equations recorded, and states laid out as each side takes them."""
@@ -54,7 +55,7 @@ def comparisons(effort: Effort, peers: Sequence[str]) -> list[Comparison]:
                 found += _compared(mechanism, number, name, effort)
         found.append(_streamed(double_pendulum(), name, effort))
         for bodies in CHAINS:
-            found += _compared(Mechanism(CHAIN, chain(bodies)), effort.sizes[-2], name, effort, (REGRESSOR,))
+            found += _compared(subject(CHAIN, chain(bodies)), effort.sizes[-2], name, effort, (REGRESSOR,))
     return found
 
 
@@ -67,21 +68,21 @@ def solved(Y: np.ndarray, wrench: np.ndarray, columns: Sequence[int] | None = No
 
 
 def _compared(
-    mechanism: Mechanism, number: int, name: str, effort: Effort, tasks: Iterable[str] = tuple(TASKS)
+    mechanism: Subject, number: int, name: str, effort: Effort, tasks: Iterable[str] = tuple(TASKS)
 ) -> Iterator[Comparison]:
     """Comparisons of one mechanism and number of samples with one peer."""
     samples = mechanism.samples(number)
     peer = PEERS[name](mechanism.tree, STANDARD_GRAVITY)
-    _check(mechanism, samples.part(slice(effort.sizes[0])), peer)
+    _check(mechanism, samples[: effort.sizes[0]], peer)
     ways = _ways(mechanism, samples, peer)
     for task in tasks:
         if task in (REGRESSOR, ACCUMULATION) or number * len(mechanism.tree.bodies) <= LARGEST:
             yield _comparison(task, mechanism, number, name, alternating(ways[task], effort.seconds, effort.least))
 
 
-def _ways(mechanism: Mechanism, samples: Samples, peer: Peer) -> dict[str, Ways]:
+def _ways(mechanism: Subject, samples: Samples, peer: Peer) -> dict[str, Ways]:
     """Our way and theirs to do each of `TASKS`."""
-    states = peer.states((samples.q, samples.dq, samples.ddq), samples.base)
+    states = peer.states(samples.motion.states, samples.motion.base)
     given, kept = mechanism.parameters, peer.columns(mechanism.parameters.kept)
 
     def loop() -> np.ndarray:
@@ -90,30 +91,30 @@ def _ways(mechanism: Mechanism, samples: Samples, peer: Peer) -> dict[str, Ways]
     return {
         REGRESSOR: (partial(mechanism.regressor, samples), loop),
         ACCUMULATION: (partial(_accumulated, mechanism, samples), loop),
-        ALL_COLUMNS: (partial(_identified, mechanism, samples, None), lambda: solved(loop(), samples.wrench)),
-        BASE_COLUMNS: (partial(_identified, mechanism, samples, given), lambda: solved(loop(), samples.wrench, kept)),
+        ALL_COLUMNS: (partial(_identified, mechanism, samples, None), lambda: solved(loop(), samples.measured)),
+        BASE_COLUMNS: (partial(_identified, mechanism, samples, given), lambda: solved(loop(), samples.measured, kept)),
     }
 
 
-def _accumulated(mechanism: Mechanism, samples: Samples, start: Accumulator | None = None) -> Accumulator:
-    given = mechanism.parameters
-    return accumulate(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=given, start=start)
+def _accumulated(mechanism: Subject, samples: Samples, start: Accumulator | None = None) -> Accumulator:
+    return accumulate(mechanism.equations, samples, start=start)
 
 
-def _identified(mechanism: Mechanism, samples: Samples, parameters: BaseParameters | None) -> Estimate:
-    return identify(mechanism.tree, samples, gravity=STANDARD_GRAVITY, parameters=parameters)
+def _identified(mechanism: Subject, samples: Samples, parameters: BaseParameters | None) -> Fit:
+    moving = samples.motion.base is not None
+    return least_squares(Equations.of_wrench(mechanism, parameters, moving=moving), samples)
 
 
-def _check(mechanism: Mechanism, samples: Samples, peer: Peer) -> None:
+def _check(mechanism: Subject, samples: Samples, peer: Peer) -> None:
     """Holds our results against theirs."""
-    theirs = peer.regressor(*peer.states((samples.q, samples.dq, samples.ddq), samples.base))
+    theirs = peer.regressor(*peer.states(samples.motion.states, samples.motion.base))
     every, kept = (peer.columns(columns) for columns in (range(theirs.shape[2]), mechanism.parameters.kept))
     psi = _identified(mechanism, samples, mechanism.parameters).psi
-    phi = solved(theirs, samples.wrench)[every]
+    phi = solved(theirs, samples.measured)[every]
     for what, ours, other in (
         (REGRESSOR, mechanism.regressor(samples), theirs[..., every]),
         (ALL_COLUMNS, psi, mechanism.parameters.regroup(phi)),
-        (BASE_COLUMNS, psi, solved(theirs, samples.wrench, kept)),
+        (BASE_COLUMNS, psi, solved(theirs, samples.measured, kept)),
     ):
         check_agreement(f"{what}, {mechanism.name}", ours, other)
 
@@ -131,12 +132,12 @@ def check_agreement(what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
         )
 
 
-def _streamed(mechanism: Mechanism, name: str, effort: Effort) -> Comparison:
+def _streamed(mechanism: Subject, name: str, effort: Effort) -> Comparison:
     """Accumulation of pieces that are in memory, against the loop with a matrix for one piece at a time."""
     samples = mechanism.samples(effort.streamed)
-    pieces = [samples.part(slice(k, k + PIECE)) for k in range(0, effort.streamed, PIECE)]
+    pieces = [samples[k : k + PIECE] for k in range(0, effort.streamed, PIECE)]
     peer = PEERS[name](mechanism.tree, STANDARD_GRAVITY)
-    states = [peer.states((piece.q, piece.dq, piece.ddq), None) for piece in pieces]
+    states = [peer.states(piece.motion.states, None) for piece in pieces]
 
     def ours() -> None:
         found = None
@@ -151,5 +152,5 @@ def _streamed(mechanism: Mechanism, name: str, effort: Effort) -> Comparison:
     return _comparison(ACCUMULATION, mechanism, effort.streamed, name, times)
 
 
-def _comparison(task: str, mechanism: Mechanism, number: int, peer: str, times: np.ndarray) -> Comparison:
+def _comparison(task: str, mechanism: Subject, number: int, peer: str, times: np.ndarray) -> Comparison:
     return Comparison.of(task, mechanism.name, len(mechanism.tree.bodies), number, peer, times)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from experiments.benchmark.identification import ACCUMULATION, REGRESSOR
-from experiments.benchmark.mechanisms import Mechanism, mechanisms
+from experiments.benchmark.mechanisms import Subject, mechanisms
 from experiments.benchmark.timing import Effort, alternating, timed
 from ident.estimation.accumulator import accumulate
 from ident.model.regressor import regressor_program
@@ -129,7 +129,7 @@ def distances(effort: Effort, reached: Limits) -> list[Distance]:
     return [_distance(task, m, effort, reached) for m in chosen for task in (REGRESSOR, ACCUMULATION)]
 
 
-def _distance(task: str, mechanism: Mechanism, effort: Effort, reached: Limits) -> Distance:
+def _distance(task: str, mechanism: Subject, effort: Effort, reached: Limits) -> Distance:
     tree, given, number = mechanism.tree, mechanism.parameters, effort.sizes[-1]
     samples = mechanism.samples(number)
     if task == REGRESSOR:
@@ -138,7 +138,7 @@ def _distance(task: str, mechanism: Mechanism, effort: Effort, reached: Limits) 
         gigabytes, products = 8 * 6 * len(columns) * number / 1e9, 0
     else:
         columns = given.kept
-        way = partial(accumulate, tree, samples, gravity=STANDARD_GRAVITY, parameters=given)
+        way = partial(accumulate, mechanism.equations, samples)
         # Rows of base columns and wrench times a matrix, and their Gram matrix, two operations an entry.
         gigabytes, products = 0.0, 2 * 6 * 2 * (given.rank + 1) ** 2
     program = regressor_program(tree, STANDARD_GRAVITY, columns, moving=mechanism.moving, torques=False)

@@ -7,10 +7,12 @@ from functools import cached_property
 import numpy as np
 
 import scenes
+from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import pose, rotation
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.motion import BaseMotion
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
@@ -25,35 +27,32 @@ NOISE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Mechanism:
-    """A mechanism under standard gravity.
+class Subject(Mechanism):
+    """A mechanism to measure on; its first body is its base.
 
     Attributes:
         name: What it is called in the tables.
-        tree: Its bodies; the first one is its base.
         moving: Whether the base moves.
     """
 
-    name: str
-    tree: Tree
+    name: str = ""
     moving: bool = False
 
     @cached_property
     def parameters(self) -> BaseParameters:
         """Its base parameters."""
-        sensors = Sensors(moving_base=self.moving)
-        return find_base_parameters(self.tree, gravity=STANDARD_GRAVITY, sensors=sensors)
+        return find_base_parameters(self, sensors=Sensors(moving_base=self.moving))
 
     def samples(self, number: int, seed: int = 0) -> Samples:
         """Samples with states of unit variance, and a wrench of random parameters with `NOISE`."""
         rng = np.random.default_rng(seed)
         q, dq, ddq = rng.normal(size=(3, number, len(self.tree.freedoms)))
         base = BaseMotion.from_free_joint(*(rng.normal(size=(number, k)) for k in (7, 6, 6))) if self.moving else None
-        samples = Samples(q, dq, ddq, NOISE * rng.normal(size=(number, 6)), base)
+        samples = Samples(Motion(q, dq, ddq, base), NOISE * rng.normal(size=(number, 6)))
         psi = rng.normal(size=self.parameters.rank)
         for start in range(0, number, AT_ONCE):
-            part = samples.part(slice(start, start + AT_ONCE))
-            part.wrench[:] += self.regressor(part, self.parameters.kept) @ psi
+            part = samples[start : start + AT_ONCE]
+            part.measured[:] += self.regressor(part, self.parameters.kept) @ psi
         return samples
 
     def pieces(self, number: int, size: int) -> Iterator[Samples]:
@@ -63,25 +62,35 @@ class Mechanism:
 
     def regressor(self, samples: Samples, columns: Sequence[int] | None = None) -> np.ndarray:
         """Ours, all columns or some (N, 6, ·)."""
-        states = samples.q, samples.dq, samples.ddq
-        return base_wrench_regressor(self.tree, *states, gravity=STANDARD_GRAVITY, base=samples.base, columns=columns)
+        states, base = samples.motion.states, samples.motion.base
+        return base_wrench_regressor(self.tree, *states, gravity=self.gravity, base=base, columns=columns)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """What is fitted to its total wrench."""
+        return Equations(self, self.parameters)
 
 
-def double_pendulum(tilt_deg: float = 0.0) -> Mechanism:
+def double_pendulum(tilt_deg: float = 0.0) -> Subject:
     """The scene's, of three bodies."""
     name = "double pendulum, tilted" if tilt_deg else "double pendulum"
-    return Mechanism(name, tree_from_model(scenes.load("double_pendulum", tilt_deg=tilt_deg), "base"))
+    return subject(name, tree_from_model(scenes.load("double_pendulum", tilt_deg=tilt_deg), "base"))
 
 
-def mechanisms() -> tuple[Mechanism, ...]:
+def subject(name: str, tree: Tree, *, moving: bool = False) -> Subject:
+    """A tree under standard gravity."""
+    return Subject(tree, STANDARD_GRAVITY, name=name, moving=moving)
+
+
+def mechanisms() -> tuple[Subject, ...]:
     """Those with axes along their frames' axes, for which much of the arithmetic falls away, and twins with others."""
     return (
         double_pendulum(),
         double_pendulum(tilt_deg=5),
-        Mechanism("7-link arm", chain(8)),
-        Mechanism("7-link arm, general", in_general_position(chain(8))),
-        Mechanism("30-body tree", humanoid(), moving=True),
-        Mechanism("30-body tree, general", in_general_position(humanoid()), moving=True),
+        subject("7-link arm", chain(8)),
+        subject("7-link arm, general", in_general_position(chain(8))),
+        subject("30-body tree", humanoid(), moving=True),
+        subject("30-body tree, general", in_general_position(humanoid()), moving=True),
     )
 
 

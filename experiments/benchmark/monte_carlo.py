@@ -5,14 +5,15 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from ident.estimation.estimate import identify
 
 import scenes
 from experiments.benchmark.identification import check_agreement, solved
-from experiments.benchmark.mechanisms import Mechanism, double_pendulum
+from experiments.benchmark.mechanisms import Subject, double_pendulum
 from experiments.benchmark.peers import PEERS, Peer
 from experiments.benchmark.timing import Comparison, Effort, alternating
+from ident.estimation.least_squares import least_squares
 from ident.estimation.samples import Samples
+from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -40,7 +41,7 @@ class Trials:
         noise: Standard deviations on the columns of q, dq, ddq and of the wrench.
     """
 
-    mechanism: Mechanism
+    mechanism: Subject
     true: Samples
     noise: tuple[np.ndarray, ...]
 
@@ -50,29 +51,27 @@ class Trials:
         recording = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=samples)
         mechanism, true = double_pendulum(), recording.noise_free
         joints, wrench = mechanism.tree.joints, np.sqrt(np.diag(recording.wrench_covariance("ground")))
-        samples_true = Samples(*true.joint_states(joints), true.wrench("ground"))
+        samples_true = Samples(Motion(*true.joint_states(joints)), true.wrench("ground"))
         return cls(mechanism, samples_true, (*recording.joint_noise(joints), wrench))
 
     def drawn(self, seed: int) -> Samples:
         """The samples of one trial."""
         rng, true = np.random.default_rng(seed), self.true
-        channels = zip((true.q, true.dq, true.ddq, true.wrench), self.noise, strict=True)
+        channels = zip((*true.motion.states, true.measured), self.noise, strict=True)
         q, dq, ddq, wrench = (x + std * rng.normal(size=x.shape) for x, std in channels)
-        return Samples(q, dq, ddq, wrench)
+        return Samples(Motion(q, dq, ddq), wrench)
 
     def identified(self, seeds: Iterable[int]) -> np.ndarray:
         """Our ψ of each trial (trials, r)."""
-        tree, given = self.mechanism.tree, self.mechanism.parameters
-        found = (identify(tree, self.drawn(seed), gravity=STANDARD_GRAVITY, parameters=given) for seed in seeds)
-        return np.array([estimate.psi for estimate in found])
+        return np.array([least_squares(self.mechanism.equations, self.drawn(seed)).psi for seed in seeds])
 
     def solved(self, peer: Peer, columns: Sequence[int] | None, seeds: Iterable[int]) -> np.ndarray:
         """What a peer's regressor and least squares on some columns give for each trial (trials, columns)."""
         found = []
         for seed in seeds:
             drawn = self.drawn(seed)
-            states = peer.states((drawn.q, drawn.dq, drawn.ddq), None)
-            found.append(solved(peer.regressor(*states), drawn.wrench, columns))
+            states = peer.states(drawn.motion.states, None)
+            found.append(solved(peer.regressor(*states), drawn.measured, columns))
         return np.array(found)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 import scenes
 from experiments.benchmark.timing import Effort, alternating, ratio
+from ident.mechanism.motion import Motion
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.rollout import steps_per_sample
 from sim.simulation.servos import servos
@@ -73,12 +74,12 @@ def _native(spec: mujoco.MjSpec, samples: int) -> tuple[int, Callable[[], None]]
     driven = servos(model, len(DOUBLE_PENDULUM.offset))
     steps = round(LEAD_IN / model.opt.timestep) + steps_per_sample(model, RATE) * (samples - 1)
     time = np.arange(steps) * model.opt.timestep - LEAD_IN
-    desired = replace(DOUBLE_PENDULUM, noise=0.0).trajectory(time)
+    desired = Motion(*replace(DOUBLE_PENDULUM, noise=0.0).trajectory(time))
     controls = driven.commands(time, desired)
 
     def loop() -> None:
         data = mujoco.MjData(model)
-        data.qpos[driven.qpos], data.qvel[driven.dof] = desired[0][0], desired[1][0]
+        data.qpos[driven.qpos], data.qvel[driven.dof] = desired.q[0], desired.dq[0]
         for control in controls:
             data.ctrl[:] = control
             mujoco.mj_step(model, data)

@@ -11,9 +11,8 @@ from experiments.benchmark.mechanisms import double_pendulum
 from experiments.benchmark.monte_carlo import BLOCKS, Trials
 from experiments.benchmark.timing import Effort, alternating
 from experiments.runs.workers import Crew, hired
-from ident.estimation.estimate import identify
 from ident.estimation.in_order import in_order
-from ident.parameters.base_parameters import STANDARD_GRAVITY
+from ident.estimation.least_squares import least_squares
 
 
 @dataclass(frozen=True)
@@ -39,21 +38,14 @@ def shared(effort: Effort) -> list[Shared]:
     """Monte Carlo trials, and the identification of one long recording, with 1, 2, 4, … processes up to the cores."""
     numbers = [2**k for k in range((os.cpu_count() or 1).bit_length())]
     trials, mechanism = Trials.of(effort.samples), double_pendulum()
-    samples, given = mechanism.samples(effort.streamed), mechanism.parameters
+    samples = mechanism.samples(effort.streamed)
     blocks = [range(k, k + effort.trials // BLOCKS) for k in range(0, effort.trials, effort.trials // BLOCKS)]
 
     def monte_carlo(crew: Crew) -> None:
         list(in_order(crew.executor, trials.identified, blocks, ahead=crew.ahead))
 
     def identification(crew: Crew) -> None:
-        identify(
-            mechanism.tree,
-            samples,
-            gravity=STANDARD_GRAVITY,
-            parameters=given,
-            executor=crew.executor,
-            ahead=crew.ahead,
-        )
+        least_squares(mechanism.equations, samples, executor=crew.executor, ahead=crew.ahead)
 
     found = []
     with ExitStack() as stack:

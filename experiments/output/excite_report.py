@@ -39,13 +39,13 @@ def recording(problem: Problem, motion: Motion, provenance: Mapping[str, Any]) -
     """The motion of all hinge and slide joints, as a recording names them."""
     measured, units = {}, {}
     still = np.zeros(len(motion.time))
-    columns = {joint.name: k for k, joint in enumerate(problem.joints)}
-    for joint in (*problem.joints, *problem.resting):
-        k = columns.get(joint.name)
-        rest = (joint.rest + still, still, still)
+    columns = {joint: k for k, joint in enumerate(problem.joints)}
+    for joint in dict.fromkeys((*problem.joints, *problem.rest)):
+        k = columns.get(joint)
+        rest = (problem.rest[joint] + still, still, still)
         for kind, x, per, at_rest in zip(KINDS, motion.states, PER, rest, strict=True):
-            measured[f"{joint.name}_{kind}"] = at_rest if k is None else x[:, k]
-            units[f"{joint.name}_{kind}"] = joint.unit + per
+            measured[f"{joint}_{kind}"] = at_rest if k is None else x[:, k]
+            units[f"{joint}_{kind}"] = problem.units[joint] + per
     return Recording(motion.time, measured, units=units, provenance=provenance)
 
 
@@ -60,17 +60,18 @@ def table_limits(problem: Problem, limits: Limits, before: Motion, after: Motion
     """What every joint uses of its limits."""
     rows: list[tuple[report.Cell, ...]] = []
     for k, joint in enumerate(problem.joints):
+        unit = problem.units[joint]
         for bound, function in (("lowest", np.min), ("highest", np.max)):
             limit = (limits.low if bound == "lowest" else limits.high)[k]
             used = (float(function(motion.q[:, k])) for motion in (before, after))
-            rows.append((joint.name, f"{bound} position, {joint.unit}", *used, float(limit)))
-        for kind, unit, limit in (
+            rows.append((joint, f"{bound} position, {unit}", *used, float(limit)))
+        for kind, per, limit in (
             ("velocity", "/s", limits.velocity[k]),
             ("acceleration", "/s²", limits.acceleration[k]),
         ):
             x = "dq" if kind == "velocity" else "ddq"
             used = (float(abs(getattr(motion, x)[:, k]).max()) for motion in (before, after))
-            rows.append((joint.name, f"largest {kind}, {joint.unit}{unit}", *used, float(limit)))
+            rows.append((joint, f"largest {kind}, {unit}{per}", *used, float(limit)))
     return report.Table("Limits", ("joint", "quantity", "before", "after", "limit"), tuple(rows))
 
 
@@ -89,8 +90,8 @@ def figure(problem: Problem, limits: Limits, before: Motion, after: Motion) -> F
         for (k, column), ax in np.ndenumerate(axes):
             joint, (low, high) = problem.joints[k], bounds[column]
             lines = _panel(ax, before, after, (column, k), (float(low[k]), float(high[k])))
-            name = f"{escape.label(joint.name)}\n" if column == 0 else ""
-            ax.set_ylabel(f"{name}{KINDS[column]} ({joint.unit}{PER[column]})", labelpad=2)
+            name = f"{escape.label(joint)}\n" if column == 0 else ""
+            ax.set_ylabel(f"{name}{KINDS[column]} ({problem.units[joint]}{PER[column]})", labelpad=2)
         for ax in axes[-1]:
             ax.set_xlabel("time (s)", labelpad=2)
         for column in range(3):

@@ -116,7 +116,7 @@ def data_lines(result: Estimate) -> list[str]:
     if (axes := checks.misalignment) is not None:
         chance = ", no more than by chance" if axes.chance > SIGNIFICANT else ""
         lines.append(f"Axes: tilted ones would explain {axes.explained:.0%} of the residuals{chance}.")
-    more = separating_sensors(prepared.mechanism.tree, gravity=prepared.mechanism.gravity, sensors=prepared.sensors)
+    more = separating_sensors(prepared.mechanism, prepared.sensors)
     for what, gained in more.items():
         if gained:
             lines.append(f"More would be seen {GAINS[what]}: {', '.join(gained)}.")
@@ -244,7 +244,6 @@ def write(
     folder: Path,
     model: Path,
     log: Path,
-    base: str | None,
     provenance: dict[str, Any],
     formats: Iterable[str] = ("pdf", "png"),
 ) -> None:
@@ -255,7 +254,6 @@ def write(
         folder: Where to.
         model: The model file that is updated.
         log: The log it was identified from.
-        base: Name of the base body.
         provenance: Where the results come from.
         formats: Formats of the figures; the page needs PNG.
     """
@@ -276,9 +274,8 @@ def write(
         figures.save(figure, folder, name, formats)
     report.write_json(folder / "estimate.json", result.to_dict())
     report.write_json(folder / "provenance.json", provenance)
-    write_model(
-        folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}", model, result.consistent().phi, base
-    )
+    updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
+    write_model(updated, result.prepared.mechanism, result.consistent())
     parts = [
         f"<h1>{html.escape(title)}</h1>",
         f"<p><strong>{page.prose(result.verdict())}</strong></p>",

@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -15,8 +14,7 @@ from experiments.output.excite_report import Motion, figure, recording, table_li
 from experiments.studies import excitation, paper
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
-from sim.models.joints import Joint
-from sim.models.mujoco_model import compiled
+from sim.models.mechanism import mechanism
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits
@@ -55,13 +53,13 @@ def joint_limits(args: argparse.Namespace, problem: Problem, reference: Motion |
         InputError: A joint has no range and none is given, or the ranges leave no room.
     """
     if reference is None:
-        low, high = np.array([_range(joint, args.position) for joint in problem.joints]).T
+        low, high = _ranges(problem, args.position)
         velocity, acceleration = (np.full(len(low), limit) for limit in (VELOCITY, ACCELERATION))
     else:
         low, high = reference.q.min(axis=0), reference.q.max(axis=0)
         velocity, acceleration = abs(reference.dq).max(axis=0), abs(reference.ddq).max(axis=0)
         if args.position is not None:
-            low, high = np.array([_range(joint, args.position) for joint in problem.joints]).T
+            low, high = _ranges(problem, args.position)
     if args.velocity is not None:
         velocity = np.full(len(low), args.velocity)
     if args.acceleration is not None:
@@ -69,20 +67,25 @@ def joint_limits(args: argparse.Namespace, problem: Problem, reference: Motion |
     return Limits(low, high, velocity, acceleration)
 
 
-def _range(joint: Joint, given: Sequence[float] | None) -> tuple[float, float]:
-    """The part of the given range that the model allows."""
-    if given is None and joint.range is None:
-        raise InputError(
-            f"Joint '{joint.name}' has no range in the model; give one with --position LOW HIGH, in {joint.unit}."
-        )
-    low, high = given if given is not None else (-np.inf, np.inf)
-    inner, outer = joint.range if joint.range is not None else (-np.inf, np.inf)
-    if not max(low, inner) < min(high, outer):
-        raise InputError(
-            f"Joint '{joint.name}' needs a range with a lower limit below the upper one, got {low:g} to {high:g} "
-            f"{joint.unit} where the model allows {inner:g} to {outer:g}."
-        )
-    return max(low, inner), min(high, outer)
+def _ranges(problem: Problem, given: Sequence[float] | None) -> tuple[np.ndarray, np.ndarray]:
+    """The part of the given range that the model allows to each joint: lower and upper limits (n,)."""
+    limits = []
+    for joint in problem.joints:
+        allowed, unit = problem.mechanism.ranges.get(joint), problem.units[joint]
+        if given is None and allowed is None:
+            raise InputError(
+                f"Joint '{joint}' has no range in the model; give one with --position LOW HIGH, in {unit}."
+            )
+        low, high = given if given is not None else (-np.inf, np.inf)
+        inner, outer = allowed if allowed is not None else (-np.inf, np.inf)
+        if not max(low, inner) < min(high, outer):
+            raise InputError(
+                f"Joint '{joint}' needs a range with a lower limit below the upper one, got {low:g} to {high:g} "
+                f"{unit} where the model allows {inner:g} to {outer:g}."
+            )
+        limits.append((max(low, inner), min(high, outer)))
+    low, high = np.array(limits).T
+    return low, high
 
 
 def paper_motion(time: np.ndarray) -> Motion:
@@ -93,21 +96,21 @@ def paper_motion(time: np.ndarray) -> Motion:
 def run(args: argparse.Namespace) -> None:
     """Designs a motion, and writes and prints it."""
     scene = args.model in scenes.NAMES
-    model = compiled(scenes.load(args.model) if scene else args.model)
     base = args.base or BASES.get(args.model) if scene else args.base
+    arm = mechanism(scenes.load(args.model) if scene else args.model, base, ignore=args.ignore)
     problem = excitation.problem(
-        model, base, args.joints, sensors=args.sensors, noise=(args.noise[0], args.noise[1]), ignore=args.ignore
+        arm, args.joints, sensors=args.sensors, noise=(args.noise[0], args.noise[1]), ignore=args.ignore
     )
     published = args.model == PAPER and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
     time = sample_times(duration if args.seconds is None else args.seconds, args.harmonics)
     reference = paper_motion(time) if published else None
     limits = joint_limits(args, problem, reference)
-    collisions = _collisions(args, model, problem)
+    collisions = _collisions(args, problem)
     before, trajectory = _designed(args, problem, limits, reference, time, collisions)
     after = Motion(time, *trajectory.states(time))
     start = "the paper's excitation" if published else "the first random start"
-    title = f"Excitation of {', '.join(joint.name for joint in problem.joints)}: {start} and the designed one"
+    title = f"Excitation of {', '.join(problem.joints)}: {start} and the designed one"
     tables = {
         "table_quality": table_quality(problem, before, after, title),
         "table_limits": table_limits(problem, limits, before, after),
@@ -118,10 +121,10 @@ def run(args: argparse.Namespace) -> None:
     _print_summary(args, problem, tables["table_quality"], start, collisions)
 
 
-def _collisions(args: argparse.Namespace, model: mujoco.MjModel, problem: Problem) -> Collisions | None:
+def _collisions(args: argparse.Namespace, problem: Problem) -> Collisions | None:
     if args.collisions == "ignore":
         return None
-    return Collisions(model, [joint.id for joint in problem.joints], args.clearance)
+    return Collisions(problem.mechanism.source.model, problem.joints, args.clearance)
 
 
 def _designed(
@@ -133,7 +136,7 @@ def _designed(
     collisions: Collisions | None,
 ) -> tuple[Motion, FourierTrajectory]:
     """What the design is compared with, and the design."""
-    rest = np.array([joint.rest for joint in problem.joints])
+    rest = np.array([problem.rest[joint] for joint in problem.joints])
     starts = excitation.start_motions(limits, rest, float(time[-1]), args.harmonics, args.starts, args.seed)
     if reference is None:
         before = Motion(time, *starts[0].states(time))
@@ -155,11 +158,11 @@ def _write(
     given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
     series = {
         "duration": trajectory.duration,
-        "joints": [joint.name for joint in problem.joints],
+        "joints": list(problem.joints),
         "center": trajectory.center.tolist(),
         "coefficients": trajectory.coefficients.tolist(),
     }
-    source = report.provenance(given, {"series": series, "base_parameters": list(problem.base.names)})
+    source = report.provenance(given, {"series": series, "base_parameters": list(problem.parameters.names)})
     with report.results_folder(args.out, stale=report.OUTPUTS, inputs=[Path(args.model)]) as folder:
         figures.save(drawing, folder, "figure_excitation", args.formats)
         for name, table in tables.items():
@@ -174,7 +177,7 @@ def _print_summary(
     args: argparse.Namespace, problem: Problem, table: report.Table, start: str, collisions: Collisions | None
 ) -> None:
     before, after = table.rows[0][1:]
-    print(f"{problem.base.rank} base parameters: {', '.join(problem.base.names)}.")
+    print(f"{problem.parameters.rank} base parameters: {', '.join(problem.parameters.names)}.")
     print(f"Condition number before, {start}: {before:.1f}; after: {after:.1f}.")
     print(f"Collisions: {_checked(collisions)}.")
     print(f"Trajectory, figure and tables are in {args.out}.")

@@ -1,24 +1,26 @@
 """Which motion of a mechanism tells most about its base parameters: the problem, its criteria, and the best of many."""
 
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 from tqdm import tqdm
 
 from ident.errors import InputError, ModelError
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from sim.models.couplings import check_torques
-from sim.models.joints import Joint, gravity_at_rest, joints_of
-from sim.models.mujoco_model import mechanism_bodies, rest_coordinates, tree_from_model
+from sim.models.mujoco_model import base_motion, gravity_of, mechanism_bodies, rest_coordinates
+from sim.models.names import joint_name
 from sim.motion.collisions import Collisions
 from sim.motion.excitation_design import Cost, Limits, design, random_start, scaled_into
 from sim.motion.fourier import FourierTrajectory
+from sim.simulation.sensors import ONE_DOF
 
 CHUNK = 4096
 """Samples of candidate motions worked on together."""
@@ -32,52 +34,51 @@ class Problem:
     """What is to be excited.
 
     Attributes:
-        model: The compiled model.
-        joints: The joints that move.
-        resting: The mechanism's other hinge and slide joints.
-        tree: The mechanism of the joints that move, all others locked where they rest.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        mechanism: The mechanism of the joints that move, all others locked where they rest.
+        rest: Where each hinge and slide rests, moved or not, rad or m.
+        units: Their units, `rad` or `m`.
         sensors: One of `defaults.SENSORS`.
         noise: Standard deviations of the noise on forces in N, and on moments and torques in N m.
-        base: Base parameters that motions of these joints can tell apart.
+        parameters: Base parameters that motions of these joints can tell apart.
     """
 
-    model: mujoco.MjModel
-    joints: tuple[Joint, ...]
-    resting: tuple[Joint, ...]
-    tree: Tree
-    gravity: np.ndarray
+    mechanism: Mechanism
+    rest: Mapping[str, float]
+    units: Mapping[str, str]
     sensors: str
     noise: tuple[float, float]
-    base: BaseParameters
+    parameters: BaseParameters
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that move."""
+        return self.mechanism.tree.joints
 
     def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Base regressor Y_b of N samples (N, rows, r)."""
         function = base_wrench_regressor if self.sensors == "wrench" else joint_torque_regressor
-        return self.base.reduce(function(self.tree, q, dq, ddq, gravity=self.gravity))
+        return self.parameters.reduce(function(self.mechanism.tree, q, dq, ddq, gravity=self.mechanism.gravity))
 
     def weights(self) -> np.ndarray:
         """One over the standard deviation of the noise on each row of a sample (rows,)."""
         force, moment = self.noise
         if self.sensors == "wrench":
             return 1 / np.repeat([force, moment], 3)
-        return 1 / np.array([force if joint.unit == "m" else moment for joint in self.joints])
+        return 1 / np.array([force if self.units[joint] == "m" else moment for joint in self.joints])
 
 
 def problem(
-    model: mujoco.MjModel,
-    base: str | None,
+    mechanism: Mechanism,
     names: Sequence[str] | None,
     *,
     sensors: str,
     noise: tuple[float, float],
     ignore: Sequence[str] = (),
 ) -> Problem:
-    """What some joints of a model can excite.
+    """What some joints of a mechanism can excite, on a base that stands still.
 
     Args:
-        model: Compiled model.
-        base: Name of the body whose frame is {0}; by default the world's frame is.
+        mechanism: The mechanism, from `sim.mechanism`.
         names: Joints to move; by default all hinge and slide joints.
         sensors: One of `defaults.SENSORS`.
         noise: Standard deviations of the noise, N and N m.
@@ -86,35 +87,44 @@ def problem(
     Raises:
         ModelError: A joint does not exist or cannot be moved so, or there is none.
     """
-    tree = tree_from_model(model, base, ignore=ignore)
-    joints = joints_of(model, base)
-    chosen = _chosen(joints, tree, names)
-    resting = tuple(joint for joint in joints if joint not in chosen)
-    moving = [joint.name for joint in chosen]
+    model, base = mechanism.source.model, mechanism.source.base
+    kinds = {joint_name(model, j): model.jnt_type[j] for j in range(model.njnt)}
+    joints = [joint for joint in mechanism.tree.joints if kinds.get(joint) in ONE_DOF]
+    moving = _chosen(joints, mechanism.tree, names)
     check_torques(model, mechanism_bodies(model, base), ignore, moving)
     rest = rest_coordinates(model, base)
-    locked = tree.fixed({name: q for name, q in rest.items() if name not in moving})
-    gravity = gravity_at_rest(model, base)
-    measured = Sensors(base_wrench=sensors == "wrench", joint_torques=sensors == "torque")
-    found = find_base_parameters(locked, gravity=gravity, sensors=measured)
-    return Problem(model, chosen, resting, locked, gravity, sensors, noise, found)
+    tree = mechanism.tree.fixed({name: q for name, q in rest.items() if name not in moving})
+    gravity = mechanism.gravity
+    if base is not None:
+        still = base_motion(model, base, model.qpos0[None], *np.zeros((2, 1, model.nv)))
+        gravity = still.T[0, :3, :3].T @ gravity_of(model)
+    locked = replace(mechanism, tree=tree, gravity=gravity)
+    return Problem(
+        locked,
+        {joint: float(rest[joint][0]) for joint in joints},
+        {joint: "m" if kinds[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for joint in joints},
+        sensors,
+        noise,
+        find_base_parameters(
+            locked, sensors=Sensors(base_wrench=sensors == "wrench", joint_torques=sensors == "torque")
+        ),
+    )
 
 
-def _chosen(joints: tuple[Joint, ...], tree: Tree, names: Sequence[str] | None) -> tuple[Joint, ...]:
-    """The joints of some names, in the tree's order."""
+def _chosen(joints: Sequence[str], tree: Tree, names: Sequence[str] | None) -> Sequence[str]:
+    """Those of the hinges and slides of a tree that have some names, in the tree's order."""
     if not joints:
         raise ModelError("Excitation needs a hinge or slide joint; this mechanism has none.")
-    known = {joint.name: joint for joint in joints}
     for name in names or ():
-        if name not in known:
+        if name not in joints:
             what = "is neither hinge nor slide" if name in tree.joints else "does not exist"
-            raise ModelError(f"Joint '{name}' {what}; the joints to choose from are {', '.join(known)}.")
-    return tuple(joint for joint in joints if names is None or joint.name in names)
+            raise ModelError(f"Joint '{name}' {what}; the joints to choose from are {', '.join(joints)}.")
+    return [joint for joint in joints if names is None or joint in names]
 
 
 def information(problem: Problem, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Information `Σ Y_bᵀ W² Y_b` of P motions of G samples: arrays (P, G, n) give (P, r, r)."""
-    out = np.empty((len(q), problem.base.rank, problem.base.rank))
+    out = np.empty((len(q), problem.parameters.rank, problem.parameters.rank))
     at_once = max(1, CHUNK // q.shape[1])
     for start in range(0, len(q), at_once):
         part = slice(start, start + at_once)

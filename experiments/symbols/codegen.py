@@ -47,8 +47,8 @@ def python_source(model: SymbolicModel, name: str) -> str:
             "",
             "import numpy as np",
             "",
-            f"PARAMETERS = {model.base.parameters!r}",
-            f"KEPT = {model.base.kept!r}",
+            f"PARAMETERS = {model.regrouping.parameters!r}",
+            f"KEPT = {model.regrouping.kept!r}",
             '"""Columns of the base parameters."""',
             "",
             "",
@@ -96,7 +96,7 @@ def c_source(model: SymbolicModel, name: str) -> str:
 
 def latex_source(model: SymbolicModel, name: str) -> str:
     """The base parameters and their columns of the regressor, to be included in a document that uses amsmath."""
-    columns = model.base.reduce(model.Y)
+    columns = model.regrouping.reduce(model.Y)
     shared, entries = _shared(columns)
     # Counted without sharing, the operations of a long chain grow without bounds.
     if sum(sympy.count_ops(x) for x in (*dict(shared).values(), *(x for _, _, x in entries))) <= READABLE:
@@ -107,7 +107,7 @@ def latex_source(model: SymbolicModel, name: str) -> str:
     def tex(x: sympy.Expr) -> str:
         return sympy.latex(decimals(x, 6), symbol_names=names, fold_short_frac=True)
 
-    left = [parameter_symbol(key).strip("$") for key in model.base.names]
+    left = [parameter_symbol(key).strip("$") for key in model.regrouping.names]
     psi = [rf"\left({k}\right)_R &= {tex(x)}" for k, x in zip(left, model.base_expressions().values(), strict=True)]
     lines = [rf"{tex(symbol)} &= {tex(x)}" for symbol, x in shared]
     return "\n".join(
@@ -127,12 +127,13 @@ def latex_source(model: SymbolicModel, name: str) -> str:
 
 def _arguments(model: SymbolicModel) -> dict[str, list[sympy.Symbol]]:
     """Arguments of the generated functions, with the symbols of their entries."""
-    return {"q": list(model.q), "dq": list(model.dq), "ddq": list(model.ddq), "gravity": list(model.gravity)}
+    arguments = zip(("q", "dq", "ddq", "gravity"), (*model.motion.states, model.mechanism.gravity), strict=True)
+    return {name: list(symbols) for name, symbols in arguments}
 
 
 def _description(model: SymbolicModel) -> list[str]:
     """What stands where; plain text for a comment."""
-    joints = ", ".join(map(plain, model.tree.joints))
+    joints = ", ".join(map(plain, model.mechanism.tree.joints))
     return [
         f"Joints: {joints or 'none'}.",
         "SI units, radians; a ball joint has a quaternion w, x, y, z. Gravity is its acceleration in the base frame.",
@@ -165,13 +166,13 @@ def _readable(x: sympy.Expr, lengths: Sequence[sympy.Symbol]) -> sympy.Expr:
 
 
 def _latex_names(model: SymbolicModel) -> dict[sympy.Symbol, str]:
-    states = (("q", model.q), (r"\dot{q}", model.dq), (r"\ddot{q}", model.ddq))
+    states = zip(("q", r"\dot{q}", r"\ddot{q}"), model.motion.states, strict=True)
     names = {s: f"{name}_{{{k}}}" for name, symbols in states for k, s in enumerate(symbols, start=1)}
     for symbol in model.lengths:
         if match := re.fullmatch(r"([lc])(\d+)([xyz])(_*)", symbol.name):
             kind, body, axis, more = match.groups()
             names[symbol] = r"\bar{" * len(more) + kind + "}" * len(more) + f"_{{{axis},{body}}}"
-    names |= {sympy.Symbol(key): parameter_symbol(key).strip("$") for key in model.base.parameters}
+    names |= {sympy.Symbol(key): parameter_symbol(key).strip("$") for key in model.regrouping.parameters}
     return names
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from experiments.output import report
 from experiments.symbols import codegen, symbolic
-from ident.errors import InputError
+from ident.errors import InputError, ModelError
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.parameters.base_parameters import separating_sensors
-from sim.models.mujoco_model import compiled, parameters_from_model, tree_from_model
+from ident.parameters.base_parameters import STANDARD_GRAVITY, separating_sensors
+from sim.models.mechanism import mechanism
 
 TABLES = ("table_1", "table_2")
 
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
     model = symbolic.derive(tree, lengths)
     digits = 12 if model.exact else 6
     rows = tuple((key, str(symbolic.decimals(x, digits))) for key, x in model.base_expressions().items())
-    table = report.Table(f"Base parameters of {name}: {model.base.rank}", ("parameter", "expression"), rows)
+    table = report.Table(f"Base parameters of {name}: {model.regrouping.rank}", ("parameter", "expression"), rows)
     sources = {
         "dim.tex": codegen.latex_source(model, name),
         "regressor.py": codegen.python_source(model, name),
@@ -50,16 +51,17 @@ def run(args: argparse.Namespace) -> None:
     print(table.text())
     if not model.exact:
         print(f"The coefficients are decimals, because {model.reason}.")
-    print(f"Not seen at all: {', '.join(model.base.unseen) or 'nothing'}.")
-    if model.base.remark:
-        print(model.base.remark)
-    for what, gained in separating_sensors(symbolic.with_values(tree, lengths)).items():
+    print(f"Not seen at all: {', '.join(model.regrouping.unseen) or 'nothing'}.")
+    if model.regrouping.remark:
+        print(model.regrouping.remark)
+    for what, gained in separating_sensors(Mechanism(symbolic.with_values(tree, lengths), STANDARD_GRAVITY)).items():
         print(f"Seen apart besides, {GAINS[what]}: {', '.join(gained) or 'nothing'}.")
     print(f"LaTeX, Python and C are in {out}.")
 
 
 def _tree(path: str, base: str | None, ignore: Sequence[str]) -> Tree:
     """The mechanism of a model file, which needs to have mass."""
-    source = compiled(path)
-    parameters_from_model(source, base)
-    return tree_from_model(source, base, ignore=ignore)
+    arm = mechanism(path, base, ignore=ignore)
+    if arm.prior is None:
+        raise ModelError(f"A mechanism needs mass; {', '.join(arm.bodies)} have none.")
+    return arm.tree

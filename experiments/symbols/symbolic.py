@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from experiments.studies.mechanism import mechanism, tree_of_table_1
 from ident.mechanism.body import ball_twist
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model import dim
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
@@ -48,23 +50,19 @@ class SymbolicModel:
     """A mechanism's base-wrench DIM in closed form.
 
     Attributes:
-        tree: The mechanism, its lengths symbols and its directions exact numbers (dtype object).
+        mechanism: The mechanism, its lengths and gravity symbols, its directions exact numbers (dtype object).
         lengths: Numerical value of each length, m.
-        q: Symbols of the joint coordinates (n_q,); `dq` and `ddq` of velocities and accelerations (n,).
-        gravity: Symbols of the acceleration of gravity in the base frame (3,).
+        motion: Symbols of one sample.
         Y: The regressor of Eq. 14 (6, 10 b).
-        base: Regrouping with exact coefficients, rational functions of the lengths.
+        regrouping: How parameters regroup, with exact coefficients, rational functions of the lengths.
         reason: Why they are decimals instead, at the lengths' values; empty if they are not.
     """
 
-    tree: Tree
+    mechanism: Mechanism
     lengths: dict[Symbol, float]
-    q: np.ndarray
-    dq: np.ndarray
-    ddq: np.ndarray
-    gravity: np.ndarray
+    motion: Motion
     Y: np.ndarray
-    base: BaseParameters
+    regrouping: BaseParameters
     reason: str = ""
 
     @property
@@ -74,10 +72,10 @@ class SymbolicModel:
 
     def base_expressions(self) -> dict[str, sympy.Expr]:
         """Each base parameter by its name, in symbols of φ and of the lengths."""
-        phi = [sympy.Symbol(name) for name in self.base.parameters]
+        base, phi = self.regrouping, [sympy.Symbol(name) for name in self.regrouping.parameters]
         return {
-            self.base.parameters[k]: phi[k] + sum(c * phi[d] for c, d in zip(row, self.base.dependent, strict=True))
-            for k, row in zip(self.base.kept, self.base.beta, strict=True)
+            base.parameters[k]: phi[k] + sum(c * phi[d] for c, d in zip(row, base.dependent, strict=True))
+            for k, row in zip(base.kept, base.beta, strict=True)
         }
 
 
@@ -91,21 +89,21 @@ def derive(tree: Tree, lengths: dict[Symbol, float]) -> SymbolicModel:
         lengths: Its symbols with their values, m.
     """
     coordinates, freedoms = sum(body.coordinates for body in tree.bodies), len(tree.freedoms)
-    q, dq, ddq = _symbols("q", coordinates), _symbols("dq", freedoms), _symbols("ddq", freedoms)
+    motion = Motion(_symbols("q", coordinates), _symbols("dq", freedoms), _symbols("ddq", freedoms))
     gravity = np.array([Symbol(f"g_{axis}") for axis in "xyz"])
     # Products of long fractions grow; decimals with digits to spare do not.
     short = _each(lambda x: decimals(x, 20))
     bodies = [replace(body, home=short(body.home), twist=short(body.twist)) for body in tree.bodies]
-    Y = dim.base_wrench_regressor(Tree(tuple(bodies)), q, dq, ddq, gravity=gravity)
+    mechanism, Y = Mechanism(tree, gravity), dim.base_wrench_regressor(Mechanism(Tree(tuple(bodies)), gravity), motion)
     rounded = find_base_parameters(with_values(tree, lengths))
     if len(lengths) > FEW and not _is_aligned(tree):
         reason = f"there are {len(lengths)} lengths and directions that are not along frame axes"
-        return SymbolicModel(tree, lengths, q, dq, ddq, gravity, Y, rounded, reason)
+        return SymbolicModel(mechanism, lengths, motion, Y, rounded, reason)
     base = exact_base_parameters(tree, list(lengths))
     if base.rank != rounded.rank:
         reason = "directions of this model coincide only to rounding"
-        return SymbolicModel(tree, lengths, q, dq, ddq, gravity, Y, rounded, reason)
-    return SymbolicModel(tree, lengths, q, dq, ddq, gravity, Y, base)
+        return SymbolicModel(mechanism, lengths, motion, Y, rounded, reason)
+    return SymbolicModel(mechanism, lengths, motion, Y, base)
 
 
 def decimals(x: sympy.Expr, digits: int) -> sympy.Expr:

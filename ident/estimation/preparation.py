@@ -1,8 +1,7 @@
 """A user's model and log made ready to be fitted: one set of samples, channels and columns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,14 +19,10 @@ from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names, joi
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.despike import despiked
-from ident.recordings.log import GROUND, Log, read_log
-from ident.recordings.mapping import KINDS
-from ident.recordings.npz import LIMIT
+from ident.recordings.log import GROUND, Log
 from ident.recordings.smoothing import chosen_cutoff, low_pass, settling, smoothed
 from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.wrench import Contact, total_wrench
-from sim.models.couplings import check_torques
-from sim.models.mujoco_model import compiled, gravity_in_base, mechanism_bodies, parameters_from_model, tree_from_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,99 +59,57 @@ class Prepared:
         return 0 if self.cutoff is None else settling(self.log.rate, self.cutoff)
 
 
-def prepare(
-    source: Path,
-    log_path: Path,
+def prepared(
+    mechanism: Mechanism,
+    log: Log,
     *,
-    base: str | None = None,
-    columns: Path | None = None,
     cutoff: str | float | None = None,
-    drive: tuple[str, ...] = (),
-    ignore: tuple[str, ...] = (),
-    fix: Mapping[str, Sequence[float]] | None = None,
-    limit: int = LIMIT,
+    drive: Sequence[str] = (),
+    name: str = "The recording",
 ) -> Prepared:
-    """Reads a model and a log.
+    """Makes a recording ready to be fitted.
 
     Args:
-        source: MJCF or URDF file.
-        log_path: CSV or npz file.
-        base: Body whose frame is {0}, by default the world.
-        columns: Mapping of the log's columns.
+        mechanism: The mechanism, with a prior.
+        log: The recording.
         cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the log's own velocities and accelerations.
         drive: Friction and rotor columns for joint torques.
-        ignore: Equality constraints and tendons to leave out.
-        fix: Joints that do not move and are not in the log, as for `tree_from_model`.
-        limit: Bytes that a npz file may take in memory.
+        name: What messages call the recording.
 
     Raises:
-        ModelError: The model is missing or malformed, or has no such base or joint.
-        LogError: Something is missing in the log, or does not fit the model.
-        InputError: An argument does not fit; the message names it, as all do.
+        InputError: Something is missing or does not fit; the message names it.
     """
-    model = compiled(source)
-    tree = tree_from_model(model, base, ignore=ignore, fix=fix)
-    prior, gravity = parameters_from_model(model, base), gravity_in_base(model, base)
-    mechanism = Mechanism(tree, gravity, prior, source=(source, base))
-    joints = [tree.bodies[i] for i in tree.moving]
-    log = read_log(
-        log_path,
-        tree.joints,
-        tree.names,
-        columns,
-        slides=[body.joint for body in joints if not (body.is_ball or body.twist[3:].any())],
-        balls=[body.joint for body in joints if body.is_ball],
-        weight=mechanism.weight,
-        limit=limit,
-    )
-    rate = log.rate
+    tree, rate = mechanism.tree, log.rate
     log, notes = _without_spikes(log)
-    still = {name.format(joint) for joint in fix or () for names in KINDS.values() for name in names}
-    if unread := [name for name in log.unused if name in still]:
-        notes.append(f"Columns of joints that --fix holds still were not read: {', '.join(unread)}.")
     log, constant = _without_constant(log, tree.joints)
     cutoff = _cutoff(log, rate, cutoff)
     states = _states(log, rate, cutoff)
-    frame, wrench = _wrench(tree, log, states[0], rate, cutoff)
-    torques = None if log.torques is None else log.torques if cutoff is None else low_pass(log.torques, rate, cutoff)
-
     motion = Motion(*states, None if log.base is None else base_motion_from_poses(log.base, rate, cutoff))
+    frame, wrench = _wrench(tree, log, motion.q, rate, cutoff)
+    torques = None if log.torques is None else log.torques if cutoff is None else low_pass(log.torques, rate, cutoff)
     channels = _channels(mechanism, frame, wrench, torques)
-    if channels.torques:
-        check_torques(model, mechanism_bodies(model, base), ignore, [tree.joints[k] for k in channels.torques])
     if drive and not channels.torques:
         notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
     if not channels.names and constant:
-        raise LogError(f"Every measured channel of {log_path} is constant ({', '.join(constant)}); nothing is to fit.")
+        raise LogError(f"Every measured channel of {name} is constant ({', '.join(constant)}); nothing is to fit.")
     if not channels.names:
         raise LogError(
-            f"{log_path} has neither a wrench nor a joint torque to fit. {suggested_mapping(log.unused, tree.joints)}"
+            f"{name} has neither a wrench nor a joint torque to fit. {suggested_mapping(log.unused, tree.joints)}"
         )
     stuck = _stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     rows = channels.wrench
     sensors = Sensors(rows is not None, bool(channels.torques), motion.base is not None, rows)
-    found = find_base_parameters(tree, gravity=mechanism.gravity, sensors=sensors)
+    found = find_base_parameters(mechanism, sensors=sensors)
     notes += _hidden(mechanism, sensors, found, channels.names)
     notes += [found.remark] if found.remark else []
-    equations = Equations(
-        mechanism, found, channels.wrench, channels.torques, channels.names, channels.drives(tree, drive)
-    )
+    drives = drive_names(tree, drive) if channels.torques else ()
+    equations = Equations(mechanism, found, rows, channels.torques, channels.names, drives)
     samples = Samples(motion, channels.measured)
-    fitted = separable(equations, samples) if equations.drives else equations
-    if lost := [name for name in equations.drives if name not in fitted.drives]:
+    fitted = separable(equations, samples) if drives else equations
+    if lost := [drive for drive in drives if drive not in fitted.drives]:
         notes.append(f"{', '.join(lost)} cannot be told from the links' inertias, which take them up.")
-    return Prepared(
-        mechanism=mechanism,
-        log=log,
-        equations=fitted,
-        samples=samples,
-        sensors=sensors,
-        frame=frame,
-        wrench=wrench,
-        cutoff=cutoff,
-        notes=(*log.notes, *notes),
-        stuck=stuck,
-    )
+    all_notes = (*log.notes, *notes)
+    return Prepared(mechanism, log, fitted, samples, sensors, frame, wrench, cutoff, all_notes, stuck)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,10 +127,6 @@ class _Channels:
     measured: np.ndarray
     wrench: np.ndarray | None
     torques: tuple[int, ...]
-
-    def drives(self, tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
-        """Names of the columns of rotor inertia and friction, none without joint torques."""
-        return drive_names(tree, drive) if self.torques else ()
 
 
 def _channels(mechanism: Mechanism, frame: np.ndarray, wrench: np.ndarray, torques: np.ndarray | None) -> _Channels:
@@ -287,7 +236,7 @@ def _hidden(mechanism: Mechanism, sensors: Sensors, found: BaseParameters, chann
     if not sensors.base_wrench:
         return []
     whole = replace(sensors, channels=None)
-    every = find_base_parameters(mechanism.tree, gravity=mechanism.gravity, sensors=whole).rank
+    every = find_base_parameters(mechanism, sensors=whole).rank
     if every == found.rank:
         return []
     return [

@@ -49,9 +49,8 @@ def exp(xi: np.ndarray, theta: np.ndarray | float = 1.0) -> np.ndarray:
     ww = w @ w
     one = np.eye(3, dtype=int)
     sin, versine = np.sin(theta), 1 - np.cos(theta)
-    rotation = one + sin * w + versine * ww
-    translation = (one * theta + versine * w + (theta - sin) * ww) @ xi[..., :3, None]
-    return pose(rotation, translation[..., 0])
+    rotation, v = one + sin * w + versine * ww, xi[..., :3, None]
+    return pose(rotation, (theta * v + versine * (w @ v) + (theta - sin) * (ww @ v))[..., 0])
 
 
 def rotation(quaternion: np.ndarray) -> np.ndarray:

@@ -149,12 +149,4 @@ def _misalignment(prepared: Prepared, residual: np.ndarray, part: slice) -> Misa
     scale = np.full(6, np.inf)
     scale[known] = spread(residual)[: known.sum()]
     motion = prepared.samples.motion[part]
-    return estimate_misalignment(
-        tree,
-        motion.states,
-        prepared.wrench[part],
-        scale,
-        gravity=prepared.mechanism.gravity,
-        base=motion.base,
-        frame=prepared.frame,
-    )
+    return estimate_misalignment(prepared.mechanism, motion, prepared.wrench[part], scale, frame=prepared.frame)

@@ -18,14 +18,15 @@ from ident.estimation.noise import Sandwich
 from ident.geometry.inertia import pseudo_inertia
 from ident.geometry.se3 import coAd, hat, inverse
 from ident.mechanism.body import BASE
-from ident.mechanism.motion import BaseMotion
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
 
 Jet = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""A quantity and its first two derivatives with respect to time; of matrices (N, 4, 4)."""
+"""A matrix of each sample and its first two derivatives with respect to time (N, 4, 4)."""
 
 SAMPLES = 1000
 """Samples used at most, evenly spread: the angle is seen long before the last one."""
@@ -70,24 +71,20 @@ class Misalignment:
 
 
 def estimate_misalignment(
-    tree: Tree,
-    states: Jet,
+    mechanism: Mechanism,
+    motion: Motion,
     wrench: np.ndarray,
     scale: np.ndarray,
     *,
-    gravity: np.ndarray,
-    base: BaseMotion | None = None,
     frame: np.ndarray | None = None,
 ) -> Misalignment:
     """Axis directions that leave the least of the wrenches unexplained, with all parameters free (variable projection).
 
     Args:
-        tree: The mechanism.
-        states: Joint coordinates, velocities and accelerations (N, n_q), (N, n), (N, n).
+        mechanism: The mechanism.
+        motion: How it moves (N samples).
         wrench: Total wrench in the sensor's frame, NaN in channels that are not measured (N, 6).
         scale: Standard deviation of each channel's noise, infinite where it is to be ignored (6,).
-        gravity: Acceleration of gravity as for `base_wrench_regressor`, m/s² (3,).
-        base: Motion of the base, without it at rest.
         frame: Pose of the sensor's frame in the base frame (4, 4), without it the base frame itself.
 
     Returns:
@@ -97,6 +94,7 @@ def estimate_misalignment(
         ModelError: No joint of the mechanism turns about one axis.
         LinAlgError: LAPACK does not converge.
     """
+    tree = mechanism.tree
     turning = tuple(i for i in tree.moving if not tree.bodies[i].is_ball and tree.bodies[i].twist[3:].any())
     if not turning:
         raise ModelError("Axes are estimated for revolute joints; the mechanism has none.")
@@ -104,11 +102,9 @@ def estimate_misalignment(
     part = np.unique(np.linspace(0, len(wrench) - 1, count).astype(int))
     channels = np.flatnonzero(np.isfinite(wrench).all(axis=0) & np.isfinite(scale))
     problem = _Problem(
-        tree,
+        mechanism,
         turning,
-        (states[0][part], states[1][part], states[2][part]),
-        gravity,
-        None if base is None else BaseMotion(base.T[part], base.V[part], base.dV[part]),
+        motion[part],
         coAd(inverse(np.eye(4) if frame is None else frame))[channels] / scale[channels, None],
         wrench[np.ix_(part, channels)] / scale[channels],
     )
@@ -140,26 +136,28 @@ class _Fit:
 class _Problem:
     """What is fitted: arguments of `estimate_misalignment`, weighted, and the bodies that turn about one axis."""
 
-    tree: Tree
+    mechanism: Mechanism
     turning: tuple[int, ...]
-    states: Jet
-    gravity: np.ndarray
-    base: BaseMotion | None
+    motion: Motion
     to_channels: np.ndarray
     target: np.ndarray
 
     @cached_property
     def kept(self) -> list[int]:
         """Columns of the base parameters with the model's axes, and far from these, where all show that can."""
-        tilted = _tilted(self.tree, self.turning, np.cos(np.arange(2 * len(self.turning))))
-        sensors = Sensors(moving_base=self.base is not None, channels=self.to_channels)
-        found = [find_base_parameters(t, gravity=self.gravity, sensors=sensors).kept for t in (self.tree, tilted)]
+        tilted = self.tilted(np.cos(np.arange(2 * len(self.turning))))
+        sensors = Sensors(moving_base=self.motion.base is not None, channels=self.to_channels)
+        found = [find_base_parameters(m, sensors=sensors).kept for m in (self.mechanism, tilted)]
         return sorted({*found[0], *found[1]})
+
+    def tilted(self, tilts: np.ndarray) -> Mechanism:
+        """The mechanism with tilted axes."""
+        return replace(self.mechanism, tree=_tilted(self.mechanism.tree, self.turning, tilts))
 
     def fit(self, tilts: np.ndarray) -> _Fit:
         """Least squares of all parameters and of constant offsets."""
-        tree, kept = _tilted(self.tree, self.turning, tilts), self.kept
-        Y = base_wrench_regressor(tree, *self.states, gravity=self.gravity, base=self.base, columns=kept)
+        tilted, motion, kept = self.tilted(tilts), self.motion, self.kept
+        Y = base_wrench_regressor(tilted.tree, *motion.states, gravity=tilted.gravity, base=motion.base, columns=kept)
         offsets = np.tile(np.eye(self.target.shape[1]), (len(self.target), 1, 1))
         columns = np.concatenate([self.to_channels @ Y, offsets], axis=2).reshape(self.target.size, -1)
         norms = np.linalg.norm(columns, axis=0)
@@ -170,7 +168,7 @@ class _Problem:
         Q, along = Q[:, :rank], Q[:, :rank].T @ self.target.ravel()
         values = np.zeros(len(norms))
         values[order[:rank]] = linalg.solve_triangular(R[:rank, :rank], along)
-        phi = np.zeros(10 * len(tree.inertial))
+        phi = np.zeros(10 * len(tilted.bodies))
         phi[kept] = (values / norms)[: len(kept)]
         return _Fit(tilts, Q, phi, self.target.ravel() - Q @ along)
 
@@ -204,14 +202,14 @@ def _judged(problem: _Problem, before: _Fit, after: _Fit) -> Misalignment:
     noise = max(float(np.trace(slopes.T @ slopes @ covariance)) / (2 * joints), 1e-300)
     spare = max(better / noise - before.basis.shape[1] - explains, 1)
     return Misalignment(
-        joints=tuple(problem.tree.bodies[i].joint for i in problem.turning),
+        joints=tuple(problem.mechanism.tree.bodies[i].joint for i in problem.turning),
         angle=np.arctan(np.linalg.norm(tilts, axis=1)),
         std=np.array([np.sqrt(np.trace(C) / 2) for C in blocks]),
         p_value=stats.chi2.sf(wald, 2),
         at_bound=(np.abs(tilts) > 0.95 * FARTHEST).any(axis=1),
         explained=1 - better / worse if worse else 0.0,
         chance=float(stats.f.sf((worse - better) / (explains * noise), explains, spare)),
-        tree=_tilted(problem.tree, problem.turning, after.tilts),
+        tree=problem.tilted(after.tilts).tree,
     )
 
 
@@ -237,8 +235,8 @@ def _turns(twist: np.ndarray, tilt: np.ndarray) -> list[np.ndarray]:
 
 def _slopes(problem: _Problem, fit: _Fit) -> np.ndarray:
     """Derivatives of the predicted base wrench with respect to the tilts (N, 6, 2 k)."""
-    tree = _tilted(problem.tree, problem.turning, fit.tilts)
-    homes, swings, poses = _motions(tree, problem.states, problem.gravity, problem.base)
+    tilted = problem.tilted(fit.tilts)
+    tree, (homes, swings, poses) = tilted.tree, _motions(tilted, problem.motion)
     J = np.zeros((len(tree.bodies), 4, 4))
     J[list(tree.inertial)] = pseudo_inertia(fit.phi.reshape(-1, 10))
     carried = [_right(T, own @ np.swapaxes(T[0], -1, -2)) for T, own in zip(poses, J, strict=True)]
@@ -249,7 +247,7 @@ def _slopes(problem: _Problem, fit: _Fit) -> np.ndarray:
     slopes = []
     for i, tilt in zip(problem.turning, fit.tilts.reshape(-1, 2), strict=True):
         back, (_, dT, ddT), (A, dA, ddA) = inverse(poses[i][0]), poses[i], carried[i]
-        for turn in map(hat, _turns(problem.tree.bodies[i].twist, tilt)):
+        for turn in map(hat, _turns(problem.mechanism.tree.bodies[i].twist, tilt)):
             # The axis turns before the joint moves, and back behind it.
             E, dE, ddE = swings[i]
             bend = turn @ E - E @ turn, turn @ dE - dE @ turn, turn @ ddE - ddE @ turn
@@ -263,22 +261,20 @@ def _slopes(problem: _Problem, fit: _Fit) -> np.ndarray:
     return np.stack(slopes, axis=2)
 
 
-def _motions(
-    tree: Tree, states: Jet, gravity: np.ndarray, base: BaseMotion | None
-) -> tuple[list[Jet], list[Jet], list[Jet]]:
+def _motions(mechanism: Mechanism, motion: Motion) -> tuple[list[Jet], list[Jet], list[Jet]]:
     """For each body the frame that its joint hangs on, what the joint does, and both multiplied: its pose.
 
     All are seen from an inertial frame that is the base's at the instant and falls, so that gravity is at rest.
     """
-    count = len(states[0])
-    V, dV, down = np.zeros((count, 6)), np.zeros((count, 6)), np.tile(gravity, (count, 1))
+    tree, base, count = mechanism.tree, motion.base, len(motion)
+    V, dV, down = np.zeros((count, 6)), np.zeros((count, 6)), np.tile(mechanism.gravity, (count, 1))
     if base is not None:
-        V, dV, down = base.V, base.dV, gravity @ base.T[:, :3, :3]
+        V, dV, down = base.V, base.dV, mechanism.gravity @ base.T[:, :3, :3]
     root = _swing(np.tile(np.eye(4), (count, 1, 1)), V, dV - np.pad(down, ((0, 0), (0, 3))))
     homes: list[Jet] = []
     swings: list[Jet] = []
     poses: list[Jet] = []
-    shares = (tree.body_coordinates(states[0]), tree.body_velocities(states[1]), tree.body_velocities(states[2]))
+    shares = tree.body_coordinates(motion.q), tree.body_velocities(motion.dq), tree.body_velocities(motion.ddq)
     for body, q, dq, ddq in zip(tree.bodies, *shares, strict=True):
         homes.append(_right(root if body.parent == BASE else poses[body.parent], body.home))
         swings.append(_swing(body.joint_pose(q), dq @ body.motions.T, ddq @ body.motions.T))

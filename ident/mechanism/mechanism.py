@@ -52,8 +52,20 @@ class Mechanism:
             ModelError: There is none.
         """
         if self.prior is None:
-            raise ModelError("This takes a mechanism with a prior φ, as `sim.mechanism` reads it from a model file.")
+            raise ModelError(f"A mechanism needs mass; {', '.join(self.bodies)} have none (no prior φ).")
         return self.prior
+
+    def site(self, name: str) -> tuple[str, np.ndarray]:
+        """Where a sensor sits: the name of a body, and a pose in its frame (4, 4).
+
+        Raises:
+            ModelError: There is no such site.
+        """
+        if name not in self.sites:
+            raise ModelError(
+                f"The mechanism has no site named '{name}'; its sites are {', '.join(self.sites) or 'none'}."
+            )
+        return self.sites[name]
 
     @property
     def mass(self) -> float:

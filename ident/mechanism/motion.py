@@ -10,8 +10,8 @@ from ident.geometry import se3
 from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
 
-Which = slice | np.ndarray
-"""Some samples: a slice, indices, or a mask."""
+Which = int | slice | np.ndarray
+"""One sample, or some: a slice, indices, or a mask."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class BaseMotion:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion of a mechanism, samples first.
+    """Motion of a mechanism: N samples, or one without the first axis.
 
     Attributes:
         q: Joint coordinates in rad, m or quaternions (N, n_q).

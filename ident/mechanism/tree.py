@@ -187,6 +187,6 @@ class Tree:
         """
         poses: list[np.ndarray] = []
         for body, own in zip(self.bodies, self.body_coordinates(q), strict=True):
-            T = body.home @ body.joint_pose(own)
+            T = body.home @ body.joint_pose(own) if body.moves else body.home
             poses.append(T if body.parent == BASE else poses[body.parent] @ T)
-        return np.stack(poses, -3)
+        return np.stack([np.broadcast_to(T, (*np.shape(q)[:-1], 4, 4)) for T in poses], -3)

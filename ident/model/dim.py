@@ -10,9 +10,8 @@ import numpy as np
 from ident.geometry import se3
 from ident.geometry.inertia import symmetric
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.mechanism import checked_gravity
-from ident.mechanism.motion import BaseMotion
-from ident.mechanism.tree import Tree
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 
 
 def relative_pose(body: Body, theta: np.ndarray) -> np.ndarray:
@@ -31,31 +30,26 @@ def body_twist(T_0i: np.ndarray, spatial_twist: np.ndarray) -> np.ndarray:
 
 
 def forward_recursion(
-    tree: Tree,
-    q: np.ndarray,
-    dq: np.ndarray,
-    ddq: np.ndarray,
-    gravity: np.ndarray,
-    base: BaseMotion | None = None,
+    mechanism: Mechanism, motion: Motion
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
     """Eq. 9: relative pose, twist and twist rate of every body.
 
     The base frame rests unless its motion is given, and gravity enters as its acceleration: `V_0 = 0`, `V̇_0 = [-g; 0]`.
 
     Args:
-        tree: The mechanism.
-        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
-        gravity: Acceleration of gravity in the base frame, m/s² (3,); in the frame of `base.T` where that is given.
-        base: Motion of the base frame in this sample.
+        mechanism: The mechanism.
+        motion: One sample: q (n_q,), q̇ and q̈ (n,), and the motion of the base.
 
     Returns:
         Three lists over the bodies: T_{i-1,i} (4, 4), V_i (6,) and V̇_i (6,), the last two in body axes.
     """
-    theta, dtheta, ddtheta = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
+    tree, base, down = mechanism.tree, motion.base, mechanism.gravity
+    theta, dtheta = tree.body_coordinates(motion.q), tree.body_velocities(motion.dq)
+    ddtheta = tree.body_velocities(motion.ddq)
     if base is None:
-        V_0, dV_0, down = np.zeros(6, dtype=int), np.zeros(6, dtype=int), checked_gravity(gravity)
+        V_0, dV_0 = np.zeros(6, dtype=int), np.zeros(6, dtype=int)
     else:
-        V_0, dV_0, down = base.V, base.dV, base.T[:3, :3].T @ checked_gravity(gravity)
+        V_0, dV_0, down = base.V, base.dV, base.T[:3, :3].T @ down
     dV_0 = dV_0 - np.concatenate([down, np.zeros(3, dtype=int)])
     T: list[np.ndarray] = []
     V: list[np.ndarray] = []
@@ -77,31 +71,19 @@ def spatial_inertia(phi: np.ndarray) -> np.ndarray:
     return np.block([[phi[0] * np.eye(3, dtype=int), -mr], [mr, symmetric(phi[4:])]])
 
 
-def inverse_dynamics(
-    tree: Tree,
-    phi: np.ndarray,
-    q: np.ndarray,
-    dq: np.ndarray,
-    ddq: np.ndarray,
-    *,
-    gravity: np.ndarray,
-    base: BaseMotion | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+def inverse_dynamics(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """Eq. 11: the wrench that the ground exerts on the mechanism, and the joint torques.
 
     Args:
-        tree: The mechanism of b bodies with φ, its joints with n velocities.
-        phi: Stacked φ (10 b,).
-        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
-        gravity: Acceleration of gravity, as in `forward_recursion`, m/s² (3,).
-        base: Motion of the base frame in this sample, without it at rest.
+        mechanism: The mechanism, with the φ of its bodies.
+        motion: One sample, as in `forward_recursion`.
 
     Returns:
         Γ_0 `[F; τ]` in the base frame, N and N m (6,); joint torques τ_J in N m, or N for a prismatic joint (n,).
     """
-    T, V, dV = forward_recursion(tree, q, dq, ddq, gravity, base)
+    tree, (T, V, dV) = mechanism.tree, forward_recursion(mechanism, motion)
     wrench = [np.zeros(6)] * len(tree.bodies)
-    for i, phi_i in zip(tree.inertial, np.reshape(phi, (-1, 10)), strict=True):
+    for i, phi_i in zip(tree.inertial, mechanism.known.reshape(-1, 10), strict=True):
         M = spatial_inertia(phi_i)
         wrench[i] = M @ dV[i] - se3.ad(V[i]).T @ M @ V[i]
     ground = np.zeros(6)
@@ -140,30 +122,20 @@ def body_regressor(V: np.ndarray, dV: np.ndarray) -> np.ndarray:
     return momentum_regressor(dV) - se3.ad(V).T @ momentum_regressor(V)
 
 
-def base_wrench_regressor(
-    tree: Tree,
-    q: np.ndarray,
-    dq: np.ndarray,
-    ddq: np.ndarray,
-    *,
-    gravity: np.ndarray,
-    base: BaseMotion | None = None,
-) -> np.ndarray:
+def base_wrench_regressor(mechanism: Mechanism, motion: Motion) -> np.ndarray:
     """Eq. 14: Y with `Γ_0 = Y φ`, for one sample.
 
     Args:
-        tree: The mechanism of b bodies with φ, its joints with n velocities.
-        q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
-        gravity: Acceleration of gravity, as in `forward_recursion`, m/s² (3,).
-        base: Motion of the base frame in this sample, without it at rest.
+        mechanism: The mechanism of b bodies with φ.
+        motion: One sample, as in `forward_recursion`.
 
     Returns:
         Y = [Ad(T_01⁻¹)ᵀ Y_1 … Ad(T_0b⁻¹)ᵀ Y_b] (6, 10 b).
     """
-    T, V, dV = forward_recursion(tree, q, dq, ddq, gravity, base)
+    T, V, dV = forward_recursion(mechanism, motion)
     T_0: list[np.ndarray] = []
     blocks = []
-    for i, body in enumerate(tree.bodies):
+    for i, body in enumerate(mechanism.tree.bodies):
         T_0.append(T[i] if body.parent == BASE else T_0[body.parent] @ T[i])
         if not body.massless:
             blocks.append(se3.coAd(T_0[i]) @ body_regressor(V[i], dV[i]))

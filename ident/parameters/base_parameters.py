@@ -10,6 +10,7 @@ from scipy import linalg
 from ident.errors import InputError
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import Ad, exp
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.echelon import reduced_rows
 from ident.parameters.structure import Sensors, scaled_structure
@@ -111,7 +112,7 @@ class BaseParameters:
 
 
 def find_base_parameters(
-    source: Tree | np.ndarray,
+    source: Tree | Mechanism | np.ndarray,
     parameters: Sequence[str] | None = None,
     *,
     kept: Sequence[str] | None = None,
@@ -125,13 +126,13 @@ def find_base_parameters(
     larger than `COEFFICIENTS`: of nearly dependent columns a later, better one is preferred.
 
     Args:
-        source: A tree, which needs no data and gives coefficients to rounding; or a regressor at well-spread states
-            (…, P), with at least as many rows as its rank.
+        source: A mechanism, which needs no data and gives coefficients to rounding; or a regressor at well-spread
+            states (…, P), with at least as many rows as its rank.
         parameters: Names of the P columns; by default `ident.geometry.inertia.parameter_names`.
         kept: Names to use as base parameters instead of the first independent ones, so that two models can be
             compared on the same set.
-        gravity: For a tree: acceleration of gravity in the base frame, m/s² (3,).
-        sensors: For a tree: what is measured, by default the base wrench of a resting base.
+        gravity: For a tree alone: acceleration of gravity in the base frame, m/s² (3,).
+        sensors: For a mechanism: what is measured, by default the base wrench of a resting base.
 
     Returns:
         The regrouping. Its coefficients carry rounding times the condition number of the kept columns: 1e-15 where axes
@@ -142,17 +143,34 @@ def find_base_parameters(
         InputError: The regressor is not finite or all zero, names do not fit its columns, a pinned name is unknown or
             the pinned set no basis of them, or the kept columns do not make up the others.
     """
-    if isinstance(source, Tree):
-        Y, units = scaled_structure(source, gravity=gravity, sensors=sensors)
-    else:
-        Y, units = source, np.ones(source.shape[-1])
-    if Y.dtype == object:
-        if kept is not None:
-            raise InputError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
-        return _exact(Y, parameters)
+    if isinstance(source, np.ndarray):
+        return _of_regressor(source, np.ones(source.shape[-1]), parameters, kept)
+    mechanism = Mechanism(source, gravity) if isinstance(source, Tree) else source
+    return _of_structure(mechanism, sensors, parameters, kept)
+
+
+def _of_structure(
+    mechanism: Mechanism, sensors: Sensors | None, parameters: Sequence[str] | None, kept: Sequence[str] | None
+) -> BaseParameters:
+    """The regrouping of a mechanism, exact where its numbers are."""
+    rows, units = scaled_structure(mechanism, sensors)
+    if rows.dtype != object:
+        if not rows.any():
+            raise InputError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
+        return _of_regressor(rows, units, parameters, kept)
+    if kept is not None:
+        raise InputError("Base parameters can be pinned for numbers, not for exact numbers or symbols.")
+    reduced, chosen = reduced_rows(rows)
+    dependent = [k for k in range(rows.shape[1]) if k not in chosen]
+    names = tuple(parameter_names(rows.shape[1] // 10) if parameters is None else parameters)
+    return BaseParameters(names, tuple(chosen), tuple(dependent), reduced[:, dependent], (np.inf, 0.0))
+
+
+def _of_regressor(
+    Y: np.ndarray, units: np.ndarray, parameters: Sequence[str] | None, kept: Sequence[str] | None
+) -> BaseParameters:
+    """The regrouping of a regressor's columns (…, P), which are in some units of the parameters (P,)."""
     columns = Y.reshape(-1, Y.shape[-1])
-    if isinstance(source, Tree) and not columns.any():
-        raise InputError("These sensors see no parameter of this mechanism: nothing that has a mass moves.")
     if not np.isfinite(columns).all() or not columns.any():
         raise InputError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
     names = tuple(parameter_names(columns.shape[1] // 10) if parameters is None else parameters)
@@ -195,43 +213,32 @@ def structural_base_parameters(
     return found
 
 
-def separating_sensors(
-    tree: Tree, *, gravity: np.ndarray = STANDARD_GRAVITY, sensors: Sensors | None = None
-) -> dict[str, tuple[str, ...]]:
+def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> dict[str, tuple[str, ...]]:
     """Which parameters would become base parameters of their own if more were measured.
 
     Args:
-        tree: The mechanism.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        mechanism: The mechanism.
         sensors: What is measured now, by default the base wrench of a resting base.
 
     Returns:
         Parameters gained by measuring the `base wrench`, the `joint torques`, on a `moving base`, and if the axes of
         all joints were `not parallel` to one another.
     """
-    now = sensors or Sensors()
+    now, tree = sensors or Sensors(), mechanism.tree
     skewed = list(tree.bodies)
     for k, i in enumerate(tree.moving):
         if not skewed[i].is_ball:
             turn = exp(np.array([0.0, 0, 0, *np.roll([0.6, 0.64, 0.48], k)]), 0.3 + 0.1 * k)
             skewed[i] = replace(skewed[i], twist=Ad(turn) @ skewed[i].twist)
     others = {
-        "base wrench": (tree, replace(now, base_wrench=True, channels=None)),
-        "joint torques": (tree, replace(now, joint_torques=True)),
-        "moving base": (tree, replace(now, moving_base=True)),
-        "not parallel": (Tree(tuple(skewed)), now),
+        "base wrench": (mechanism, replace(now, base_wrench=True, channels=None)),
+        "joint torques": (mechanism, replace(now, joint_torques=True)),
+        "moving base": (mechanism, replace(now, moving_base=True)),
+        "not parallel": (replace(mechanism, tree=Tree(tuple(skewed))), now),
     }
-    names = find_base_parameters(tree, gravity=gravity, sensors=now).names
-    found = {what: find_base_parameters(t, gravity=gravity, sensors=s).names for what, (t, s) in others.items()}
+    names = find_base_parameters(mechanism, sensors=now).names
+    found = {what: find_base_parameters(m, sensors=s).names for what, (m, s) in others.items()}
     return {what: tuple(name for name in more if name not in names) for what, more in found.items()}
-
-
-def _exact(rows: np.ndarray, parameters: Sequence[str] | None) -> BaseParameters:
-    """The regrouping of columns of exact numbers."""
-    reduced, kept = reduced_rows(rows)
-    dependent = [k for k in range(rows.shape[1]) if k not in kept]
-    names = tuple(parameter_names(rows.shape[1] // 10) if parameters is None else parameters)
-    return BaseParameters(names, tuple(kept), tuple(dependent), reduced[:, dependent], (np.inf, 0.0))
 
 
 def _unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

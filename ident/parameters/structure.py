@@ -19,7 +19,7 @@ from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.geometry.se3 import Ad, ad, hat, inverse
 from ident.mechanism.body import BASE, Body
-from ident.mechanism.mechanism import checked_gravity
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.model.dim import momentum_regressor
 from ident.parameters.echelon import reduced_rows
@@ -60,12 +60,11 @@ class Sensors:
             object.__setattr__(self, "channels", tuple(map(tuple, rows.tolist())))
 
 
-def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None = None) -> np.ndarray:
+def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np.ndarray:
     """Rows that span the rows of the sensors' regressor over all states.
 
     Args:
-        tree: The mechanism of b bodies.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        mechanism: The mechanism of b bodies.
         sensors: The measurements; by default the base wrench of a resting base.
 
     Returns:
@@ -75,11 +74,10 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
         ModelError: No body has parameters.
     """
     sensors = sensors or Sensors()
-    if not tree.inertial:
+    if not mechanism.bodies:
         raise ModelError("A mechanism of massless bodies has no parameters.")
-    gravity = checked_gravity(gravity)
-    tree = _one_axis_each(tree)
-    weight = np.concatenate([-gravity, np.zeros(3, dtype=int)])[None]
+    tree = _one_axis_each(mechanism.tree)
+    weight = np.concatenate([-mechanism.gravity, np.zeros(3, dtype=int)])[None]
     moving = np.eye(6, dtype=int) if sensors.moving_base else np.zeros((0, 6), dtype=int)
     composite = _composites(tree)
 
@@ -106,25 +104,22 @@ def structure_matrix(tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None
     return np.vstack(constraints)
 
 
-def scaled_structure(
-    tree: Tree, *, gravity: np.ndarray, sensors: Sensors | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def scaled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> tuple[np.ndarray, np.ndarray]:
     """`structure_matrix` with a mechanism's longest length as unit where it is above 1 m.
 
     The squares of long lengths, of millimetres say, would hide what stands beside them.
 
     Args:
-        tree: The mechanism; arguments as for `structure_matrix`.
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
+        mechanism: The mechanism.
         sensors: The measurements; by default the base wrench of a resting base.
 
     Returns:
         The matrix (rows, 10 b), and what its columns are multiplied by for parameters in SI units (10 b,).
     """
-    sensors, length = sensors or Sensors(), _longest(tree)
+    sensors, length = sensors or Sensors(), _longest(mechanism.tree)
     if sensors.channels is not None:
         sensors = replace(sensors, channels=np.array(sensors.channels) * [*3 * [1], *3 * [length]])
-    rows = structure_matrix(_shrunk(tree, length), gravity=gravity, sensors=sensors)
+    rows = structure_matrix(Mechanism(_shrunk(mechanism.tree, length), mechanism.gravity), sensors)
     return rows, np.resize([1, *3 * [1 / length], *6 * [1 / length**2]], rows.shape[1])
 
 

@@ -1,15 +1,16 @@
 """Models with other inertial parameters: φ written back into MJCF and URDF, every other element untouched."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import mujoco
 import numpy as np
 
 from ident.errors import InputError, ModelError
 from ident.geometry.inertia import com_from_parameters, pseudo_inertia
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.atomic import replacing
 from sim.models.inertials import (
     OVERRIDING,
@@ -20,7 +21,8 @@ from sim.models.inertials import (
     overrides,
     set_inertials,
 )
-from sim.models.mujoco_model import BEYOND, body_parameters, mechanism_bodies, parameters_from_model
+from sim.models.mechanism import Origin
+from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.names import body_name
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
@@ -32,37 +34,40 @@ EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
 """Elements of MJCF that make bodies which are not written in the file itself."""
 
 
-def updated_spec(
-    source: Editable, phi: np.ndarray, base: str | None = None, beyond: Sequence[str] = BEYOND
-) -> mujoco.MjSpec:
-    """The model with other inertial parameters.
+class Bodies(Protocol):
+    """Whatever has a φ, such as `ident.parameters.consistency.ConsistentParameters`."""
+
+    @property
+    def phi(self) -> np.ndarray:
+        """Stacked φ (10 b,)."""
+
+
+def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpec:
+    """The model of a mechanism with other inertial parameters.
 
     Where compiler settings would change them (`inertiafromgeom`, `settotalmass`, …) these are switched off, and bodies
     outside the mechanism state the inertias that they had.
 
     Args:
-        source: The model; a specification is not changed but copied.
-        phi: φ of the bodies of `tree_from_model`, in its order (10 b,).
-        base: Name of the base body, as for `tree_from_model`.
-        beyond: Names of bodies at which the mechanism ends.
+        mechanism: The mechanism, from a specification, which is not changed but copied, or from a file.
+        phi: φ of its bodies, welds kept (10 b,), or what has one.
 
     Returns:
         The specification, compiled.
 
     Raises:
-        ModelError: MuJoCo cannot read or compile the model.
+        ModelError: The mechanism is of a compiled model or of none, or MuJoCo cannot read or compile the model.
         InputError: φ does not fit its bodies, or a body is not physical.
     """
+    origin, source, phi = _given(mechanism, phi)
     spec = _specification(source)
-    _write_into(spec, _inertials(spec, source, phi, base, beyond))
-    _check(_compiled(spec, source), "The model", phi, base, beyond)
+    _write_into(spec, _inertials(spec, origin, phi))
+    _check(_compiled(spec, source), "The model", phi, origin)
     return spec
 
 
-def write_model(
-    path: str | Path, source: Editable, phi: np.ndarray, base: str | None = None, beyond: Sequence[str] = BEYOND
-) -> None:
-    """Writes a model with other inertial parameters, as URDF if `path` ends so, otherwise as MJCF.
+def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies) -> None:
+    """Writes the model of a mechanism with other inertial parameters, as URDF if `path` ends so, otherwise as MJCF.
 
     The text of a file stays as it is but for inertias (and, in another folder, for where MJCF finds its meshes and
     textures). Files with `EXPANDED` elements, specifications, and URDF as MJCF are written by MuJoCo, which rounds
@@ -70,21 +75,19 @@ def write_model(
 
     Args:
         path: File to write; its folder must exist.
-        source: The model; a URDF file if that is to be written.
-        phi: φ of the bodies of `tree_from_model`, in its order (10 b,).
-        base: Name of the base body, as for `tree_from_model`.
-        beyond: Names of bodies at which the mechanism ends.
+        mechanism: The mechanism, from a URDF file if that is to be written.
+        phi: φ of its bodies, welds kept (10 b,), or what has one.
 
     Raises:
         ModelError: As for `updated_spec`, or the file does not read back as φ.
         InputError: As for `updated_spec`, or a URDF file is asked for from something else.
     """
-    path, phi = Path(path), np.asarray(phi, float)
+    path, (origin, source, phi) = Path(path), _given(mechanism, phi)
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
     spec = _specification(source)
-    inertials = _inertials(spec, source, phi, base, beyond, unchanged=urdf)
+    inertials = _inertials(spec, origin, phi, unchanged=urdf)
     if urdf:
         root = _urdf(parsed(Path(str(source))), inertials, spec)
     else:
@@ -97,12 +100,20 @@ def write_model(
         _keep_files(root, spec, path.parent, source)
     with replacing(path) as temporary:
         temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
-        _check(_compiled(_specification(temporary), path, as_stated=urdf), path, phi, base, beyond)
+        _check(_compiled(_specification(temporary), path, as_stated=urdf), path, phi, origin)
+
+
+def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Editable, np.ndarray]:
+    """Where a mechanism is from, what of that can be edited, and φ."""
+    origin = mechanism.source
+    if not isinstance(origin, Origin) or origin.text is None:
+        raise ModelError(
+            "Only a model that came as a file or as a specification can be updated, not a compiled one or none."
+        )
+    return origin, origin.text, np.asarray(getattr(phi, "phi", phi), float)
 
 
 def _specification(source: Editable) -> mujoco.MjSpec:
-    if isinstance(source, mujoco.MjModel):
-        raise ModelError("A compiled model cannot be updated; give its specification or its file.")
     if isinstance(source, mujoco.MjSpec):
         return source.copy()
     if _is_urdf(source):
@@ -111,22 +122,13 @@ def _specification(source: Editable) -> mujoco.MjSpec:
         return mujoco.MjSpec.from_file(str(source))
 
 
-def _inertials(
-    spec: mujoco.MjSpec,
-    source: Editable,
-    phi: np.ndarray,
-    base: str | None,
-    beyond: Sequence[str],
-    *,
-    unchanged: bool = False,
-) -> dict[int, Inertial]:
+def _inertials(spec: mujoco.MjSpec, origin: Origin, phi: np.ndarray, *, unchanged: bool = False) -> dict[int, Inertial]:
     """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change.
 
     With `unchanged`, bodies that are not physical may stay as they are.
     """
-    model = _compiled(spec, source, as_stated=True)
-    members = mechanism_bodies(model, base, beyond)
-    phi = np.asarray(phi, float)
+    model = origin.model
+    members = mechanism_bodies(model, origin.base, origin.beyond)
     if phi.shape != (10 * len(members),) or not np.isfinite(phi).all():
         names = ", ".join(body_name(model, b) for b in members)
         raise InputError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
@@ -206,12 +208,11 @@ def _urdf(root: ET.Element, inertials: dict[int, Inertial], spec: mujoco.MjSpec)
     return root
 
 
-def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, base: str | None, beyond: Sequence[str]) -> None:
+def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin) -> None:
     """Raises unless a model holds φ, to 1e-9 of each body's largest parameter."""
-    wanted = np.asarray(phi, float)
-    found = parameters_from_model(model, base, beyond)
-    if found.shape == wanted.shape:
-        error, size = (np.abs(x).reshape(-1, 10).max(axis=1) for x in (found - wanted, wanted))
+    found = parameters_from_model(model, origin.base, origin.beyond)
+    if found.shape == phi.shape:
+        error, size = (np.abs(x).reshape(-1, 10).max(axis=1) for x in (found - phi, phi))
         if (error <= 1e-9 * size).all():
             return
     raise ModelError(f"{what}: MuJoCo does not read the parameters back as they were written.")

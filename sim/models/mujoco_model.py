@@ -102,9 +102,7 @@ def tree_from_model(
     return tree.without_welds()[0] if merge_welds else tree
 
 
-def parameters_from_model(
-    source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND, *, merge_welds: bool = False
-) -> np.ndarray:
+def parameters_from_model(source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND) -> np.ndarray:
     """Stacked φ of the bodies of `tree_from_model`, about their body frames (10 b,).
 
     MuJoCo stores principal moments about the centre of mass in the axes of an inertial frame of their own.
@@ -122,7 +120,7 @@ def parameters_from_model(
         raise ModelError(
             f"Body '{name}' needs a finite mass, centre of mass and inertia, the model has NaN or infinity."
         )
-    return _tree(model, members, base).without_welds()[1] @ stacked if merge_welds else stacked
+    return stacked
 
 
 def body_parameters(model: mujoco.MjModel, b: int) -> np.ndarray:
@@ -224,11 +222,18 @@ def site_on_tree(
     """
     model = compiled(source)
     s = id_of(model, mujoco.mjtObj.mjOBJ_SITE, site)
-    members = mechanism_bodies(model, base, beyond)
+    place = place_of_site(model, s, mechanism_bodies(model, base, beyond))
+    if place is None:
+        raise ModelError(f"Site '{site}' is not fixed to a body of the mechanism on '{base or 'the world'}'.")
+    return place
+
+
+def place_of_site(model: mujoco.MjModel, s: int, members: Sequence[int]) -> tuple[str, np.ndarray] | None:
+    """Name of the mechanism's body that a site is fixed to and its pose in that body's frame, None without such."""
     b, pose = model.site_bodyid[s], _pose(model.site_pos[s], model.site_quat[s])
     while b not in members:
         if b == 0 or model.body_jntnum[b]:
-            raise ModelError(f"Site '{site}' is not fixed to a body of the mechanism on '{base or 'the world'}'.")
+            return None
         pose = _pose(model.body_pos[b], model.body_quat[b]) @ pose
         b = model.body_parentid[b]
     return body_name(model, b), pose

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from sim.models.names import body_name
+from sim.models.names import body_name, id_of
 from sim.models.refusals import refusals
 
 
@@ -19,19 +19,23 @@ class Collisions:
     the time.
     """
 
-    def __init__(self, model: mujoco.MjModel, joints: Sequence[int], clearance: float) -> None:
+    def __init__(self, model: mujoco.MjModel, joints: Sequence[str], clearance: float) -> None:
         """Prepares a copy of the model.
 
         Args:
             model: The model; joints stand at its reference configuration.
-            joints: Ids of the hinge and slide joints that move, in the order of q.
+            joints: Names of the hinge and slide joints that move, in the order of q.
             clearance: Distance below which geoms count as touching, m.
+
+        Raises:
+            ModelError: A joint does not exist.
         """
+        ids = [id_of(model, mujoco.mjtObj.mjOBJ_JOINT, joint) for joint in joints]
         self._model = copy.deepcopy(model)
         self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self._data = mujoco.MjData(self._model)
-        self._columns = model.jnt_qposadr[list(joints)]
-        self._carrier = _carriers(model, joints)
+        self._columns = model.jnt_qposadr[ids]
+        self._carrier = _carriers(model, ids)
         self._body = model.geom_bodyid
         self._pedestal, self._stands_on = _pedestals(model)
         self.clearance = clearance

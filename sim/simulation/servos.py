@@ -1,18 +1,23 @@
 """Commands by which a scene's servos, and the hands in it, follow a desired motion."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.errors import ModelError
-from sim.models.names import body_name
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
+from ident.model.regressor import joint_torque_regressor
+from ident.model.tape import Program, Tape
+from sim.models.couplings import couplings
+from sim.models.mechanism import mechanism
+from sim.models.mujoco_model import rest_coordinates
+from sim.models.names import body_name, joint_name
 from sim.simulation.hand import Hand
-from sim.simulation.inverse_dynamics import Chain, chain
 from sim.simulation.sensors import ONE_DOF
-
-Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Positions, velocities and accelerations of the driven joints (N, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,15 +28,17 @@ class Servos:
         model: The compiled scene.
         qpos: Addresses of the driven joints' positions (n,).
         dof: Addresses of their velocities (n,).
-        chain: What the joints move.
-        held: For each mocap body, in MuJoCo's order, the body that a weld ties to it.
+        mechanism: All bodies, where only the driven joints move and the others stay as the model draws them.
+        order: Columns of a motion in the order of the mechanism's joints (n,).
+        held: For each mocap body, in MuJoCo's order, the name of the body that a weld ties to it.
     """
 
     model: mujoco.MjModel
     qpos: np.ndarray
     dof: np.ndarray
-    chain: Chain
-    held: tuple[int, ...]
+    mechanism: Mechanism
+    order: list[int]
+    held: tuple[str, ...]
 
     def commands(self, time: np.ndarray, desired: Motion) -> np.ndarray:
         """Commands for a desired motion.
@@ -42,29 +49,38 @@ class Servos:
 
         Args:
             time: Times, s (N,).
-            desired: Motion at these times.
+            desired: Motion of the driven joints at these times.
 
         Returns:
             Rows of `sim.simulation.rollout.COMMAND` (N, nu + 7 nmocap).
         """
-        q, dq, _ = desired
+        q, dq = desired.q, desired.dq
         kp, kv = self.model.actuator_gainprm[:, 0], -self.model.actuator_biasprm[:, 2]
         position = q + (kv * dq + self.torques(desired)) / kp
-        poses = [Hand().poses(time, *self.chain.poses(body, q - self.home)) for body in self.held]
+        poses = [Hand().poses(time, *self.poses(body, q)) for body in self.held]
         return np.concatenate([position, *(p for p, _ in poses), *(r for _, r in poses)], axis=1)
 
     def torques(self, desired: Motion) -> np.ndarray:
         """What a motion of the free mechanism needs: of its links, rotors, dampers and springs (N, n)."""
-        q, dq, ddq = desired
+        q, dq, ddq = desired.states
         model, joints = self.model, self.model.dof_jntid[self.dof]
         drives = model.dof_armature[self.dof] * ddq + model.dof_damping[self.dof] * dq
         springs = model.jnt_stiffness[joints] * (q - model.qpos_spring[self.qpos])
-        return self.chain.torques(q - self.home, dq, ddq) + drives + springs
+        phi, states = self.mechanism.known, (x[:, self.order] for x in desired.states)
+        seen = np.flatnonzero(phi)
+        Y = joint_torque_regressor(self.mechanism.tree, *states, gravity=self.mechanism.gravity, columns=seen.tolist())
+        links = np.empty_like(q)
+        links[:, self.order] = Y @ phi[seen]
+        return links + drives + springs
 
-    @property
-    def home(self) -> np.ndarray:
-        """Positions of the driven joints as the model draws them, rad or m (n,)."""
-        return self.model.qpos0[self.qpos]
+    def poses(self, body: str, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions, m (N, 3), and quaternions, w, x, y, z (N, 4), of a body in the world."""
+        tree, tape, T = self.mechanism.tree, Tape(len(self.order)), np.zeros((16, len(q)))
+        program = Program.of(tape, tree.poses(np.array(tape.inputs))[tree.names.index(body)].ravel().tolist())
+        program.fill(T)
+        program.run(q[:, self.order].T, T)
+        poses = T.T.reshape(-1, 4, 4)
+        return poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
 
 
 def servos(model: mujoco.MjModel, joints: int) -> Servos:
@@ -81,16 +97,26 @@ def servos(model: mujoco.MjModel, joints: int) -> Servos:
         raise ModelError(
             f"An excitation of {joints} joints needs as many position servos, the scene has {model.nu} actuators."
         )
-    return Servos(model, model.jnt_qposadr[ids], model.jnt_dofadr[ids], chain(model, ids), _held(model))
+    return moved_by(model, ids)
 
 
-def _held(model: mujoco.MjModel) -> tuple[int, ...]:
+def moved_by(model: mujoco.MjModel, joints: Sequence[int]) -> Servos:
+    """Servos on some hinges and slides, given by their ids; all other joints stay as the model draws them."""
+    free = mechanism(model, beyond=(), ignore=[coupling.name for coupling in couplings(model)])
+    rest, names = rest_coordinates(model, beyond=()), [joint_name(model, j) for j in joints]
+    tree = free.tree.fixed({name: q for name, q in rest.items() if name not in names})
+    order = [names.index(joint) for joint in tree.joints]
+    qpos, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+    return Servos(model, qpos, dof, replace(free, tree=tree), order, _held(model))
+
+
+def _held(model: mujoco.MjModel) -> tuple[str, ...]:
     welds = model.eq_type == mujoco.mjtEq.mjEQ_WELD
     ties = dict(zip(model.eq_obj2id[welds].tolist(), model.eq_obj1id[welds].tolist(), strict=True))
     held = []
     for mocap in range(model.nmocap):
         body = int(np.flatnonzero(model.body_mocapid == mocap)[0])
-        if body not in ties:
+        if not ties.get(body):
             raise ModelError(f"Mocap body '{body_name(model, body)}' needs a weld whose body1 is what it holds.")
-        held.append(ties[body])
+        held.append(body_name(model, ties[body]))
     return tuple(held)

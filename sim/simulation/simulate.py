@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
+from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.models.names import joint_name
 from sim.models.refusals import refusals
@@ -150,12 +151,12 @@ def _runs(
     driven = servos(model, len(excitation.offset))
     instants = lead + steps * np.arange(samples)
     time = np.arange(-lead, instants[-1] - lead + 1) * model.opt.timestep
-    desired = [excitation.trajectory(time, rng) for rng in rngs]
+    desired = [Motion(*excitation.trajectory(time, rng)) for rng in rngs]
     qpos, qvel = np.tile(model.qpos0, (len(rngs), 1)), np.zeros((len(rngs), model.nv))
-    qpos[:, driven.qpos], qvel[:, driven.dof] = [q[0] for q, _, _ in desired], [dq[0] for _, dq, _ in desired]
+    qpos[:, driven.qpos], qvel[:, driven.dof] = [x.q[0] for x in desired], [x.dq[0] for x in desired]
     commands = np.stack([driven.commands(time, motion) for motion in desired])
     read = play(model, qpos, qvel, commands, instants, threads=threads)
-    errors = abs(read.qpos[..., driven.qpos] - [q[instants] for q, _, _ in desired])
+    errors = abs(read.qpos[..., driven.qpos] - [x.q[instants] for x in desired])
     error = errors.max(axis=-1)
     if not (error <= LOST).all():
         run, k = np.argwhere(~(error <= LOST))[0]

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from ident.judgement import diagnosis, misalignment
 from ident.judgement.misalignment import estimate_misalignment
-from ident.mechanism.motion import BaseMotion
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import BaseMotion, Motion
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.despike import despiked
 from ident.recordings.wrench import transform_wrench
@@ -16,6 +17,7 @@ RNG = np.random.default_rng(0)
 TREE = double_pendulum()
 STATES = tuple(random_states(RNG, TREE, 300))
 PHI = random_phi(RNG, 3)
+PENDULUM, MOTION = Mechanism(TREE, GRAVITY), Motion(*STATES)
 WRENCH = base_wrench_regressor(TREE, *STATES, gravity=GRAVITY) @ PHI
 
 
@@ -85,7 +87,7 @@ def test_tilted_axes_are_measured_from_wrenches(tilt_deg):
     rng = np.random.default_rng(0)
     wrench = base_wrench_regressor(true, *STATES, gravity=GRAVITY) @ PHI
     noise = np.maximum(0.01 * abs(wrench).max(axis=0), 0.01)
-    found = estimate_misalignment(TREE, STATES, wrench + noise * rng.normal(size=wrench.shape), noise, gravity=GRAVITY)
+    found = estimate_misalignment(PENDULUM, MOTION, wrench + noise * rng.normal(size=wrench.shape), noise)
     assert found.joints == TREE.joints
     assert (abs(np.degrees(found.angle) - tilt_deg) < 5 * np.degrees(found.std) + 1e-3).all()
     assert (np.degrees(found.std) < 0.3).all()
@@ -104,7 +106,9 @@ def test_slopes_of_the_wrench_by_tilts_are_those_of_differences():
         tilts = rng.uniform(-0.5, 0.5, 2 * len(turning))
         moving = BaseMotion.from_free_joint(*(rng.normal(size=(6, k)) for k in (7, 6, 6)))
         base = moving if case % 2 else None
-        problem = misalignment._Problem(tree, turning, states, GRAVITY, base, np.eye(6), np.zeros((6, 6)))
+        problem = misalignment._Problem(
+            Mechanism(tree, GRAVITY), turning, Motion(*states, base), np.eye(6), np.zeros((6, 6))
+        )
 
         def wrench(tilts, tree=tree, turning=turning, states=states, base=base, phi=phi):
             tilted = misalignment._tilted(tree, turning, tilts)
@@ -132,7 +136,8 @@ def test_seventeen_joints_take_few_and_short_regressors(monkeypatch):
         return base_wrench_regressor(tree, q, *rest, columns=columns, **known)
 
     monkeypatch.setattr(misalignment, "base_wrench_regressor", regressor)
-    found = estimate_misalignment(tree, states, clean + noise * rng.normal(size=clean.shape), noise, gravity=GRAVITY)
+    noisy = clean + noise * rng.normal(size=clean.shape)
+    found = estimate_misalignment(Mechanism(tree, GRAVITY), Motion(*states), noisy, noise)
     assert len(counted) <= 17 and max(n for n, _ in counted) <= 236 and max(k for _, k in counted) < 180
     assert abs(np.degrees(found.angle[3]) - 3) < 5 * np.degrees(found.std[3]) < 1.5
     assert found.chance < 1e-6
@@ -148,7 +153,7 @@ def test_right_axes_explain_no_more_than_chance():
             wrench = base_wrench_regressor(TREE, q, dq, ddq, gravity=GRAVITY) @ random_phi(rng, 3)
             noise = 0.02 * wrench.std(axis=0) + 1e-3
             unit = lfilter([np.sqrt(1 - slow**2)], [1, -slow], rng.normal(size=(count + 100, 6)), axis=0)[100:]
-            found = estimate_misalignment(TREE, (q, dq, ddq), wrench + noise * unit, noise, gravity=GRAVITY)
+            found = estimate_misalignment(PENDULUM, Motion(q, dq, ddq), wrench + noise * unit, noise)
             alarms.append(found.chance < 1e-3)
     assert not any(alarms)
 
@@ -157,7 +162,7 @@ def test_an_axis_that_is_farther_off_than_the_search_goes_is_told_as_such():
     axis = tilted_axis(45, 120)
     wrench = base_wrench_regressor(double_pendulum(axis, axis), *STATES, gravity=GRAVITY) @ PHI
     noisy = wrench + RNG.normal(size=wrench.shape)
-    assert estimate_misalignment(TREE, STATES, noisy, np.ones(6), gravity=GRAVITY).at_bound.all()
+    assert estimate_misalignment(PENDULUM, MOTION, noisy, np.ones(6)).at_bound.all()
 
 
 def test_a_decomposition_that_fails_is_not_asked_for(monkeypatch):
@@ -172,13 +177,13 @@ def test_a_decomposition_that_fails_is_not_asked_for(monkeypatch):
     monkeypatch.setattr(scipy.linalg, "lstsq", stubborn)
     assert diagnosis.check_contact(TREE, STATES[0], WRENCH).explained > 0
     noisy = WRENCH + RNG.normal(size=WRENCH.shape)
-    estimate_misalignment(TREE, STATES, noisy, np.ones(6), gravity=GRAVITY)
+    estimate_misalignment(PENDULUM, MOTION, noisy, np.ones(6))
 
 
 def test_axes_need_a_joint_that_turns():
     slider = TREE.with_twists(np.array([[1.0, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0]]))
     with pytest.raises(ValueError, match="the mechanism has none"):
-        estimate_misalignment(slider, STATES, WRENCH, np.ones(6), gravity=GRAVITY)
+        estimate_misalignment(Mechanism(slider, GRAVITY), MOTION, WRENCH, np.ones(6))
 
 
 def test_gross_outliers_are_interpolated_and_nothing_else():

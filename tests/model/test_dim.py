@@ -8,6 +8,8 @@ from scipy.linalg import expm
 from ident.geometry import se3
 from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.body import BASE, Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.model import dim
 
 
@@ -18,6 +20,10 @@ def rng(request):
 
 def state(rng, tree):
     return tuple(x[0] for x in random_states(rng, tree, 1))
+
+
+def recursion(tree, q, dq, ddq, gravity):
+    return dim.forward_recursion(Mechanism(tree, gravity), Motion(q, dq, ddq))
 
 
 def inertial_poses(tree, q):
@@ -39,7 +45,7 @@ def test_equation_8_gives_one_motion_from_either_frame(rng):
 def test_equation_9_is_the_derivative_of_the_motion(rng):
     tree = random_tree(rng)
     q, dq, ddq = state(rng, tree)
-    _, V, dV = dim.forward_recursion(tree, q, dq, ddq, np.zeros(3))
+    _, V, dV = recursion(tree, q, dq, ddq, np.zeros(3))
 
     def poses(t):
         return tree.poses(moved_states(tree, q, dq, ddq, t)[0])
@@ -56,8 +62,8 @@ def test_equation_9_is_the_derivative_of_the_motion(rng):
 def test_equation_9_takes_gravity_as_an_acceleration_of_the_base(rng):
     tree = random_tree(rng)
     q, dq, ddq = state(rng, tree)
-    _, _, free = dim.forward_recursion(tree, q, dq, ddq, np.zeros(3))
-    _, _, heavy = dim.forward_recursion(tree, q, dq, ddq, GRAVITY)
+    _, _, free = recursion(tree, q, dq, ddq, np.zeros(3))
+    _, _, heavy = recursion(tree, q, dq, ddq, GRAVITY)
     for T, a, b in zip(tree.poses(q), free, heavy, strict=True):
         np.testing.assert_allclose(b - a, [*(T[:3, :3].T @ -GRAVITY), 0, 0, 0], atol=1e-12)
 
@@ -73,11 +79,11 @@ def test_equation_11_joint_power_is_the_rate_of_energy(rng):
     tree = random_tree(rng)
     phi = random_phi(rng, len(tree.inertial))
     q, dq, ddq = state(rng, tree)
-    _, torques = dim.inverse_dynamics(tree, phi, q, dq, ddq, gravity=GRAVITY)
+    _, torques = dim.inverse_dynamics(Mechanism(tree, GRAVITY, phi), Motion(q, dq, ddq))
 
     def energy(t):
         q_t, dq_t = moved_states(tree, q, dq, ddq, t)
-        _, V, _ = dim.forward_recursion(tree, q_t, dq_t, ddq, GRAVITY)
+        _, V, _ = recursion(tree, q_t, dq_t, ddq, GRAVITY)
         total = 0.0
         twists = [V[i] for i in tree.inertial]
         for T, twist, phi_i in zip(inertial_poses(tree, q_t), twists, phi.reshape(-1, 10), strict=True):
@@ -94,11 +100,11 @@ def test_equation_11_ground_wrench_is_the_rate_of_momentum(rng):
     tree = random_tree(rng)
     phi = random_phi(rng, len(tree.inertial))
     q, dq, ddq = state(rng, tree)
-    ground, _ = dim.inverse_dynamics(tree, phi, q, dq, ddq, gravity=np.zeros(3))
+    ground, _ = dim.inverse_dynamics(Mechanism(tree, np.zeros(3), phi), Motion(q, dq, ddq))
 
     def momentum(t):
         q_t, dq_t = moved_states(tree, q, dq, ddq, t)
-        _, V, _ = dim.forward_recursion(tree, q_t, dq_t, ddq, np.zeros(3))
+        _, V, _ = recursion(tree, q_t, dq_t, ddq, np.zeros(3))
         twists = [V[i] for i in tree.inertial]
         terms = zip(inertial_poses(tree, q_t), twists, phi.reshape(-1, 10), strict=True)
         return sum(se3.coAd(T) @ dim.spatial_inertia(p) @ twist for T, twist, p in terms)
@@ -121,7 +127,7 @@ def test_equation_13_is_newton_euler_of_one_body(rng):
 def test_equation_14_gives_the_wrench_of_equation_11(rng):
     tree = random_tree(rng)
     phi = random_phi(rng, len(tree.inertial))
-    q, dq, ddq = state(rng, tree)
-    ground, _ = dim.inverse_dynamics(tree, phi, q, dq, ddq, gravity=GRAVITY)
-    Y = dim.base_wrench_regressor(tree, q, dq, ddq, gravity=GRAVITY)
+    mechanism, motion = Mechanism(tree, GRAVITY, phi), Motion(*state(rng, tree))
+    ground, _ = dim.inverse_dynamics(mechanism, motion)
+    Y = dim.base_wrench_regressor(mechanism, motion)
     np.testing.assert_allclose(Y @ phi, ground, atol=1e-12 * abs(ground).max())

@@ -15,7 +15,8 @@ from mechanisms import (
 
 from ident.geometry.se3 import coAd
 from ident.mechanism.body import BASE, Body, ball_twist, free_joint
-from ident.mechanism.motion import BaseMotion
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import dim, regressor
 from ident.parameters.base_parameters import find_base_parameters
@@ -23,7 +24,7 @@ from ident.parameters.base_parameters import find_base_parameters
 
 def both(tree, states, gravity):
     batched = regressor.base_wrench_regressor(tree, *states, gravity=gravity)
-    single = [dim.base_wrench_regressor(tree, *x, gravity=gravity) for x in zip(*states, strict=True)]
+    single = [dim.base_wrench_regressor(Mechanism(tree, gravity), sample) for sample in Motion(*states)]
     return batched, np.array(single)
 
 
@@ -41,7 +42,7 @@ def test_joint_torques_are_those_of_the_recursion(seed):
     tree = random_tree(rng)
     phi, states, gravity = random_phi(rng, len(tree.inertial)), random_states(rng, tree, 5), rng.normal(size=3)
     found = regressor.joint_torque_regressor(tree, *states, gravity=gravity) @ phi
-    each = [dim.inverse_dynamics(tree, phi, *x, gravity=gravity)[1] for x in zip(*states, strict=True)]
+    each = [dim.inverse_dynamics(Mechanism(tree, gravity, phi), sample)[1] for sample in Motion(*states)]
     np.testing.assert_allclose(found, each, rtol=0, atol=1e-12 * max(1, np.max(np.abs(each), initial=0)))
 
 
@@ -132,10 +133,9 @@ def test_dim_and_the_closed_form_agree_on_a_moving_base(seed):
     tree, base_states = random_tree(rng), (rng.normal(size=(4, 7)), *rng.normal(size=(2, 4, 6)))
     base, states = BaseMotion.from_free_joint(*base_states), random_states(rng, tree, 4)
     found = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, base=base)
-    for k in range(4):
-        sample = BaseMotion(base.T[k], base.V[k], base.dV[k])
-        expected = dim.base_wrench_regressor(tree, *(x[k] for x in states), gravity=GRAVITY, base=sample)
-        np.testing.assert_allclose(found[k], expected, rtol=0, atol=1e-12 * abs(expected).max())
+    for Y, sample in zip(found, Motion(*states, base), strict=True):
+        expected = dim.base_wrench_regressor(Mechanism(tree, GRAVITY), sample)
+        np.testing.assert_allclose(Y, expected, rtol=0, atol=1e-12 * abs(expected).max())
 
 
 def test_a_base_needs_as_many_samples_as_the_joints():

@@ -9,8 +9,8 @@ from commands import refusal
 
 from experiments import excite, identify, stream
 from experiments.cli import options
+from experiments.studies.identification import prepare
 from ident.errors import ModelError
-from ident.estimation.preparation import prepare
 from ident.identification import identify_log
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import Recording

@@ -1,6 +1,7 @@
 import os
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,8 +13,9 @@ import scenes
 from ident.errors import InputError
 from ident.geometry.inertia import com_from_parameters
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from sim.models.mechanism import mechanism
 from sim.models.model_update import updated_spec, write_model
-from sim.models.mujoco_model import gravity_in_base, parameters_from_model, state_columns, tree_from_model
+from sim.models.mujoco_model import parameters_from_model, state_columns, tree_from_model
 from sim.models.urdf import model_from_urdf
 
 MJCF = """<mujoco><!-- kept --><compiler angle="radian"{compiler}/>
@@ -79,12 +81,12 @@ def test_an_updated_mjcf_reads_back_as_the_parameters_with_all_else_untouched(tm
     path = written(tmp_path, MJCF.format(compiler=compiler), "arm.xml")
     source = path if kind == "file" else mujoco.MjSpec.from_file(str(path))
     phi = random_phi(np.random.default_rng(0), 3)
-    spec = updated_spec(source, phi, "base")
+    spec = updated_spec(mechanism(source, "base"), phi)
     np.testing.assert_allclose(parameters_from_model(spec, "base"), phi, rtol=1e-9, atol=1e-12)
     before = compiled(path)
     assert_others_untouched(spec.compile(), before, {1, 2, 3})
     out = tmp_path / "updated.xml"
-    write_model(out, source, phi, "base")
+    write_model(out, mechanism(source, "base"), phi)
     np.testing.assert_allclose(parameters_from_model(out, "base"), phi, rtol=1e-9, atol=1e-12)
     if kind == "file":
         assert_others_untouched(compiled(out), before, {1, 2, 3})
@@ -96,7 +98,7 @@ def test_total_mass_settings_do_not_scale_the_parameters(tmp_path):
     phi = random_phi(np.random.default_rng(0), 3)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # MuJoCo 4 deprecates the setting
-        write_model(tmp_path / "new.xml", path, phi, "base")
+        write_model(tmp_path / "new.xml", mechanism(path, "base"), phi)
         other = compiled(path).body("other").mass
     np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml", "base"), phi, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(compiled(tmp_path / "new.xml").body("other").mass, other)
@@ -108,19 +110,19 @@ def test_scenes_round_trip(tmp_path, name, base):
     before = spec.compile()
     phi = parameters_from_model(before, base)
     phi = phi * np.repeat(np.random.default_rng(1).uniform(0.5, 2, len(phi) // 10), 10)
-    write_model(tmp_path / "new.xml", spec, phi, base)
+    write_model(tmp_path / "new.xml", mechanism(spec, base), phi)
     np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml", base), phi, rtol=1e-9, atol=1e-12)
-    assert_others_untouched(updated_spec(spec, phi, base).compile(), before, range(before.nbody))
+    assert_others_untouched(updated_spec(mechanism(spec, base), phi).compile(), before, range(before.nbody))
     np.testing.assert_allclose(parameters_from_model(spec, base), parameters_from_model(before, base))
 
 
 def test_an_updated_model_simulates_to_the_same_wrenches(tmp_path):
     path = written(tmp_path, MJCF.format(compiler=""), "arm.xml")
-    phi = random_phi(np.random.default_rng(2), 3)
-    write_model(tmp_path / "new.xml", path, phi, "base")
+    phi, arm = random_phi(np.random.default_rng(2), 3), mechanism(path, "base")
+    write_model(tmp_path / "new.xml", arm, phi)
     model = compiled(tmp_path / "new.xml")
     model.dof_damping[:] = 0
-    tree, gravity = tree_from_model(path, "base"), gravity_in_base(path, "base")
+    tree, gravity = arm.tree, arm.gravity
     coordinates, dofs = state_columns(path, "base")
     states = np.random.default_rng(3).normal(size=(3, 20, 2))
     torque, wrench = np.empty((20, 2)), np.empty((20, 6))
@@ -152,7 +154,7 @@ def test_meshes_are_found_from_another_folder(tmp_path):
     path = written(tmp_path, text, "arm.xml")
     phi = random_phi(np.random.default_rng(0), 3)
     for source in (path, mujoco.MjSpec.from_file(str(path))):
-        write_model(tmp_path / "out" / "new.xml", source, phi, "base")
+        write_model(tmp_path / "out" / "new.xml", mechanism(source, "base"), phi)
         assert compiled(tmp_path / "out" / "new.xml").nmesh == 1
 
 
@@ -163,7 +165,7 @@ def test_included_bodies_are_updated_as_well(tmp_path):
     )
     path = written(tmp_path, text, "whole.xml")
     phi = random_phi(np.random.default_rng(0), 2)
-    write_model(tmp_path / "new.xml", path, phi)
+    write_model(tmp_path / "new.xml", mechanism(path), phi)
     np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml"), phi, rtol=1e-9, atol=1e-12)
 
 
@@ -195,7 +197,7 @@ def test_urdf_in_gives_urdf_or_mjcf_out(tmp_path, urdf, suffix):
     phi = random_phi(np.random.default_rng(0), 4)
     phi[-10:] = 0
     out = tmp_path / f"new{suffix}"
-    write_model(out, urdf, phi, "root")
+    write_model(out, mechanism(urdf, "root"), phi)
     again = model_from_urdf(out) if suffix == ".urdf" else out
     np.testing.assert_allclose(parameters_from_model(again, "root"), phi, rtol=1e-9, atol=1e-12)
     assert tree_from_model(again, "root").names == ("root", "upper", "tool", "flange")
@@ -216,7 +218,7 @@ def test_the_human_of_the_recording_has_three_bodies(tmp_path):
     np.testing.assert_allclose(parameters_from_model(model, "foot"), expected, atol=1e-9)
     phi = random_phi(np.random.default_rng(0), 3)
     for source in (path, folder / "three_link_human.xml"):
-        write_model(tmp_path / f"new{source.suffix}", source, phi, "foot")
+        write_model(tmp_path / f"new{source.suffix}", mechanism(source, "foot"), phi)
     for spec in (model_from_urdf(tmp_path / "new.urdf"), tmp_path / "new.xml"):
         np.testing.assert_allclose(parameters_from_model(spec, "foot"), phi, rtol=1e-9, atol=1e-12)
 
@@ -226,17 +228,14 @@ def test_what_cannot_be_updated_is_refused_in_a_sentence(tmp_path, urdf):
     phi = random_phi(np.random.default_rng(0), 3)
     bad = phi.copy()
     bad[14] = -1
-    broken = written(tmp_path, "<mujoco><worldbody>", "broken.xml")
-    wrong = written(tmp_path, "<mujoco><worldbody><bod/></worldbody></mujoco>", "wrong.xml")
+    arm = mechanism(path, "base")
     before = set(tmp_path.iterdir())
     for call, message in {
-        lambda: write_model(tmp_path / "x.xml", path, phi[:-1], "base"): "base, body2, hand need 30 finite parameters",
-        lambda: write_model(tmp_path / "x.xml", path, bad, "base"): "'body2' are not those of a physical body",
-        lambda: write_model(tmp_path / "x.urdf", path, phi, "base"): "write 'x.xml' instead",
-        lambda: updated_spec(compiled(path), phi, "base"): "compiled model cannot be updated",
-        lambda: updated_spec(tmp_path / "none.xml", phi): "exists, got",
-        lambda: updated_spec(broken, phi): "no XML that can be read",
-        lambda: updated_spec(wrong, phi): "wrong.xml: ",
+        lambda: write_model(tmp_path / "x.xml", arm, phi[:-1]): "base, body2, hand need 30 finite parameters",
+        lambda: write_model(tmp_path / "x.xml", arm, bad): "'body2' are not those of a physical body",
+        lambda: write_model(tmp_path / "x.urdf", arm, phi): "write 'x.xml' instead",
+        lambda: updated_spec(mechanism(compiled(path), "base"), phi): "not a compiled one or none",
+        lambda: updated_spec(replace(arm, source=None), phi): "not a compiled one or none",
         lambda: model_from_urdf(path): "a URDF file has a <robot>, this one a <mujoco>",
         lambda: model_from_urdf(written(tmp_path, "<robot name='x'><link/></robot>", "arm.urdf")): "arm.urdf: ",
     }.items():

@@ -23,6 +23,7 @@ from test_against_opensymoro import DATA, tree_of
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.body import BASE, Body
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
@@ -99,17 +100,17 @@ def test_without_gravity_less_is_seen():
 
 
 def test_which_sensor_would_separate_more():
-    gains = separating_sensors(double_pendulum(), gravity=GRAVITY)
+    gains = separating_sensors(Mechanism(double_pendulum(), GRAVITY))
     assert not gains["base wrench"] and not gains["joint torques"]
     assert len(gains["moving base"]) == 24 - 13
     assert gains["not parallel"] == ("m2rx2", "Iyy2", "Izz2", "m3rx3", "Iyy3", "Izz3")
-    torques = separating_sensors(double_pendulum(), gravity=GRAVITY, sensors=TORQUES)
+    torques = separating_sensors(Mechanism(double_pendulum(), GRAVITY), TORQUES)
     assert torques["base wrench"] == ("m1", "m1rx1", "m1ry1", "Ixy2", "Ixz2", "Ixy3", "Ixz3")
 
 
 def test_structure_of_a_welded_tree_is_its_weight():
     tree = random_tree(np.random.default_rng(0), 3, kinds=("welded",))
-    assert structure_matrix(tree, gravity=GRAVITY).shape[1] == 30
+    assert structure_matrix(Mechanism(tree, GRAVITY)).shape[1] == 30
     assert find_base_parameters(tree).names == ("m1", "m1rx1", "m1ry1")
 
 

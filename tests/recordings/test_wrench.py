@@ -3,6 +3,8 @@ import pytest
 from mechanisms import GRAVITY, random_phi, random_pose, random_states, random_tree
 
 from ident.geometry import se3
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.model import dim
 from ident.recordings.wrench import Contact, total_wrench, transform_covariance, transform_wrench
 
@@ -43,12 +45,12 @@ def random_contacts(rng, tree, samples):
 def test_equation_15_walked_down_the_tree_gives_equation_17(rng):
     tree = random_tree(rng)
     phi = random_phi(rng, len(tree.inertial))
-    q, dq, ddq = random_states(rng, tree, 4)
+    motion, mechanism = Motion(*random_states(rng, tree, 4)), Mechanism(tree, GRAVITY, phi)
     bodies, wrenches, poses = random_contacts(rng, tree, 4)
     ground = np.zeros((4, 6))
     for k in range(4):
         # Eq. 15: each link passes on what its children need, plus its own motion, plus its contact.
-        T, V, dV = dim.forward_recursion(tree, q[k], dq[k], ddq[k], GRAVITY)
+        T, V, dV = dim.forward_recursion(mechanism, motion[k])
         force = [np.zeros(6) for _ in tree.bodies]
         for i, phi_i in zip(tree.inertial, phi.reshape(-1, 10), strict=True):
             force[i] = dim.body_regressor(V[i], dV[i]) @ phi_i
@@ -61,8 +63,8 @@ def test_equation_15_walked_down_the_tree_gives_equation_17(rng):
             else:
                 force[tree.bodies[i].parent] = force[tree.bodies[i].parent] + carried
     contacts = [Contact(str(b), w, p) for b, w, p in zip(bodies, wrenches, poses, strict=True)]
-    Y = np.array([dim.base_wrench_regressor(tree, *x, gravity=GRAVITY) for x in zip(q, dq, ddq, strict=True)])
-    total = total_wrench(tree, q, ground, contacts)
+    Y = np.array([dim.base_wrench_regressor(mechanism, sample) for sample in motion])
+    total = total_wrench(tree, motion.q, ground, contacts)
     np.testing.assert_allclose(total.wrench, Y @ phi, atol=1e-11 * abs(ground).max())
     assert total.covariance is None
 

@@ -1,11 +1,14 @@
 import mujoco
 import numpy as np
 import pytest
-from random_models import inverse_dynamics
+from random_models import inverse_dynamics, random_model
 
 import scenes
+from ident.mechanism.motion import Motion
+from sim.models.names import body_name
 from sim.motion.excitation import DOUBLE_PENDULUM
-from sim.simulation.servos import servos
+from sim.simulation.sensors import ONE_DOF
+from sim.simulation.servos import moved_by, servos
 
 TIME = np.arange(-20, 20) / 20
 SERVO = '<position joint="j" kp="1"/>'
@@ -24,17 +27,17 @@ def free(model):
 
 def states(model, driven, desired):
     full = np.tile(model.qpos0, (len(TIME), 1)), *np.zeros((2, len(TIME), model.nv))
-    full[0][:, driven.qpos], full[1][:, driven.dof], full[2][:, driven.dof] = desired
+    full[0][:, driven.qpos], full[1][:, driven.dof], full[2][:, driven.dof] = desired.states
     return full
 
 
 def test_a_command_makes_the_servo_give_the_torque_that_the_desired_motion_needs(model):
-    driven, desired = servos(model, 2), DOUBLE_PENDULUM.trajectory(TIME)
+    driven, desired = servos(model, 2), Motion(*DOUBLE_PENDULUM.trajectory(TIME))
     commands = driven.commands(TIME, desired)
     needed, _ = inverse_dynamics(free(model), *states(model, driven, desired))
     data = mujoco.MjData(model)
     for k in range(len(TIME)):
-        data.qpos[driven.qpos], data.qvel[driven.dof] = desired[0][k], desired[1][k]
+        data.qpos[driven.qpos], data.qvel[driven.dof] = desired.q[k], desired.dq[k]
         data.ctrl[:] = commands[k, : model.nu]
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(data.qfrc_actuator[driven.dof], needed[k, driven.dof], rtol=0, atol=1e-10)
@@ -46,7 +49,7 @@ def test_rotors_dampers_and_springs_take_torque_too(model, gravity):
     free(model).opt.disableflags |= gravity
     model.dof_armature[:], model.dof_damping[:] = rng.uniform(0.1, 2, size=(2, model.nv))
     model.jnt_stiffness[:], model.qpos_spring[:] = rng.uniform(0.1, 2, size=(2, model.nq))
-    driven, desired = servos(model, 2), DOUBLE_PENDULUM.trajectory(TIME)
+    driven, desired = servos(model, 2), Motion(*DOUBLE_PENDULUM.trajectory(TIME))
     needed, _ = inverse_dynamics(model, *states(model, driven, desired))
     np.testing.assert_allclose(driven.torques(desired), needed[:, driven.dof], rtol=0, atol=1e-10)
 
@@ -57,18 +60,51 @@ def test_commands_come_in_the_order_of_the_actuators():
     spec.actuator("servo1").target, spec.actuator("servo2").target = "joint2", "joint1"
     crossed = servos(spec.compile(), 2)
     q, dq, ddq = DOUBLE_PENDULUM.trajectory(TIME)
-    commands = crossed.commands(TIME, (q[:, ::-1], dq[:, ::-1], ddq[:, ::-1]))
-    np.testing.assert_allclose(commands[:, ::-1], straight.commands(TIME, (q, dq, ddq)), rtol=0, atol=1e-12)
+    commands = crossed.commands(TIME, Motion(q[:, ::-1], dq[:, ::-1], ddq[:, ::-1]))
+    np.testing.assert_allclose(commands[:, ::-1], straight.commands(TIME, Motion(q, dq, ddq)), rtol=0, atol=1e-12)
+
+
+@pytest.fixture(params=range(20))
+def driven_states(request):
+    """Some hinges and slides of a random model in any order, and a motion of these in MuJoCo's coordinates."""
+    rng = np.random.default_rng(request.param)
+    model = random_model(rng, int(rng.integers(3, 12)), floating=request.param % 3 == 0)
+    joints = rng.permutation(np.flatnonzero(np.isin(model.jnt_type, ONE_DOF)))
+    joints = joints[: rng.integers(0, len(joints) + 1)]
+    states = np.tile(model.qpos0, (len(TIME), 1)), *np.zeros((2, len(TIME), model.nv))
+    driven = moved_by(model, joints)
+    states[0][:, driven.qpos] += rng.uniform(-3, 3, size=(len(TIME), len(joints)))
+    states[1][:, driven.dof], states[2][:, driven.dof] = rng.uniform(-2, 2, size=(2, len(TIME), len(joints)))
+    return driven, states
+
+
+def test_torques_are_mujocos_inverse_dynamics(driven_states):
+    driven, states = driven_states
+    expected, _ = inverse_dynamics(driven.model, *states)
+    torques = driven.torques(Motion(states[0][:, driven.qpos], *(x[:, driven.dof] for x in states[1:])))
+    np.testing.assert_allclose(torques, expected[:, driven.dof], rtol=0, atol=1e-11 * (1 + abs(expected).max()))
+
+
+def test_poses_are_mujocos_kinematics(driven_states):
+    driven, (positions, _, _) = driven_states
+    model, data = driven.model, mujoco.MjData(driven.model)
+    poses = [driven.poses(body_name(model, b), positions[:, driven.qpos]) for b in range(1, model.nbody)]
+    for k in range(len(TIME)):
+        data.qpos = positions[k]
+        mujoco.mj_kinematics(model, data)
+        for b, (position, quaternion) in enumerate(poses, start=1):
+            np.testing.assert_allclose(position[k], data.xpos[b], rtol=0, atol=1e-12 * (1 + abs(data.xpos).max()))
+            assert abs(quaternion[k] @ data.xquat[b]) == pytest.approx(1, abs=1e-12)
 
 
 @pytest.mark.parametrize(("contact", "held"), [("handle", "load_cell"), ("pad handle", "load_cell_handle")])
 def test_a_hand_goes_with_what_it_holds(contact, held):
     model = scenes.load("double_pendulum", contact=contact).compile()
-    driven, desired = servos(model, 2), DOUBLE_PENDULUM.trajectory(TIME)
+    driven, desired = servos(model, 2), Motion(*DOUBLE_PENDULUM.trajectory(TIME))
     position, quaternion = np.split(driven.commands(TIME, desired)[:, model.nu :], [3], axis=1)
     data = mujoco.MjData(model)
     for k in range(len(TIME)):
-        data.qpos[driven.qpos] = desired[0][k]
+        data.qpos[driven.qpos] = desired.q[k]
         mujoco.mj_kinematics(model, data)
         cell = data.body(held)
         assert 0 < np.linalg.norm(position[k] - cell.xpos) < 0.04

@@ -73,8 +73,8 @@ def case(name):
 def generated_python(model):
     namespace = {}
     exec(codegen.python_source(model, "a mechanism"), namespace)
-    assert namespace["PARAMETERS"] == model.base.parameters
-    assert namespace["KEPT"] == model.base.kept
+    assert namespace["PARAMETERS"] == model.regrouping.parameters
+    assert namespace["KEPT"] == model.regrouping.kept
     return namespace["base_wrench_regressor"]
 
 
@@ -130,7 +130,7 @@ def test_both_tables_give_one_model():
 
 def test_parallel_axes_leave_exactly_nothing_of_the_force_along_them():
     _, model = case("table_2")
-    assert all(sympy.trigsimp(sympy.expand(x)) in (0, -model.gravity[0]) for x in model.Y[0])
+    assert all(sympy.trigsimp(sympy.expand(x)) in (0, -model.mechanism.gravity[0]) for x in model.Y[0])
 
 
 @pytest.mark.parametrize("name", [*derivation.TABLES, *TREES])
@@ -162,8 +162,8 @@ def test_generated_c_is_the_regressor(name, tmp_path):
 def test_exact_coefficients_are_the_numeric_ones(name):
     tree, model = case(name)
     assert model.exact
-    pinned = find_base_parameters(tree, kept=model.base.names)
-    exact = np.array([[float(sympy.sympify(c).subs(model.lengths)) for c in row] for row in model.base.beta])
+    pinned = find_base_parameters(tree, kept=model.regrouping.names)
+    exact = np.array([[float(sympy.sympify(c).subs(model.lengths)) for c in row] for row in model.regrouping.beta])
     np.testing.assert_allclose(exact, pinned.beta, rtol=0, atol=1e-9 * abs(exact).max())
 
 
@@ -186,7 +186,7 @@ def test_directions_that_coincide_to_rounding_give_decimals():
     tree = Tree(bodies)
     model = symbolic.derive(*symbolic.exact_tree(tree))
     assert model.reason == "directions of this model coincide only to rounding"
-    assert model.base.rank == find_base_parameters(tree).rank
+    assert model.regrouping.rank == find_base_parameters(tree).rank
     assert_is_the_regressor(tree, generated_python(model))
 
 
@@ -194,7 +194,7 @@ def test_many_lengths_in_general_directions_give_decimals():
     tree = random_tree(np.random.default_rng(0), 5, kinds=("revolute",))
     model = symbolic.derive(*symbolic.exact_tree(tree))
     assert "lengths and directions that are not along frame axes" in model.reason
-    assert model.base.names == find_base_parameters(tree).names
+    assert model.regrouping.names == find_base_parameters(tree).names
     assert_is_the_regressor(tree, generated_python(model))
 
 
@@ -266,7 +266,7 @@ def test_sums_break_at_signs_within_few_parentheses():
 
 def test_right_angles_of_ten_digits_are_right_angles(tmp_path):
     base = [
-        symbolic.derive(*symbolic.exact_tree(tree_from_model(nearly_at_right_angles(tmp_path, angle)))).base
+        symbolic.derive(*symbolic.exact_tree(tree_from_model(nearly_at_right_angles(tmp_path, angle)))).regrouping
         for angle in ("1.57079632679", "1.570796326794896619")
     ]
     assert base[0].names == base[1].names

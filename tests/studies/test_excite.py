@@ -11,6 +11,7 @@ from experiments.cli import defaults
 from experiments.studies import excitation
 from ident.errors import ModelError
 from ident.recordings.recording import Recording
+from sim.models.mechanism import mechanism
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits, _Search, design, random_start, scaled_into
@@ -18,6 +19,7 @@ from sim.motion.fourier import FourierTrajectory
 
 TIME = np.arange(943) / 100
 LIMITS = Limits([-1.0, -2.0], [1.5, 0.0], [1.0, 3.0], [2.0, 8.0])
+JOINTS = ("lift", "fold")
 QUICK = ["--starts", "1", "--iterations", "5", "--formats", "png"]
 
 FOLDING = """
@@ -50,7 +52,7 @@ def arm(tmp_path):
 
 
 def arm_problem(model, joints=None):
-    return excitation.problem(model, "column", joints, sensors="wrench", noise=(0.5, 0.05))
+    return excitation.problem(mechanism(model, "column"), joints, sensors="wrench", noise=(0.5, 0.05))
 
 
 def test_the_papers_condition_number_is_more_than_halved(tmp_path, capsys):
@@ -92,7 +94,7 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path, arm):
 @pytest.mark.parametrize("sensors", defaults.SENSORS)
 def test_each_criterion_improves(arm, criterion, sensors):
     model = mujoco.MjModel.from_xml_path(str(arm))
-    problem = excitation.problem(model, "column", None, sensors=sensors, noise=(0.5, 0.05))
+    problem = excitation.problem(mechanism(model, "column"), None, sensors=sensors, noise=(0.5, 0.05))
     start = random_start(LIMITS, 5.0, 4, np.random.default_rng(0))
     cost = excitation.cost(problem, criterion)
     found = design(cost, LIMITS, start, iterations=15)
@@ -117,7 +119,7 @@ def test_limits_are_kept_between_the_samples():
 def test_the_searchs_gradient_is_that_of_its_value(arm):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = arm_problem(model)
-    collisions = Collisions(model, [joint.id for joint in problem.joints], 0.05)
+    collisions = Collisions(model, problem.joints, 0.05)
     limits = Limits([2.0, 2.0], [2.9, 3.0], [1.0, 1.0], [3.0, 3.0])
     search = _Search(excitation.cost(problem, "condition"), limits, 5.0, 3, collisions)
     x = 0.2 * np.random.default_rng(0).normal(size=search.shape[0] * search.shape[1])
@@ -132,27 +134,27 @@ def test_the_searchs_gradient_is_that_of_its_value(arm):
 def test_collisions_are_found_and_named(arm):
     model = mujoco.MjModel.from_xml_path(str(arm))
     postures = np.array([[0.0, 0.0], [0.0, 3.0], [2.9, 0.0]])
-    both = Collisions(model, [0, 1], 0.005)
+    both = Collisions(model, JOINTS, 0.005)
     assert (both.depth(postures) > 0).tolist() == [False, True, True]
     folded, on_floor = {("column", "fore"): 1, ("column", "hand"): 1}, {("world", "fore"): 2, ("world", "hand"): 2}
     assert both.touching(postures) == folded | on_floor
     # Above the column by 0.4 - 0.04 - 0.1 m; what the locked joint carries, closer to the column, does not count.
-    assert Collisions(model, [1], 0.3).depth(np.zeros((1, 1))) == pytest.approx([0.04])
+    assert Collisions(model, JOINTS[1:], 0.3).depth(np.zeros((1, 1))) == pytest.approx([0.04])
 
 
 def test_the_pairs_that_can_collide_are_counted():
     # Forearm and hand with column and floor, and the upper arm with the floor.
-    assert Collisions(mujoco.MjModel.from_xml_string(FOLDING), [0, 1], 0.005).pairs() == 5
+    assert Collisions(mujoco.MjModel.from_xml_string(FOLDING), JOINTS, 0.005).pairs() == 5
     excluded = FOLDING.replace("</mujoco>", '<contact><exclude body1="hand" body2="column"/></contact></mujoco>')
-    assert Collisions(mujoco.MjModel.from_xml_string(excluded), [0, 1], 0.005).pairs() == 4
+    assert Collisions(mujoco.MjModel.from_xml_string(excluded), JOINTS, 0.005).pairs() == 4
     ghost = mujoco.MjModel.from_xml_string(FOLDING.replace("<geom ", '<geom contype="0" conaffinity="0" '))
-    assert Collisions(ghost, [0, 1], 0.005).pairs() == 0
+    assert Collisions(ghost, JOINTS, 0.005).pairs() == 0
 
 
 def test_a_pedestal_is_a_parent_like_any_other():
     text = FOLDING.replace('fromto="0 0 0 0 0 0.4" mass="2"', 'fromto="0 0 -0.2 0 0 0.4" mass="2"')
     model = mujoco.MjModel.from_xml_string(text)
-    assert not Collisions(model, [0, 1], 0.005).touching(np.zeros((1, 2)))
+    assert not Collisions(model, JOINTS, 0.005).touching(np.zeros((1, 2)))
 
 
 def test_too_little_memory_for_collisions_is_the_models_fault():
@@ -170,7 +172,7 @@ def test_a_motion_around_collisions_is_found(arm):
     limits = Limits([-1.5, -2.9], [1.5, 2.9], [2.0, 3.0], [8.0, 12.0])
     cost = excitation.cost(problem, "information")
     time = np.linspace(0, 6, 2001)
-    collisions = Collisions(model, [0, 1], 0.01)
+    collisions = Collisions(model, JOINTS, 0.01)
     start = random_start(limits, 6.0, 4, np.random.default_rng(0))
     careless = design(cost, limits, start, iterations=30)
     assert collisions.depth(careless.states(time)[0]).any()
@@ -203,10 +205,10 @@ def test_other_joints_rest(arm, tmp_path):
 def test_a_locked_joint_is_no_source_of_parameters(arm):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = arm_problem(model, ["fold"])
-    assert problem.base.rank < arm_problem(model).base.rank
+    assert problem.parameters.rank < arm_problem(model).parameters.rank
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
-    Y = problem.regressor(q, dq, ddq).reshape(-1, problem.base.rank)
-    assert np.linalg.matrix_rank(Y) == problem.base.rank
+    Y = problem.regressor(q, dq, ddq).reshape(-1, problem.parameters.rank)
+    assert np.linalg.matrix_rank(Y) == problem.parameters.rank
 
 
 ALONE = '<mujoco><worldbody><body name="a">{}<geom size="0.1" mass="1"/></body></worldbody></mujoco>'
@@ -254,8 +256,8 @@ def test_bad_input_is_one_sentence(model, arguments, message, arm, tmp_path, cap
 
 def test_the_force_on_a_slide_sees_only_mass():
     model = mujoco.MjModel.from_xml_string(ALONE.format('<joint name="j" type="slide" range="-1 1"/>'))
-    problem = excitation.problem(model, None, None, sensors="torque", noise=(2.0, 1.0))
-    assert problem.base.names == ("m1",)
+    problem = excitation.problem(mechanism(model), None, sensors="torque", noise=(2.0, 1.0))
+    assert problem.parameters.names == ("m1",)
     assert problem.weights().tolist() == [0.5]
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import scenes
 from experiments import identify
-from ident.estimation.preparation import prepare
+from experiments.studies.identification import prepare
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identify_log
 from ident.model.regressor import base_wrench_regressor

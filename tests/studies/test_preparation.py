@@ -6,8 +6,9 @@ import pytest
 from random_models import inverse_dynamics
 from scipy.spatial.transform import Rotation
 
+from experiments.studies.identification import prepare
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.preparation import base_motion_from_poses, prepare
+from ident.estimation.preparation import base_motion_from_poses
 from ident.identification import identify_log
 from ident.mechanism.motion import BaseMotion
 from ident.parameters.base_parameters import find_base_parameters

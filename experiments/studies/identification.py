@@ -1,0 +1,63 @@
+"""A user's model and log, read and made ready to be fitted."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ident.estimation.preparation import Prepared, prepared
+from ident.recordings.log import read_log
+from ident.recordings.mapping import KINDS
+from ident.recordings.npz import LIMIT
+from sim.models.couplings import check_torques
+from sim.models.mechanism import mechanism
+from sim.models.mujoco_model import mechanism_bodies
+
+
+def prepare(
+    source: Path,
+    log_path: Path,
+    *,
+    base: str | None = None,
+    columns: Path | None = None,
+    cutoff: str | float | None = None,
+    drive: Sequence[str] = (),
+    ignore: Sequence[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
+    limit: int = LIMIT,
+) -> Prepared:
+    """Reads a model and a log.
+
+    Args:
+        source: MJCF or URDF file.
+        log_path: CSV or npz file.
+        base: Body whose frame is {0}, by default the world.
+        columns: Mapping of the log's columns.
+        cutoff: As for `prepared`.
+        drive: Friction and rotor columns for joint torques.
+        ignore: Equality constraints and tendons to leave out.
+        fix: Joints that do not move and are not in the log, as for `tree_from_model`.
+        limit: Bytes that a npz file may take in memory.
+
+    Raises:
+        InputError: Something is missing or does not fit; the message names it.
+    """
+    arm = mechanism(source, base, ignore=ignore, fix=fix)
+    tree, joints = arm.tree, [arm.tree.bodies[i] for i in arm.tree.moving]
+    log = read_log(
+        log_path,
+        tree.joints,
+        tree.names,
+        columns,
+        slides=[body.joint for body in joints if not (body.is_ball or body.twist[3:].any())],
+        balls=[body.joint for body in joints if body.is_ball],
+        weight=arm.weight,
+        limit=limit,
+    )
+    still = {name.format(joint) for joint in fix or () for names in KINDS.values() for name in names}
+    if unread := [name for name in log.unused if name in still]:
+        sentence = f"Columns of joints that --fix holds still were not read: {', '.join(unread)}."
+        log = replace(log, notes=(*log.notes, sentence))
+    found = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))
+    felt = [tree.joints[k] for k in found.equations.torques]
+    check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
+    return found

@@ -1,0 +1,107 @@
+"""Mechanisms with what a model says of them: tree, gravity, masses, sites and joint ranges."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from ident.geometry.se3 import inverse
+from ident.mechanism.body import BASE
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from sim.models.mujoco_model import (
+    BEYOND,
+    Source,
+    compiled,
+    gravity_in_base,
+    mechanism_bodies,
+    parameters_from_model,
+    place_of_site,
+    tree_from_model,
+)
+from sim.models.names import joint_name, name_of
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """What a mechanism was read from: its `source`.
+
+    Attributes:
+        model: The compiled model.
+        text: What can be written back, a file or a specification; None for a model that came compiled.
+        base: Name of the body whose frame is {0}, None for the world's.
+        beyond: Names of bodies at which the mechanism ends.
+    """
+
+    model: mujoco.MjModel
+    text: mujoco.MjSpec | str | Path | None
+    base: str | None
+    beyond: tuple[str, ...]
+
+
+def mechanism(
+    source: Source,
+    base: str | None = None,
+    beyond: Sequence[str] = BEYOND,
+    *,
+    merge_welds: bool = False,
+    ignore: Collection[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
+) -> Mechanism:
+    """A body and everything on it, as a model describes them.
+
+    Args:
+        source: The model; it is compiled once.
+        base: Name of the body whose frame is {0}, as for `tree_from_model`; so are all other arguments.
+        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
+        merge_welds: Make welded bodies one with what carries them.
+        ignore: Names of equality constraints and tendons to leave out of the equations.
+        fix: Names of the tree's joints that do not move, with their coordinates.
+
+    Returns:
+        The mechanism, with `Origin` as its source. It has no prior where nothing in it has a mass.
+
+    Warns:
+        ModelNote: As for `tree_from_model`.
+
+    Raises:
+        ModelError: As for `tree_from_model`, or a body has numbers that are not finite.
+    """
+    model = compiled(source)
+    members = mechanism_bodies(model, base, beyond)
+    tree = tree_from_model(model, base, beyond, ignore=ignore, fix=fix)
+    prior = parameters_from_model(model, base, beyond) if model.body_mass[members].any() else None
+    sites = _sites(model, members)
+    if merge_welds:
+        kept, (tree, merged) = tree, tree.without_welds()
+        prior = None if prior is None else merged @ prior
+        sites = {name: _on_carrier(kept, tree, *site) for name, site in sites.items()}
+    text = None if isinstance(source, mujoco.MjModel) else source
+    origin = Origin(model, text, base, tuple(beyond))
+    return Mechanism(tree, gravity_in_base(model, base), prior, sites, _ranges(model, tree), origin)
+
+
+def _sites(model: mujoco.MjModel, members: Sequence[int]) -> dict[str, tuple[str, np.ndarray]]:
+    """Sites fixed to bodies of a mechanism, by their names."""
+    places = {name_of(model, mujoco.mjtObj.mjOBJ_SITE, s): place_of_site(model, s, members) for s in range(model.nsite)}
+    return {name: place for name, place in places.items() if place is not None}
+
+
+def _on_carrier(tree: Tree, merged: Tree, name: str, pose: np.ndarray) -> tuple[str, np.ndarray]:
+    """A place on a body of a tree as one on what carries the body where welded ones are merged."""
+    i = tree.names.index(name)
+    while i != BASE and tree.names[i] not in merged.names:
+        i, pose = tree.bodies[i].parent, tree.bodies[i].home @ pose
+    if i == BASE:
+        carrier = next(body for body in merged.bodies if not body.moves)
+        return carrier.name, inverse(carrier.home) @ pose
+    return tree.names[i], pose
+
+
+def _ranges(model: mujoco.MjModel, tree: Tree) -> dict[str, tuple[float, float]]:
+    """Limits of those hinges and slides of a tree that have any, rad or m."""
+    limits = {joint_name(model, j): model.jnt_range[j].tolist() for j in range(model.njnt) if model.jnt_limited[j]}
+    joints = [tree.bodies[i].joint for i in tree.moving if not tree.bodies[i].is_ball]
+    return {joint: (limits[joint][0], limits[joint][1]) for joint in joints if joint in limits}
