@@ -19,7 +19,7 @@ from ident.geometry import se3
 from ident.geometry.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
 from ident.model import dim
 from ident.parameters.base_parameters import find_base_parameters
-from ident.recordings.wrench import Contact, total_wrench
+from ident.recordings.wrench import Wrench, total_wrench
 from sim.models.mujoco_model import parameters_from_model, tree_from_model
 
 RNG = np.random.default_rng(0)
@@ -159,7 +159,7 @@ def test_equation_17_the_sum_is_over_contacts_and_not_over_links():
     # One contact, on the last of three bodies: the printed g_{0,i} with i = 1 … N_c is another body's.
     contact, poses = RNG.normal(size=6), TREE.poses(Q)
     ground = dim.base_wrench_regressor(TREE, Q, DQ, DDQ, gravity=GRAVITY) @ PHI + se3.coAd(poses[2]) @ contact
-    measured = total_wrench(TREE, Q[None], ground[None], [Contact(TREE.names[2], contact[None], np.eye(4))]).wrench[0]
+    measured = total_wrench(TREE, Q[None], Wrench(ground[None]), [Wrench(-contact[None], TREE.names[2])]).values[0]
     np.testing.assert_allclose(measured, ground - se3.coAd(poses[2]) @ contact, atol=1e-11)
     for other in poses[:2]:
         assert abs(measured - (ground - se3.coAd(other) @ contact)).max() > 0.1

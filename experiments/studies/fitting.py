@@ -64,7 +64,7 @@ def fit(
         InputError: `kept` is not a basis.
     """
     states = recording.joint_states(tree.joints)
-    measured = recording.wrench("ground") if wrench is None else wrench
+    measured = recording.wrench("ground").values if wrench is None else wrench
     samples = Samples(*states, measured, covariance=covariance)
     base = structural_base_parameters(tree, tuple(gravity.tolist()), kept=None if kept is None else tuple(kept))
     noise = recording.joint_noise(tree.joints)

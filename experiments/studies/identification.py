@@ -15,7 +15,7 @@ from ident.judgement.diagnosis import ContactCheck, FrameCheck
 from ident.judgement.misalignment import Misalignment, estimate_misalignment
 from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.log import GROUND, Wrench
+from ident.recordings.wrench import GROUND
 
 HOLDOUT = 0.4
 """Fraction of a recording, its end, that is kept to judge by."""
@@ -286,25 +286,21 @@ def _frames(prepared: Prepared) -> dict[str, FrameCheck]:
     predicted = (coAd(inverse(prepared.frame)) @ (Y @ prepared.prior[:P])[..., None])[..., 0]
     checks = {}
     poses = prepared.tree.poses(prepared.states[0])
-    for name, wrench in prepared.log.wrenches.items():
+    for name in prepared.log.wrenches:
+        wrench = prepared.log.wrench(name)
         if name == GROUND:
-            others = prepared.wrench - _signed(wrench)
+            others = prepared.wrench - wrench.on_mechanism
             checks[name] = diagnosis.check_frame(
-                _signed(wrench), predicted - np.nan_to_num(others), wrench.pose[:3, :3]
+                wrench.on_mechanism, predicted - np.nan_to_num(others), wrench.pose[:3, :3]
             )
             continue
         pose = poses[:, prepared.tree.names.index(str(wrench.body))] @ wrench.pose
         in_frame = coAd(inverse(prepared.frame)) @ coAd(pose)
-        others = prepared.wrench - (in_frame @ _signed(wrench)[..., None])[..., 0]
+        others = prepared.wrench - (in_frame @ wrench.on_mechanism[..., None])[..., 0]
         if np.isfinite(others).all():
             missing = (np.linalg.inv(in_frame) @ (predicted - others)[..., None])[..., 0]
-            checks[name] = diagnosis.check_frame(_signed(wrench), missing, wrench.pose[:3, :3])
+            checks[name] = diagnosis.check_frame(wrench.on_mechanism, missing, wrench.pose[:3, :3])
     return checks
-
-
-def _signed(wrench: Wrench) -> np.ndarray:
-    """The wrench on the mechanism, in its sensor's frame (N, 6)."""
-    return wrench.values if wrench.applied_to_link else -wrench.values
 
 
 def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCheck | None:

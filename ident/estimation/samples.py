@@ -9,21 +9,22 @@ import numpy as np
 from ident.errors import InputError
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
+from ident.recordings.wrench import TotalWrench
 
 
 @runtime_checkable
 class Recorded(Protocol):
-    """A recording that finds its channels by the names of joints and of a wrench."""
+    """A recording that finds its channels by the names of joints, and knows where its wrenches are measured."""
+
+    @property
+    def base(self) -> np.ndarray | None:
+        """Poses of a moving base, None at rest."""
 
     def joint_states(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Positions, velocities and accelerations of the named joints, each (N, n)."""
 
-    def wrench(self, name: str) -> np.ndarray:
-        """The wrench `[F; τ]` of that name (N, 6)."""
-
-    @property
-    def wrenches(self) -> tuple[str, ...]:
-        """Names of all wrenches."""
+    def total_wrench(self, tree: Tree) -> TotalWrench:
+        """The total wrench of everything that touches the mechanism."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +85,7 @@ def pieces(source: Source, tree: Tree) -> Iterator[Samples]:
     """The pieces of a source, of which all have the same columns and types.
 
     Args:
-        source: Samples or a recording, or an iterable of them. Of a recording the wrench `ground` is the total one.
+        source: Samples or a recording, or an iterable of them.
         tree: The mechanism.
 
     Raises:
@@ -135,13 +136,9 @@ def joined(parts: Sequence[Samples]) -> Samples:
 
 
 def _of_recording(recording: Recorded, tree: Tree) -> Samples:
-    others = [name for name in recording.wrenches if name != "ground"]
-    if others:
-        raise InputError(
-            f"The recording holds the wrench '{others[0]}' besides that of the ground; make Samples of the total "
-            "wrench, as ident.recordings.wrench.total_wrench gives it."
-        )
-    return Samples(*recording.joint_states(tree.joints), recording.wrench("ground"))
+    if recording.base is not None:
+        raise InputError("A recording of a moving base needs the base's motion: make Samples with it.")
+    return Samples(*recording.joint_states(tree.joints), recording.total_wrench(tree).in_base)
 
 
 def check_samples(samples: Samples, tree: Tree, where: str = "The samples") -> None:

@@ -7,15 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.mapping import GROUND, HUGE, KINDS, ColumnMapping, Columns, Sensor, check_no_column_twice
-from ident.recordings.table import Table
+from ident.recordings.mapping import HUGE, KINDS, ColumnMapping, Columns, check_no_column_twice
+from ident.recordings.table import Table, short
+from ident.recordings.wrench import GROUND, Sensor
 
 
 def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> ColumnMapping:
     """A mapping and what the names of columns tell besides.
 
     Raises:
-        LogError: Time or the position of a joint is not to be found, names are ambiguous, or a column has two uses.
+        LogError: A mapped column, the time or the position of a joint is not to be found, names are ambiguous, or a
+            column has two uses.
     """
     columns, sensors = dict(mapping.columns), dict(mapping.sensors)
     if "time" not in columns:
@@ -45,6 +47,10 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> C
             columns |= {key: Columns(names) for key, names in ground.items()}
             sensors[GROUND] = Sensor()
     check_no_column_twice(columns)
+    for key, used in columns.items():
+        for name in filter(None, used.names):
+            if name not in table.cells:
+                raise LogError(f"{key} is mapped to column '{short(name)}', but {table.available()}.")
     return replace(mapping, columns=columns, sensors=sensors)
 
 
@@ -84,7 +90,7 @@ def _read(table: Table, key: str, columns: Columns, notes: list[str]) -> np.ndar
     x = np.full((len(table.rows), len(columns.names)), np.nan)
     for k, name in enumerate(columns.names):
         if name:
-            x[:, k] = table.column(name, key, HUGE / columns.factor)
+            x[:, k] = table.column(name, HUGE / columns.factor)
             if np.isnan(x[:, k]).all():
                 if key.endswith((".position", ".quaternion")):
                     raise LogError(f"column '{name}' is empty, but {key} needs it.")
