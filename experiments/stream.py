@@ -152,7 +152,9 @@ class Reading:
                     f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
                 )
         if recording.base is not None:
-            raise InputError("the base moves, and its poses take a filter over the whole log: see experiments.identify.")
+            raise InputError(
+                "the base moves, and its poses take a filter over the whole log: see experiments.identify."
+            )
         self.seen.check(recording, names)
         total = recording.total_wrench(tree, self.without).in_base
         if np.isnan(total).any():

@@ -49,7 +49,10 @@ class Trials:
         """Around a recording of the scene with the paper's excitation."""
         recording = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=samples)
         mechanism, true = double_pendulum(), recording.noise_free
-        joints, wrench = mechanism.tree.joints, np.repeat([recording.noise[f"ground_{k}"] for k in ("force", "torque")], 3)
+        joints, wrench = (
+            mechanism.tree.joints,
+            np.repeat([recording.noise[f"ground_{k}"] for k in ("force", "torque")], 3),
+        )
         samples_true = Samples(*true.joint_states(joints), true.wrench("ground").values)
         return cls(mechanism, samples_true, (*recording.joint_noise(joints), wrench))
 

@@ -311,9 +311,7 @@ def _cutoff(log: Recording, joints: Sequence[str], cutoff: str | float | None) -
     return value
 
 
-def _states(
-    log: Recording, joints: Sequence[str], cutoff: float | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _states(log: Recording, joints: Sequence[str], cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if cutoff is not None:
         return smoothed(log.of_joints(joints, "position"), log.rate, cutoff)
     return log.joint_states(joints)

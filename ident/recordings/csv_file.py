@@ -3,6 +3,7 @@
 import codecs
 import csv
 import json
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.table import COMPONENTS, Memory, Table, parsed_metadata, short
+from ident.recordings.table import COMPONENTS, METADATA, Memory, Table, is_number, short
 
 DELIMITERS = ";\t,"
 """What stands between cells, the first of them that the header has; numbers may have decimal commas unless it is one."""
@@ -35,9 +36,14 @@ def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[
         columns |= {f"{name}{s}": column for s, column in zip(suffixes, x.reshape(len(x), -1).T, strict=True)}
     with path.open("w", encoding="utf-8") as stream:
         stream.writelines(f"# {key}: {json.dumps(value)}\n" for key, value in metadata.items())
-        stream.write(",".join(columns) + "\n")
+        stream.write(",".join(map(_quoted, columns)) + "\n")
         table = np.stack(list(columns.values()), axis=1)
         stream.writelines(",".join(map(repr, row.tolist())) + "\n" for row in table)
+
+
+def _quoted(name: str) -> str:
+    """A name as a cell, in which no character separates."""
+    return '"' + name.replace('"', '""') + '"' if any(c in name for c in f'"{DELIMITERS}') else name
 
 
 def csv_pieces(path: Path, samples: int, *, overlap: int = 0) -> Iterator[Table]:
@@ -54,14 +60,15 @@ def csv_pieces(path: Path, samples: int, *, overlap: int = 0) -> Iterator[Table]
     with path.open("rb") as stream:
         utf16 = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
     with path.open(encoding="utf-16" if utf16 else "utf-8-sig") as text:
-        lines, metadata = _lines(text), {}
+        lines, metadata = _lines(text), dict[str, Any]()
         for first, line in lines:
             if not line.startswith("#"):
                 break
-            metadata |= parsed_metadata(*_remark(line))
+            metadata |= _said(first, line)
         else:
             raise LogError("the file is empty; a log is a header row of names and rows of numbers.")
-        delimiter = next((d for d in DELIMITERS if d in line), ",")
+        outside_quotes = re.sub('"[^"]*"', "", line)
+        delimiter = next((d for d in DELIMITERS if d in outside_quotes), ",")
         header = _header(first, next(_rows([(first, line)], delimiter)))
         memory, block = Memory(), list[Line]()
         while new := list(islice(lines, samples)):
@@ -83,28 +90,27 @@ def _lines(stream: Iterable[str]) -> Iterator[Line]:
         ) from None
 
 
-def _remark(line: str) -> tuple[str, str]:
-    key, _, text = line[1:].partition(":")
-    return key.strip(), text
+def _said(number: int, remark: str) -> dict[str, Any]:
+    """What a remark says by a name of `METADATA` in JSON; of any other remark nothing."""
+    key, _, text = remark[1:].partition(":")
+    key = key.strip()
+    if key not in METADATA or not text.lstrip().startswith("{" if METADATA[key] is dict else "["):
+        return {}
+    try:
+        return {key: json.loads(text)}
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise LogError(f"row {number} needs '{key}' in JSON ({error}).") from None
 
 
 def _header(number: int, header: list[str]) -> list[str]:
     """Names of the columns, "" for those without."""
     names = [name for name in header if name]
-    if not names or any(map(_is_number, names)):
+    if not names or any(map(is_number, names)):
         raise LogError(f"a log needs a header row of names, row {number} holds numbers or nothing.")
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise LogError(f"the header names column '{short(twice[0])}' more than once.")
     return header
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _cells(

@@ -211,9 +211,7 @@ def _single(where: str, entry: Any, quantity: str) -> Columns:
     return Columns((name.strip(),), *_factor(where, entry, "unit", quantity))
 
 
-def _several(
-    where: str, names: Any, size: int, factor: float = 1.0, unit: str = "", *, gaps: bool = False
-) -> Columns:
+def _several(where: str, names: Any, size: int, factor: float = 1.0, unit: str = "", *, gaps: bool = False) -> Columns:
     """Columns of a vector; with gaps, "" stands for a missing one."""
     if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str) for name in names):
         raise LogError(f"{where} needs a list of {size} columns, got {short(names)}.")

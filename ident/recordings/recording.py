@@ -16,7 +16,7 @@ from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
 from ident.recordings.files import read_tables, write_channels
 from ident.recordings.npz import LIMIT
-from ident.recordings.table import METADATA, TRUE
+from ident.recordings.table import METADATA, TRUE, is_number
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 BASE = "base:pose"
@@ -161,8 +161,8 @@ class Recording:
     def save(self, path: str | Path) -> None:
         """Writes a `.npz` or `.csv` file that `load` reads back bit by bit."""
         for name in self.measured:
-            if not re.fullmatch(r"(?!true:|base:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
-                raise LogError(f"The name of a channel in a file cannot be {name!r}: a word without commas and dots.")
+            if is_number(name) or not re.fullmatch(r"(?!true:|base:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
+                raise LogError(f"A channel's name cannot be {name!r}: in a file it is a word without commas and dots.")
         channels = {"time": self.time, **self.measured} | {f"{TRUE}{name}": x for name, x in self.true.items()}
         if self.base is not None:
             channels[BASE] = self.base.reshape(-1, 16)
@@ -241,7 +241,7 @@ def _sensor(name: str, content: Any) -> Sensor:
     """A sensor from what a file says of it."""
     try:
         sensor = Sensor(content["body"], np.array(content["pose"], float), content["applied_to_link"])
-        if sensor.pose.shape == (4, 4) and isinstance(sensor.applied_to_link, bool):
+        if isinstance(sensor.body, str | None) and isinstance(sensor.applied_to_link, bool) and is_rigid(sensor.pose):
             return sensor
     except (KeyError, TypeError, ValueError):
         pass

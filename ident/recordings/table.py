@@ -1,6 +1,5 @@
 """A file of numbers as named columns, whoever wrote it, some samples at a time."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,15 +14,8 @@ COMPONENTS = {3: "xyz", 4: "wxyz"}
 TRUE = "true:"
 """Prefix of the columns that hold true values."""
 
-METADATA: Mapping[str, type] = {
-    "units": dict,
-    "noise": dict,
-    "provenance": dict,
-    "sensors": dict,
-    "notes": list,
-    "unused": list,
-}
-"""What a file says about its columns, each in JSON."""
+METADATA = {"units": dict, "noise": dict, "provenance": dict, "sensors": dict, "notes": list, "unused": list}
+"""What a file says about its columns, as JSON has it."""
 
 
 @dataclass
@@ -94,7 +86,9 @@ class Table:
                 f"{len(x)} samples of it; a filter needs all of them: cut the log, or fill the gap."
             )
         if throughout and not missing.all():
-            raise LogError(f"{self.row(int(missing.argmin()))}, column '{name}' has the first number after empty cells.")
+            raise LogError(
+                f"{self.row(int(missing.argmin()))}, column '{name}' has the first number after empty cells."
+            )
         if wrong.any():
             i = int(wrong.argmax())
             raise LogError(f"{self.row(i)}, column '{name}' needs numbers below {limit:g}, got {x[i]:g}.")
@@ -143,19 +137,13 @@ def _channel(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.stack([columns[suffix] for suffix in expected], axis=1)
 
 
-def parsed_metadata(key: str, text: str) -> dict[str, Any]:
-    """What a remark of a file says under a name of `METADATA` in JSON; of any other remark nothing.
-
-    Raises:
-        LogError: It begins as such, and is damaged.
-    """
-    begins = {dict: "{", list: "["}
-    if key not in METADATA or not text.lstrip().startswith(begins[METADATA[key]]):
-        return {}
+def is_number(cell: str) -> bool:
+    """Whether a cell holds a number, perhaps with a decimal comma."""
     try:
-        return {key: json.loads(text)}
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise LogError(f"'{key}' needs to be JSON ({error}).") from None
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def short(value: Any) -> str:
