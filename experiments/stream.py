@@ -153,7 +153,7 @@ class Reading:
                 )
         if recording.base is not None:
             raise InputError(
-                "the base moves, and its poses take a filter over the whole log: see experiments.identify."
+                "the base moves, and its poses take a filter over all of the log: see experiments.identify"
             )
         self.seen.check(recording, names)
         total = recording.total_wrench(tree, self.without).in_base

@@ -16,7 +16,7 @@ from ident.errors import LogError
 from ident.recordings.table import COMPONENTS, METADATA, Memory, Table, is_number, short
 
 DELIMITERS = ";\t,"
-"""What stands between cells, the first of them that the header has; numbers may have decimal commas unless it is one."""
+"""What may stand between cells: the first of them that the header has. Unless it is the comma, decimals may have it."""
 
 Line = tuple[int, str]
 """A line of a file with its number, from 1."""
@@ -73,7 +73,7 @@ def csv_pieces(path: Path, samples: int, *, overlap: int = 0) -> Iterator[Table]
         memory, block = Memory(), list[Line]()
         while new := list(islice(lines, samples)):
             block = [*block[len(block) - overlap :], *new]
-            cells = _cells(block, header, delimiter, memory)
+            cells = _cells(block, header, delimiter)
             named = {name: column for name, column in zip(header, cells, strict=True) if name}
             yield Table(named, [row for row, _ in block], "row", metadata, memory, delimiter != ",")
 
@@ -113,32 +113,19 @@ def _header(number: int, header: list[str]) -> list[str]:
     return header
 
 
-def _cells(
-    block: Sequence[Line], header: Sequence[str], delimiter: str, memory: Memory
-) -> Iterable[Sequence[str] | np.ndarray]:
+def _cells(block: Sequence[Line], header: Sequence[str], delimiter: str) -> Iterable[Sequence[str] | np.ndarray]:
     """Columns of some lines, as numbers where all of them are."""
     lines = [line for _, line in block]
-    separators = [s for s in ",." if delimiter != "," and any(s in line for line in lines)]
-    if len(separators) < 2:
-        # Numpy reads faster, and accepts nothing that `float` does not; but it cannot say where in the file a fault is.
-        with suppress(ValueError):
-            points = [line.replace(",", ".") for line in lines] if separators == [","] else lines
-            table = np.loadtxt(points, delimiter=delimiter, comments=None, ndmin=2)
-            if table.shape[1] == len(header):
-                for separator in separators:
-                    memory.separators.setdefault(separator, _having(separator, lines, header, delimiter))
-                return table.T
+    # Numpy reads faster, and accepts nothing that `float` does not; but it cannot say where in the file a fault is.
+    with suppress(ValueError):
+        table = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
+        if table.shape[1] == len(header):
+            return table.T
     rows = list(_rows(block, delimiter))
     for (number, _), row in zip(block, rows, strict=True):
         if len(row) < len(header) or any(row[len(header) :]):
             raise LogError(f"row {number} has {len(row)} cells where the header has {len(header)}.")
     return [[row[k] for row in rows] for k in range(len(header))]
-
-
-def _having(separator: str, lines: Sequence[str], header: Sequence[str], delimiter: str) -> str:
-    """Name of the first column with a decimal separator."""
-    line = next(line for line in lines if separator in line)
-    return next(name for name, cell in zip(header, line.split(delimiter), strict=True) if separator in cell)
 
 
 def _rows(block: Sequence[Line], delimiter: str) -> Iterator[list[str]]:

@@ -52,11 +52,14 @@ def read_log_pieces(
     *,
     limit: int = LIMIT,
 ) -> Iterator[Recording]:
-    """Reads a log that is larger than memory; arguments besides those of `read_log`:
+    """Reads a log piece by piece, as one that is larger than memory has to be.
+
+    Units are doubted by what the first piece holds, whose step of time is that of all. A piece whose times jitter is
+    resampled by itself.
 
     Args:
-        samples: Samples of each piece, at least `SAMPLES`. Units are doubted by what the first one holds; its step of
-            time is that of all, and a piece whose times jitter is resampled by itself.
+        path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
+        samples: Samples of each piece, at least `SAMPLES`.
     """
     joints = mechanism.tree.joints
     kinds = joint_kinds(mechanism.tree)
@@ -106,7 +109,11 @@ def _recording(
         measured[channel] = x[:, 0] if room == "joints" else x
         if mapping.columns[key].unit:
             units[channel] = mapping.columns[key].unit
-    base = poses(channels["base.position"], channels["base.quaternion"]) if mapping.has_base else None
+    base = None
+    if "base.pose" in channels:
+        base = channels["base.pose"].reshape(len(time), 4, 4)
+    elif mapping.has_base:
+        base = poses(channels["base.position"], channels["base.quaternion"])
     return Recording(time, measured, units=units, sensors=mapping.sensors, base=base)
 
 

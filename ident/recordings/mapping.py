@@ -68,8 +68,8 @@ class ColumnMapping:
     """Which columns hold what.
 
     Attributes:
-        columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, `base.position`
-            and `base.quaternion`.
+        columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, and
+            `base.position` and `base.quaternion`, or `base.pose`.
         sensors: Sensors of the wrenches by name.
     """
 
@@ -79,7 +79,7 @@ class ColumnMapping:
     @property
     def has_base(self) -> bool:
         """Whether the base moves."""
-        return "base.position" in self.columns
+        return any(key.startswith("base.") for key in self.columns)
 
     @property
     def used(self) -> set[str]:

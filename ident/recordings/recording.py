@@ -16,11 +16,8 @@ from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
 from ident.recordings.files import read_tables, write_channels
 from ident.recordings.npz import LIMIT
-from ident.recordings.table import METADATA, TRUE, is_number
-from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
-
-BASE = "base:pose"
-"""Columns of a file that hold the poses of a moving base, row by row."""
+from ident.recordings.table import BASE, METADATA, TRUE, is_number
+from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, sensors_told, total_wrench
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +220,7 @@ class Recording:
         measured = {name: x for name, x in channels.items() if not name.startswith(TRUE)}
         told = {name: metadata[name] for name in METADATA if name in metadata}
         if "sensors" in told:
-            told["sensors"] = {name: _sensor(name, content) for name, content in told["sensors"].items()}
+            told["sensors"] = sensors_told(told["sensors"])
         if base is not None and base.shape[1:] == (16,):
             base = base.reshape(-1, 4, 4)
         return cls(time, measured, true, base=base, **told)
@@ -235,17 +232,6 @@ def poses(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     T[:, :3, 3] = position
     return T
-
-
-def _sensor(name: str, content: Any) -> Sensor:
-    """A sensor from what a file says of it."""
-    try:
-        sensor = Sensor(content["body"], np.array(content["pose"], float), content["applied_to_link"])
-        if isinstance(sensor.body, str | None) and isinstance(sensor.applied_to_link, bool) and is_rigid(sensor.pose):
-            return sensor
-    except (KeyError, TypeError, ValueError):
-        pass
-    raise LogError(f"the sensor '{name}' needs a body, a pose (4, 4) and applied_to_link, true or false.")
 
 
 def _checked(name: str, values: Iterable[float], samples: int | None) -> np.ndarray:

@@ -14,6 +14,9 @@ COMPONENTS = {3: "xyz", 4: "wxyz"}
 TRUE = "true:"
 """Prefix of the columns that hold true values."""
 
+BASE = "base:pose"
+"""Columns of a file that hold the poses of a moving base, row by row."""
+
 METADATA = {"units": dict, "noise": dict, "provenance": dict, "sensors": dict, "notes": list, "unused": list}
 """What a file says about its columns, as JSON has it."""
 
@@ -73,49 +76,49 @@ class Table:
             LogError: A cell is no number, empty, infinite or too large; the message names it.
         """
         cells = self.cells[name]
-        x = cells if isinstance(cells, np.ndarray) else self._parsed(name, cells)
-        self._check_separators()
-        missing, wrong = np.isnan(x), np.abs(x) > limit
+        if self.decimal_comma:
+            self._check_separators(name, cells)
+        if isinstance(cells, np.ndarray):
+            x = cells
+        else:
+            x = np.array([self._number(name, i, cell) for i, cell in enumerate(cells)])
+        infinite, missing, large = np.isinf(x), np.isnan(x), np.abs(x) > limit
         throughout = self.memory.missing.setdefault(name, bool(missing.all()))
-        if np.isinf(x).any():
-            i = int(np.isinf(x).argmax())
-            raise LogError(f"{self.row(i)}, column '{name}' needs a finite number, got {x[i]}.")
+        if infinite.any():
+            raise self._fault(name, infinite, f"needs a finite number, got {x[infinite][0]}.")
         if missing.any() and not throughout:
-            raise LogError(
-                f"{self.row(int(missing.argmax()))}, column '{name}' is empty or NaN, as are {int(missing.sum())} of "
-                f"{len(x)} samples of it; a filter needs all of them: cut the log, or fill the gap."
-            )
+            several = f"as are {int(missing.sum())} of {len(x)} samples of it; a filter needs all of them"
+            raise self._fault(name, missing, f"is empty or NaN, {several}: cut the log, or fill the gap.")
         if throughout and not missing.all():
-            raise LogError(
-                f"{self.row(int(missing.argmin()))}, column '{name}' has the first number after empty cells."
-            )
-        if wrong.any():
-            i = int(wrong.argmax())
-            raise LogError(f"{self.row(i)}, column '{name}' needs numbers below {limit:g}, got {x[i]:g}.")
+            raise self._fault(name, ~missing, "has the first number after empty cells.")
+        if large.any():
+            raise self._fault(name, large, f"needs numbers below {limit:g}, got {x[large][0]:g}.")
         return x
 
+    def _fault(self, name: str, wrong: np.ndarray, what: str) -> LogError:
+        """What is wrong with the first such sample of a column."""
+        return LogError(f"{self.row(int(wrong.argmax()))}, column '{name}' {what}")
+
     def channels(self) -> dict[str, np.ndarray]:
-        """All columns, those of a vector `name.x`, `name.y`, … together in whatever order they stand: (N,) or (N, d)."""
+        """All columns, those of a vector together, in whatever order they stand (N,) or (N, d)."""
         groups: dict[str, dict[str, np.ndarray]] = {}
         for column in self.cells:
             name, _, suffix = column.partition(".")
             groups.setdefault(name, {})[suffix] = self.column(column)
         return {name: _channel(name, group) for name, group in groups.items()}
 
-    def _check_separators(self) -> None:
-        if len(self.memory.separators) == 2:
-            comma, point = (short(self.memory.separators[separator]) for separator in ",.")
+    def _check_separators(self, name: str, cells: Sequence[str] | np.ndarray) -> None:
+        """Refuses decimal commas where others are points; columns of numbers had points, if they are no integers."""
+        known = self.memory.separators
+        is_text = not isinstance(cells, np.ndarray)
+        for mark in ",.":
+            if any(mark in cell for cell in cells) if is_text else mark == "." and (np.abs(np.modf(cells)[0]) > 0).any():
+                known.setdefault(mark, name)
+        if len(known) == 2:
             raise LogError(
-                f"decimal commas (column '{comma}') and decimal points (column '{point}') in one file are ambiguous; "
-                "use one of them."
+                f"decimal commas (column '{short(known[','])}') and decimal points (column '{short(known['.'])}') in "
+                "one file are ambiguous; use one of them."
             )
-
-    def _parsed(self, name: str, cells: Sequence[str]) -> np.ndarray:
-        for separator in ",." if self.decimal_comma else "":
-            if any(separator in cell for cell in cells):
-                self.memory.separators.setdefault(separator, name)
-        self._check_separators()
-        return np.array([self._number(name, i, cell) for i, cell in enumerate(cells)])
 
     def _number(self, name: str, i: int, cell: str) -> float:
         try:

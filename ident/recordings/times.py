@@ -83,8 +83,8 @@ class Clock:
             self.start = 0.0
         if self.step < 1e-6 or (self.step >= 1 and not self.column.unit):
             raise LogError(
-                f"column '{name}' has steps of {self.step:g} s, which suggests that its unit is not the second; map it, "
-                f'as in time = {{ column = "{name}", unit = "ms" }}.'
+                f"column '{name}' has steps of {self.step:g} s, which suggests that its unit is not the second; map "
+                f'it, as in time = {{ column = "{name}", unit = "ms" }}.'
             )
 
 

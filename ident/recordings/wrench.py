@@ -1,12 +1,13 @@
 """Wrenches moved between frames, and the total wrench of a mechanism with several contacts (Eq. 15-18)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from ident.errors import InputError
+from ident.errors import InputError, LogError
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
@@ -29,6 +30,25 @@ class Sensor:
     body: str | None = None
     pose: np.ndarray = field(default_factory=lambda: np.eye(4))
     applied_to_link: bool = True
+
+
+def sensors_told(told: Mapping[str, Any]) -> dict[str, Sensor]:
+    """Sensors by name from what a file tells of them.
+
+    Raises:
+        LogError: It is not what `vars` of a sensor is in JSON.
+    """
+    sensors = {}
+    for name, content in told.items():
+        try:
+            sensor = Sensor(content["body"], np.array(content["pose"], float), content["applied_to_link"])
+            told_well = isinstance(sensor.body, str | None) and isinstance(sensor.applied_to_link, bool)
+        except (KeyError, TypeError, ValueError):
+            told_well = False
+        if not told_well or sensor.pose.shape != (4, 4) or not is_rigid(sensor.pose):
+            raise LogError(f"the sensor '{name}' needs a body, a pose (4, 4) and applied_to_link, true or false.")
+        sensors[name] = sensor
+    return sensors
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +118,7 @@ class TotalWrench:
 
     @cached_property
     def covariance(self) -> np.ndarray | None:
-        """Covariance of the values, one for each sample because contacts move (N, 6, 6); None if any part is unknown."""
+        """Covariance of the values, one for each sample because contacts move (N, 6, 6); None if a part is unknown."""
         total = np.zeros((len(self.values), 6, 6))
         for pose, covariance in self.parts:
             if covariance is None:
