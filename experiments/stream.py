@@ -22,9 +22,10 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         nargs="+",
         help="CSV or npz files with the channels JOINT_position, JOINT_velocity, JOINT_acceleration of every joint, "
-        "ground_force and ground_torque",
+        "ground_force and ground_torque, or what --columns says",
     )
     options.add_mechanism(out)
+    out.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
     out.add_argument("--contact", nargs="*", default=[], help="wrenches at the sites of the same names")
     out.add_argument("--without", nargs="*", default=[], help="wrenches to leave out")
     out.add_argument("--piece", type=options.whole_number(1, 10_000_000), help="samples read at a time")

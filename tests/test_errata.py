@@ -21,7 +21,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model import dim
 from ident.parameters.base_parameters import find_base_parameters
-from ident.recordings.wrench import Contact, total_wrench
+from ident.recordings.wrench import Wrench, total_wrench
 from sim.models.mechanism import mechanism
 
 RNG = np.random.default_rng(0)
@@ -163,7 +163,7 @@ def test_equation_17_the_sum_is_over_contacts_and_not_over_links():
     # One contact, on the last of three bodies: the printed g_{0,i} with i = 1 … N_c is another body's.
     contact, poses = RNG.normal(size=6), TREE.poses(Q)
     ground = dim.base_wrench_regressor(PENDULUM, MOTION) @ PHI + se3.coAd(poses[2]) @ contact
-    measured = total_wrench(TREE, Q[None], ground[None], [Contact(TREE.names[2], contact[None], np.eye(4))]).wrench[0]
+    measured = total_wrench(TREE, Q[None], Wrench(ground[None]), [Wrench(-contact[None], TREE.names[2])]).values[0]
     np.testing.assert_allclose(measured, ground - se3.coAd(poses[2]) @ contact, atol=1e-11)
     for other in poses[:2]:
         assert abs(measured - (ground - se3.coAd(other) @ contact)).max() > 0.1

@@ -150,7 +150,7 @@ def test_the_wrong_axis_passes_the_usual_checks(noise_free):
     # Section VI.B: condition number and residual look fine although the parameters are wrong.
     simplified = noise_free.simplified
     assert simplified.estimate.condition_number < noise_free.full.estimate.condition_number
-    wrench = noise_free.recording.wrench("ground")
+    wrench = noise_free.recording.wrench("ground").values
     assert simplified.estimate.epsilon < 0.02 * np.linalg.norm(wrench)
     assert abs(simplified.error).max() > 1
 

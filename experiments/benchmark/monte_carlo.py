@@ -50,8 +50,9 @@ class Trials:
         """Around a recording of the scene with the paper's excitation."""
         recording = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=samples)
         mechanism, true = double_pendulum(), recording.noise_free
-        joints, wrench = mechanism.tree.joints, np.sqrt(np.diag(recording.wrench_covariance("ground")))
-        samples_true = Samples(Motion(*true.joint_states(joints)), true.wrench("ground"))
+        joints = mechanism.tree.joints
+        wrench = np.repeat([recording.noise[f"ground_{kind}"] for kind in ("force", "torque")], 3)
+        samples_true = Samples(Motion(*true.joint_states(joints)), true.wrench("ground").values)
         return cls(mechanism, samples_true, (*recording.joint_noise(joints), wrench))
 
     def drawn(self, seed: int) -> Samples:

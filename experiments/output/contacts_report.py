@@ -69,16 +69,16 @@ def table_4_ignoring(result: Study) -> report.Table:
 
 def table_contacts(result: Study) -> report.Table:
     """When each contact touches, and how much."""
-    found, cells = summary(result), result.known.cells
+    found, known = summary(result), result.known
 
     def each(number: str) -> list[Any]:
-        return [found[f"{cell.site}_{number}"] for cell in cells.values()]
+        return [found[f"{site}_{number}"] for site in known.sites.values()]
 
     return report.Table(
         "Contacts: shares of the samples in which each touches, and touches alone, number of episodes, peak force",
         *report.columns(
-            contact=cells,
-            link=[cell.body for cell in cells.values()],
+            contact=known.sites,
+            link=[known.sensors[site].body for site in known.sites.values()],
             touches=each("fraction"),
             touches_alone=each("fraction_alone"),
             episodes=map(str, each("episodes")),
@@ -92,8 +92,8 @@ def figure_4(result: Study) -> Figure:
     return figures.wrench_panels(
         result.recording.time,
         {
-            "Ground, measured": (result.recording.wrench("ground"), figures.Line("tab:red", width=0.6)),
-            "Total, true": (result.true.wrench, figures.Line("tab:blue", width=1.8)),
+            "Ground, measured": (result.recording.wrench("ground").values, figures.Line("tab:red", width=0.6)),
+            "Total, true": (result.true.values, figures.Line("tab:blue", width=1.8)),
             "Recovered": (result.fit.predicted, figures.Line("black", width=0.6)),
         },
         "Time (s)",
@@ -105,7 +105,7 @@ def figure_5(result: Study) -> Figure:
     """Measured total wrench less the wrench predicted from the estimates, over time."""
     return figures.wrench_panels(
         result.recording.time,
-        {"Measured - predicted": (result.measured.wrench - result.fit.predicted, figures.Line("black", width=0.4))},
+        {"Measured - predicted": (result.measured.values - result.fit.predicted, figures.Line("black", width=0.4))},
         "Time (s)",
         symbol=r"\Delta {}",
         shaded=together(result),
@@ -115,7 +115,7 @@ def figure_5(result: Study) -> Figure:
 def figure_contacts(result: Study) -> Figure:
     """What each contact takes from the ground wrench, measured and moved to the base frame, over time."""
     known, recording = result.known, result.recording
-    taken = {name: total(known, recording, {name}).wrench - result.measured.wrench for name in known.cells}
+    taken = {name: total(known, recording, {name}).values - result.measured.values for name in known.sites}
     return figures.wrench_panels(
         recording.time,
         {name.capitalize(): (taken[name], line) for name, line in zip(taken, CONTACT_LINES, strict=False)},
@@ -153,7 +153,7 @@ def _touches(result: Study) -> dict[str, float]:
     number = np.sum(list(result.touching.values()), axis=0)
     found: dict[str, float] = {}
     for name, touching in result.touching.items():
-        site = result.known.cells[name].site
+        site = result.known.sites[name]
         found |= {
             f"{site}_fraction": float(touching.mean()),
             f"{site}_fraction_alone": float(np.mean(touching & (number == 1))),

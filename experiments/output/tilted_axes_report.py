@@ -69,7 +69,7 @@ def table_3_full(result: Study) -> report.Table:
 
 def table_wrench_errors(result: Study) -> report.Table:
     """Root mean squares of both recovered wrenches' errors by channel, and their ratio to the channel's own s.d."""
-    std = result.recording.noise_free.wrench("ground").std(axis=0)
+    std = result.recording.noise_free.wrench("ground").values.std(axis=0)
     rms = [np.sqrt((wrench_error(result, model) ** 2).mean(axis=0)) for model in (result.simplified, result.full)]
     rows = tuple(
         (name, float(s), *map(float, x), *(float(r / s) if s > STILL else None for r in x))
@@ -84,7 +84,7 @@ def table_wrench_errors(result: Study) -> report.Table:
 
 def wrench_error(result: Study, model: Trial) -> np.ndarray:
     """Recovered less true, noise-free wrench (N, 6)."""
-    return model.predicted - result.recording.noise_free.wrench("ground")
+    return model.predicted - result.recording.noise_free.wrench("ground").values
 
 
 def figure_2(result: Study) -> Figure:
@@ -92,7 +92,7 @@ def figure_2(result: Study) -> Figure:
     return figures.wrench_panels(
         result.recording.time,
         {
-            "True": (result.recording.noise_free.wrench("ground"), TRUE_LINE),
+            "True": (result.recording.noise_free.wrench("ground").values, TRUE_LINE),
             "Simplified": (result.simplified.predicted, SIMPLIFIED_LINE),
             "Full": (result.full.predicted, FULL_LINE),
         },

@@ -10,27 +10,12 @@ from experiments.studies import paper, trials
 from experiments.studies.fitting import Trial, fit
 from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
-from ident.recordings.wrench import Contact, TotalWrench, total_wrench
+from ident.recordings.wrench import Sensor, TotalWrench
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
 SCENE = "double_pendulum"
-
-
-@dataclass(frozen=True, eq=False)
-class Cell:
-    """A load cell.
-
-    Attributes:
-        site: Its site, which its channels are named after.
-        body: Link that carries it.
-        pose: Pose of its frame in that link's (4, 4).
-    """
-
-    site: str
-    body: str
-    pose: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +26,15 @@ class Problem:
         tree: The mechanism; it ends at the load cells.
         phi_true: Its stacked φ (30,).
         gravity: Acceleration of gravity in the base frame, m/s² (3,).
-        cells: The load cell of each contact.
+        sites: Site of each contact's load cell, which its channels are named after.
+        sensors: Where these sit, by their sites.
     """
 
     tree: Tree
     phi_true: np.ndarray
     gravity: np.ndarray
-    cells: Mapping[str, Cell]
+    sites: Mapping[str, str]
+    sensors: Mapping[str, Sensor]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +63,14 @@ class Study:
     @property
     def several(self) -> bool:
         """Whether there are several contacts."""
-        return len(self.known.cells) > 1
+        return len(self.known.sites) > 1
 
     @property
     def touching(self) -> dict[str, np.ndarray]:
         """When each contact touches (N,); one without a sensor for its normal force is held and never let go."""
         true = self.recording.true
         held = np.ones(len(self.recording.time))
-        return {name: true.get(f"{name}_normal_force", held) > 0 for name in self.known.cells}
+        return {name: true.get(f"{name}_normal_force", held) > 0 for name in self.known.sites}
 
 
 def study(*, seed: int = 0, samples: int = paper.SAMPLES, contact: str = "pad", noise_scale: float = 1.0) -> Study:
@@ -103,10 +90,10 @@ def study(*, seed: int = 0, samples: int = paper.SAMPLES, contact: str = "pad", 
     recording = simulate(spec, DOUBLE_PENDULUM, samples=samples, seed=seed, noise_scale=noise_scale)
     known = problem(contact)
     measured = total(known, recording)
-    each = {name: {name} for name in known.cells} if len(known.cells) > 1 else {}
+    each = {name: {name} for name in known.sites} if len(known.sites) > 1 else {}
 
     def identified(wrench: TotalWrench, covariance: np.ndarray | None = None) -> Trial:
-        return fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench.wrench, covariance=covariance)
+        return fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench.values, covariance=covariance)
 
     return Study(
         known=known,
@@ -117,43 +104,29 @@ def study(*, seed: int = 0, samples: int = paper.SAMPLES, contact: str = "pad", 
         weighted=identified(measured, measured.covariance if noise_scale else None),
         ignoring={
             name: identified(total(known, recording, ignored))
-            for name, ignored in (each | {"all": known.cells}).items()
+            for name, ignored in (each | {"all": known.sites}).items()
         },
     )
 
 
 def problem(contact: str) -> Problem:
     """The mechanism of a contact scene and where its load cells sit."""
-    model = scenes.load(SCENE, contact=contact).compile()
+    model, sites = scenes.load(SCENE, contact=contact).compile(), scenes.load_cells(contact)
     return Problem(
         tree_from_model(model, "base"),
         parameters_from_model(model, "base"),
         gravity_in_base(model, "base"),
-        {name: Cell(site, *site_on_tree(model, site, "base")) for name, site in scenes.load_cells(contact).items()},
+        sites,
+        {site: Sensor(*site_on_tree(model, site, "base"), applied_to_link=False) for site in sites.values()},
     )
 
 
 def total(known: Problem, recording: Recording, ignored: Collection[str] = ()) -> TotalWrench:
     """Eq. 17 on a recording: what the ground gives less what the links pass on to all contacts that are not ignored."""
-    q, _, _ = recording.joint_states(known.tree.joints)
-    contacts = [
-        Contact(
-            cell.body, recording.wrench(cell.site), cell.pose, recording.wrench_covariance(cell.site), recording.time
-        )
-        for name, cell in known.cells.items()
-        if name not in ignored
-    ]
-    return total_wrench(
-        known.tree,
-        q,
-        recording.wrench("ground"),
-        contacts,
-        ground_covariance=recording.wrench_covariance("ground"),
-        time=recording.time,
-    )
+    return recording.with_sensors(known.sensors).total_wrench(known.tree, [known.sites[name] for name in ignored])
 
 
 def trial(known: Problem, recording: Recording) -> trials.Outcome:
     """Errors from one recording, with all contacts' wrenches."""
-    wrench = total(known, recording).wrench
+    wrench = total(known, recording).values
     return trials.outcome(fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench))

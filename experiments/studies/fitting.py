@@ -67,7 +67,7 @@ def fit(
         InputError: `kept` is not a basis.
     """
     motion = Motion(*recording.joint_states(tree.joints))
-    measured = recording.wrench("ground") if wrench is None else wrench
+    measured = recording.wrench("ground").values if wrench is None else wrench
     samples = Samples(motion, measured, covariance)
     base = structural_base_parameters(tree, tuple(gravity.tolist()), kept=None if kept is None else tuple(kept))
     noise = recording.joint_noise(tree.joints)

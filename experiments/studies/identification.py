@@ -42,22 +42,12 @@ def prepare(
         InputError: Something is missing or does not fit; the message names it.
     """
     arm = mechanism(source, base, ignore=ignore, fix=fix)
-    tree, joints = arm.tree, [arm.tree.bodies[i] for i in arm.tree.moving]
-    log = read_log(
-        log_path,
-        tree.joints,
-        tree.names,
-        columns,
-        slides=[body.joint for body in joints if not (body.is_ball or body.twist[3:].any())],
-        balls=[body.joint for body in joints if body.is_ball],
-        weight=arm.weight,
-        limit=limit,
-    )
+    log = read_log(log_path, arm, columns, limit=limit)
     still = {name.format(joint) for joint in fix or () for names in KINDS.values() for name in names}
     if unread := [name for name in log.unused if name in still]:
         sentence = f"Columns of joints that --fix holds still were not read: {', '.join(unread)}."
         log = replace(log, notes=(*log.notes, sentence))
     found = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))
-    felt = [tree.joints[k] for k in found.equations.torques]
+    felt = [arm.tree.joints[k] for k in found.equations.torques]
     check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
     return found

@@ -1,6 +1,6 @@
 """What one pass over a recording tells of its channels, and whether to believe the estimate that it gives."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -15,7 +15,7 @@ from ident.judgement.diagnosis import FrameCheck
 from ident.judgement.verdict import Finding, quality_findings, sentence, weight_findings
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.mapping import UNITS
+from ident.recordings.mapping import UNITS, joint_kinds
 from ident.recordings.plausibility import KILONEWTONS, TURNS
 from ident.recordings.recording import Recording
 from ident.tolerances import HUGE
@@ -35,7 +35,6 @@ class Seen:
 
     Attributes:
         joints: Quantity of each joint's channels, position, velocity and acceleration, as `UNITS` has them.
-        wrenches: Quantity of each wrench's channels.
         samples: Number of samples.
         total: Sum of the total wrench (6,).
         low: Smallest value of each joint's channel, and of the total wrench (6,) by the name `wrench`.
@@ -43,36 +42,32 @@ class Seen:
     """
 
     joints: Mapping[str, str]
-    wrenches: Mapping[str, str]
     samples: int = 0
     total: np.ndarray = field(default_factory=lambda: np.zeros(6))
     low: dict[str, np.ndarray] = field(default_factory=dict)
     high: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, tree: Tree, wrenches: Sequence[str]) -> "Seen":
-        """Nothing yet of a mechanism's joints and of wrenches.
+    def of(cls, tree: Tree) -> "Seen":
+        """Nothing yet of a mechanism's joints.
 
         Raises:
             ModelError: Nothing moves.
             LogError: A joint is a ball, which recordings do not hold.
         """
-        bodies = [tree.bodies[i] for i in tree.moving]
-        if not bodies:
+        if not tree.moving:
             raise ModelError(f"Nothing moves on this base: {', '.join(tree.names)} without joints; see --base.")
-        if balls := [body.joint for body in bodies if body.is_ball]:
-            raise LogError(f"A recording holds hinges and slides, but not the ball joint '{balls[0]}'; see --base.")
-        hinges = {body.joint: "hinge" if body.twist[3:].any() else "slide" for body in bodies}
-        joints = {f"{joint}_{kind}": f"{hinge} {kind}" for joint, hinge in hinges.items() for kind in KINDS}
-        return cls(joints, {f"{name}_{kind}": kind for name in wrenches for kind in ("force", "torque")})
+        kinds = joint_kinds(tree)
+        return cls({f"{joint}_{rate}": f"{kind} {rate}" for joint, kind in kinds.items() for rate in KINDS})
 
-    def check(self, recording: Recording) -> None:
-        """Refuses channels of another shape or unit.
+    def check(self, recording: Recording, wrenches: Iterable[str]) -> None:
+        """Refuses channels of another shape or unit, of the joints and of some wrenches.
 
         Raises:
             LogError: A channel is missing, has another number of components, or is in no unit of the SI.
         """
-        for name, kind in {**self.joints, **self.wrenches}.items():
+        parts = {f"{name}_{kind}": kind for name in wrenches for kind in ("force", "torque")}
+        for name, kind in {**self.joints, **parts}.items():
             components, unit = (3,) if kind in ("force", "torque") else (), str(recording.units.get(name))
             if recording[name].shape[1:] != components:
                 needed = "three numbers" if components else "one number"

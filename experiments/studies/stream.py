@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -29,13 +29,13 @@ from ident.estimation.in_order import in_order
 from ident.estimation.least_squares import PIECE, Fit, huber_white, solve
 from ident.estimation.pieces import pieces
 from ident.estimation.samples import Samples
-from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.recordings import npz
 from ident.recordings.atomic import save_arrays
+from ident.recordings.log import read_log_pieces
 from ident.recordings.recording import Recording
-from ident.recordings.wrench import Contact, total_wrench
-from sim.models.mujoco_model import compiled, gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
+from ident.recordings.wrench import GROUND, Sensor
+from sim.models.mechanism import mechanism
 
 FILE = "accumulated.npz"
 """File in the output folder that keeps what has been read."""
@@ -101,20 +101,24 @@ class Reading:
     Attributes:
         equations: What is fitted.
         files: Recordings, one after the other.
+        columns: Mapping of their columns; without it they have the channels' names.
         piece: Samples read at a time.
-        contacts: Body and pose of the sensor of each wrench besides the ground's, by its name.
+        sensors: Where wrenches besides the ground's are measured, by their names.
         without: Names of wrenches to leave out.
         limit: Bytes that a piece of a npz file may take in memory.
         seen: What has been seen of the channels.
+        notes: Sentences on what was detected in the files; more are appended.
     """
 
     equations: Equations
     files: Sequence[Path]
+    columns: Path | None
     piece: int
-    contacts: Mapping[str, tuple[str, np.ndarray]]
+    sensors: Mapping[str, Sensor]
     without: Sequence[str]
     limit: int
     seen: Seen
+    notes: list[str] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Samples]:
         """Pieces of all files, checked against the mechanism.
@@ -124,30 +128,40 @@ class Reading:
         """
         for file in self.files:
             try:
-                recordings = Recording.chunks(file, samples=self.piece, limit=self.limit)
+                if self.columns is None:
+                    recordings = Recording.chunks(file, self.piece, limit=self.limit)
+                else:
+                    recordings = read_log_pieces(
+                        file, self.equations.mechanism, self.columns, self.piece, limit=self.limit
+                    )
                 yield from pieces(map(self._samples, recordings), self.equations)
             except InputError as error:
                 raise LogError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
 
     def _samples(self, recording: Recording) -> Samples:
-        unknown = [name for name in recording.wrenches if name not in ("ground", *self.contacts, *self.without)]
+        tree, recording = self.equations.mechanism.tree, recording.with_sensors(self.sensors)
+        names = sorted({GROUND, *self.sensors, *recording.wrenches}.difference(self.without))
+        unknown = [name for name in names if name not in (GROUND, *recording.sensors)]
         if unknown:
             raise LogError(
                 f"the recording holds the wrench '{unknown[0]}' besides the ground's: say --contact {unknown[0]} if a "
                 f"site of that name holds its sensor, or --without {unknown[0]} to leave it out."
             )
-        for joint in self.equations.mechanism.tree.joints:
+        for joint in tree.joints:
             if f"{joint}_position" not in recording.measured:
                 raise LogError(
                     f"the recording has no channel '{joint}_position'; it has {', '.join(sorted(recording.measured))}. "
                     f"Where the joint does not move, --fix {joint} [VALUE] leaves it out."
                 )
-        self.seen.check(recording)
-        states = recording.joint_states(self.equations.mechanism.tree.joints)
-        held = [Contact(body, recording.wrench(name), pose) for name, (body, pose) in self.contacts.items()]
-        total = total_wrench(self.equations.mechanism.tree, states[0], recording.wrench("ground"), held).wrench
+        if recording.base is not None:
+            raise LogError("the base moves, and its poses take a filter over all of the log: see experiments.identify")
+        self.seen.check(recording, names)
+        total = recording.total_wrench(tree, self.without).in_base
+        if np.isnan(total).any():
+            raise LogError("the ground's wrench needs all six components here; experiments.identify takes fewer.")
         self.seen.add(recording, total)
-        return Samples(Motion(*states), total)
+        self.notes.extend(note for note in recording.notes if note not in self.notes)
+        return Samples(Motion(*recording.joint_states(tree.joints)), total)
 
 
 def accumulated(
@@ -224,15 +238,14 @@ def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints what was found."""
     identity = _identity(args)
-    model = compiled(args.model)
-    tree = tree_from_model(model, args.base, ignore=args.ignore, fix=options.fixed(args.fix))
-    gravity = gravity_in_base(model, args.base)
-    contacts = {name: site_on_tree(model, name, args.base) for name in args.contact}
-    seen = Seen.of(tree, ["ground", *contacts])
-    equations = Equations.of_wrench(Mechanism(tree, gravity, parameters_from_model(model, args.base)))
+    if GROUND in args.contact:
+        raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
+    arm = mechanism(args.model, args.base, ignore=args.ignore, fix=options.fixed(args.fix))
+    sensors = {name: Sensor(*arm.site(name), applied_to_link=False) for name in args.contact}
+    seen, equations = Seen.of(arm.tree), Equations.of_wrench(arm)
     limit, piece = options.size_limit(args), args.piece or PIECE
-    reading = Reading(equations, args.recordings, piece, contacts, args.without, limit, seen)
-    inputs = (args.model, *args.recordings)
+    reading = Reading(equations, args.recordings, args.columns, piece, sensors, args.without, limit, seen)
+    inputs = (args.model, *args.recordings, *filter(None, [args.columns]))
     report.check_inputs((args.out / name for name in OUTPUTS), inputs)
     with report.unused_vanish(args.out):
         with report.results_folder(args.out):
@@ -249,7 +262,7 @@ def run(args: argparse.Namespace) -> None:
             table(estimate).write(folder, "base_parameters")
             origin = report.provenance({**identity, "ignore": args.ignore}, {})
             report.write_json(folder / "estimate.json", summary(estimate, judgement) | {"provenance": origin})
-    print(text(estimate, judgement))
+    print("\n".join([text(estimate, judgement), *reading.notes]))
     print(f"Tables and estimate.json are in {args.out}.")
 
 
@@ -273,12 +286,13 @@ def text(estimate: Fit, judged: Judged) -> str:
 
 def _identity(args: argparse.Namespace) -> dict[str, Any]:
     """What decides the result."""
-    for file in (args.model, *args.recordings):
+    for file in (args.model, *args.recordings, *filter(None, [args.columns])):
         if not file.is_file():
             raise InputError(f"There is no file '{file}'.")
     stats = [(file.resolve(), file.stat()) for file in args.recordings]
     return {
         "model": hashlib.sha256(args.model.read_bytes()).hexdigest(),
+        "columns": args.columns and hashlib.sha256(args.columns.read_bytes()).hexdigest(),
         "recordings": [f"{file}, {stat.st_size} bytes, {stat.st_mtime_ns}" for file, stat in stats],
         **{key: getattr(args, key) for key in ("base", "fix", "piece", "contact", "without")},
     }

@@ -123,7 +123,7 @@ def least_squares(
 
     Args:
         equations: What is fitted.
-        source: Samples, a recording whose wrench `ground` is the total one, or an iterable of such pieces.
+        source: Samples or a recording, or an iterable of such pieces.
         state_noise: Standard deviations of the noise on the columns of q, dq and ddq. With them a joint that rests but
             whose sensors are noisy does not pass for excited.
         executor: Where pieces are worked on, by default here. Pieces in memory are split for it. Its workers are best

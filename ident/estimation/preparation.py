@@ -19,10 +19,11 @@ from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names, joi
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.despike import despiked
-from ident.recordings.log import GROUND, Log
+from ident.recordings.mapping import KINDS
+from ident.recordings.recording import Recording
 from ident.recordings.smoothing import chosen_cutoff, low_pass, settling, smoothed
 from ident.recordings.suggestion import suggested_mapping
-from ident.recordings.wrench import Contact, total_wrench
+from ident.recordings.wrench import GROUND, total_wrench
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class Prepared:
     """
 
     mechanism: Mechanism
-    log: Log
+    log: Recording
     equations: Equations
     samples: Samples
     sensors: Sensors
@@ -61,7 +62,7 @@ class Prepared:
 
 def prepared(
     mechanism: Mechanism,
-    log: Log,
+    log: Recording,
     *,
     cutoff: str | float | None = None,
     drive: Sequence[str] = (),
@@ -80,13 +81,14 @@ def prepared(
         InputError: Something is missing or does not fit; the message names it.
     """
     tree, rate = mechanism.tree, log.rate
-    log, notes = _without_spikes(log)
+    log, notes = _without_spikes(log, tree.joints)
     log, constant = _without_constant(log, tree.joints)
-    cutoff = _cutoff(log, rate, cutoff)
-    states = _states(log, rate, cutoff)
+    cutoff = _cutoff(log, tree.joints, cutoff)
+    states = _states(log, tree.joints, cutoff)
     motion = Motion(*states, None if log.base is None else base_motion_from_poses(log.base, rate, cutoff))
     frame, wrench = _wrench(tree, log, motion.q, rate, cutoff)
-    torques = None if log.torques is None else log.torques if cutoff is None else low_pass(log.torques, rate, cutoff)
+    torques = log.torques(tree.joints)
+    torques = torques if torques is None or cutoff is None else low_pass(torques, rate, cutoff)
     channels = _channels(mechanism, frame, wrench, torques)
     if drive and not channels.torques:
         notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
@@ -183,42 +185,45 @@ def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> 
     return BaseMotion.from_free_joint(position, velocity, np.hstack([ddx[:, :3], twice_in_body(accelerations)]))
 
 
-def _without_spikes(log: Log) -> tuple[Log, list[str]]:
+def _without_spikes(log: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
     """The log with isolated gross outliers interpolated."""
-    changes: dict[str, Any] = {}
-    notes = []
-    for name in ("q", "dq", "ddq", "torques"):
-        if getattr(log, name) is not None:
-            changes[name], counts = despiked(getattr(log, name))
-            if counts.any():
-                notes.append(f"{counts.sum()} gross outliers in {name} were interpolated.")
-    wrenches = {}
-    for name, wrench in log.wrenches.items():
-        values, counts = despiked(wrench.values)
-        wrenches[name] = replace(wrench, values=values)
+    measured, notes = dict(log.measured), []
+    for kind, symbol in zip(KINDS, ("q", "dq", "ddq", "torques"), strict=True):
+        names = [name for name in (f"{joint}_{kind}" for joint in joints) if name in log.measured]
+        values, counts = despiked(np.reshape([log[name] for name in names], (len(names), len(log.time))).T)
+        measured |= zip(names, values.T, strict=True)
+        if counts.any():
+            notes.append(f"{counts.sum()} gross outliers in {symbol} were interpolated.")
+    for name in log.wrenches:
+        values, counts = despiked(log.wrench(name).values)
+        measured |= {f"{name}_force": values[:, :3], f"{name}_torque": values[:, 3:]}
         if counts.any():
             parts = ", ".join(f"{n} in {c}" for n, c in zip(counts, COMPONENTS, strict=True) if n)
             notes.append(f"Gross outliers of the wrench '{name}' were interpolated: {parts}.")
-    return replace(log, wrenches=wrenches, **changes), notes
+    return replace(log, measured=measured), notes
 
 
-def _without_constant(log: Log, joints: Sequence[str]) -> tuple[Log, dict[str, float]]:
+def _without_constant(log: Recording, joints: Sequence[str]) -> tuple[Recording, dict[str, float]]:
     """The log without the ground's components and the joints' torques that never change, and these with their values.
 
     The noise of such a channel, by which others would be weighted, is zero.
     """
     constant: dict[str, float] = {}
+    measured = dict(log.measured)
 
-    def kept(values: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    def leave_out(channel: str, names: Sequence[str]) -> None:
+        values = log[channel].reshape(len(log.time), -1)
         still = np.ptp(values, axis=0) == 0
         constant.update((name, float(x) + 0.0) for name, x, s in zip(names, values[0], still, strict=True) if s)
-        return np.where(still, np.nan, values)
+        measured[channel] = np.where(still, np.nan, values).reshape(log[channel].shape)
 
-    wrenches = dict(log.wrenches)
-    if GROUND in wrenches:
-        wrenches[GROUND] = replace(wrenches[GROUND], values=kept(wrenches[GROUND].values, COMPONENTS))
-    torques = None if log.torques is None else kept(log.torques, joints)
-    return replace(log, wrenches=wrenches, torques=torques), constant
+    if GROUND in log.wrenches:
+        leave_out(f"{GROUND}_force", COMPONENTS[:3])
+        leave_out(f"{GROUND}_torque", COMPONENTS[3:])
+    for joint in joints:
+        if f"{joint}_torque" in log.measured:
+            leave_out(f"{joint}_torque", (joint,))
+    return replace(log, measured=measured), constant
 
 
 def _stuck(constant: dict[str, float], predicted: dict[str, np.ndarray], notes: list[str]) -> tuple[str, ...]:
@@ -245,51 +250,44 @@ def _hidden(mechanism: Mechanism, sensors: Sensors, found: BaseParameters, chann
     ]
 
 
-def _cutoff(log: Log, rate: float, cutoff: str | float | None) -> float | None:
-    if cutoff is None and log.dq is not None and log.ddq is not None:
+def _has_rates(log: Recording, joints: Sequence[str]) -> bool:
+    """Whether there are velocities and accelerations, which a log has of all joints or of none."""
+    return any(f"{joint}_velocity" in log.measured and f"{joint}_acceleration" in log.measured for joint in joints)
+
+
+def _cutoff(log: Recording, joints: Sequence[str], cutoff: str | float | None) -> float | None:
+    if cutoff is None and _has_rates(log, joints):
         return None
     if cutoff is None or cutoff == "auto":
-        if not log.q.shape[1]:
+        if not joints:
             raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
-        return chosen_cutoff(log.q, rate)
+        return chosen_cutoff(log.of_joints(joints, "position"), log.rate)
     try:
         value = float(cutoff)
     except ValueError:
         value = np.nan
-    if not 0 < value < rate / 2:
-        raise InputError(f"A cut-off is 'auto' or from 0 to {rate / 2:g} Hz, half the sampling rate, got '{cutoff}'.")
+    if not 0 < value < log.rate / 2:
+        raise InputError(
+            f"A cut-off is 'auto' or from 0 to {log.rate / 2:g} Hz, half the sampling rate, got '{cutoff}'."
+        )
     return value
 
 
-def _states(log: Log, rate: float, cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _states(log: Recording, joints: Sequence[str], cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if cutoff is not None:
-        return smoothed(log.q, rate, cutoff)
-    if log.dq is None or log.ddq is None:
-        raise LogError("Without a cut-off the log has to have joint velocities and accelerations.")
-    return log.q, log.dq, log.ddq
+        return smoothed(log.of_joints(joints, "position"), log.rate, cutoff)
+    return log.joint_states(joints)
 
 
-def _wrench(tree: Tree, log: Log, q: np.ndarray, rate: float, cutoff: float | None) -> tuple[np.ndarray, np.ndarray]:
+def _wrench(
+    tree: Tree, log: Recording, q: np.ndarray, rate: float, cutoff: float | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Pose of the ground sensor's frame, and the total wrench in it (Eq. 17); on a moving base of contacts alone."""
-    moved = None if log.base is None else log.base
-    ground = log.wrenches.get(GROUND)
-    frame = np.eye(4) if ground is None else ground.pose
-    contacts = []
-    for name, wrench in log.wrenches.items():
-        if name == GROUND:
-            continue
-        if not np.isfinite(wrench.values).all():
-            raise LogError(
-                f"The wrench '{name}' on '{wrench.body}' needs all six components; only the ground's may lack some."
-            )
-        make = Contact.applied_to_link if wrench.applied_to_link else Contact
-        contacts.append(make(str(wrench.body), wrench.values, wrench.pose))
-    if ground is None and moved is None and not contacts:
-        return frame, np.full((len(q), 6), np.nan)
-    if ground is None and moved is None:
+    ground = log.wrench(GROUND) if GROUND in log.wrenches else None
+    contacts = [log.wrench(name) for name in log.wrenches if name != GROUND]
+    if ground is None and log.base is None and not contacts:
+        return np.eye(4), np.full((len(q), 6), np.nan)
+    if ground is None and log.base is None:
         raise LogError("On a base at rest the wrench 'ground' has to be measured besides the contacts'.")
-    others = total_wrench(tree, q, None, contacts).wrench
-    total = (coAd(inverse(frame)) @ others[..., None])[..., 0]
-    if ground is not None:
-        total = total + (ground.values if ground.applied_to_link else -ground.values)
-    return frame, total if cutoff is None else low_pass(total, rate, cutoff)
+    total = total_wrench(tree, q, ground, contacts)
+    return total.frame, total.values if cutoff is None else low_pass(total.values, rate, cutoff)

@@ -15,7 +15,7 @@ from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import ContactCheck, FrameCheck
 from ident.judgement.misalignment import Misalignment, estimate_misalignment
-from ident.recordings.log import GROUND
+from ident.recordings.wrench import GROUND
 
 Found = TypeVar("Found")
 
@@ -116,7 +116,8 @@ def _frames(prepared: Prepared) -> dict[str, FrameCheck]:
     predicted = np.stack([by_name[c] for c in COMPONENTS], axis=1)
     poses = mechanism.tree.poses(motion.q)
     checks = {}
-    for name, wrench in prepared.log.wrenches.items():
+    for name in prepared.log.wrenches:
+        wrench = prepared.log.wrench(name)
         if name == GROUND:
             others = prepared.wrench - wrench.on_mechanism
             missing = predicted - np.nan_to_num(others)

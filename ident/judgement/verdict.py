@@ -123,7 +123,7 @@ def _frames(result: "Estimate") -> list[Finding]:
     for name, check in result.checks.frames.items():
         if not check.suspicious:
             continue
-        R = result.prepared.log.wrenches[name].pose[:3, :3]
+        R = result.prepared.log.wrench(name).pose[:3, :3]
         if np.allclose(check.rotation, R.T @ R.T) and not np.allclose(check.rotation, np.eye(3)):
             what = "transposed (its rotation is that of the base in the sensor)"
         elif np.array_equal(check.rotation, np.eye(3)):

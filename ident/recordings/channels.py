@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.mapping import GROUND, KINDS, ColumnMapping, Columns, Sensor, check_no_column_twice
-from ident.recordings.table import Table
+from ident.recordings.mapping import KINDS, ColumnMapping, Columns, check_no_column_twice
+from ident.recordings.table import BASE, Table, short
+from ident.recordings.wrench import GROUND, Sensor, sensors_told
 from ident.tolerances import HUGE
 
 
@@ -16,7 +17,8 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> C
     """A mapping and what the names of columns tell besides.
 
     Raises:
-        LogError: Time or the position of a joint is not to be found, names are ambiguous, or a column has two uses.
+        LogError: A mapped column, the time or the position of a joint is not to be found, names are ambiguous, or a
+            column has two uses.
     """
     columns, sensors = dict(mapping.columns), dict(mapping.sensors)
     if "time" not in columns:
@@ -34,18 +36,24 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> C
             )
     if not columns["time"].names[0]:
         raise LogError(f"a log needs a column of times, named time or t or mapped; {table.available()}.")
-    if GROUND not in sensors:
-        ground = {
-            f"wrenches.{GROUND}.{kind}": tuple(
-                _named(table, f"the {kind} of the ground", (f"{GROUND}_{kind}.{c}", f"{GROUND}_{letter}{c}"))
+    for sensor, place in {GROUND: Sensor(), **sensors_told(table.metadata.get("sensors", {}))}.items():
+        parts = {
+            f"wrenches.{sensor}.{kind}": tuple(
+                _named(table, f"the {kind} of '{sensor}'", (f"{sensor}_{kind}.{c}", f"{sensor}_{letter}{c}"))
                 for c in "xyz"
             )
             for kind, letter in (("force", "f"), ("torque", "m"))
         }
-        if any(name for names in ground.values() for name in names):
-            columns |= {key: Columns(names) for key, names in ground.items()}
-            sensors[GROUND] = Sensor()
+        if sensor not in sensors and any(map(any, parts.values())):
+            columns |= {key: Columns(names) for key, names in parts.items()}
+            sensors[sensor] = place
+    if not mapping.has_base and f"{BASE}.0" in table.cells:
+        columns["base.pose"] = Columns(tuple(f"{BASE}.{k}" for k in range(16)))
     check_no_column_twice(columns)
+    for key, used in columns.items():
+        for name in filter(None, used.names):
+            if name not in table.cells:
+                raise LogError(f"{key} is mapped to column '{short(name)}', but {table.available()}.")
     return replace(mapping, columns=columns, sensors=sensors)
 
 
@@ -76,7 +84,7 @@ def read_channels(table: Table, mapping: ColumnMapping, notes: list[str]) -> dic
         notes.append(
             f"Columns {', '.join(others)} look like a wrench; without an entry under [wrenches] it is not used."
         )
-    if mapping.has_base:
+    if "base.quaternion" in channels:
         channels["base.quaternion"] = _continuous(table, channels["base.quaternion"])
     return channels
 
@@ -85,7 +93,7 @@ def _read(table: Table, key: str, columns: Columns, notes: list[str]) -> np.ndar
     x = np.full((len(table.rows), len(columns.names)), np.nan)
     for k, name in enumerate(columns.names):
         if name:
-            x[:, k] = table.column(name, key, HUGE / columns.factor)
+            x[:, k] = table.column(name, HUGE / columns.factor)
             if np.isnan(x[:, k]).all():
                 if key.endswith((".position", ".quaternion")):
                     raise LogError(f"column '{name}' is empty, but {key} needs it.")

@@ -1,7 +1,9 @@
-"""Recordings as text: comments in JSON, a header row, and a row of numbers for every sample."""
+"""Tables as text: remarks, a header row, and a row of numbers for every sample."""
 
+import codecs
+import csv
 import json
-import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
@@ -11,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
+from ident.recordings.table import COMPONENTS, METADATA, Memory, Table, is_number, short
 
-COMPONENTS = {3: "xyz", 4: "wxyz"}
-"""Suffixes of the columns of a vector and of a quaternion in a CSV file: `ground_force.x`."""
+DELIMITERS = ";\t,"
+"""What may stand between cells: the first of them that the header has. Unless it is the comma, decimals may have it."""
 
-TRUE = "true:"
-"""Prefix of the CSV columns that hold true values."""
+Line = tuple[int, str]
+"""A line of a file with its number, from 1."""
 
 
 def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
@@ -33,104 +36,106 @@ def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[
         columns |= {f"{name}{s}": column for s, column in zip(suffixes, x.reshape(len(x), -1).T, strict=True)}
     with path.open("w", encoding="utf-8") as stream:
         stream.writelines(f"# {key}: {json.dumps(value)}\n" for key, value in metadata.items())
-        stream.write(",".join(columns) + "\n")
+        stream.write(",".join(map(_quoted, columns)) + "\n")
         table = np.stack(list(columns.values()), axis=1)
         stream.writelines(",".join(map(repr, row.tolist())) + "\n" for row in table)
 
 
-def csv_pieces(path: Path, samples: int) -> Iterator[tuple[dict[str, np.ndarray], dict[str, Any]]]:
-    """Channels of at most so many samples at a time, each time with the metadata.
+def _quoted(name: str) -> str:
+    """A name as a cell, in which no character separates."""
+    return '"' + name.replace('"', '""') + '"' if any(c in name for c in f'"{DELIMITERS}') else name
+
+
+def csv_pieces(path: Path, samples: int, *, overlap: int = 0) -> Iterator[Table]:
+    """Tables of at most so many samples at a time.
+
+    Args:
+        path: A file of text.
+        samples: Samples of each piece.
+        overlap: How many of them each piece begins with again.
 
     Raises:
-        LogError: The file is malformed; the message names row and column.
+        LogError: The file is malformed; the message names the row.
     """
-    with path.open(encoding="utf-8-sig") as stream:
-        lines = _lines(stream)
-        metadata: dict[str, Any] = {}
-        row, line = 1, next(lines, "")
-        while line.startswith("#"):
-            key, value = _comment(line, row)
-            metadata[key] = value
-            row, line = row + 1, next(lines, "")
-        header = _header(line)
-        row += 1
-        while block := list(islice(lines, samples)):
-            columns = dict(zip(header, _table(block, row, header).T, strict=True))
-            names = dict.fromkeys(column.partition(".")[0] for column in header)
-            yield {name: _channel(name, columns) for name in names}, metadata
-            row += len(block)
+    with path.open("rb") as stream:
+        utf16 = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    with path.open(encoding="utf-16" if utf16 else "utf-8-sig") as text:
+        lines, metadata = _lines(text), dict[str, Any]()
+        for first, line in lines:
+            if not line.startswith("#"):
+                break
+            metadata |= _said(first, line)
+        else:
+            raise LogError("the file is empty; a log is a header row of names and rows of numbers.")
+        outside_quotes = re.sub('"[^"]*"', "", line)
+        delimiter = next((d for d in DELIMITERS if d in outside_quotes), ",")
+        header = _header(first, next(_rows([(first, line)], delimiter)))
+        memory, block = Memory(), list[Line]()
+        while new := list(islice(lines, samples)):
+            block = [*block[len(block) - overlap :], *new]
+            cells = _cells(block, header, delimiter)
+            named = {name: column for name, column in zip(header, cells, strict=True) if name}
+            yield Table(named, [row for row, _ in block], "row", metadata, memory, delimiter != ",")
 
 
-def _lines(stream: Iterable[str]) -> Iterator[str]:
-    """Lines of a text; blank ones are for its end only."""
-    blank = 0
+def _lines(stream: Iterable[str]) -> Iterator[Line]:
+    """Lines of a text that hold anything."""
     try:
-        for row, line in enumerate(stream, start=1):
-            if line == "\n":
-                blank = blank or row
-            elif blank:
-                raise LogError(f"row {blank} is blank.")
-            else:
-                yield line
+        for number, line in enumerate(stream, start=1):
+            if line.strip(' "\n' + DELIMITERS):
+                yield number, line
     except UnicodeDecodeError as error:
         raise LogError(
             f"the file needs to be text in UTF-8, a byte 0x{error.object[error.start]:02x} is not."
         ) from None
 
 
-def _comment(line: str, row: int) -> tuple[str, Any]:
-    key, _, value = line[1:].partition(":")
+def _said(number: int, remark: str) -> dict[str, Any]:
+    """What a remark says by a name of `METADATA` in JSON; of any other remark nothing."""
+    key, _, text = remark[1:].partition(":")
+    key = key.strip()
+    if key not in METADATA or not text.lstrip().startswith("{" if METADATA[key] is dict else "["):
+        return {}
     try:
-        return key.strip(), json.loads(value)
+        return {key: json.loads(text)}
     except (ValueError, RecursionError) as error:
-        raise LogError(f"row {row} needs '# units', noise or provenance in JSON ({error}).") from None
+        raise LogError(f"row {number} needs '{key}' in JSON ({error}).") from None
 
 
-def _header(line: str) -> list[str]:
-    header = [cell.strip() for cell in line.split(",")]
-    if header == [""]:
-        raise LogError("no header row.")
-    twice = sorted({name for name in header if header.count(name) > 1})
+def _header(number: int, header: list[str]) -> list[str]:
+    """Names of the columns, "" for those without."""
+    names = [name for name in header if name]
+    if not names or any(map(is_number, names)):
+        raise LogError(f"a log needs a header row of names, row {number} holds numbers or nothing.")
+    twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise LogError(f"the header names {', '.join(twice)} more than once.")
-    if "time" not in header:
-        raise LogError(f"a recording needs a column 'time'; it has {', '.join(header)}.")
+        raise LogError(f"the header names column '{short(twice[0])}' more than once.")
     return header
 
 
-def _table(lines: Sequence[str], row: int, header: Sequence[str]) -> np.ndarray:
-    """Numbers of the lines that begin with a row (n, columns)."""
+def _cells(block: Sequence[Line], header: Sequence[str], delimiter: str) -> Iterable[Sequence[str] | np.ndarray]:
+    """Columns of some lines, as numbers where all of them are."""
+    lines = [line for _, line in block]
     # Numpy reads faster, and accepts nothing that `float` does not; but it cannot say where in the file a fault is.
     with suppress(ValueError):
-        table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
-        if table.shape[1] == len(header) and np.isfinite(table).all():
-            return table
-    return np.array([_numbers(line, number, header) for number, line in enumerate(lines, start=row)])
+        table = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
+        if table.shape[1] == len(header):
+            return table.T
+    rows = list(_rows(block, delimiter))
+    for (number, _), row in zip(block, rows, strict=True):
+        if len(row) < len(header) or any(row[len(header) :]):
+            raise LogError(f"row {number} has {len(row)} cells where the header has {len(header)}.")
+    return [[row[k] for row in rows] for k in range(len(header))]
 
 
-def _numbers(line: str, row: int, header: Sequence[str]) -> list[float]:
-    cells = line.removesuffix("\n").split(",")
-    if len(cells) != len(header):
-        raise LogError(f"row {row} has {len(cells)} cells where the header has {len(header)}.")
-    return [_number(cell, row, column) for cell, column in zip(cells, header, strict=True)]
-
-
-def _number(cell: str, row: int, column: str) -> float:
-    try:
-        number = float(cell)
-    except ValueError:
-        raise LogError(f"row {row}, column '{column}' needs a number, got '{cell}'.") from None
-    if not math.isfinite(number):
-        raise LogError(f"row {row}, column '{column}' needs a finite number, got '{cell}'.")
-    return number
-
-
-def _channel(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """A channel from its column, or from its columns `name.x`, `name.y`, … in whatever order they stand."""
-    suffixes = [column.partition(".")[2] for column in columns if column.partition(".")[0] == name]
-    if suffixes == [""]:
-        return columns[name]
-    expected = COMPONENTS.get(len(suffixes), [str(k) for k in range(len(suffixes))])
-    if sorted(suffixes) != sorted(expected):
-        raise LogError(f"channel '{name}' needs the components {', '.join(expected)}, it has {', '.join(suffixes)}.")
-    return np.stack([columns[f"{name}.{suffix}"] for suffix in expected], axis=1)
+def _rows(block: Sequence[Line], delimiter: str) -> Iterator[list[str]]:
+    """Cells of each line."""
+    reader = csv.reader((line for _, line in block), delimiter=delimiter)
+    for number, _ in block:
+        try:
+            row = next(reader)
+        except csv.Error as error:
+            raise LogError(f"row {number} is no row of a CSV file ({error}).") from None
+        if any("\n" in cell for cell in row):
+            raise LogError(f"row {number} opens a quotation mark that it does not close.")
+        yield [cell.strip() for cell in row]

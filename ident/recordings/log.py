@@ -1,173 +1,128 @@
 """A user's recording of a mechanism: columns found by name or by a mapping file, units converted, time repaired."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import read_channels, with_names
-from ident.recordings.mapping import GROUND, KINDS, UNITS, ColumnMapping, read_mapping
+from ident.recordings.files import read_tables
+from ident.recordings.mapping import ColumnMapping, joint_kinds, read_mapping
 from ident.recordings.npz import LIMIT
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
-from ident.recordings.table import SAMPLES, Table, read_table
-from ident.recordings.times import repaired
-
-__all__ = ["GROUND", "KINDS", "SAMPLES", "UNITS", "Log", "Wrench", "read_log"]
-
-
-@dataclass(frozen=True, eq=False)
-class Wrench:
-    """A measured wrench.
-
-    Attributes:
-        values: Wrenches `[F; τ]` in the sensor's frame, N and N m, NaN in the columns of missing channels (N, 6).
-        body: Name of the body that touches something; None for the ground wrench.
-        pose: Pose of the sensor's frame in the body's frame, for the ground wrench in the base frame (4, 4).
-        applied_to_link: Whether the values are what the surroundings exert on the mechanism, not the other way round.
-    """
-
-    values: np.ndarray
-    body: str | None
-    pose: np.ndarray
-    applied_to_link: bool
-
-    @property
-    def on_mechanism(self) -> np.ndarray:
-        """The wrench that the surroundings exert on the mechanism, in the sensor's frame (N, 6)."""
-        return self.values if self.applied_to_link else -self.values
-
-
-@dataclass(frozen=True, eq=False)
-class Log:
-    """What a user recorded, uniformly sampled and in SI units, joints in the mechanism's order.
-
-    Attributes:
-        time: Sample times, s (N,).
-        q: Joint positions, rad or m (N, n).
-        dq: Joint velocities, rad/s or m/s (N, n), None unless the log has those of all joints.
-        ddq: Joint accelerations, rad/s² or m/s² (N, n), None unless the log has those of all joints.
-        torques: Joint torques or forces, N m or N (N, n), NaN in the columns of joints without; None without any.
-        wrenches: Measured wrenches by name; `ground` is the one at the base.
-        base: Pose of a moving base frame in an inertial frame (N, 4, 4), None for a base that rests.
-        notes: Sentences on what was detected and repaired.
-        unused: Names of the columns that nothing was taken from.
-    """
-
-    time: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray | None
-    ddq: np.ndarray | None
-    torques: np.ndarray | None
-    wrenches: Mapping[str, Wrench]
-    base: np.ndarray | None
-    notes: tuple[str, ...]
-    unused: tuple[str, ...] = ()
-
-    @property
-    def rate(self) -> float:
-        """Samples per second, Hz."""
-        return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
+from ident.recordings.recording import Recording, poses
+from ident.recordings.table import TRUE
+from ident.recordings.times import SAMPLES, Clock
 
 
 def read_log(
-    path: str | Path,
-    joints: Sequence[str],
-    bodies: Sequence[str] = (),
-    columns: str | Path | None = None,
-    *,
-    slides: Sequence[str] = (),
-    balls: Sequence[str] = (),
-    weight: float | None = None,
-    limit: int = LIMIT,
-) -> Log:
+    path: str | Path, mechanism: Mechanism, columns: str | Path | None = None, *, limit: int = LIMIT
+) -> Recording:
     """Reads a log of joint states and wrenches.
 
     Args:
         path: A CSV file with a header, a npz file of arrays by name, or what `Recording.save` wrote.
-        joints: Names of the joints in the mechanism's order.
-        bodies: Names of its bodies, which contacts may name.
+        mechanism: Whose joints and bodies are looked for. Its weight, if it has a prior, tells whether a force is in
+            kilonewtons.
         columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. What it
             does not mention is found by name.
-        slides: Those of the joints that slide: lengths, not angles.
-        balls: Those of the joints that are balls; logs cannot hold them.
-        weight: Weight of the mechanism, N, to judge the units of the ground wrench by.
         limit: Bytes that a npz file may take in memory.
 
     Returns:
-        The log.
+        The recording, uniformly sampled and in SI units; velocities and accelerations only if it has those of all
+        joints.
 
     Raises:
         LogError: A file is missing or malformed, holds what the mechanism does not have, or lacks what it needs; the
             message names file, row and column.
     """
-    if balls:
-        raise LogError(
-            f"A log can hold hinges, slides and the pose of a moving base, but not the ball joint '{balls[0]}'; name "
-            "the body it carries as the base, and map its pose under [base]."
-        )
-    mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), joints, bodies, slides)
+    (recording,) = read_log_pieces(path, mechanism, columns, sys.maxsize, limit=limit)
+    return recording
+
+
+def read_log_pieces(
+    path: str | Path,
+    mechanism: Mechanism,
+    columns: str | Path | None = None,
+    samples: int = 10_000,
+    *,
+    limit: int = LIMIT,
+) -> Iterator[Recording]:
+    """Reads a log piece by piece, as one that is larger than memory has to be.
+
+    Units are doubted by what the first piece holds, whose step of time is that of all. A piece whose times jitter is
+    resampled by itself.
+
+    Args:
+        path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
+        samples: Samples of each piece, at least `SAMPLES`.
+    """
+    joints = mechanism.tree.joints
+    kinds = joint_kinds(mechanism.tree)
+    mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), mechanism.tree)
+    clock: Clock | None = None
     try:
-        return _log(read_table(Path(path), limit), mapping, joints, slides, weight)
-    except LogError as error:
+        for table in read_tables(Path(path), max(samples, SAMPLES), overlap=1, limit=limit):
+            table = replace(table, cells={name: x for name, x in table.cells.items() if not name.startswith(TRUE)})
+            notes: list[str] = []
+            if first := clock is None:
+                if len(table.rows) < SAMPLES:
+                    raise LogError(f"a log needs at least {SAMPLES} samples, it has {len(table.rows)}.")
+                mapping = with_names(mapping, table, joints)
+                clock = Clock(mapping.columns["time"])
+            channels = read_channels(table, mapping, notes if first else [])
+            time, channels = clock.repaired(table, channels, notes)
+            if not len(time):
+                continue
+            unused = [name for name in table.cells if name not in mapping.used]
+            recording = _without_incomplete(_recording(time, channels, mapping, kinds), joints, notes if first else [])
+            if first:
+                hinges = [joint for joint, kind in kinds.items() if kind == "hinge"]
+                check_angles(recording, mapping, hinges)
+                check_rates(recording, hinges)
+                notes += unit_of_force(recording, mapping, mechanism)
+            yield replace(recording, notes=notes, unused=unused)
+        if clock is None:
+            raise LogError(f"a log needs at least {SAMPLES} samples, it has 0.")
+    except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def _log(
-    table: Table, mapping: ColumnMapping, joints: Sequence[str], slides: Sequence[str], weight: float | None
-) -> Log:
-    notes: list[str] = []
-    mapping = with_names(mapping, table, joints)
-    time, channels = repaired(table, mapping.columns["time"], read_channels(table, mapping, notes), notes)
-    q, dq, ddq, torques = (_stacked(kind, channels, joints, len(time)) for kind in KINDS)
-    states = {
-        "position": q,
-        "velocity": _of_all_joints("velocity", dq, joints, notes),
-        "acceleration": _of_all_joints("acceleration", ddq, joints, notes),
-    }
-    check_angles(mapping, q, joints, slides)
-    check_rates(time, states, joints, slides)
-    wrenches = {
-        name: Wrench(
-            np.hstack([channels[f"wrenches.{name}.force"], channels[f"wrenches.{name}.torque"]]),
-            sensor.body,
-            sensor.pose,
-            sensor.applied_to_link,
-        )
-        for name, sensor in mapping.sensors.items()
-    }
-    if GROUND in wrenches and weight and not mapping.has_base:
-        notes += unit_of_force(mapping, wrenches[GROUND].values[:, :3], weight)
-    return Log(
-        time,
-        q,
-        states["velocity"],
-        states["acceleration"],
-        None if np.isnan(torques[0]).all() else torques,
-        wrenches,
-        _poses(channels["base.position"], channels["base.quaternion"]) if mapping.has_base else None,
-        tuple(notes),
-        tuple(name for name in table.cells if name not in mapping.used),
-    )
+def _recording(
+    time: np.ndarray, channels: Mapping[str, np.ndarray], mapping: ColumnMapping, kinds: Mapping[str, str]
+) -> Recording:
+    """Channels by the names that recordings have for them, without those of joints that are missing."""
+    measured: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    for key, x in channels.items():
+        room, _, rest = key.partition(".")
+        name, _, kind = rest.rpartition(".")
+        if room == "base" or (room == "joints" and np.isnan(x).any()):
+            continue
+        channel = f"{name}_{kind}"
+        if channel in measured:
+            raise LogError(f"a joint and a wrench are both named '{name}', and both have torques; rename the wrench.")
+        measured[channel] = x[:, 0] if room == "joints" else x
+        if mapping.columns[key].unit:
+            units[channel] = mapping.columns[key].unit
+    base = None
+    if "base.pose" in channels:
+        base = channels["base.pose"].reshape(len(time), 4, 4)
+    elif mapping.has_base:
+        base = poses(channels["base.position"], channels["base.quaternion"])
+    return Recording(time, measured, units=units, sensors=mapping.sensors, base=base)
 
 
-def _stacked(kind: str, channels: Mapping[str, np.ndarray], joints: Sequence[str], samples: int) -> np.ndarray:
-    """One quantity of all joints, NaN in the columns of joints without (N, n)."""
-    return np.hstack([np.empty((samples, 0)), *(channels[f"joints.{joint}.{kind}"] for joint in joints)])
-
-
-def _of_all_joints(kind: str, x: np.ndarray, joints: Sequence[str], notes: list[str]) -> np.ndarray | None:
-    """One quantity of all joints (N, n), or None if one of them is without."""
-    missing = [joint for joint, first in zip(joints, x[0], strict=True) if np.isnan(first)]
-    if 0 < len(missing) < len(joints):
-        notes.append(f"No {kind} of {', '.join(missing)} is recorded; those of the other joints are not used.")
-    return x if joints and not missing else None
-
-
-def _poses(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    T = np.tile(np.eye(4), (len(position), 1, 1))
-    T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    T[:, :3, 3] = position
-    return T
+def _without_incomplete(recording: Recording, joints: tuple[str, ...], notes: list[str]) -> Recording:
+    """The recording without velocities and accelerations that only some joints have."""
+    measured = dict(recording.measured)
+    for kind in ("velocity", "acceleration"):
+        missing = [joint for joint in joints if f"{joint}_{kind}" not in measured]
+        if 0 < len(missing) < len(joints):
+            notes.append(f"No {kind} of {', '.join(missing)} is recorded; those of the other joints are not used.")
+            measured = {name: x for name, x in measured.items() if name not in [f"{j}_{kind}" for j in joints]}
+    return replace(recording, measured=measured)

@@ -10,11 +10,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
+from ident.mechanism.tree import Tree
 from ident.recordings.table import short
+from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
-
-GROUND = "ground"
-"""Name of the wrench at the base; all others are contacts."""
 
 KINDS = {
     "position": ("{}_position", "q_{}", "{}"),
@@ -49,20 +48,17 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns that make one quantity, "" for those that are missing, and its unit as a factor to SI."""
+    """Columns that make one quantity.
+
+    Attributes:
+        names: Their names, "" for those that are missing.
+        factor: Their unit as a factor to the SI's.
+        unit: The SI's unit, "" unless a unit is stated.
+    """
 
     names: tuple[str, ...]
     factor: float = 1.0
-    unit_stated: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Sensor:
-    """What a wrench acts on; attributes as those of `ident.recordings.log.Wrench`."""
-
-    body: str | None = None
-    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
-    applied_to_link: bool = True
+    unit: str = ""
 
 
 @dataclass
@@ -70,8 +66,8 @@ class ColumnMapping:
     """Which columns hold what.
 
     Attributes:
-        columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, `base.position`
-            and `base.quaternion`.
+        columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, and
+            `base.position` and `base.quaternion`, or `base.pose`.
         sensors: Sensors of the wrenches by name.
     """
 
@@ -81,7 +77,7 @@ class ColumnMapping:
     @property
     def has_base(self) -> bool:
         """Whether the base moves."""
-        return "base.position" in self.columns
+        return any(key.startswith("base.") for key in self.columns)
 
     @property
     def used(self) -> set[str]:
@@ -89,7 +85,22 @@ class ColumnMapping:
         return {name for columns in self.columns.values() for name in columns.names}
 
 
-def read_mapping(path: Path, joints: Sequence[str], bodies: Sequence[str], slides: Sequence[str]) -> ColumnMapping:
+def joint_kinds(tree: Tree) -> dict[str, str]:
+    """Whether each joint is a `hinge` or a `slide`, by its name.
+
+    Raises:
+        LogError: One is a ball, which logs cannot hold.
+    """
+    bodies = [tree.bodies[i] for i in tree.moving]
+    if balls := [body.joint for body in bodies if body.is_ball]:
+        raise LogError(
+            f"A log can hold hinges, slides and the pose of a moving base, but not the ball joint '{balls[0]}'; name "
+            "the body it carries as the base (--base), and map its pose under [base]."
+        )
+    return {body.joint: "hinge" if body.twist[3:].any() else "slide" for body in bodies}
+
+
+def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
     """Reads a mapping file.
 
     Raises:
@@ -103,7 +114,7 @@ def read_mapping(path: Path, joints: Sequence[str], bodies: Sequence[str], slide
     except (ValueError, RecursionError) as error:
         raise LogError(f"{path}: a mapping of columns needs to be TOML in UTF-8 ({error}).") from None
     try:
-        return _mapping(entries, joints, bodies, slides)
+        return _mapping(entries, joint_kinds(tree), tree.names)
     except LogError as error:
         raise LogError(f"{path}: {error}") from None
 
@@ -118,20 +129,18 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
             users[name] = user
 
 
-def _mapping(
-    entries: Mapping[str, Any], joints: Sequence[str], bodies: Sequence[str], slides: Sequence[str]
-) -> ColumnMapping:
+def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
     _check_keys("the mapping", entries, ("time", "joints", "wrenches", "base"))
     mapping = ColumnMapping()
     if "time" in entries:
         mapping.columns["time"] = _single("time", entries["time"], "time")
     of_joints = _entry("joints", entries.get("joints", {}))
-    _check_keys("[joints]", of_joints, joints)
+    _check_keys("[joints]", of_joints, tuple(joints))
     for joint, quantities in of_joints.items():
         _check_keys(f"[joints.{joint}]", _entry(f"joints.{joint}", quantities), tuple(KINDS))
         for kind, entry in quantities.items():
-            key, unit = f"joints.{joint}.{kind}", f"{'slide' if joint in slides else 'hinge'} {kind}"
-            mapping.columns[key] = _single(key, entry, unit)
+            key = f"joints.{joint}.{kind}"
+            mapping.columns[key] = _single(key, entry, f"{joints[joint]} {kind}")
     for name, entry in _entry("wrenches", entries.get("wrenches", {})).items():
         mapping.columns |= _wrench_columns(f"wrenches.{name}", _entry(f"wrenches.{name}", entry))
         mapping.sensors[name] = _sensor(name, entry, bodies)
@@ -202,24 +211,22 @@ def _single(where: str, entry: Any, quantity: str) -> Columns:
     return Columns((name.strip(),), *_factor(where, entry, "unit", quantity))
 
 
-def _several(
-    where: str, names: Any, size: int, factor: float = 1.0, unit_stated: bool = False, *, gaps: bool = False
-) -> Columns:
+def _several(where: str, names: Any, size: int, factor: float = 1.0, unit: str = "", *, gaps: bool = False) -> Columns:
     """Columns of a vector; with gaps, "" stands for a missing one."""
     if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str) for name in names):
         raise LogError(f"{where} needs a list of {size} columns, got {short(names)}.")
     if not gaps and not all(name.strip() for name in names):
         raise LogError(f"{where} needs {size} columns, none of them may be missing; got {short(names)}.")
-    return Columns(tuple(name.strip() for name in names), factor, unit_stated)
+    return Columns(tuple(name.strip() for name in names), factor, unit)
 
 
-def _factor(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tuple[float, bool]:
+def _factor(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tuple[float, str]:
     choices = UNITS[quantity]
     if key not in entry:
-        return 1.0, False
+        return 1.0, ""
     if not isinstance(entry[key], str) or entry[key] not in choices:
         raise LogError(f"{where}.{key} needs one of {', '.join(choices)}; got {short(entry[key])}.")
-    return choices[entry[key]], True
+    return choices[entry[key]], next(iter(choices))
 
 
 def _entry(where: str, value: Any) -> Mapping[str, Any]:

@@ -1,8 +1,8 @@
-"""Recordings as arrays: an npz archive, whose members are read side by side, some samples at a time."""
+"""Tables as arrays: an npz archive, whose members are read side by side, some samples at a time."""
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +12,14 @@ from zipfile import ZipFile
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.csv_file import TRUE
 from ident.recordings.npz import LIMIT, NUMBER, check_size, member_of, opened, reading
+from ident.recordings.table import COMPONENTS, METADATA, TRUE, Memory, Table, short
 
 HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 """What reads the header of an array, by the version of numpy's format."""
+
+MEASURED = "measured/"
+"""How names of members begin that hold channels."""
 
 
 def write_npz(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
@@ -29,39 +32,69 @@ def write_npz(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[
                 np.lib.format.write_array(stream, np.asarray(x, order="C"), allow_pickle=False)
 
 
-def npz_pieces(path: Path, samples: int, limit: int = LIMIT) -> Iterator[tuple[dict[str, np.ndarray], dict[str, Any]]]:
-    """Channels of at most so many samples at a time, each time with the metadata.
+def npz_pieces(
+    path: Path, samples: int, *, overlap: int = 0, truth: bool = False, limit: int = LIMIT
+) -> Iterator[Table]:
+    """Tables of at most so many samples at a time.
+
+    Of an archive that `write_npz` wrote they hold the channels, of any other all arrays of numbers.
 
     Args:
         path: The archive.
         samples: Samples of each piece.
+        overlap: How many of them each piece begins with again.
+        truth: Whether true values are read as well.
         limit: Bytes that a piece may take, as for `check_size`.
 
     Raises:
-        LogError: The file is no archive, or a piece of it is too large; or a member is missing, damaged or no
-            channel, the message names it.
+        LogError: The file is no archive, or a piece of it is too large; or a member is damaged or no channel, the
+            message names it.
     """
     with ExitStack() as streams:
         archive = streams.enter_context(opened(path))
-        names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
-        for name in ("time", "metadata"):
-            if name not in names:
-                raise LogError(f"a recording needs a member '{name}'; it has {', '.join(names) or 'none'}.")
-        text = archive.getinfo("metadata.npy")
-        check_size(path, text.file_size, limit)
-        with reading("metadata"), member_of(archive, text) as stream:
-            metadata = json.loads(str(np.lib.format.read_array(stream, allow_pickle=False)))
-            if not isinstance(metadata, dict):
-                raise LogError(f"a JSON object is needed, it holds {metadata!r}")
-        names = ["time", *(name for name in names if name.startswith(("measured/", "true/")))]
-        members = [_opened(archive, name, streams) for name in names]
-        length = members[0].shape[0]
+        names = dict.fromkeys(name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy"))
+        ours = any(name.startswith(MEASURED) for name in names) or names.keys() <= {"time", "metadata"}
+        metadata = _metadata(path, archive, limit) if ours and "metadata" in names else {}
+        if ours:
+            kinds = (MEASURED, "true/") if truth else (MEASURED,)
+            members = [_opened(archive, name, streams) for name in names if name == "time" or name.startswith(kinds)]
+        else:
+            members = [x for x in (_opened(archive, name, streams) for name in names) if x.holds_columns]
         for member in members:
             with reading(member.name):
-                member.check(length, samples)
+                member.check(samples)
+        length = _common_length(members)
         check_size(path, sum(NUMBER * math.prod((min(samples, length), *x.shape[1:])) for x in members), limit)
+        memory, cells = Memory(), dict[str, np.ndarray]()
         for first in range(0, length, samples):
-            yield {_channel(x.name): x.read(min(samples, length - first)) for x in members}, metadata
+            kept = {name: x[len(x) - overlap :] for name, x in cells.items()} if overlap else {}
+            cells = {}
+            for member in members:
+                cells |= member.columns(min(samples, length - first))
+            cells = {name: np.append(kept[name], x) if name in kept else x for name, x in cells.items()}
+            rows = range(first - overlap if kept else first, min(first + samples, length))
+            yield Table(cells, rows, "sample", metadata, memory)
+
+
+def _metadata(path: Path, archive: ZipFile, limit: int) -> dict[str, Any]:
+    information = archive.getinfo("metadata.npy")
+    check_size(path, information.file_size, limit)
+    with reading("metadata"), member_of(archive, information) as stream:
+        metadata = json.loads(str(np.lib.format.read_array(stream, allow_pickle=False)))
+        if not isinstance(metadata, dict) or any(not isinstance(metadata.get(k, t()), t) for k, t in METADATA.items()):
+            raise LogError(f"JSON objects named {', '.join(METADATA)} are needed, it holds {short(metadata)}")
+    return metadata
+
+
+def _common_length(members: Sequence["_Member"]) -> int:
+    lengths = {member.name: member.shape[0] for member in members}
+    shortest, longest = (by(lengths, key=lengths.__getitem__, default="") for by in (min, max))
+    if len(set(lengths.values())) > 1:
+        raise LogError(
+            f"arrays need the same number of samples, '{shortest}' has {lengths[shortest]} and '{longest}' has "
+            f"{lengths[longest]}."
+        )
+    return lengths.get(longest, 0)
 
 
 @dataclass(frozen=True)
@@ -75,16 +108,30 @@ class _Member:
     by_columns: bool
     dtype: np.dtype
 
-    def check(self, length: int, samples: int) -> None:
-        """Refuses what is no channel of so many samples, and what cannot be read in pieces."""
-        if self.dtype.kind not in "biuf":
-            raise LogError(f"a channel needs real numbers, it holds {self.dtype}")
-        if self.shape[0] != length:
-            raise LogError(f"the times are {length} samples, it has {self.shape[0]}")
-        if math.prod(self.shape) * self.dtype.itemsize != self.size:
+    @property
+    def holds_columns(self) -> bool:
+        """Whether these are real numbers, one or several a sample."""
+        return self.dtype.kind in "biuf" and len(self.shape) in (1, 2)
+
+    def check(self, samples: int) -> None:
+        """Refuses what holds no columns, and what cannot be read in pieces of so many samples."""
+        if not self.holds_columns:
+            raise LogError(f"a channel needs real numbers in one or two dimensions, it holds {self.dtype} {self.shape}")
+        if math.prod(self.shape) * self.dtype.itemsize != self.size or min(self.shape) < 0:
             raise LogError(f"an array of {self.shape} {self.dtype} has another size than its {self.size} bytes")
-        if self.by_columns and samples < length:
+        if self.by_columns and samples < self.shape[0]:
             raise LogError("an array in Fortran order is not read in pieces; load it whole, and save it anew")
+
+    def columns(self, rows: int) -> dict[str, np.ndarray]:
+        """The next samples (rows,) by name, those of vectors and quaternions by component."""
+        name = (
+            self.name.replace("true/", TRUE, 1) if self.name.startswith("true/") else self.name.removeprefix(MEASURED)
+        )
+        x = np.asarray(self.read(rows), float)
+        if x.ndim == 1:
+            return {name: x}
+        suffixes = COMPONENTS.get(x.shape[1], range(x.shape[1]))
+        return {f"{name}.{suffix}": column for suffix, column in zip(suffixes, x.T, strict=True)}
 
     def read(self, rows: int) -> np.ndarray:
         """The next samples (rows,) or (rows, d)."""
@@ -106,8 +153,6 @@ def _opened(archive: ZipFile, name: str, streams: ExitStack) -> _Member:
         if version not in HEADERS:
             raise LogError(f"a channel has a header of version 1 or 2, it has version {version[0]}")
         shape, by_columns, dtype = HEADERS[version](stream)
-        if len(shape) not in (1, 2):
-            raise LogError(f"a channel has one or two dimensions, it has {len(shape)}")
         return _Member(name, stream, information.file_size - stream.tell(), shape, by_columns, dtype)
 
 
@@ -115,9 +160,4 @@ def _member(channel: str) -> str:
     """Name of the member that holds a channel."""
     if channel.startswith(TRUE):
         return f"true/{channel.removeprefix(TRUE)}"
-    return channel if channel == "time" else f"measured/{channel}"
-
-
-def _channel(member: str) -> str:
-    """Name of the channel that a member holds."""
-    return member.replace("true/", TRUE, 1) if member.startswith("true/") else member.removeprefix("measured/")
+    return channel if channel == "time" else f"{MEASURED}{channel}"

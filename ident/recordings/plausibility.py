@@ -1,11 +1,15 @@
 """Signs in a log that a unit is not what it is taken for: degrees for radians, kilonewtons for newtons."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.mapping import GROUND, ColumnMapping
+from ident.mechanism.mechanism import Mechanism
+from ident.recordings.mapping import ColumnMapping
+from ident.recordings.recording import Recording
+from ident.recordings.wrench import GROUND
 
 TURNS = 20.0
 """Range of a hinge's angles, rad, beyond which they are suspected to be degrees."""
@@ -14,11 +18,11 @@ KILONEWTONS = 500.0
 """How many times a force falls short of the weight if it is suspected to be in kilonewtons."""
 
 
-def check_angles(mapping: ColumnMapping, q: np.ndarray, joints: Sequence[str], slides: Sequence[str]) -> None:
+def check_angles(recording: Recording, mapping: ColumnMapping, hinges: Sequence[str]) -> None:
     """Refuses positions of hinges that look like degrees, unless their unit is stated."""
-    for joint, extent in zip(joints, np.ptp(q, axis=0), strict=True):
-        columns = mapping.columns[f"joints.{joint}.position"]
-        if extent > TURNS and joint not in slides and not columns.unit_stated:
+    for joint in hinges:
+        columns, extent = mapping.columns[f"joints.{joint}.position"], float(np.ptp(recording[f"{joint}_position"]))
+        if extent > TURNS and not columns.unit:
             raise LogError(
                 f"column '{columns.names[0]}', the position of joint '{joint}', ranges over {extent:.3g} rad, which "
                 f'looks like degrees; map it, as in position = {{ column = "{columns.names[0]}", unit = "deg" }} '
@@ -26,22 +30,18 @@ def check_angles(mapping: ColumnMapping, q: np.ndarray, joints: Sequence[str], s
             )
 
 
-def check_rates(
-    time: np.ndarray, states: Mapping[str, np.ndarray | None], joints: Sequence[str], slides: Sequence[str]
-) -> None:
+def check_rates(recording: Recording, hinges: Sequence[str]) -> None:
     """Refuses rates of hinges that are in degrees where what they are the rates of is in radians, or the reverse."""
-    for kind, rate in (("position", "velocity"), ("velocity", "acceleration")):
-        x, dx = states[kind], states[rate]
+    for joint, (kind, rate) in product(hinges, (("position", "velocity"), ("velocity", "acceleration"))):
+        x, dx = (recording.measured.get(f"{joint}_{quantity}") for quantity in (kind, rate))
         if x is None or dx is None:
             continue
-        for k, joint in enumerate(joints):
-            factor = _rate_factor(time, x[:, k], dx[:, k])
-            for suspected in (180 / np.pi, np.pi / 180):
-                if 0.8 < abs(factor) / suspected < 1.25 and joint not in slides:
-                    raise LogError(
-                        f"the {rate} of joint '{joint}' is {factor:.3g} times the derivative of its {kind}, so one of "
-                        f"them is in degrees; map it with its unit under [joints.{joint}]."
-                    )
+        factor = _rate_factor(recording.time, x, dx)
+        if any(0.8 < abs(factor) / suspected < 1.25 for suspected in (180 / np.pi, np.pi / 180)):
+            raise LogError(
+                f"the {rate} of joint '{joint}' is {factor:.3g} times the derivative of its {kind}, so one of them is "
+                f"in degrees; map it with its unit under [joints.{joint}]."
+            )
 
 
 def _rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
@@ -54,13 +54,17 @@ def _rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
     return common / power if common**2 > 0.81 * power * other > 1e-30 else 0.0
 
 
-def unit_of_force(mapping: ColumnMapping, force: np.ndarray, weight: float) -> list[str]:
-    """A note if the ground's force (N, 3) is so far below the weight, N, that it may be in kilonewtons."""
+def unit_of_force(recording: Recording, mapping: ColumnMapping, mechanism: Mechanism) -> list[str]:
+    """A note if the ground's force is so far below the mechanism's weight that it may be in kilonewtons."""
+    force = recording.measured.get(f"{GROUND}_force")
+    if force is None or recording.base is not None or mechanism.prior is None:
+        return []
     force = force[:, ~np.isnan(force[0])]
     largest = float(np.linalg.norm(force, axis=1).max())
-    if not force.shape[1] or largest >= weight / KILONEWTONS or mapping.columns[f"wrenches.{GROUND}.force"].unit_stated:
+    stated = mapping.columns[f"wrenches.{GROUND}.force"].unit
+    if not force.shape[1] or largest >= mechanism.weight / KILONEWTONS or stated:
         return []
     return [
-        f"The ground's force is at most {largest:.3g} N where the mechanism weighs {weight:.4g} N: its unit may be "
-        f'kN; map it, with unit = "kN" under [wrenches.{GROUND}].'
+        f"The ground's force is at most {largest:.3g} N where the mechanism weighs {mechanism.weight:.4g} N: its unit "
+        f'may be kN; map it, with unit = "kN" under [wrenches.{GROUND}].'
     ]

@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ident.errors import InputError, LogError
-from ident.recordings.atomic import replacing
-from ident.recordings.csv_file import TRUE, csv_pieces, write_csv
+from ident.errors import LogError
+from ident.mechanism.body import is_rigid
+from ident.mechanism.tree import Tree
+from ident.recordings.files import read_tables, write_channels
 from ident.recordings.npz import LIMIT
-from ident.recordings.npz_file import npz_pieces, write_npz
-
-METADATA = ("units", "noise", "provenance")
-"""What a file says about its channels."""
+from ident.recordings.table import BASE, METADATA, TRUE, is_number
+from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, sensors_told, total_wrench
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Channels sampled at the same instants.
+    """Channels sampled at the same instants, simulated or measured.
 
-    Joints are found by the names `JOINT_position`, `JOINT_velocity` and `JOINT_acceleration`, wrenches by `NAME_force`
-    and `NAME_torque`, poses of bodies in the base frame by `BODY_position` and `BODY_orientation` (a quaternion).
+    Joints are found by the names `JOINT_position`, `JOINT_velocity`, `JOINT_acceleration` and `JOINT_torque`, wrenches
+    by `NAME_force` and `NAME_torque`, poses of bodies in the base frame by `BODY_position` and `BODY_orientation` (a
+    quaternion). What a channel holds is finite, or NaN throughout a column that was not measured.
 
     Attributes:
         time: Sample times, s (N,).
@@ -36,6 +36,11 @@ class Recording:
         noise: Standard deviation of each channel's noise in its unit, as far as known; for an orientation, of each
             component of a rotation vector in rad.
         provenance: Where the recording comes from, in JSON's types.
+        sensors: Where wrenches are measured, by their names. That of the ground sits in the base frame unless this
+            says otherwise, and measures what the ground exerts on the mechanism.
+        base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base that rests.
+        notes: Sentences on what was detected and repaired.
+        unused: Names of a file's columns that nothing was taken from.
     """
 
     time: np.ndarray
@@ -44,23 +49,35 @@ class Recording:
     units: Mapping[str, str] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    base: np.ndarray | None = None
+    notes: Sequence[str] = ()
+    unused: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _checked("time", self.time, None))
-        _check_increasing(self.time)
+        if not np.isfinite(self.time).all():
+            raise LogError("Recorded times need finite numbers.")
+        steps = np.diff(self.time)
+        if not (steps > 0).all():
+            raise LogError(f"Recorded times must increase; sample {int(np.argmin(steps > 0)) + 1} does not.")
         for name in ("measured", "true"):
             channels = {key: _checked(key, x, len(self.time)) for key, x in getattr(self, name).items()}
             object.__setattr__(self, name, channels)
-        for name in ("units", "noise", "provenance"):
+        for name in ("units", "noise", "provenance", "sensors"):
             object.__setattr__(self, name, dict(getattr(self, name)))
-        for name in self.measured:
-            if not re.fullmatch(r"(?!true:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
-                raise LogError(f"A channel's name cannot be {name!r}: it is a word without commas and dots.")
         for name, level in self.noise.items():
             if not (isinstance(level, Real) and 0 <= level < np.inf):
                 raise LogError(f"The noise of channel '{name}' needs a standard deviation, got {level!r}.")
         if self.true and {k: x.shape for k, x in self.true.items()} != {k: x.shape for k, x in self.measured.items()}:
             raise LogError("True values need the same channels and shapes as the measured ones.")
+        if self.base is not None and not (self.base.shape == (len(self.time), 4, 4) and is_rigid(self.base)):
+            raise LogError(f"A moving base needs poses ({len(self.time)}, 4, 4), got {self.base.shape}.")
+
+    @property
+    def rate(self) -> float:
+        """Samples per second, Hz."""
+        return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
 
     @property
     def noise_free(self) -> "Recording":
@@ -68,6 +85,10 @@ class Recording:
         if not self.true:
             raise LogError("This recording holds no true values.")
         return replace(self, measured=self.true)
+
+    def with_sensors(self, sensors: Mapping[str, Sensor]) -> "Recording":
+        """The recording, and where some of its wrenches are measured."""
+        return replace(self, sensors={**self.sensors, **sensors})
 
     def __getitem__(self, channel: str) -> np.ndarray:
         """A measured channel (N,) or (N, d)."""
@@ -77,11 +98,20 @@ class Recording:
 
     def joint_states(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q in rad, q̇ in rad/s and q̈ in rad/s² of the named joints, each (N, n)."""
-        q, dq, ddq = (
-            np.stack([self[f"{joint}_{kind}"] for joint in joints], axis=-1)
-            for kind in ("position", "velocity", "acceleration")
-        )
+        q, dq, ddq = (self.of_joints(joints, kind) for kind in ("position", "velocity", "acceleration"))
         return q, dq, ddq
+
+    def of_joints(self, joints: Sequence[str], kind: str) -> np.ndarray:
+        """One quantity of the named joints, `position`, `velocity`, `acceleration` or `torque` (N, n)."""
+        columns = [self[f"{joint}_{kind}"] for joint in joints]
+        return np.stack(columns, axis=-1) if columns else np.empty((len(self.time), 0))
+
+    def torques(self, joints: Sequence[str]) -> np.ndarray | None:
+        """Torques of the named joints, NaN in the columns of those without (N, n); None without any."""
+        if not any(f"{joint}_torque" in self.measured for joint in joints):
+            return None
+        missing = np.full(len(self.time), np.nan)
+        return np.stack([self.measured.get(f"{joint}_torque", missing) for joint in joints], axis=-1)
 
     def joint_noise(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Standard deviations of the channels of `joint_states`, zero where unknown, each (n,)."""
@@ -91,46 +121,60 @@ class Recording:
         )
         return q, dq, ddq
 
-    def wrench(self, name: str) -> np.ndarray:
-        """The wrench `[F; τ]` of a force and a torque channel, N and N m (N, 6)."""
-        return np.hstack([self[f"{name}_force"], self[f"{name}_torque"]])
-
     @property
     def wrenches(self) -> tuple[str, ...]:
         """Names of the wrenches that have both a force and a torque channel."""
         forces = [name.removesuffix("_force") for name in self.measured if name.endswith("_force")]
         return tuple(name for name in forces if f"{name}_torque" in self.measured)
 
-    def wrench_covariance(self, name: str) -> np.ndarray:
-        """Covariance of the noise on `wrench`, from the declared levels, N² and (N m)² (6, 6)."""
-        force, torque = (self.noise.get(f"{name}_{kind}", 0.0) for kind in ("force", "torque"))
-        return np.diag(np.repeat([force, torque], 3) ** 2)
+    def wrench(self, name: str) -> Wrench:
+        """The wrench `[F; τ]` of a force and a torque channel, with the covariance of their noise as far as known.
+
+        Raises:
+            LogError: There is none of that name, or nobody said where it is measured.
+        """
+        channels = f"{name}_force", f"{name}_torque"
+        values = np.hstack([self[channel] for channel in channels])
+        if name != GROUND and name not in self.sensors:
+            raise LogError(
+                f"The wrench '{name}' needs to be known by the body and the pose of its sensor (`with_sensors`); known "
+                f"are {', '.join((GROUND, *self.sensors))}."
+            )
+        levels = [self.noise.get(channel) for channel in channels]
+        covariance = None if None in levels else np.diag(np.repeat(np.array(levels, float), 3) ** 2)
+        return Wrench(values, **vars(self.sensors.get(name, Sensor())), covariance=covariance, time=self.time)
+
+    def total_wrench(self, tree: Tree, without: Iterable[str] = ()) -> TotalWrench:
+        """Eq. 17: the total wrench of all wrenches but those named, at the recorded joint positions."""
+        names = [name for name in self.wrenches if name not in without]
+        ground = self.wrench(GROUND) if GROUND in names or self.base is None else None
+        contacts = [self.wrench(name) for name in names if name != GROUND]
+        return total_wrench(tree, self.of_joints(tree.joints, "position"), ground, contacts)
 
     def poses(self, body: str) -> np.ndarray:
         """Pose of a body in the base frame (N, 4, 4)."""
-        T = np.tile(np.eye(4), (len(self.time), 1, 1))
-        T[:, :3, :3] = Rotation.from_quat(self[f"{body}_orientation"], scalar_first=True).as_matrix()
-        T[:, :3, 3] = self[f"{body}_position"]
-        return T
+        return poses(self[f"{body}_position"], self[f"{body}_orientation"])
 
     def save(self, path: str | Path) -> None:
-        """Writes a `.npz` or `.csv` file that `load` reads back bit by bit.
-
-        Raises:
-            InputError: The file's name ends otherwise.
-        """
-        path = Path(path)
-        writers = {".npz": write_npz, ".csv": write_csv}
-        if path.suffix not in writers:
-            raise InputError(f"A recording is saved as .npz or .csv, got '{path.name}'.")
+        """Writes a `.npz` or `.csv` file that `load` reads back bit by bit."""
+        for name in self.measured:
+            if is_number(name) or not re.fullmatch(r"(?!true:|base:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
+                raise LogError(f"A channel's name cannot be {name!r}: in a file it is a word without commas and dots.")
         channels = {"time": self.time, **self.measured} | {f"{TRUE}{name}": x for name, x in self.true.items()}
-        metadata = {name: getattr(self, name) for name in METADATA}
-        with replacing(path) as temporary:
-            writers[path.suffix](temporary, channels, metadata)
+        if self.base is not None:
+            channels[BASE] = self.base.reshape(-1, 16)
+        metadata = {name: getattr(self, name) for name in ("units", "noise", "provenance")}
+        sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in self.sensors.items()}
+        told = {"sensors": sensors, "notes": list(self.notes), "unused": list(self.unused)}
+        write_channels(Path(path), channels, metadata | {name: content for name, content in told.items() if content})
 
     @classmethod
     def load(cls, path: str | Path, *, limit: int = LIMIT) -> "Recording":
-        """Reads what `save` wrote, an archive that takes at most so many bytes in memory (`npz.check_size`).
+        """Reads a file whose columns are named like channels, as `save` writes it.
+
+        Args:
+            path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
+            limit: Bytes that an archive may take in memory, as for `npz.check_size`.
 
         Raises:
             LogError: The file is missing or not a recording; the message names file, row and column.
@@ -140,10 +184,10 @@ class Recording:
 
     @classmethod
     def chunks(cls, path: str | Path, samples: int = 10_000, *, limit: int = LIMIT) -> Iterator["Recording"]:
-        """Reads what `save` wrote piece by piece, for files that are larger than memory.
+        """Reads what `load` reads piece by piece, for files that are larger than memory.
 
         Args:
-            path: A `.npz` or `.csv` file.
+            path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
             samples: Samples of each piece, of the last one perhaps fewer.
             limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
 
@@ -151,58 +195,58 @@ class Recording:
             LogError: The file is missing or not a recording, as for `load`; a fault is found when its piece is due.
             InputError: A piece has no samples.
         """
-        path = Path(path)
-        if path.suffix not in (".npz", ".csv") or not path.is_file():
-            raise LogError(f"A recording is a .npz or .csv file that exists, got '{path}'.")
         if samples < 1:
-            raise InputError(f"A piece of a recording needs at least one sample, got {samples}.")
-        first, last = 0, np.empty(0)
+            raise LogError(f"A piece of a recording needs at least one sample, got {samples}.")
+        last = -np.inf
         try:
-            pieces = npz_pieces(path, samples, limit) if path.suffix == ".npz" else csv_pieces(path, samples)
-            for channels, metadata in pieces:
-                for name, x in channels.items():
-                    _check_finite(name, x, first)
-                time = channels.pop("time")
-                _check_increasing(np.append(last, time), first - len(last))
-                yield cls._of(time, channels, metadata)
-                first, last = first + len(time), time[-1:]
-            if first == 0:
+            for table in read_tables(Path(path), samples, truth=True, limit=limit):
+                if "time" not in table.cells:
+                    raise LogError(f"a recording needs a column 'time'; {table.available()}.")
+                channels = table.channels()
+                increases = np.diff(channels["time"], prepend=last) > 0
+                if not increases.all():
+                    raise LogError(f"{table.row(int(np.argmin(increases)))}, column 'time' needs to increase.")
+                last = channels["time"][-1]
+                yield cls._of(channels, table.metadata)
+            if last == -np.inf:
                 raise LogError("a recording needs samples, it has none.")
         except (LogError, OSError) as error:
             raise LogError(f"{path}: {error}") from error
 
     @classmethod
-    def _of(cls, time: np.ndarray, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> "Recording":
+    def _of(cls, channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> "Recording":
         """A recording from what a file holds."""
-        for name, content in metadata.items():
-            if name not in METADATA or not isinstance(content, Mapping):
-                raise LogError(f"besides channels a file has {', '.join(METADATA)}, each a JSON object; not '{name}'.")
+        time, base = channels.pop("time"), channels.pop(BASE, None)
         true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
-        return cls(time, {name: x for name, x in channels.items() if not name.startswith(TRUE)}, true, **metadata)
+        measured = {name: x for name, x in channels.items() if not name.startswith(TRUE)}
+        told = {name: metadata[name] for name in METADATA if name in metadata}
+        if "sensors" in told:
+            told["sensors"] = sensors_told(told["sensors"])
+        if base is not None and base.shape[1:] == (16,):
+            base = base.reshape(-1, 4, 4)
+        return cls(time, measured, true, base=base, **told)
+
+
+def poses(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """Poses (N, 4, 4) from positions (N, 3) and quaternions `w, x, y, z` (N, 4)."""
+    T = np.tile(np.eye(4), (len(position), 1, 1))
+    T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    T[:, :3, 3] = position
+    return T
 
 
 def _checked(name: str, values: Iterable[float], samples: int | None) -> np.ndarray:
-    x = np.array(values, float)
+    # What another recording has checked and frozen is not copied.
+    frozen = isinstance(values, np.ndarray) and values.flags.owndata and not values.flags.writeable
+    x = np.asarray(values, float) if frozen else np.array(values, float)
     dimensions = (1,) if samples is None else (1, 2)
     if x.ndim not in dimensions or samples not in (None, len(x)) or x.size == 0:
         raise LogError(
             f"Channel '{name}' needs {samples or 'N > 0'} samples along its first axis, got shape {x.shape}."
         )
-    _check_finite(name, x)
+    finite = np.isfinite(x)
+    if not finite.all() and not (finite | np.isnan(x).all(axis=0)).all():
+        bad = tuple(np.argwhere(~finite)[0])
+        raise LogError(f"Channel '{name}' needs finite numbers; sample {bad[0]} is {x[bad]}.")
     x.flags.writeable = False
     return x
-
-
-def _check_finite(name: str, x: np.ndarray, first: int = 0) -> None:
-    """Refuses NaN and infinity in a channel whose first row is that sample."""
-    finite = np.isfinite(x)
-    if not finite.all():
-        bad = tuple(np.argwhere(~finite)[0])
-        raise LogError(f"Channel '{name}' needs finite numbers; sample {first + bad[0]} is {x[bad]}.")
-
-
-def _check_increasing(time: np.ndarray, first: int = 0) -> None:
-    """Refuses times, from that sample on, that do not increase."""
-    steps = np.diff(time)
-    if not (steps > 0).all():
-        raise LogError(f"Recorded times must increase; sample {first + int(np.argmin(steps > 0)) + 1} does not.")

@@ -1,10 +1,15 @@
 """The time of a log: repeated samples dropped, gaps refused, jitter resampled."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ident.errors import LogError
 from ident.recordings.mapping import Columns
-from ident.recordings.table import SAMPLES, Table
+from ident.recordings.table import Table
+
+SAMPLES = 10
+"""Fewest samples that a log needs."""
 
 GAP, JITTER, ROUNDING = 1.5, 0.2, 1e-3
 """Steps of time in medians: longer ones are gaps, others are resampled; what departs less is as good as uniform."""
@@ -13,52 +18,74 @@ LATEST = 1e12
 """No clock shows more, s."""
 
 
-def repaired(
-    table: Table, columns: Columns, channels: dict[str, np.ndarray], notes: list[str]
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Uniform times, and the channels at them.
+@dataclass
+class Clock:
+    """The times of a log, which is read in pieces that overlap by one sample.
 
-    Args:
-        table: The file.
-        columns: Its column of times.
-        channels: What was measured at these times, by name (N, k).
-        notes: Sentences on what was repaired; more are appended.
-
-    Raises:
-        LogError: The times have a gap, go back, or repeat one with other values.
+    Attributes:
+        column: Its column of times.
+        zero: What the column holds at the first sample; None before that.
+        start: What the recording calls that time, s.
+        step: Median step of the first piece, s.
     """
-    (name,) = columns.names
-    raw = table.column(name, "time", LATEST / columns.factor)
-    if np.isnan(raw).any():
-        raise LogError(f"column '{name}' is empty, but a log needs times.")
-    time, start = (raw - raw[0]) * columns.factor, raw[0] * columns.factor
-    if abs(start) > 1e6:
-        notes.append(f"Times start at {start:.10g} s; they are counted from there.")
-        start = 0.0
-    kept = _increasing(table, name, time, channels, notes)
-    time = time[kept]
-    channels = {key: x[kept] for key, x in channels.items()}
-    if len(time) < SAMPLES:
-        raise LogError(f"a log needs at least {SAMPLES} samples at different times, it has {len(time)}.")
-    steps = np.diff(time)
-    step = float(np.median(steps))
-    if step < 1e-6 or (step >= 1 and not columns.unit_stated):
-        raise LogError(
-            f"column '{name}' has steps of {step:g} s, which suggests that its unit is not the second; map it, as in "
-            f'time = {{ column = "{name}", unit = "ms" }}.'
-        )
-    gaps = steps > GAP * step * (1 + 1e-6)
-    if gaps.any():
-        i = int(gaps.argmax())
-        raise LogError(
-            f"{table.row(kept[i + 1])}, column '{name}' comes {steps[i]:g} s after the sample before where steps are "
-            f"{step:g} s; a filter over a gap of {int(gaps.sum())} invents data: cut the log there."
-        )
-    grid = np.linspace(0, time[-1], round(time[-1] / step) + 1)
-    if len(grid) == len(time) and np.abs(time - grid).max() <= ROUNDING * step:
-        return start + grid, channels
-    notes.append(_jitter(table, name, steps, step, kept))
-    return start + grid, {key: _interpolated(grid, time, x) for key, x in channels.items()}
+
+    column: Columns
+    zero: float | None = None
+    start: float = 0.0
+    step: float = 0.0
+
+    def repaired(
+        self, table: Table, channels: dict[str, np.ndarray], notes: list[str]
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Uniform times of the samples that were not read before, and the channels at them.
+
+        Args:
+            table: The next piece of the file.
+            channels: What was measured at these times, by name (N, k).
+            notes: Sentences on what was repaired; more are appended.
+
+        Raises:
+            LogError: The times have a gap, go back, or repeat one with other values.
+        """
+        (name,) = self.column.names
+        raw = table.column(name, LATEST / self.column.factor)
+        if np.isnan(raw).any():
+            raise LogError(f"column '{name}' is empty, but a log needs times.")
+        read_before = 0 if self.zero is None else 1
+        zero = float(raw[0]) if self.zero is None else self.zero
+        time = (raw - zero) * self.column.factor
+        kept = _increasing(table, name, time, channels, notes)
+        time, channels = time[kept], {key: x[kept] for key, x in channels.items()}
+        if self.zero is None:
+            self._begin(zero, time, notes)
+        steps = np.diff(time)
+        gaps = steps > GAP * self.step * (1 + 1e-6)
+        if gaps.any():
+            i = int(gaps.argmax())
+            raise LogError(
+                f"{table.row(kept[i + 1])}, column '{name}' comes {steps[i]:g} s after the sample before where steps "
+                f"are {self.step:g} s; a filter over a gap of {int(gaps.sum())} invents data: cut the log there."
+            )
+        grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / self.step) + 1)
+        if len(grid) != len(time) or np.abs(time - grid).max() > ROUNDING * self.step:
+            notes.append(_jitter(table, name, steps, self.step, kept))
+            channels = {key: _interpolated(grid, time, x) for key, x in channels.items()}
+        return self.start + grid[read_before:], {key: x[read_before:] for key, x in channels.items()}
+
+    def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:
+        """Takes start and step from the first piece."""
+        (name,) = self.column.names
+        if len(time) < SAMPLES:
+            raise LogError(f"a log needs at least {SAMPLES} samples at different times, it has {len(time)}.")
+        self.zero, self.start, self.step = zero, zero * self.column.factor, float(np.median(np.diff(time)))
+        if abs(self.start) > 1e6:
+            notes.append(f"Times start at {self.start:.10g} s; they are counted from there.")
+            self.start = 0.0
+        if self.step < 1e-6 or (self.step >= 1 and not self.column.unit):
+            raise LogError(
+                f"column '{name}' has steps of {self.step:g} s, which suggests that its unit is not the second; map "
+                f'it, as in time = {{ column = "{name}", unit = "ms" }}.'
+            )
 
 
 def _increasing(

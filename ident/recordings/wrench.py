@@ -1,61 +1,100 @@
 """Wrenches moved between frames, and the total wrench of a mechanism with several contacts (Eq. 15-18)."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from ident.errors import InputError
-from ident.geometry.se3 import coAd
+from ident.errors import InputError, LogError
+from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
 
+GROUND = "ground"
+"""Name of the wrench at the base; all others are contacts."""
+
 
 @dataclass(frozen=True, eq=False)
-class Contact:
-    """What a sensor measures between a link and its surroundings.
+class Sensor:
+    """Where a wrench is measured, and which way round.
 
     Attributes:
-        body: Name of the link.
-        exerted_by_link: Wrench `[F; τ]` that the link exerts *on its surroundings*, Γ_E of Eq. 15, in the sensor's
-            frame, N and N m (N, 6). `Contact.applied_to_link` takes the opposite one.
-        pose: Pose T_iE of the sensor's frame in the link's (4, 4), or one for each sample (N, 4, 4).
-        covariance: Covariance of the measured wrench in the sensor's frame (6, 6); None if unknown.
-        time: Sample times, s (N,), to be checked against the other measurements' if both are given.
+        body: Name of the link that touches something; None for the ground wrench.
+        pose: Pose of the sensor's frame in the link's frame, for the ground wrench in the base frame (4, 4).
+        applied_to_link: Whether readings are what the surroundings exert on the mechanism; otherwise they are what the
+            link exerts on its surroundings, Γ_E of Eq. 15.
     """
 
-    body: str
-    exerted_by_link: np.ndarray
-    pose: np.ndarray
+    body: str | None = None
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    applied_to_link: bool = True
+
+
+def sensors_told(told: Mapping[str, Any]) -> dict[str, Sensor]:
+    """Sensors by name from what a file tells of them.
+
+    Raises:
+        LogError: It is not what `vars` of a sensor is in JSON.
+    """
+    sensors = {}
+    for name, content in told.items():
+        try:
+            sensor = Sensor(content["body"], np.array(content["pose"], float), content["applied_to_link"])
+            told_well = isinstance(sensor.body, str | None) and isinstance(sensor.applied_to_link, bool)
+        except (KeyError, TypeError, ValueError):
+            told_well = False
+        if not told_well or sensor.pose.shape != (4, 4) or not is_rigid(sensor.pose):
+            raise LogError(f"the sensor '{name}' needs a body, a pose (4, 4) and applied_to_link, true or false.")
+        sensors[name] = sensor
+    return sensors
+
+
+@dataclass(frozen=True, eq=False)
+class Wrench:
+    """A measured wrench.
+
+    Attributes:
+        values: Wrenches `[F; τ]` in the sensor's frame, N and N m, NaN in the columns of missing channels (N, 6).
+        body: Name of the link that touches something; None for the ground wrench.
+        pose: Pose of the sensor's frame as for `Sensor` (4, 4), or one for each sample (N, 4, 4).
+        applied_to_link: Which way round, as for `Sensor`.
+        covariance: Covariance of the values (6, 6); None if unknown.
+        time: Sample times, s (N,), to be checked against other wrenches' if both are given.
+    """
+
+    values: np.ndarray
+    body: str | None = None
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    applied_to_link: bool = True
     covariance: np.ndarray | None = None
     time: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        wrench, pose = np.asarray(self.exerted_by_link, float), np.asarray(self.pose, float)
-        if wrench.ndim != 2 or wrench.shape[1] != 6 or not np.isfinite(wrench).all():
-            raise InputError(f"The contact on '{self.body}' needs finite wrenches (N, 6), got shape {wrench.shape}.")
-        if pose.shape not in ((4, 4), (len(wrench), 4, 4)) or not is_rigid(pose):
+        who = "The ground wrench" if self.body is None else f"The contact on '{self.body}'"
+        values, pose = np.asarray(self.values, float), np.asarray(self.pose, float)
+        if values.ndim != 2 or values.shape[1] != 6 or not (np.isfinite(values) | np.isnan(values).all(axis=0)).all():
             raise InputError(
-                f"The contact on '{self.body}' needs the pose of its sensor's frame, (4, 4) or ({len(wrench)}, 4, 4), "
+                f"{who} needs wrenches (N, 6), each component finite or NaN throughout, got shape {values.shape}."
+            )
+        if pose.shape not in ((4, 4), (len(values), 4, 4)) or not is_rigid(pose):
+            raise InputError(
+                f"{who} needs the pose of its sensor's frame, (4, 4) or ({len(values)}, 4, 4), "
                 f"got {'none' if self.pose is None else pose.shape}."
             )
-        _check_covariance(f"The contact on '{self.body}'", self.covariance)
-        if self.time is not None and np.shape(self.time) != (len(wrench),):
-            raise InputError(
-                f"The contact on '{self.body}' needs {len(wrench)} sample times, got shape {np.shape(self.time)}."
-            )
+        C = self.covariance
+        if C is not None and (np.shape(C) != (6, 6) or not np.allclose(C, np.transpose(C))):
+            raise InputError(f"{who} needs a symmetric covariance (6, 6), got shape {np.shape(C)}.")
+        if self.time is not None and np.shape(self.time) != (len(values),):
+            raise InputError(f"{who} needs {len(values)} sample times, got shape {np.shape(self.time)}.")
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "pose", pose)
 
-    @classmethod
-    def applied_to_link(
-        cls,
-        body: str,
-        wrench: np.ndarray,
-        pose: np.ndarray,
-        covariance: np.ndarray | None = None,
-        time: np.ndarray | None = None,
-    ) -> "Contact":
-        """A contact from the wrench that the surroundings apply *to the link*, the other way round than Γ_E."""
-        return cls(body, -np.asarray(wrench, float), pose, covariance, time)
+    @property
+    def on_mechanism(self) -> np.ndarray:
+        """The wrench that the surroundings exert on the mechanism, in the sensor's frame (N, 6)."""
+        return self.values if self.applied_to_link else -self.values
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +102,29 @@ class TotalWrench:
     """The right-hand side of `Y φ = Γ` with all contacts.
 
     Attributes:
-        wrench: Γ `[F; τ]` in the base frame, N and N m (N, 6).
-        covariance: Its covariance, one for each sample because contacts move (N, 6, 6); None if any part is unknown.
+        values: Γ `[F; τ]` in `frame`, N and N m, NaN in the columns of components that are not measured (N, 6).
+        frame: Pose of the ground sensor's frame in the base frame (4, 4), one for each sample if it moves.
+        parts: Pose in the base frame and covariance of every sensor.
     """
 
-    wrench: np.ndarray
-    covariance: np.ndarray | None
+    values: np.ndarray
+    frame: np.ndarray
+    parts: Sequence[tuple[np.ndarray, np.ndarray | None]]
+
+    @property
+    def in_base(self) -> np.ndarray:
+        """Γ in the base frame, which takes all components (N, 6)."""
+        return transform_wrench(self.frame, self.values)
+
+    @cached_property
+    def covariance(self) -> np.ndarray | None:
+        """Covariance of the values, one for each sample because contacts move (N, 6, 6); None if a part is unknown."""
+        total = np.zeros((len(self.values), 6, 6))
+        for pose, covariance in self.parts:
+            if covariance is None:
+                return None
+            total += transform_covariance(inverse(self.frame) @ pose, covariance)
+        return total
 
 
 def transform_wrench(T_ab: np.ndarray, wrench: np.ndarray) -> np.ndarray:
@@ -81,7 +137,9 @@ def transform_wrench(T_ab: np.ndarray, wrench: np.ndarray) -> np.ndarray:
     Returns:
         Wrenches in frame a (…, 6).
     """
-    return (coAd(T_ab) @ np.asarray(wrench, float)[..., None])[..., 0]
+    wrench, A = np.asarray(wrench, float), coAd(T_ab)
+    # One pose for all samples makes one product of matrices, which is far quicker.
+    return wrench @ A.T if A.ndim == 2 else (A @ wrench[..., None])[..., 0]
 
 
 def transform_covariance(T_ab: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -90,15 +148,7 @@ def transform_covariance(T_ab: np.ndarray, covariance: np.ndarray) -> np.ndarray
     return A @ covariance @ np.swapaxes(A, -1, -2)
 
 
-def total_wrench(
-    tree: Tree,
-    q: np.ndarray,
-    ground: np.ndarray | None,
-    contacts: Sequence[Contact],
-    *,
-    ground_covariance: np.ndarray | None = None,
-    time: np.ndarray | None = None,
-) -> TotalWrench:
+def total_wrench(tree: Tree, q: np.ndarray, ground: Wrench | None, contacts: Sequence[Wrench]) -> TotalWrench:
     """Eq. 17: `Γ = Γ_0 - Σ coAd(T_0E) Γ_E`, the wrench that the mechanism's own motion and weight need.
 
     Where nothing holds the base there is no Γ_0, and the contacts alone make up Γ (Eq. 3).
@@ -106,67 +156,54 @@ def total_wrench(
     Args:
         tree: The mechanism.
         q: Joint coordinates in rad, m or quaternions (N, n_q).
-        ground: Γ_0, the wrench that the ground exerts on the base, in the base frame, N and N m (N, 6); None where
+        ground: What the ground and the base exert on each other, perhaps without some of its components; None where
             nothing holds the base.
-        contacts: Any number of contacts on any bodies.
-        ground_covariance: Covariance of the measured Γ_0 (6, 6).
-        time: Sample times, s (N,).
+        contacts: Any number of contacts on any bodies, each with all components.
 
     Returns:
-        The total wrench, with the sensors' covariances carried through the transport where all are known.
+        The total wrench in the frame of the ground's sensor, without a ground in the base frame; the sensors'
+        covariances are carried through the transport where all are known.
 
     Raises:
-        InputError: A contact is on a body that does not exist, its samples do not match in number or time, or an array
-            is not finite or of another shape.
+        InputError: A contact is on a body that does not exist or lacks components, or samples do not match in number or
+            time, or are not finite.
     """
     if np.ndim(q) != 2:
         raise InputError(f"The total wrench needs joint coordinates (N, n_q), got shape {np.shape(q)}.")
     poses = tree.poses(q)
     if not np.isfinite(poses).all():
         raise InputError("The total wrench needs finite joint states.")
+    _check(tree, len(poses), ground, contacts)
+    places = [poses[:, tree.names.index(str(contact.body))] @ contact.pose for contact in contacts]
+    values = np.zeros((len(poses), 6))
+    for pose, contact in zip(places, contacts, strict=True):
+        values += transform_wrench(pose, contact.on_mechanism)
+    parts = [(pose, contact.covariance) for pose, contact in zip(places, contacts, strict=True)]
     if ground is None:
-        if ground_covariance is not None:
-            raise InputError("A covariance of the ground wrench needs a ground wrench, got None.")
-        ground, ground_covariance = np.zeros((len(poses), 6)), np.zeros((6, 6))
-    wrench = np.array(ground, float)
-    if wrench.shape != (len(poses), 6) or not np.isfinite(wrench).all():
-        raise InputError(
-            f"{len(poses)} joint states need finite ground wrenches ({len(poses)}, 6), got shape {wrench.shape}."
-        )
-    _check_covariance("The ground wrench", ground_covariance)
-    if time is not None and np.shape(time) != (len(poses),):
-        raise InputError(f"{len(poses)} joint states need as many sample times, got shape {np.shape(time)}.")
-    known = ground_covariance is not None and all(contact.covariance is not None for contact in contacts)
-    covariance = np.tile(np.asarray(ground_covariance, float), (len(poses), 1, 1)) if known else None
+        return TotalWrench(values, np.eye(4), parts)
+    values = transform_wrench(inverse(ground.pose), values) + ground.on_mechanism
+    return TotalWrench(values, ground.pose, [(ground.pose, ground.covariance), *parts])
+
+
+def _check(tree: Tree, samples: int, ground: Wrench | None, contacts: Sequence[Wrench]) -> None:
+    """Refuses wrenches that do not fit the mechanism, its samples, or each other."""
+    if ground is not None and len(ground.values) != samples:
+        raise InputError(f"{samples} joint states need ground wrenches ({samples}, 6), got {ground.values.shape}.")
+    time = None if ground is None else ground.time
     for contact in contacts:
-        _check(contact, tree, len(poses), time)
-        T_0E = poses[:, tree.names.index(contact.body)] @ contact.pose
-        wrench -= transform_wrench(T_0E, contact.exerted_by_link)
-        if covariance is not None and contact.covariance is not None:
-            covariance += transform_covariance(T_0E, contact.covariance)
-    return TotalWrench(wrench, covariance)
-
-
-def _check(contact: Contact, tree: Tree, samples: int, time: np.ndarray | None) -> None:
-    if contact.body not in tree.names:
-        raise InputError(f"A contact is on '{contact.body}', but the mechanism's bodies are {', '.join(tree.names)}.")
-    if len(contact.exerted_by_link) != samples:
-        raise InputError(
-            f"The contact on '{contact.body}' needs {samples} samples like the joint states, "
-            f"got {len(contact.exerted_by_link)}."
-        )
-    if time is not None and contact.time is not None:
-        shift = np.abs(np.asarray(contact.time) - time)
-        if not shift.max() <= 1e-9:
+        who, time = f"The contact on '{contact.body}'", contact.time if time is None else time
+        if contact.body not in tree.names:
             raise InputError(
-                f"The contact on '{contact.body}' needs the joint states' sample times; they differ by up to "
-                f"{shift.max():.3g} s, most at sample {int(shift.argmax())}."
+                f"A contact is on '{contact.body}', but the mechanism's bodies are {', '.join(tree.names)}."
             )
-
-
-def _check_covariance(whose: str, covariance: np.ndarray | None) -> None:
-    if covariance is None:
-        return
-    C = np.asarray(covariance, float)
-    if C.shape != (6, 6) or not np.allclose(C, C.T):
-        raise InputError(f"{whose} needs a symmetric covariance (6, 6), got shape {C.shape}.")
+        if len(contact.values) != samples:
+            raise InputError(f"{who} needs {samples} samples like the joint states, got {len(contact.values)}.")
+        if not np.isfinite(contact.values).all():
+            raise InputError(f"{who} needs all six components; only the ground's wrench may lack some.")
+        if time is not None and contact.time is not None:
+            shift = np.abs(np.asarray(contact.time) - time)
+            if not shift.max() <= 1e-9:
+                raise InputError(
+                    f"{who} needs the other wrenches' sample times; they differ by up to {shift.max():.3g} s, most at "
+                    f"sample {int(shift.argmax())}."
+                )

@@ -71,7 +71,7 @@ def test_a_recording_is_read_from_its_file_in_pieces(tmp_path, suffix):
     np.testing.assert_allclose(in_pieces.psi, whole.psi, rtol=1e-11, atol=1e-12)
     assert in_pieces.samples == 300
     (alone,) = pieces(recording, equations(TREE_OF_SCENE))
-    np.testing.assert_array_equal(alone.measured, recording.wrench("ground"))
+    np.testing.assert_array_equal(alone.measured, recording.wrench("ground").values)
 
 
 def test_bad_pieces_are_named():

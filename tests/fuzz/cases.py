@@ -237,6 +237,7 @@ class _Maker:
         right = {"--base": ["base"], "--contact": ["contact"], "--piece": ["7", "50", "100000"]}
         wrong = {
             "--base": ["link1", "link2", "$", ""],
+            "--columns": [self.file("columns", f"{name}.toml"), "absent.toml", files[0], "."],
             "--contact": ["ground", "x", "$"],
             "--without": ["contact", "x"],
             "--ignore": ["grip", "$"],

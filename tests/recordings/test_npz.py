@@ -16,6 +16,9 @@ from experiments import identify, stream
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies.stream import Progress
 from ident.errors import InputError
+from ident.mechanism.body import Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
 
@@ -66,8 +69,9 @@ def archive(path, content, compression=zipfile.ZIP_STORED):
     return path
 
 
+ELBOW = Body("arm", -1, np.eye(4), np.array([0, 0, 0, 0, 1, 0]), "elbow")
 READERS = {
-    "log": lambda path: read_log(path, ["elbow"]),
+    "log": lambda path: read_log(path, Mechanism(Tree((ELBOW,)), np.zeros(3))),
     "recording": Recording.load,
     "pieces": lambda path: next(Recording.chunks(path, 7)),
     "outcomes": lambda path: Checkpoint("runs", path, {}).done(),

@@ -88,12 +88,11 @@ np.lib.format.write_array(NPY, np.arange(5.0))
 @pytest.mark.parametrize(
     ("member", "message"),
     [
-        (np.array([None] * 5), "needs real numbers, it holds object"),
-        (np.ones(5, complex), "needs real numbers, it holds complex128"),
-        (np.array(["1"] * 5), "needs real numbers, it holds <U1"),
-        (np.ones(4), "the times are 5 samples, it has 4"),
-        (np.ones((5, 1, 1)), "has one or two dimensions, it has 3"),
-        (np.array(1.0), "has one or two dimensions, it has 0"),
+        (np.array([None] * 5), "needs real numbers in one or two dimensions, it holds object"),
+        (np.ones(5, complex), "holds complex128"),
+        (np.array(["1"] * 5), "holds <U1"),
+        (np.ones((5, 1, 1)), r"one or two dimensions, it holds float64 \(5, 1, 1\)"),
+        (np.array(1.0), r"one or two dimensions, it holds float64 \(\)"),
         (NPY.getvalue()[:-8], r"array of \(5,\) float64 has another size than its 32 bytes"),
         (NPY.getvalue() + b"more", r"array of \(5,\) float64 has another size than its 44 bytes"),
         (NPY.getvalue()[:40], "reading array header"),
@@ -113,8 +112,8 @@ def test_a_member_that_is_no_channel_is_named(tmp_path, member, message):
     ("metadata", "message"),
     [
         ("{oops", "member 'metadata' cannot be read"),
-        ("[1]", "member 'metadata' cannot be read .a JSON object is needed, it holds .1."),
-        ('{"foo": {}}', "each a JSON object; not 'foo'"),
+        ("[1]", "member 'metadata' cannot be read .JSON objects named units, .* are needed, it holds .1."),
+        ('{"units": 5}', "JSON objects named units"),
     ],
 )
 def test_metadata_that_are_none_are_refused(tmp_path, metadata, message):
@@ -123,8 +122,17 @@ def test_metadata_that_are_none_are_refused(tmp_path, metadata, message):
 
 
 def test_an_archive_without_times_is_none_of_ours(tmp_path):
-    with pytest.raises(LogError, match=r"r\.npz: a recording needs a member 'time'; it has metadata, measured/a\."):
+    with pytest.raises(ValueError, match=r"r\.npz: a recording needs a column 'time'; the file has a\."):
         Recording.load(archive(tmp_path / "r.npz", measured__a=np.ones(5)))
+    with pytest.raises(ValueError, match=r"r\.npz: arrays need the same number of samples, 'time' has 4 and 'meas"):
+        Recording.load(archive(tmp_path / "r.npz", measured__a=np.ones(5), time=np.arange(4.0)))
+
+
+def test_arrays_of_others_are_channels_by_their_names(tmp_path):
+    np.savez(tmp_path / "r.npz", time=np.arange(3), q=np.eye(3), remark="none", metadata="mine")
+    recording = Recording.load(tmp_path / "r.npz")
+    assert list(recording.measured) == ["q"]
+    np.testing.assert_array_equal(recording["q"], np.eye(3))
 
 
 def test_wherever_a_file_ends_early_or_a_byte_is_wrong_it_is_one_sentence_or_harmless(tmp_path):
@@ -150,10 +158,10 @@ def test_wherever_a_file_ends_early_or_a_byte_is_wrong_it_is_one_sentence_or_har
     ("row", "message"),
     [
         ("9,oops", "row 11, column 'a' needs a number, got 'oops'"),
-        ("9,inf", "row 11, column 'a' needs a finite number, got 'inf'"),
+        ("9,inf", "row 11, column 'a' needs a finite number, got inf"),
         ("9", "row 11 has 1 cells where the header has 2"),
-        ("8,1", "Recorded times must increase; sample 9 does not"),
-        ("\n9,1", "row 11 is blank"),
+        ("8,1", "row 11, column 'time' needs to increase"),
+        ("9,", "row 11, column 'a' is empty or NaN, as are 1 of"),
     ],
 )
 @pytest.mark.parametrize("samples", [1, 3, 5, 100])
@@ -171,15 +179,15 @@ def test_a_late_fault_is_found_when_its_piece_is_due(tmp_path, row, message, sam
 def test_late_faults_of_an_archive_name_the_sample(tmp_path, samples):
     x = np.arange(10.0)
     path = archive(tmp_path / "r.npz", time=x, measured__a=np.where(x == 7, np.nan, x))
-    with pytest.raises(LogError, match=r"r\.npz: Channel 'a' needs finite numbers; sample 7 is nan"):
+    with pytest.raises(ValueError, match=r"r\.npz: sample 7, column 'a' is empty or NaN"):
         list(Recording.chunks(path, samples))
     path = archive(tmp_path / "r.npz", time=np.where(x == 8, 7, x), measured__a=x)
-    with pytest.raises(LogError, match=r"r\.npz: Recorded times must increase; sample 8 does not"):
+    with pytest.raises(ValueError, match=r"r\.npz: sample 8, column 'time' needs to increase"):
         list(Recording.chunks(path, samples))
 
 
 def test_pieces_need_a_file_and_samples(tmp_path):
-    with pytest.raises(LogError, match=r"that exists, got 'missing\.csv'"):
+    with pytest.raises(ValueError, match=r"missing\.csv: a log is a .* file that exists"):
         next(Recording.chunks("missing.csv"))
     (tmp_path / "r.csv").write_text("time\n0\n")
     with pytest.raises(InputError, match="needs at least one sample, got 0"):

@@ -6,7 +6,7 @@ from ident.geometry import se3
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model import dim
-from ident.recordings.wrench import Contact, total_wrench, transform_covariance, transform_wrench
+from ident.recordings.wrench import Wrench, total_wrench, transform_covariance, transform_wrench
 
 
 @pytest.fixture(params=range(10))
@@ -32,6 +32,11 @@ def test_covariance_is_that_of_moved_samples(rng):
     expected = np.cov(transform_wrench(T, samples).T)
     found = transform_covariance(T, root @ root.T)
     np.testing.assert_allclose(found, expected, atol=0.06 * abs(expected).max())
+
+
+def by_link(body, wrench, pose, covariance=None):
+    """A contact from the wrench that the link exerts."""
+    return Wrench(wrench, str(body), pose, applied_to_link=False, covariance=covariance)
 
 
 def random_contacts(rng, tree, samples):
@@ -62,25 +67,31 @@ def test_equation_15_walked_down_the_tree_gives_equation_17(rng):
                 ground[k] += carried
             else:
                 force[tree.bodies[i].parent] = force[tree.bodies[i].parent] + carried
-    contacts = [Contact(str(b), w, p) for b, w, p in zip(bodies, wrenches, poses, strict=True)]
-    Y = np.array([dim.base_wrench_regressor(mechanism, sample) for sample in motion])
-    total = total_wrench(tree, motion.q, ground, contacts)
-    np.testing.assert_allclose(total.wrench, Y @ phi, atol=1e-11 * abs(ground).max())
+    contacts = list(map(by_link, bodies, wrenches, poses))
+    Y, q = np.array([dim.base_wrench_regressor(mechanism, sample) for sample in motion]), motion.q
+    total = total_wrench(tree, q, Wrench(ground), contacts)
+    np.testing.assert_allclose(total.values, Y @ phi, atol=1e-11 * abs(ground).max())
     assert total.covariance is None
+    # The ground measured elsewhere, the other way round, and without two of its components.
+    plate = random_pose(rng)
+    there = transform_wrench(se3.inverse(plate), -ground)
+    elsewhere = total_wrench(tree, q, Wrench(there, pose=plate, applied_to_link=False), contacts)
+    np.testing.assert_array_equal(elsewhere.frame, plate)
+    np.testing.assert_allclose(elsewhere.in_base, Y @ phi, atol=1e-10 * abs(ground).max())
+    there[:, [1, 5]] = np.nan
+    partial = total_wrench(tree, q, Wrench(there, pose=plate, applied_to_link=False), contacts).values
+    assert np.isnan(partial[:, [1, 5]]).all()
+    np.testing.assert_array_equal(partial[:, [0, 2, 3, 4]], elsewhere.values[:, [0, 2, 3, 4]])
 
 
 def test_a_wrench_applied_to_the_link_has_the_other_sign(rng):
     tree = random_tree(rng)
     q = random_states(rng, tree, 3)[0]
-    bodies, wrenches, poses = random_contacts(rng, tree, 3)
-    by_link = [Contact(str(b), w, p) for b, w, p in zip(bodies, wrenches, poses, strict=True)]
-    to_link = [Contact.applied_to_link(str(b), -w, p) for b, w, p in zip(bodies, wrenches, poses, strict=True)]
-    full = Contact.applied_to_link("b", wrenches[0], poses[0], np.eye(6), np.arange(3.0))
-    assert full.covariance is not None and full.time is not None
-    ground = rng.normal(size=(3, 6))
-    np.testing.assert_array_equal(
-        total_wrench(tree, q, ground, by_link).wrench, total_wrench(tree, q, ground, to_link).wrench
-    )
+    contacts = random_contacts(rng, tree, 3)
+    to_link = [Wrench(-w, str(b), p) for b, w, p in zip(*contacts, strict=True)]
+    ground = Wrench(rng.normal(size=(3, 6)))
+    totals = (total_wrench(tree, q, ground, given) for given in (list(map(by_link, *contacts)), to_link))
+    np.testing.assert_array_equal(*(total.values for total in totals))
 
 
 def test_covariances_of_all_sensors_add_up(rng):
@@ -89,8 +100,8 @@ def test_covariances_of_all_sensors_add_up(rng):
     bodies, _, poses = random_contacts(rng, tree, 2)
     roots = rng.normal(size=(len(bodies) + 1, 6, 6))
     covariances = roots @ roots.transpose(0, 2, 1)
-    contacts = [Contact(str(b), np.zeros((2, 6)), p, c) for b, p, c in zip(bodies, poses, covariances[1:], strict=True)]
-    found = total_wrench(tree, q, np.zeros((2, 6)), contacts, ground_covariance=covariances[0]).covariance
+    contacts = list(map(by_link, bodies, np.zeros((len(bodies), 2, 6)), poses, covariances[1:]))
+    found = total_wrench(tree, q, Wrench(np.zeros((2, 6)), covariance=covariances[0]), contacts).covariance
     for k in range(2):
         A = [se3.coAd(tree.poses(q[k])[tree.names.index(b)] @ p) for b, p in zip(bodies, poses, strict=True)]
         expected = covariances[0] + sum(a @ c @ a.T for a, c in zip(A, covariances[1:], strict=True))
@@ -103,11 +114,11 @@ def test_without_a_ground_wrench_the_contacts_are_all_there_is(rng, known):
     q = random_states(rng, tree, 3)[0]
     bodies, wrenches, poses = random_contacts(rng, tree, 3)
     contacts = [
-        Contact(str(b), w, p, np.eye(6) if known else None) for b, w, p in zip(bodies, wrenches, poses, strict=True)
+        by_link(*contact, np.eye(6) if known else None) for contact in zip(bodies, wrenches, poses, strict=True)
     ]
     found = total_wrench(tree, q, None, contacts)
-    exact_zero = total_wrench(tree, q, np.zeros((3, 6)), contacts, ground_covariance=np.zeros((6, 6)))
-    np.testing.assert_array_equal(found.wrench, exact_zero.wrench)
+    exact_zero = total_wrench(tree, q, Wrench(np.zeros((3, 6)), covariance=np.zeros((6, 6))), contacts)
+    np.testing.assert_array_equal(found.values, exact_zero.values)
     if known:
         np.testing.assert_array_equal(found.covariance, exact_zero.covariance)
     else:
@@ -116,13 +127,8 @@ def test_without_a_ground_wrench_the_contacts_are_all_there_is(rng, known):
 
 def test_in_free_flight_the_total_wrench_is_known_to_be_zero():
     found = total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [])
-    np.testing.assert_array_equal(found.wrench, np.zeros((4, 6)))
+    np.testing.assert_array_equal(found.values, np.zeros((4, 6)))
     np.testing.assert_array_equal(found.covariance, np.zeros((4, 6, 6)))
-
-
-def test_a_ground_wrench_that_does_not_exist_has_no_covariance():
-    with pytest.raises(ValueError, match="covariance of the ground wrench needs a ground wrench, got None"):
-        total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [], ground_covariance=np.eye(6))
 
 
 TREE = random_tree(np.random.default_rng(0), 3)
@@ -132,56 +138,47 @@ WRENCH = np.zeros((4, 6))
 @pytest.mark.parametrize(
     ("contact", "message"),
     [
-        (lambda: Contact("hand", WRENCH, np.eye(4)), "on 'hand', but the mechanism's bodies are b0, b1, b2"),
-        (lambda: Contact("b1", WRENCH, None), r"'b1' needs the pose of its sensor's frame.*got none"),
-        (lambda: Contact("b1", WRENCH, np.eye(3)), r"frame, \(4, 4\) or \(4, 4, 4\), got \(3, 3\)"),
-        (lambda: Contact("b1", WRENCH[:3], np.eye(4)), "'b1' needs 4 samples like the joint states, got 3"),
-        (lambda: Contact("b1", WRENCH[:, :5], np.eye(4)), r"'b1' needs finite wrenches \(N, 6\), got shape \(4, 5\)"),
-        (lambda: Contact("b1", WRENCH * np.nan, np.eye(4)), "'b1' needs finite wrenches"),
-        (lambda: Contact("b1", WRENCH, np.eye(4), np.eye(3)), r"covariance \(6, 6\), got shape \(3, 3\)"),
+        ({"body": "hand"}, "on 'hand', but the mechanism's bodies are b0, b1, b2"),
+        ({"body": None}, "on 'None', but the mechanism's bodies are b0, b1, b2"),
+        ({"pose": None}, r"'b1' needs the pose of its sensor's frame.*got none"),
+        ({"pose": np.eye(3)}, r"frame, \(4, 4\) or \(4, 4, 4\), got \(3, 3\)"),
+        ({"pose": 2 * np.eye(4)}, "'b1' needs the pose of its sensor's frame"),
+        ({"pose": np.eye(4) * np.nan}, "'b1' needs the pose of its sensor's frame"),
+        ({"values": WRENCH[:3]}, "'b1' needs 4 samples like the joint states, got 3"),
+        ({"values": WRENCH[:, :5]}, r"'b1' needs wrenches \(N, 6\), each .* throughout, got shape \(4, 5\)"),
+        ({"values": np.where(np.eye(4, 6), np.inf, 0)}, "'b1' needs wrenches .* finite or NaN throughout"),
+        ({"values": np.where(np.eye(4, 6), np.nan, 0)}, "'b1' needs wrenches .* finite or NaN throughout"),
+        ({"values": WRENCH * np.nan}, "'b1' needs all six components; only the ground's wrench may lack some"),
+        ({"covariance": np.eye(3)}, r"'b1' needs a symmetric covariance \(6, 6\), got shape \(3, 3\)"),
+        ({"covariance": np.triu(np.ones((6, 6)))}, "'b1' needs a symmetric covariance"),
         (
-            lambda: Contact("b1", WRENCH, np.eye(4), time=np.array([0, 1, 2.5, 3])),
-            "'b1' needs the joint states' sample times; they differ by up to 0.5 s, most at sample 2",
+            {"time": np.array([0, 1, 2.5, 3])},
+            "'b1' needs the other wrenches' sample times; they differ by up to 0.5 s, most at sample 2",
         ),
-        (
-            lambda: Contact("b1", WRENCH, np.eye(4), time=np.full(4, np.nan)),
-            "'b1' needs the joint states' sample times",
-        ),
-        (lambda: Contact("b1", WRENCH, np.eye(4), time=np.arange(9.0)), r"'b1' needs 4 sample times, got shape \(9,\)"),
-        (lambda: Contact("b1", WRENCH, 2 * np.eye(4)), "'b1' needs the pose of its sensor's frame"),
-        (lambda: Contact("b1", WRENCH, np.eye(4) * np.nan), "'b1' needs the pose of its sensor's frame"),
-        (lambda: Contact("b1", WRENCH, np.eye(4), np.triu(np.ones((6, 6)))), "'b1' needs a symmetric covariance"),
+        ({"time": np.full(4, np.nan)}, "'b1' needs the other wrenches' sample times"),
+        ({"time": np.arange(9.0)}, r"'b1' needs 4 sample times, got shape \(9,\)"),
     ],
 )
 def test_contacts_that_do_not_fit_are_refused(contact, message):
-    q = np.zeros((4, len(TREE.moving)))
+    q, ground = np.zeros((4, len(TREE.moving))), Wrench(WRENCH, time=np.arange(4.0))
     with pytest.raises(ValueError, match=message):
-        total_wrench(TREE, q, WRENCH, [contact()], time=np.arange(4.0))
-
-
-def test_ground_wrench_needs_the_states_samples():
-    with pytest.raises(ValueError, match=r"4 joint states need finite ground wrenches \(4, 6\), got shape \(3, 6\)"):
-        total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH[:3], [])
+        total_wrench(TREE, q, ground, [Wrench(**{"values": WRENCH, "body": "b1", **contact})])
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("ground", "message"),
     [
-        ({"time": np.arange(3.0)}, r"as many sample times, got shape \(3,\)"),
-        ({"ground_covariance": np.eye(3)}, r"ground wrench needs a symmetric covariance \(6, 6\), got shape \(3, 3\)"),
+        ({"values": WRENCH[:3]}, r"4 joint states need ground wrenches \(4, 6\), got \(3, 6\)"),
+        ({"time": np.arange(3.0)}, r"ground wrench needs 4 sample times, got shape \(3,\)"),
+        ({"covariance": np.eye(3)}, r"ground wrench needs a symmetric covariance \(6, 6\), got shape \(3, 3\)"),
     ],
 )
-def test_ground_options_must_fit(options, message):
+def test_ground_wrenches_must_fit(ground, message):
     with pytest.raises(ValueError, match=message):
-        total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH, [], **options)
+        total_wrench(TREE, np.zeros((4, len(TREE.moving))), Wrench(**{"values": WRENCH, **ground}), [])
 
 
-def test_ground_wrenches_must_be_finite():
-    with pytest.raises(ValueError, match="finite ground wrenches"):
-        total_wrench(TREE, np.zeros((4, len(TREE.moving))), WRENCH * np.nan, [])
-
-
-@pytest.mark.parametrize("ground", [WRENCH, None])
+@pytest.mark.parametrize("ground", [Wrench(WRENCH), None])
 def test_joint_states_must_be_finite(ground):
     with pytest.raises(ValueError, match="total wrench needs finite joint states"):
         total_wrench(TREE, np.full((4, len(TREE.moving)), np.nan), ground, [])
@@ -192,7 +189,10 @@ def test_the_measured_arrays_stay_as_they_are_and_times_agree_to_a_nanosecond(rn
     q, _, _ = random_states(rng, tree, 4)
     ground, exerted, time = rng.normal(size=(4, 6)), rng.normal(size=(4, 6)), np.arange(4) / 100
     kept = ground.copy(), exerted.copy()
-    total_wrench(tree, q, ground, [Contact(tree.names[0], exerted, np.eye(4), time=time + 1e-10)], time=time)
+    early, late = (Wrench(exerted, tree.names[0], time=time + shift) for shift in (1e-10, 1e-8))
+    total_wrench(tree, q, Wrench(ground, time=time), [early])
     np.testing.assert_array_equal((ground, exerted), kept)
     with pytest.raises(ValueError, match="sample times; they differ by up to 1e-08 s"):
-        total_wrench(tree, q, ground, [Contact(tree.names[0], exerted, np.eye(4), time=time + 1e-8)], time=time)
+        total_wrench(tree, q, Wrench(ground, time=time), [late])
+    with pytest.raises(ValueError, match=r"sample times; they differ by up to 9\.9e-09 s"):
+        total_wrench(tree, q, None, [early, late])

@@ -12,7 +12,7 @@ from ident.mechanism.motion import BaseMotion
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
 from ident.parameters.structure import Sensors
-from ident.recordings.wrench import Contact, total_wrench
+from ident.recordings.wrench import Wrench, total_wrench
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, state_columns, tree_from_model
 from sim.simulation.contacts import contact_wrenches, fall
 
@@ -31,7 +31,7 @@ def motion():
 
 @pytest.fixture(scope="module")
 def contacts(motion):
-    return [Contact.applied_to_link(body, wrench, np.eye(4)) for body, wrench in motion.contacts.items()]
+    return [Wrench(wrench, body) for body, wrench in motion.contacts.items()]
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_many_bodies_touch_the_floor_and_others_from_sample_to_sample(motion, to
 
 
 def test_contact_wrenches_sum_up_to_the_base_wrench(motion, contacts, Y):
-    found = total_wrench(TREE, joint_states(motion)[0], None, contacts).wrench
+    found = total_wrench(TREE, joint_states(motion)[0], None, contacts).values
     np.testing.assert_allclose(found, Y @ PHI, rtol=0, atol=1e-8)
     assert abs(found[:, :3]).max() > 1000 and abs(found[:, 3:]).max() > 100
 
@@ -102,14 +102,14 @@ def test_contact_wrenches_sum_up_to_the_base_wrench(motion, contacts, Y):
 def test_with_the_world_as_base_the_free_joint_is_one_of_the_joints(motion, contacts):
     tree, phi = tree_from_model(MODEL), parameters_from_model(MODEL)
     Y = base_wrench_regressor(tree, motion.qpos, motion.qvel, motion.qacc, gravity=gravity_in_base(MODEL))
-    found = total_wrench(tree, motion.qpos, None, contacts).wrench
+    found = total_wrench(tree, motion.qpos, None, contacts).values
     np.testing.assert_allclose(found, Y @ phi, rtol=0, atol=1e-8)
 
 
 def test_no_contact_may_be_left_out(motion, contacts, Y):
     for left_out in contacts:
         others = [contact for contact in contacts if contact is not left_out]
-        found = total_wrench(TREE, joint_states(motion)[0], None, others).wrench
+        found = total_wrench(TREE, joint_states(motion)[0], None, others).values
         force = np.linalg.norm(left_out.exerted_by_link[:, :3], axis=1)
         np.testing.assert_allclose(np.linalg.norm((found - Y @ PHI)[:, :3], axis=1), force, rtol=0, atol=1e-8)
         assert force.max() > 1
@@ -120,7 +120,7 @@ def test_in_flight_nothing_is_needed_from_outside(motion, touching, Y):
     assert flight.sum() > 15
     assert abs(motion.qvel[flight, 6:]).max() > 1
     np.testing.assert_allclose((Y @ PHI)[flight], 0, atol=1e-9)
-    assert abs(total_wrench(TREE, joint_states(motion)[0], None, []).wrench).max() == 0
+    assert abs(total_wrench(TREE, joint_states(motion)[0], None, []).values).max() == 0
 
 
 def test_structural_rank_is_the_numeric_rank():
@@ -133,7 +133,7 @@ def test_structural_rank_is_the_numeric_rank():
 def test_a_fall_identifies_every_base_parameter(motion, contacts):
     base = find_base_parameters(TREE, sensors=SENSORS)
     total = total_wrench(TREE, joint_states(motion)[0], None, contacts)
-    samples = sampled(*joint_states(motion), total.wrench, pelvis(motion))
+    samples = sampled(*joint_states(motion), total.values, pelvis(motion))
     np.testing.assert_allclose(fitted(TREE, samples, gravity=GRAVITY).psi, base.regroup(PHI), atol=1e-9)
 
 

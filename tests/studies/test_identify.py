@@ -405,7 +405,7 @@ def test_recordings_of_the_project_are_logs(tmp_path):
     recording().save(path)
     prepared = prepare(PENDULUM, path, base="base")
     original = Recording.load(path)
-    np.testing.assert_array_equal(prepared.samples.measured, original.wrench("ground"))
+    np.testing.assert_array_equal(prepared.samples.measured, original.wrench("ground").values)
 
 
 def board(**missing):
@@ -537,7 +537,7 @@ def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):
     assert "--columns" in message and len(lines) == 3
     columns.write_text("\n".join(lines), encoding="utf-8")
     prepared = prepare(PENDULUM, path, base="base", columns=columns)
-    np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground"))
+    np.testing.assert_array_equal(prepared.samples.measured, log.wrench("ground").values)
 
 
 @pytest.mark.parametrize(("share", "doubt"), [(0.65, True), (0.75, False), (1.25, False), (1.35, True)])

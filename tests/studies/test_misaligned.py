@@ -76,7 +76,7 @@ def test_the_full_models_own_table(results):
 def test_the_study_is_identified_from_noisy_wrenches():
     # Residuals of the full model hold the sensors' noise: 0.5 N, and what noise on the joint states adds.
     study = tilted_axes.study(seed=3)
-    residual = study.recording.wrench("ground") - study.full.predicted
+    residual = study.recording.wrench("ground").values - study.full.predicted
     assert 0.48 < residual[:, 0].std() < 0.54
     assert (residual[:, :3].std(axis=0) > 0.48).all()
     assert (residual[:, 3:].std(axis=0) > 0.048).all()
@@ -96,7 +96,7 @@ def test_summary_is_for_scripts(results):
 def test_errors_of_the_wrench_are_told_channel_by_channel(results):
     summary = json.loads((results / "summary.json").read_text())["wrench_errors"]
     study = tilted_axes.study(seed=3)
-    true = study.recording.noise_free.wrench("ground")
+    true = study.recording.noise_free.wrench("ground").values
     assert list(summary) == ["Fx", "Fy", "Fz", "τx", "τy", "τz"]
     for k, channel in enumerate(summary.values()):
         assert channel["true_std"] == pytest.approx(true[:, k].std())
@@ -145,7 +145,7 @@ def test_figures_show_what_their_captions_say():
         lines = {line.get_label(): line for line in ax.get_lines()}
         # Panels run row by row, components column by column.
         k = component // 2 + 3 * (component % 2)
-        truth = study.recording.noise_free.wrench("ground")[:, k]
+        truth = study.recording.noise_free.wrench("ground").values[:, k]
         np.testing.assert_array_equal(lines["True"].get_ydata(), truth)
         np.testing.assert_array_equal(lines["Full"].get_ydata(), study.full.predicted[:, k])
         np.testing.assert_array_equal(lines["Simplified"].get_ydata(), study.simplified.predicted[:, k])

@@ -51,11 +51,11 @@ def test_ignoring_the_contact_is_ten_times_worse(result, contact):
 
 def test_a_contact_that_is_ignored_leaves_out_its_wrench_alone(result):
     known, recording = result.known, result.recording
-    alone = {name: total(known, recording, set(known.cells) - {name}).wrench for name in known.cells}
-    ground = recording.wrench("ground")
-    np.testing.assert_array_equal(total(known, recording, known.cells).wrench, ground)
+    alone = {name: total(known, recording, set(known.sites) - {name}).values for name in known.sites}
+    ground = recording.wrench("ground").values
+    np.testing.assert_array_equal(total(known, recording, known.sites).values, ground)
     parts = sum(wrench - ground for wrench in alone.values())
-    np.testing.assert_allclose(result.measured.wrench - ground, parts, atol=1e-12 * abs(ground).max())
+    np.testing.assert_allclose(result.measured.values - ground, parts, atol=1e-12 * abs(ground).max())
 
 
 def test_without_noise_the_estimate_is_exact(contact):
@@ -66,8 +66,8 @@ def test_true_total_wrench_is_what_the_parameters_give(result, contact):
     known = problem(contact)
     states = result.recording.noise_free.joint_states(known.tree.joints)
     expected = base_wrench_regressor(known.tree, *states, gravity=known.gravity) @ known.phi_true
-    np.testing.assert_allclose(result.true.wrench, expected, atol=1e-9 * abs(expected).max())
-    assert abs(result.measured.wrench - expected).max() > 0.5
+    np.testing.assert_allclose(result.true.values, expected, atol=1e-9 * abs(expected).max())
+    assert abs(result.measured.values - expected).max() > 0.5
 
 
 def test_weights_help_where_only_the_wrenches_are_noisy(contact):
@@ -77,7 +77,7 @@ def test_weights_help_where_only_the_wrenches_are_noisy(contact):
     for seed in range(60):
         noisy = with_noise(replace(recording, noise=noise), np.random.default_rng(seed))
         wrench = total(known, noisy)
-        options = {"wrench": wrench.wrench, "kept": None}
+        options = {"wrench": wrench.values, "kept": None}
         ordinary.append(fit(known.tree, noisy, known.phi_true, known.gravity, **options).estimate.std)
         found = fit(known.tree, noisy, known.phi_true, known.gravity, covariance=wrench.covariance, **options)
         weighted.append(found.estimate.std)
@@ -137,11 +137,11 @@ def test_figures_show_what_their_captions_say(result):
     for component, ax in enumerate(contacts_report.figure_4(result).axes):
         k = component // 2 + 3 * (component % 2)
         lines = {line.get_color(): line.get_ydata() for line in ax.get_lines()}
-        np.testing.assert_array_equal(lines["tab:red"], result.recording.wrench("ground")[:, k])
-        np.testing.assert_array_equal(lines["tab:blue"], result.true.wrench[:, k])
+        np.testing.assert_array_equal(lines["tab:red"], result.recording.wrench("ground").values[:, k])
+        np.testing.assert_array_equal(lines["tab:blue"], result.true.values[:, k])
         np.testing.assert_array_equal(lines["black"], result.fit.predicted[:, k])
         error = contacts_report.figure_5(result).axes[component].get_lines()[0].get_ydata()
-        np.testing.assert_array_equal(error, (result.measured.wrench - result.fit.predicted)[:, k])
+        np.testing.assert_array_equal(error, (result.measured.values - result.fit.predicted)[:, k])
 
 
 def test_two_contacts_touch_at_the_same_time():
@@ -161,8 +161,9 @@ def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result
     tree, recording = result.known.tree, result.recording
     poses = tree.poses(recording.joint_states(tree.joints)[0])
     figure = contacts_report.figure_contacts(result)
-    for number, cell in enumerate(result.known.cells.values()):
-        expected = transform_wrench(poses[:, tree.names.index(cell.body)] @ cell.pose, recording.wrench(cell.site))
+    for number, site in enumerate(result.known.sites.values()):
+        cell = recording.with_sensors(result.known.sensors).wrench(site)
+        expected = transform_wrench(poses[:, tree.names.index(cell.body)] @ cell.pose, cell.values)
         for component, ax in enumerate(figure.axes):
             k = component // 2 + 3 * (component % 2)
             shown = ax.get_lines()[number].get_ydata()

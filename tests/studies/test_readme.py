@@ -62,7 +62,9 @@ def test_errors_of_the_wrench_are_not_stale():
         np.testing.assert_allclose([*std, simplified[0], full[0]], expected[1:4], atol=0.0051)
         np.testing.assert_allclose([simplified[1], full[1]], 100 * np.array(expected[4:]), atol=0.51)
     share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in tilted_axes_report.table_wrench_errors(study).rows}
-    share["epsilon"] = f"{study.simplified.estimate.epsilon / np.linalg.norm(study.recording.wrench('ground')):.1%}"
+    share["epsilon"] = (
+        f"{study.simplified.estimate.epsilon / np.linalg.norm(study.recording.wrench('ground').values):.1%}"
+    )
     assert share["epsilon"] == "1.5%"
     for file in (README, README.parent / "REPRODUCTION.md"):
         quoted = file.read_text(encoding="utf-8").replace("\n", " ")

@@ -10,8 +10,10 @@ import scenes
 from experiments.stream import main
 from experiments.studies import stream
 from ident.estimation.least_squares import huber_white
+from ident.geometry.se3 import inverse
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
+from ident.recordings.wrench import transform_wrench
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -109,6 +111,51 @@ def test_contacts_are_added_or_left_out_by_name(tmp_path, capsys):
     np.testing.assert_allclose(estimate(tmp_path / "out")["psi"], truth, atol=0.1)
     assert main([*given, "--without", "contact"]) == 0
     assert abs(np.array(estimate(tmp_path / "out")["psi"]) - truth).max() > 1
+
+
+COLUMNS = """
+time = { column = "clock", unit = "ms" }
+[joints.joint1]
+position = { column = "angle", unit = "deg" }
+[wrenches.ground]
+force = ["ground_force.x", "ground_force.y", "ground_force.z"]
+torque = ["ground_torque.x", "ground_torque.y", "ground_torque.z"]
+applied_to_link = false
+position = [0.1, 0, 0]
+[wrenches.tip]
+body = "link2"
+force = ["contact_force.x", "contact_force.y", "contact_force.z"]
+torque = ["contact_torque.x", "contact_torque.y", "contact_torque.z"]
+position = [0, 0, 0.4]
+applied_to_link = false
+"""
+
+
+def test_a_mapping_of_columns_gives_what_the_channels_give(tmp_path, capsys):
+    spec = scenes.load("double_pendulum", contact="pad")
+    spec.compile()
+    (tmp_path / "model.xml").write_text(spec.to_xml())
+    recording = simulate(spec, DOUBLE_PENDULUM, samples=300)
+    recording.save(tmp_path / "pad.npz")
+    measured = dict(recording.measured)
+    plate = np.eye(4)
+    plate[0, 3] = 0.1
+    there = -transform_wrench(inverse(plate), recording.wrench("ground").values)
+    measured |= {"clock": 1000 * recording.time, "angle": np.rad2deg(measured.pop("joint1_position"))}
+    measured |= {"ground_force": there[:, :3], "ground_torque": there[:, 3:]}
+    Recording(recording.time, measured).save(tmp_path / "log.csv")
+    given = [str(tmp_path / "model.xml"), "--base", "base", "--piece", "70", "--out", str(tmp_path / "out")]
+    assert stream.main([*given, str(tmp_path / "pad.npz"), "--contact", "contact"]) == 0
+    expected = estimate(tmp_path / "out")
+    (tmp_path / "columns.toml").write_text(COLUMNS)
+    given = [*given, str(tmp_path / "log.csv"), "--columns", str(tmp_path / "columns.toml")]
+    assert stream.main(given) == 0
+    np.testing.assert_allclose(estimate(tmp_path / "out")["psi"], expected["psi"], atol=1e-9)
+    columns = COLUMNS.replace('force = ["ground_force.x"', 'force = [""')
+    (tmp_path / "columns.toml").write_text(columns)
+    assert "log.csv: the ground's wrench needs all six components here" in refusal(stream.main, given, capsys)
+    assert "columns differ" in refusal(stream.main, [*given, "--resume"], capsys)
+    assert "besides the one at the base, got 'ground'" in refusal(stream.main, [*given, "--contact", "ground"], capsys)
 
 
 @pytest.mark.parametrize(
