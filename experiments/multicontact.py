@@ -14,7 +14,7 @@ import scenes
 from experiments.cli import options
 from experiments.output import figures, report
 from experiments.studies import monte_carlo, paper
-from experiments.studies.contacts import SCENE, Study, problem, study, total, trial
+from experiments.studies.contacts import SCENE, Study, cells, problem, study, total, trial
 
 DIFFERS = frozenset({"Ixx2", "Ixx3", "Ixz3"})
 """Entries of Table IV that no rigid body can have."""
@@ -71,16 +71,16 @@ def table_4_ignoring(result: Study) -> report.Table:
 
 def table_contacts(result: Study) -> report.Table:
     """When each contact touches, and how much."""
-    found, cells = summary(result), result.known.cells
+    found, sites = summary(result), result.known.sites
 
     def each(number: str) -> list[Any]:
-        return [found[f"{cell.site}_{number}"] for cell in cells.values()]
+        return [found[f"{channels}_{number}"] for channels in cells(result.known).values()]
 
     return report.Table(
         "Contacts: shares of the samples in which each touches, and touches alone, number of episodes, peak force",
         *report.columns(
-            contact=cells,
-            link=[cell.body for cell in cells.values()],
+            contact=sites,
+            link=[body for body, _ in sites.values()],
             touches=each("fraction"),
             touches_alone=each("fraction_alone"),
             episodes=map(str, each("episodes")),
@@ -117,7 +117,7 @@ def figure_5(result: Study) -> Figure:
 def figure_contacts(result: Study) -> Figure:
     """What each contact takes from the ground wrench, measured and moved to the base frame, over time."""
     known, recording = result.known, result.recording
-    taken = {name: total(known, recording, {name}).wrench - result.measured.wrench for name in known.cells}
+    taken = {name: total(known, recording, {name}).wrench - result.measured.wrench for name in known.sites}
     return figures.wrench_panels(
         recording.time,
         {name.capitalize(): (taken[name], line) for name, line in zip(taken, CONTACT_LINES, strict=False)},
@@ -155,7 +155,7 @@ def _touches(result: Study) -> dict[str, float]:
     number = np.sum(list(result.touching.values()), axis=0)
     found: dict[str, float] = {}
     for name, touching in result.touching.items():
-        site = result.known.cells[name].site
+        site = cells(result.known)[name]
         found |= {
             f"{site}_fraction": float(touching.mean()),
             f"{site}_fraction_alone": float(np.mean(touching & (number == 1))),

@@ -1,17 +1,17 @@
 """The study of Section VII: a double pendulum whose links touch something, identified from all wrenches."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 import scenes
 from experiments.studies import trials
 from experiments.studies.fitting import Fit, fit
-from ident.mechanism.tree import Tree
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Contact, TotalWrench, total_wrench
-from sim.models.mujoco_model import gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
+from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import SAMPLES, simulate
 
@@ -19,43 +19,11 @@ SCENE = "double_pendulum"
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
-    """A load cell.
-
-    Attributes:
-        site: Its site, which its channels are named after.
-        body: Link that carries it.
-        pose: Pose of its frame in that link's (4, 4).
-    """
-
-    site: str
-    body: str
-    pose: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """What is known beforehand, and the truth to compare with.
-
-    Attributes:
-        tree: The mechanism; it ends at the load cells.
-        phi_true: Its stacked φ (30,).
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
-        cells: The load cell of each contact.
-    """
-
-    tree: Tree
-    phi_true: np.ndarray
-    gravity: np.ndarray
-    cells: Mapping[str, Cell]
-
-
-@dataclass(frozen=True, eq=False)
 class Study:
     """What the study found.
 
     Attributes:
-        known: What was known beforehand.
+        known: The mechanism, which ends at the load cells; its sites are theirs, by the contacts' names.
         recording: Simulated recording.
         measured: Total wrench from the measured ground and contact wrenches.
         true: The same from true values.
@@ -65,7 +33,7 @@ class Study:
             is named, or not `all`.
     """
 
-    known: Problem
+    known: Mechanism
     recording: Recording
     measured: TotalWrench
     true: TotalWrench
@@ -76,14 +44,14 @@ class Study:
     @property
     def several(self) -> bool:
         """Whether there are several contacts."""
-        return len(self.known.cells) > 1
+        return len(self.known.sites) > 1
 
     @property
     def touching(self) -> dict[str, np.ndarray]:
         """When each contact touches (N,); one without a sensor for its normal force is held and never let go."""
         true = self.recording.true
         held = np.ones(len(self.recording.time))
-        return {name: true.get(f"{name}_normal_force", held) > 0 for name in self.known.cells}
+        return {name: true.get(f"{name}_normal_force", held) > 0 for name in self.known.sites}
 
 
 def study(*, seed: int = 0, samples: int = SAMPLES, contact: str = "pad", noise_scale: float = 1.0) -> Study:
@@ -100,50 +68,51 @@ def study(*, seed: int = 0, samples: int = SAMPLES, contact: str = "pad", noise_
     """
     spec = scenes.load(SCENE, contact=contact)
     recording = simulate(spec, DOUBLE_PENDULUM, samples=samples, seed=seed, noise_scale=noise_scale)
-    known = problem(contact)
-    measured = total(known, recording)
-    each = {name: {name} for name in known.cells} if len(known.cells) > 1 else {}
+    pendulum = problem(contact)
+    measured = total(pendulum, recording)
+    each = {name: {name} for name in pendulum.sites} if len(pendulum.sites) > 1 else {}
 
     def identified(wrench: TotalWrench, covariance: np.ndarray | None = None) -> Fit:
-        return fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench.wrench, covariance=covariance)
+        return fit(
+            pendulum.tree, recording, pendulum.known, pendulum.gravity, wrench=wrench.wrench, covariance=covariance
+        )
 
     return Study(
-        known=known,
+        known=pendulum,
         recording=recording,
         measured=measured,
-        true=total(known, recording.noise_free),
+        true=total(pendulum, recording.noise_free),
         fit=identified(measured),
         weighted=identified(measured, measured.covariance if noise_scale else None),
         ignoring={
-            name: identified(total(known, recording, ignored))
-            for name, ignored in (each | {"all": known.cells}).items()
+            name: identified(total(pendulum, recording, ignored))
+            for name, ignored in (each | {"all": pendulum.sites}).items()
         },
     )
 
 
-def problem(contact: str) -> Problem:
-    """The mechanism of a contact scene and where its load cells sit."""
-    model = scenes.load(SCENE, contact=contact).compile()
-    return Problem(
-        tree_from_model(model, "base"),
-        parameters_from_model(model, "base"),
-        gravity_in_base(model, "base"),
-        {name: Cell(site, *site_on_tree(model, site, "base")) for name, site in scenes.load_cells(contact).items()},
-    )
+def problem(contact: str) -> Mechanism:
+    """The mechanism of a contact scene, with the sites of its load cells under the names of their contacts."""
+    pendulum = mechanism(scenes.load(SCENE, contact=contact).compile(), "base")
+    return replace(pendulum, sites={name: pendulum.site(site) for name, site in scenes.load_cells(contact).items()})
 
 
-def total(known: Problem, recording: Recording, ignored: Collection[str] = ()) -> TotalWrench:
+def cells(pendulum: Mechanism) -> dict[str, str]:
+    """For each contact the site of its load cell, which its channels are named after."""
+    return scenes.load_cells(" ".join(pendulum.sites))
+
+
+def total(pendulum: Mechanism, recording: Recording, ignored: Collection[str] = ()) -> TotalWrench:
     """Eq. 17 on a recording: what the ground gives less what the links pass on to all contacts that are not ignored."""
-    q, _, _ = recording.joint_states(known.tree.joints)
-    contacts = [
-        Contact(
-            cell.body, recording.wrench(cell.site), cell.pose, recording.wrench_covariance(cell.site), recording.time
-        )
-        for name, cell in known.cells.items()
-        if name not in ignored
-    ]
+    q, _, _ = recording.joint_states(pendulum.tree.joints)
+    contacts = []
+    for name, site in cells(pendulum).items():
+        if name not in ignored:
+            body, pose = pendulum.sites[name]
+            wrench, covariance = recording.wrench(site), recording.wrench_covariance(site)
+            contacts.append(Contact(body, wrench, pose, covariance, recording.time))
     return total_wrench(
-        known.tree,
+        pendulum.tree,
         q,
         recording.wrench("ground"),
         contacts,
@@ -152,7 +121,7 @@ def total(known: Problem, recording: Recording, ignored: Collection[str] = ()) -
     )
 
 
-def trial(known: Problem, recording: Recording) -> trials.Outcome:
+def trial(pendulum: Mechanism, recording: Recording) -> trials.Outcome:
     """Errors from one recording, with all contacts' wrenches."""
-    wrench = total(known, recording).wrench
-    return trials.outcome(fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench))
+    wrench = total(pendulum, recording).wrench
+    return trials.outcome(fit(pendulum.tree, recording, pendulum.known, pendulum.gravity, wrench=wrench))

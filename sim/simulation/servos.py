@@ -79,8 +79,8 @@ class Servos:
         program = Program.of(tape, tree.poses(np.array(tape.inputs))[tree.names.index(body)].ravel().tolist())
         program.fill(T)
         program.run(q[:, self.order].T, T)
-        T = T.T.reshape(-1, 4, 4)
-        return T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
+        poses = T.T.reshape(-1, 4, 4)
+        return poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
 
 
 def servos(model: mujoco.MjModel, joints: int) -> Servos:

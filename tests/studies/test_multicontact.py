@@ -11,7 +11,7 @@ from commands import refusal
 import scenes
 from experiments import multicontact
 from experiments.studies import paper
-from experiments.studies.contacts import problem, study, total
+from experiments.studies.contacts import cells, problem, study, total
 from experiments.studies.fitting import fit
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.wrench import transform_wrench
@@ -50,9 +50,9 @@ def test_ignoring_the_contact_is_ten_times_worse(result, contact):
 
 def test_a_contact_that_is_ignored_leaves_out_its_wrench_alone(result):
     known, recording = result.known, result.recording
-    alone = {name: total(known, recording, set(known.cells) - {name}).wrench for name in known.cells}
+    alone = {name: total(known, recording, set(known.sites) - {name}).wrench for name in known.sites}
     ground = recording.wrench("ground")
-    np.testing.assert_array_equal(total(known, recording, known.cells).wrench, ground)
+    np.testing.assert_array_equal(total(known, recording, known.sites).wrench, ground)
     parts = sum(wrench - ground for wrench in alone.values())
     np.testing.assert_allclose(result.measured.wrench - ground, parts, atol=1e-12 * abs(ground).max())
 
@@ -64,7 +64,7 @@ def test_without_noise_the_estimate_is_exact(contact):
 def test_true_total_wrench_is_what_the_parameters_give(result, contact):
     known = problem(contact)
     states = result.recording.noise_free.joint_states(known.tree.joints)
-    expected = base_wrench_regressor(known.tree, *states, gravity=known.gravity) @ known.phi_true
+    expected = base_wrench_regressor(known.tree, *states, gravity=known.gravity) @ known.known
     np.testing.assert_allclose(result.true.wrench, expected, atol=1e-9 * abs(expected).max())
     assert abs(result.measured.wrench - expected).max() > 0.5
 
@@ -77,8 +77,8 @@ def test_weights_help_where_only_the_wrenches_are_noisy(contact):
         noisy = with_noise(replace(recording, noise=noise), np.random.default_rng(seed))
         wrench = total(known, noisy)
         options = {"wrench": wrench.wrench, "kept": None}
-        ordinary.append(fit(known.tree, noisy, known.phi_true, known.gravity, **options).estimate.std)
-        found = fit(known.tree, noisy, known.phi_true, known.gravity, covariance=wrench.covariance, **options)
+        ordinary.append(fit(known.tree, noisy, known.known, known.gravity, **options).estimate.std)
+        found = fit(known.tree, noisy, known.known, known.gravity, covariance=wrench.covariance, **options)
         weighted.append(found.estimate.std)
         errors.append(found.error)
     # 60 trials of 13 parameters know the ratio to 3 %.
@@ -160,8 +160,9 @@ def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result
     tree, recording = result.known.tree, result.recording
     poses = tree.poses(recording.joint_states(tree.joints)[0])
     figure = multicontact.figure_contacts(result)
-    for number, cell in enumerate(result.known.cells.values()):
-        expected = transform_wrench(poses[:, tree.names.index(cell.body)] @ cell.pose, recording.wrench(cell.site))
+    for number, (name, (body, pose)) in enumerate(result.known.sites.items()):
+        channels = recording.wrench(cells(result.known)[name])
+        expected = transform_wrench(poses[:, tree.names.index(body)] @ pose, channels)
         for component, ax in enumerate(figure.axes):
             k = component // 2 + 3 * (component % 2)
             shown = ax.get_lines()[number].get_ydata()
