@@ -12,7 +12,7 @@ def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
     from experiments.output import identify_report, report
     from experiments.studies.identification import prepare
-    from ident.identification import identify_log
+    from ident.identification import identified
 
     out = _folder(args)
     known = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> None:
     known |= {"limit": options.size_limit(args)}
     prepared = prepare(args.model, args.log, **known)
     other = None if args.held_out is None else prepare(args.model, args.held_out, **known)
-    result = identify_log(
+    result = identified(
         prepared,
         offsets=args.offsets,
         weighted=not args.ordinary,

@@ -1,5 +1,137 @@
-"""The mathematics of geometric dynamic identification models (numpy and scipy only).
+"""Geometric dynamic identification of mechanisms from base and contact wrenches (numpy and scipy only).
+
+    identify(mechanism, recording)                       base parameters from a recording, judged: an `Estimate`
+    Estimate                                             ψ and covariance; predict, compare, consistent, verdict
+    Mechanism                                            a tree with gravity, prior φ, sites and ranges
+    Motion                                               joint states over time, and how the base moves
+    BaseMotion                                           poses, twists and accelerations of a base
+    Tree                                                 bodies and their joints
+    Body                                                 one body and the joint that carries it
+    Frame                                                a row of a modified Denavit-Hartenberg table
+    tree_from_mdh(frames)                                the tree of such a table
+    recover_axes(tree, poses)                            joint axes from measured poses of the bodies
+    read_log(path, mechanism)                            a recording from CSV, TSV or npz, columns mapped by TOML
+    Recording                                            measured channels by name, with where sensors sit
+    Sensor                                               where a wrench is measured, and which way round
+    Wrench                                               a measured wrench
+    total_wrench(tree, q, …)                             what the ground and all contacts exert in all (Eq. 15-18)
+    base_wrench_regressor(tree, q, dq, ddq, gravity=…)   Y of the base wrench (Eq. 14)
+    joint_torque_regressor(tree, q, dq, ddq, gravity=…)  Y of the joint torques (Eq. 11)
+    find_base_parameters(tree, gravity=…)                what can be identified: rank, names, regrouping
+    BaseParameters                                       a regrouping
+    Sensors                                              what is measured, for the structure
+    consistent_parameters(psi, …)                        physical bodies near a prior that have given ψ
+    Equations                                            channels and columns that are fitted
+    Samples                                              a motion and measured channels
+    least_squares(equations, source)                     ordinary or weighted least squares of pieces of any length
+    InputError                                           what users do wrong; kinds of it:
+    ModelError                                           of a model or mechanism
+    LogError                                             of a recording or a mapping of its columns
+    ExcitationError                                      of a motion that does not separate parameters
 
 Conventions, used everywhere: SI units and radians; twists are `[v; ω]`, wrenches `[F; τ]`; `T_ab` is the pose of
-frame b in frame a, so `T_ac = T_ab @ T_bc`; {0} is the base frame.
+frame b in frame a, so `T_ac = T_ab @ T_bc`; {0} is the base frame. A module is imported when one of its names is first
+used.
 """
+
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ident.errors import ExcitationError, InputError, LogError, ModelError
+    from ident.estimation.equations import Equations
+    from ident.estimation.least_squares import least_squares
+    from ident.estimation.samples import Samples
+    from ident.identification import Estimate, identify
+    from ident.mechanism.axes import recover_axes
+    from ident.mechanism.body import Body
+    from ident.mechanism.dh import Frame, tree_from_mdh
+    from ident.mechanism.mechanism import Mechanism
+    from ident.mechanism.motion import BaseMotion, Motion
+    from ident.mechanism.tree import Tree
+    from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+    from ident.parameters.base_parameters import BaseParameters, find_base_parameters
+    from ident.parameters.consistency import consistent_parameters
+    from ident.parameters.structure import Sensors
+    from ident.recordings.log import read_log
+    from ident.recordings.recording import Recording
+    from ident.recordings.wrench import Sensor, Wrench, total_wrench
+
+__all__ = [
+    "BaseMotion",
+    "BaseParameters",
+    "Body",
+    "Equations",
+    "Estimate",
+    "ExcitationError",
+    "Frame",
+    "InputError",
+    "LogError",
+    "Mechanism",
+    "ModelError",
+    "Motion",
+    "Recording",
+    "Samples",
+    "Sensor",
+    "Sensors",
+    "Tree",
+    "Wrench",
+    "base_wrench_regressor",
+    "consistent_parameters",
+    "find_base_parameters",
+    "identify",
+    "joint_torque_regressor",
+    "least_squares",
+    "read_log",
+    "recover_axes",
+    "total_wrench",
+    "tree_from_mdh",
+]
+
+_MODULES = {
+    "BaseMotion": "ident.mechanism.motion",
+    "BaseParameters": "ident.parameters.base_parameters",
+    "Body": "ident.mechanism.body",
+    "Equations": "ident.estimation.equations",
+    "Estimate": "ident.identification",
+    "ExcitationError": "ident.errors",
+    "Frame": "ident.mechanism.dh",
+    "InputError": "ident.errors",
+    "LogError": "ident.errors",
+    "Mechanism": "ident.mechanism.mechanism",
+    "ModelError": "ident.errors",
+    "Motion": "ident.mechanism.motion",
+    "Recording": "ident.recordings.recording",
+    "Samples": "ident.estimation.samples",
+    "Sensor": "ident.recordings.wrench",
+    "Sensors": "ident.parameters.structure",
+    "Tree": "ident.mechanism.tree",
+    "Wrench": "ident.recordings.wrench",
+    "base_wrench_regressor": "ident.model.regressor",
+    "consistent_parameters": "ident.parameters.consistency",
+    "find_base_parameters": "ident.parameters.base_parameters",
+    "identify": "ident.identification",
+    "joint_torque_regressor": "ident.model.regressor",
+    "least_squares": "ident.estimation.least_squares",
+    "read_log": "ident.recordings.log",
+    "recover_axes": "ident.mechanism.axes",
+    "total_wrench": "ident.recordings.wrench",
+    "tree_from_mdh": "ident.mechanism.dh",
+}
+"""Where each name is defined."""
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        try:
+            return version("multicontact")
+        except PackageNotFoundError:
+            return "0+unknown"
+    if name not in _MODULES:
+        raise AttributeError(f"module 'ident' has no attribute '{name}'")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,5 +1,6 @@
 """From a mechanism and a recording to base parameters, how well they predict, and whether to believe them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -10,7 +11,7 @@ from ident.errors import ExcitationError, InputError
 from ident.estimation.accumulator import accumulate, square_root, triangle_of
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit
-from ident.estimation.preparation import Prepared
+from ident.estimation.preparation import Prepared, prepared
 from ident.estimation.robust import robust_fit, separable, spread
 from ident.estimation.samples import Samples
 from ident.geometry.inertia import PARAMETERS
@@ -18,9 +19,11 @@ from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.diagnosis import correlation_time
 from ident.judgement.verdict import UNEXPLAINED, Finding, findings, verdict
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
+from ident.recordings.recording import Recording
 
 HOLDOUT = 0.4
 """Fraction of a recording, its end, that is kept to judge by."""
@@ -227,7 +230,38 @@ class Estimate:
         return checked(self.prepared, self.fit, self.part, axes=self.axes)
 
 
-def identify_log(
+def identify(
+    mechanism: Mechanism,
+    recording: Recording,
+    *,
+    cutoff: str | float | None = None,
+    drive: Sequence[str] = (),
+    offsets: bool = True,
+    weighted: bool = True,
+    holdout: float = HOLDOUT,
+    held_out: Recording | None = None,
+    axes: bool = True,
+) -> Estimate:
+    """Base parameters of a mechanism from a recording, judged on a part of it that was not fitted.
+
+    Args:
+        mechanism: The mechanism, with a prior, as `sim.mechanism` reads it.
+        recording: Joint states and wrenches, as `read_log` reads them or `sim.simulate` makes them.
+        cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities and accelerations.
+        drive: Columns of friction and rotor inertia for joint torques: `viscous`, `coulomb`, `rotor`.
+        offsets: As for `identified`, also `weighted`, `holdout` and `axes`.
+        held_out: Another recording to judge by.
+
+    Raises:
+        InputError: Something is missing or does not fit; the message names it.
+        ExcitationError: The motion does not separate the base parameters.
+    """
+    other = None if held_out is None else prepared(mechanism, held_out, cutoff=cutoff, drive=drive)
+    ready = prepared(mechanism, recording, cutoff=cutoff, drive=drive)
+    return identified(ready, offsets=offsets, weighted=weighted, holdout=holdout, other=other, axes=axes)
+
+
+def identified(
     prepared: Prepared,
     *,
     offsets: bool = True,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, double_pendulum
+from mechanisms import GRAVITY, double_pendulum, tilted_axis
 
 import scenes
 from experiments.output import tilted_axes_report
@@ -102,16 +102,16 @@ def test_the_papers_full_column_is_not_reproduced(spread):
 
 def test_no_common_error_of_the_axes_gives_the_papers_full_column(noise_free):
     # The pattern that the simplified model has, smaller: what tilts the recovered axes the same small way leaves.
-    known, names = tilted_axes.problem(paper.TILT_DEG, tilted_axes.AZIMUTH_DEG), tuple(paper.TABLE_3)
-    axis, step = known.truth.bodies[1].twist[3:], np.radians(0.5)
+    known, names = tilted_axes.design(), tuple(paper.TABLE_3)
+    axis, step = tilted_axis(paper.TILT_DEG, tilted_axes.AZIMUTH_DEG), np.radians(0.5)
 
     def turned(shift):
         moved = axis + np.array([0, *shift])
         return moved / np.linalg.norm(moved)
 
     def errors(shift):
-        tree = known.design.with_twists(np.tile([0, 0, 0, *turned(shift)], (2, 1)))
-        return fit(tree, noise_free.recording, known.phi_true, known.gravity, kept=names).error
+        tree = known.tree.with_twists(np.tile([0, 0, 0, *turned(shift)], (2, 1)))
+        return fit(replace(known, tree=tree), noise_free.recording, kept=names).error
 
     slopes = np.stack([(errors(d) - errors(-d)) / (2 * step) for d in step * np.eye(2)], axis=1)
     published = np.array([paper.TABLE_3[name][1] for name in names])

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import scenes
 from experiments.output import figures, report
 from experiments.studies import monte_carlo, paper
-from experiments.studies.contacts import SCENE, Study, problem, study, total, trial
+from experiments.studies.contacts import SCENE, Study, cells, problem, study, total, trial
 
 DIFFERS = frozenset({"Ixx2", "Ixx3", "Ixz3"})
 """Entries of Table IV that no rigid body can have."""
@@ -72,13 +72,13 @@ def table_contacts(result: Study) -> report.Table:
     found, known = summary(result), result.known
 
     def each(number: str) -> list[Any]:
-        return [found[f"{site}_{number}"] for site in known.sites.values()]
+        return [found[f"{site}_{number}"] for site in cells(known).values()]
 
     return report.Table(
         "Contacts: shares of the samples in which each touches, and touches alone, number of episodes, peak force",
         *report.columns(
             contact=known.sites,
-            link=[known.sensors[site].body for site in known.sites.values()],
+            link=[body for body, _ in known.sites.values()],
             touches=each("fraction"),
             touches_alone=each("fraction_alone"),
             episodes=map(str, each("episodes")),
@@ -153,7 +153,7 @@ def _touches(result: Study) -> dict[str, float]:
     number = np.sum(list(result.touching.values()), axis=0)
     found: dict[str, float] = {}
     for name, touching in result.touching.items():
-        site = result.known.sites[name]
+        site = cells(result.known)[name]
         found |= {
             f"{site}_fraction": float(touching.mean()),
             f"{site}_fraction_alone": float(np.mean(touching & (number == 1))),

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from experiments.output import figures, report
 from experiments.studies import monte_carlo, paper
 from experiments.studies.fitting import Trial
-from experiments.studies.tilted_axes import SCENE, Study, problem, study, trial
+from experiments.studies.tilted_axes import SCENE, Study, design, study, trial
 from ident.mechanism.axes import angle
 
 TRUE_LINE = figures.Line("black", width=1.6)
@@ -200,7 +200,7 @@ def run(args: argparse.Namespace) -> None:
     names = result.simplified.base.names
     plan = monte_carlo.Plan(
         scene={"name": SCENE, "tilt_deg": args.tilt_deg, "azimuth_deg": args.azimuth_deg},
-        analyse=partial(trial, problem(args.tilt_deg, args.azimuth_deg)),
+        analyse=partial(trial, design()),
         names=names,
         published={m: [paper.TABLE_3[n][k] for n in names] for k, m in enumerate(("simplified", "full"))},
     )

@@ -1,17 +1,17 @@
 """The study of Section VII: a double pendulum whose links touch something, identified from all wrenches."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 import scenes
 from experiments.studies import paper, trials
 from experiments.studies.fitting import Trial, fit
-from ident.mechanism.tree import Tree
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor, TotalWrench
-from sim.models.mujoco_model import gravity_in_base, parameters_from_model, site_on_tree, tree_from_model
+from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -19,30 +19,11 @@ SCENE = "double_pendulum"
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """What is known beforehand, and the truth to compare with.
-
-    Attributes:
-        tree: The mechanism; it ends at the load cells.
-        phi_true: Its stacked φ (30,).
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
-        sites: Site of each contact's load cell, which its channels are named after.
-        sensors: Where these sit, by their sites.
-    """
-
-    tree: Tree
-    phi_true: np.ndarray
-    gravity: np.ndarray
-    sites: Mapping[str, str]
-    sensors: Mapping[str, Sensor]
-
-
-@dataclass(frozen=True, eq=False)
 class Study:
     """What the study found.
 
     Attributes:
-        known: What was known beforehand.
+        known: The mechanism, which ends at the load cells; its sites are theirs, by the contacts' names.
         recording: Simulated recording.
         measured: Total wrench from the measured ground and contact wrenches.
         true: The same from true values.
@@ -52,7 +33,7 @@ class Study:
             is named, or not `all`.
     """
 
-    known: Problem
+    known: Mechanism
     recording: Recording
     measured: TotalWrench
     true: TotalWrench
@@ -88,45 +69,45 @@ def study(*, seed: int = 0, samples: int = paper.SAMPLES, contact: str = "pad", 
     """
     spec = scenes.load(SCENE, contact=contact)
     recording = simulate(spec, DOUBLE_PENDULUM, samples=samples, seed=seed, noise_scale=noise_scale)
-    known = problem(contact)
-    measured = total(known, recording)
-    each = {name: {name} for name in known.sites} if len(known.sites) > 1 else {}
+    pendulum = problem(contact)
+    measured = total(pendulum, recording)
+    each = {name: {name} for name in pendulum.sites} if len(pendulum.sites) > 1 else {}
 
     def identified(wrench: TotalWrench, covariance: np.ndarray | None = None) -> Trial:
-        return fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench.values, covariance=covariance)
+        return fit(pendulum, recording, wrench=wrench.values, covariance=covariance)
 
     return Study(
-        known=known,
+        known=pendulum,
         recording=recording,
         measured=measured,
-        true=total(known, recording.noise_free),
+        true=total(pendulum, recording.noise_free),
         fit=identified(measured),
         weighted=identified(measured, measured.covariance if noise_scale else None),
         ignoring={
-            name: identified(total(known, recording, ignored))
-            for name, ignored in (each | {"all": known.sites}).items()
+            name: identified(total(pendulum, recording, ignored))
+            for name, ignored in (each | {"all": pendulum.sites}).items()
         },
     )
 
 
-def problem(contact: str) -> Problem:
-    """The mechanism of a contact scene and where its load cells sit."""
-    model, sites = scenes.load(SCENE, contact=contact).compile(), scenes.load_cells(contact)
-    return Problem(
-        tree_from_model(model, "base"),
-        parameters_from_model(model, "base"),
-        gravity_in_base(model, "base"),
-        sites,
-        {site: Sensor(*site_on_tree(model, site, "base"), applied_to_link=False) for site in sites.values()},
-    )
+def problem(contact: str) -> Mechanism:
+    """The mechanism of a contact scene, with the sites of its load cells under the names of their contacts."""
+    pendulum = mechanism(scenes.load(SCENE, contact=contact).compile(), "base")
+    return replace(pendulum, sites={name: pendulum.site(site) for name, site in scenes.load_cells(contact).items()})
 
 
-def total(known: Problem, recording: Recording, ignored: Collection[str] = ()) -> TotalWrench:
+def cells(pendulum: Mechanism) -> dict[str, str]:
+    """For each contact the site of its load cell, which its channels are named after."""
+    return scenes.load_cells(" ".join(pendulum.sites))
+
+
+def total(pendulum: Mechanism, recording: Recording, ignored: Collection[str] = ()) -> TotalWrench:
     """Eq. 17 on a recording: what the ground gives less what the links pass on to all contacts that are not ignored."""
-    return recording.with_sensors(known.sensors).total_wrench(known.tree, [known.sites[name] for name in ignored])
+    sites = cells(pendulum)
+    sensors = {site: Sensor(*pendulum.sites[name], applied_to_link=False) for name, site in sites.items()}
+    return recording.with_sensors(sensors).total_wrench(pendulum.tree, [sites[name] for name in ignored])
 
 
-def trial(known: Problem, recording: Recording) -> trials.Outcome:
+def trial(pendulum: Mechanism, recording: Recording) -> trials.Outcome:
     """Errors from one recording, with all contacts' wrenches."""
-    wrench = total(known, recording).values
-    return trials.outcome(fit(known.tree, recording, known.phi_true, known.gravity, wrench=wrench))
+    return trials.outcome(fit(pendulum, recording, wrench=total(pendulum, recording).values))

@@ -42,10 +42,8 @@ class Trial:
 
 
 def fit(
-    tree: Tree,
+    mechanism: Mechanism,
     recording: Recording,
-    phi_true: np.ndarray,
-    gravity: np.ndarray,
     *,
     wrench: np.ndarray | None = None,
     covariance: np.ndarray | None = None,
@@ -54,10 +52,8 @@ def fit(
     """Base parameters of one model from measured joint states and wrenches.
 
     Args:
-        tree: The model's mechanism of b bodies.
+        mechanism: The model's mechanism, with the true φ for its prior.
         recording: Measured joint states and ground wrench.
-        phi_true: True stacked φ, for the true base parameters (10 b,).
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
         wrench: Total wrench `[F; τ]`, N and N m (N, 6); by default the recording's ground wrench alone.
         covariance: Its covariance (N, 6, 6), to weight by; by default ordinary least squares.
         kept: Names of the base parameters; by default the first independent columns.
@@ -66,13 +62,14 @@ def fit(
         ExcitationError: The motion does not separate the base parameters.
         InputError: `kept` is not a basis.
     """
+    tree, gravity = mechanism.tree, tuple(mechanism.gravity.tolist())
     motion = Motion(*recording.joint_states(tree.joints))
     measured = recording.wrench("ground").values if wrench is None else wrench
     samples = Samples(motion, measured, covariance)
-    base = structural_base_parameters(tree, tuple(gravity.tolist()), kept=None if kept is None else tuple(kept))
+    base = structural_base_parameters(tree, gravity, kept=None if kept is None else tuple(kept))
     noise = recording.joint_noise(tree.joints)
-    estimate = least_squares(Equations(Mechanism(tree, gravity), base), samples, state_noise=noise)
-    return Trial(huber_white(estimate, samples), base.regroup(phi_true), estimate.predicted(motion))
+    estimate = least_squares(Equations(mechanism, base), samples, state_noise=noise)
+    return Trial(huber_white(estimate, samples), base.regroup(mechanism.known), estimate.predicted(motion))
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Arc
 
 import scenes
+import sim
 from experiments.output import figures, report
 from experiments.studies import paper
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism import dh
 from ident.mechanism.tree import Tree
-from sim.models.mujoco_model import parameters_from_model, site_on_tree, tree_from_model
 
 SCENE = "double_pendulum"
 
@@ -44,13 +44,13 @@ class Drawing:
 def mechanism() -> tuple[Tree, Drawing]:
     """The scene's tree, and its geometry at `DRAWN_AT`."""
     model = scenes.load(SCENE).compile()
-    tree = tree_from_model(model, "base")
-    base = model.body("base").pos
+    pendulum = sim.mechanism(model, "base")
+    tree, base = pendulum.tree, model.body("base").pos
     poses = tree.poses(DRAWN_AT).copy()
     poses[:, :3, 3] += base
-    bodies = parameters_from_model(model, "base").reshape(-1, 10)
+    bodies = pendulum.known.reshape(-1, 10)
     masses = [(T @ [*com_from_parameters(phi)[1], 1])[:3] for T, phi in zip(poses, bodies, strict=True)]
-    body, site = site_on_tree(model, "end", "base")
+    body, site = pendulum.site("end")
     end = (poses[tree.names.index(body)] @ site)[:3, 3]
     return tree, Drawing(base, poses, np.array(masses), end)
 

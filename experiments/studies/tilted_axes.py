@@ -1,6 +1,7 @@
 """The study of Section VI: a tilted double pendulum, identified with axes along X and with recovered axes."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,31 +11,16 @@ from experiments.studies import paper, trials
 from experiments.studies.fitting import Trial, fit, measured_poses
 from ident.errors import InputError
 from ident.mechanism.axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
-from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
+from sim.models.mechanism import mechanism
+from sim.models.mujoco_model import tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
 SCENE = "double_pendulum"
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """What is known beforehand, and the truth to compare with.
-
-    Attributes:
-        design: The mechanism as drawn, axes along X: the simplified model.
-        truth: The mechanism of the tilted scene.
-        phi_true: Its stacked φ (30,).
-        gravity: Acceleration of gravity in the base frame, m/s² (3,).
-    """
-
-    design: Tree
-    truth: Tree
-    phi_true: np.ndarray
-    gravity: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,39 +69,39 @@ def study(
     """
     spec = scenes.load(SCENE, tilt_deg=tilt_deg, azimuth_deg=azimuth_deg)
     recording = simulate(spec, DOUBLE_PENDULUM, samples=samples, seed=seed, noise_scale=noise_scale)
-    known = problem(tilt_deg, azimuth_deg)
-    recovered, simplified, full_on_table = _both_models(known, recording, PARALLEL_SIGNIFICANCE)
-    full = fit(recovered.tree, recording, known.phi_true, known.gravity)
-    apart = recover_axes(known.design, measured_poses(known.design, recording), significance=1).tree
-    rank_apart = find_base_parameters(apart, gravity=known.gravity).rank
-    pairs = zip(recovered.tree.bodies, known.truth.bodies, strict=True)
+    pendulum, truth = design(), tree_from_model(spec, "base")
+    recovered, simplified, full_on_table = _both_models(pendulum, recording, PARALLEL_SIGNIFICANCE)
+    full = _fit(pendulum, recovered.tree, recording)
+    apart = recover_axes(pendulum.tree, measured_poses(pendulum.tree, recording), significance=1).tree
+    rank_apart = find_base_parameters(apart, gravity=pendulum.gravity).rank
+    pairs = zip(recovered.tree.bodies, truth.bodies, strict=True)
     axis_error = np.array([angle(found.twist[3:], true.twist[3:]) for found, true in pairs if true.moves])
     return Study(recording, simplified, full, full_on_table, recovered, axis_error, rank_apart)
 
 
-def problem(tilt_deg: float, azimuth_deg: float) -> Problem:
-    """The design and the truth of a scene whose axes are tilted."""
-    model = scenes.load(SCENE, tilt_deg=tilt_deg, azimuth_deg=azimuth_deg).compile()
-    design = tree_from_model(scenes.load(SCENE), "base")
-    return Problem(
-        design, tree_from_model(model, "base"), parameters_from_model(model, "base"), gravity_in_base(model, "base")
-    )
+def design() -> Mechanism:
+    """The mechanism as drawn, axes along X, with the true φ, which tilted axes do not change."""
+    return mechanism(scenes.load(SCENE).compile(), "base")
 
 
-def trial(known: Problem, recording: Recording) -> trials.Outcome:
+def trial(pendulum: Mechanism, recording: Recording) -> trials.Outcome:
     """Errors of both models from one recording, the axes always recovered as one direction."""
-    _, simplified, full = _both_models(known, recording, significance=0)
+    _, simplified, full = _both_models(pendulum, recording, significance=0)
     return trials.outcome(simplified, full)
 
 
-def _both_models(known: Problem, recording: Recording, significance: float) -> tuple[RecoveredAxes, Trial, Trial]:
+def _both_models(pendulum: Mechanism, recording: Recording, significance: float) -> tuple[RecoveredAxes, Trial, Trial]:
     """Recovered axes, simplified model, and full model on the simplified one's parameters."""
-    simplified = fit(known.design, recording, known.phi_true, known.gravity)
-    recovered = recover_axes(known.design, measured_poses(known.design, recording), significance=significance)
+    simplified = _fit(pendulum, pendulum.tree, recording)
+    recovered = recover_axes(pendulum.tree, measured_poses(pendulum.tree, recording), significance=significance)
     if len(recovered.groups) > 1:
         raise InputError(
             f"The recovered axes are not parallel (p = {recovered.p_values[1]:.1e}), but Table III's names need rank "
             "13, which only parallel axes have; try another seed or less noise."
         )
-    names = simplified.base.names
-    return recovered, simplified, fit(recovered.tree, recording, known.phi_true, known.gravity, kept=names)
+    return recovered, simplified, _fit(pendulum, recovered.tree, recording, simplified.base.names)
+
+
+def _fit(pendulum: Mechanism, tree: Tree, recording: Recording, kept: Sequence[str] | None = None) -> Trial:
+    """A model of other axes, or of the design's."""
+    return fit(replace(pendulum, tree=tree), recording, kept=kept)

@@ -11,7 +11,7 @@ from experiments import excite, identify, stream
 from experiments.cli import options
 from experiments.studies.identification import prepare
 from ident.errors import ModelError
-from ident.identification import identify_log
+from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import parameters_from_model, tree_from_model
@@ -62,7 +62,7 @@ def test_a_log_without_the_fingers_gives_the_parameters_of_the_whole(files, tmp_
     model, log, _ = files
     prepared = prepare(model, log, base="base", fix={"finger1": [AT], "finger2": [AT]})
     assert prepared.mechanism.tree.joints == ("shoulder",) and len(prepared.mechanism.known) == 40
-    result = identify_log(prepared)
+    result = identified(prepared)
     truth = prepared.equations.parameters.regroup(prepared.mechanism.known)
     np.testing.assert_allclose(result.psi, truth, atol=1e-6 * abs(truth).max())
 

@@ -7,9 +7,9 @@ import pytest
 from experiments import excite
 from ident.geometry.inertia import parameter_names
 from ident.recordings.recording import Recording
-from sim.models.joints import gravity_at_rest, joints_of
+from sim.models.mechanism import mechanism
 from sim.models.model_update import write_model
-from sim.models.mujoco_model import parameters_from_model, rest_coordinates, site_on_tree, tree_from_model
+from sim.models.mujoco_model import rest_coordinates, site_on_tree
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import Excitation
 from sim.simulation.contacts import contact_wrenches
@@ -33,21 +33,21 @@ def path(tmp_path):
 
 def test_all_that_names_bodies_and_joints_gives_them_the_same_names(path, tmp_path):
     model = mujoco.MjModel.from_xml_path(str(path))
-    tree = tree_from_model(model, "body1_")
+    arm = mechanism(path, "body1_")
+    tree = arm.tree
     assert tree.names == ("body1_", "body1", "body3")
     assert tree.joints == ("joint1", "joint1_") == tuple(rest_coordinates(model, "body1_"))
-    assert [joint.name for joint in joints_of(model, "body1_")] == list(tree.joints)
-    assert site_on_tree(model, "site0", "body1_")[0] == "body1_"
-    np.testing.assert_allclose(gravity_at_rest(model, "body1_"), [0, 0, -9.81])
-    assert ("body1_", "body3") in Collisions(model, [0, 1], 0.01).touching(np.array([[1.7, 1.7], [0, 3.1]]))
+    assert tuple(arm.ranges) == tree.joints
+    assert arm.site("site0")[0] == site_on_tree(model, "site0", "body1_")[0] == "body1_"
+    assert ("body1_", "body3") in Collisions(model, tree.joints, 0.01).touching(np.array([[1.7, 1.7], [0, 3.1]]))
     data = mujoco.MjData(model)
     data.qpos[:] = 0, np.pi
     mujoco.mj_forward(model, data)
     assert contact_wrenches(model, data, "body1_") == {}
-    phi = parameters_from_model(model, "body1_")
-    assert len(phi) == len(parameter_names(3))
-    write_model(tmp_path / "new.xml", path, 2 * phi, "body1_")
-    np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml", "body1_"), 2 * phi, rtol=1e-9, atol=1e-12)
+    assert len(arm.known) == len(parameter_names(3))
+    write_model(tmp_path / "new.xml", arm, 2 * arm.known)
+    found = mechanism(tmp_path / "new.xml", "body1_").known
+    np.testing.assert_allclose(found, 2 * arm.known, rtol=1e-9, atol=1e-12)
 
 
 def test_joints_without_names_are_excited(path, tmp_path):

@@ -11,6 +11,7 @@ from ident.errors import InputError, ModelError
 from ident.geometry.inertia import parameters_from_com, symmetric
 from ident.model.regressor import base_wrench_regressor
 from sim.models.inertials import is_balanced
+from sim.models.mechanism import mechanism
 from sim.models.model_update import write_model
 from sim.models.mujoco_model import compiled, parameters_from_model, tree_from_model
 from sim.models.notes import ModelNote
@@ -61,23 +62,22 @@ def test_parameters_are_those_that_the_file_states_and_are_written_back(tmp_path
         rng = np.random.default_rng(seed)
         text, phi, odd = random_urdf(rng, int(rng.integers(2, 9)))
         path.write_text(text, encoding="utf-8")
-        model = compiled(path)
-        tree = tree_from_model(model)
-        order = np.array([int(name[1:]) for name in tree.names])
+        robot = mechanism(path)
+        order = np.array([int(name[1:]) for name in robot.tree.names])
         stated = phi.reshape(-1, 10)[order]
-        found = parameters_from_model(model).reshape(-1, 10)
+        found = robot.known.reshape(-1, 10)
         assert (abs(found - stated) <= 1e-12 * abs(stated).max(axis=1, keepdims=True)).all()
-        write_model(new, path, found.ravel())
+        write_model(new, robot, robot.known)
         np.testing.assert_allclose(parameters_from_model(new), found.ravel(), rtol=1e-12, atol=1e-30)
         heavy = found.copy()
         heavy[order == 0] = parameters_from_com(2.0, np.zeros(3), np.eye(3))
-        write_model(new, path, heavy.ravel())
+        write_model(new, robot, heavy.ravel())
         np.testing.assert_allclose(parameters_from_model(new), heavy.ravel(), rtol=1e-9, atol=1e-12)
         if odd:
             with pytest.warns(ModelNote, match=f"{odd[0]}.* no rigid body has it"):
                 compiled(path)
             with pytest.raises(InputError, match="are not those of a physical body"):
-                write_model(tmp_path / "new.xml", path, found.ravel())
+                write_model(tmp_path / "new.xml", robot, robot.known)
 
 
 STATED = """<robot name="r"><link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="{}" ixy="0" ixz="0"

@@ -13,13 +13,12 @@ from commands import refusal
 from matplotlib.figure import Figure
 
 import scenes
+import sim
 from experiments import excite, mechanism, misaligned
 from experiments.cli import defaults
 from experiments.output import figures, report
 from experiments.runs.checkpoint import Checkpoint
 from ident.recordings.recording import Recording
-from sim.models.model_update import write_model
-from sim.models.mujoco_model import parameters_from_model
 
 resource = pytest.importorskip("resource", reason="this system has no limits on files")
 FULL = Path("/dev/full")
@@ -54,8 +53,8 @@ def save_trials(path):
 
 
 def save_model(path):
-    phi = parameters_from_model(scenes.load("double_pendulum").compile(), "base")
-    write_model(path, PENDULUM, phi, "base")
+    pendulum = sim.mechanism(PENDULUM, "base")
+    sim.write_model(path, pendulum, pendulum.known)
 
 
 @pytest.mark.parametrize(

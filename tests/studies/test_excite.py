@@ -254,6 +254,15 @@ def test_bad_input_is_one_sentence(model, arguments, message, arm, tmp_path, cap
     assert not out.exists()
 
 
+def test_gravity_is_that_of_a_base_that_stands_still_where_it_is_drawn():
+    turned = '<body name="cart" euler="90 0 0"><joint name="rail" type="slide"/><geom size="0.1"/>{}</body>'
+    arm = '<body><joint name="j"/><geom size="0.1" pos="1 0 0"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{turned.format(arm)}</worldbody></mujoco>")
+    problem = excitation.problem(mechanism(model, "cart"), None, sensors="wrench", noise=(1.0, 1.0))
+    np.testing.assert_allclose(problem.mechanism.gravity, [0, -9.81, 0], atol=1e-12)
+    assert problem.joints == ("j",)
+
+
 def test_the_force_on_a_slide_sees_only_mass():
     model = mujoco.MjModel.from_xml_string(ALONE.format('<joint name="j" type="slide" range="-1 1"/>'))
     problem = excitation.problem(mechanism(model), None, sensors="torque", noise=(2.0, 1.0))

@@ -17,7 +17,7 @@ import scenes
 from experiments import identify
 from experiments.studies.identification import prepare
 from ident.geometry.inertia import pseudo_inertia
-from ident.identification import identify_log
+from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.recording import Recording
 from sim.models.mujoco_model import parameters_from_model
@@ -88,7 +88,7 @@ def found(tmp_path, log, mapping=None, **options):
     if mapping:
         columns = tmp_path / "columns.toml"
         columns.write_text(mapping, encoding="utf-8")
-    result = identify_log(prepare(PENDULUM, path, base="base", columns=columns), **options)
+    result = identified(prepare(PENDULUM, path, base="base", columns=columns), **options)
     return " ".join(finding.text for finding in result.findings if finding.doubt), result
 
 
@@ -139,7 +139,7 @@ def test_the_plates_own_frame_is_named(bowing):
     text = bowing.read_text(encoding="utf-8").replace("foot_", "plate_")
     bowing.write_text(text, encoding="utf-8")
     prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
-    result = identify_log(prepared)
+    result = identified(prepared)
     text = " ".join(finding.text for finding in result.findings)
     assert "'ground' looks as if it had a frame that is turned (its axes look like x -> -y, y -> -x, z -> -z)" in text
 
@@ -149,7 +149,7 @@ def test_the_other_sign_of_the_bow_is_named_as_such(bowing):
     flipped = bowing.read_text(encoding="utf-8") + "applied_to_link = false\n"
     bowing.write_text(flipped, encoding="utf-8")
     prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
-    text = " ".join(finding.text for finding in identify_log(prepared).findings)
+    text = " ".join(finding.text for finding in identified(prepared).findings)
     assert "'ground' looks as if it had the opposite sign: against" in text
 
 
@@ -160,7 +160,7 @@ def test_full_parameters_of_the_human_are_physical_and_predict_as_well(bowing, t
     assert identify.main([*arguments, "--cutoff", "3", "--name", "bow", "--out", str(tmp_path)]) == 0
     phi = parameters_from_model(tmp_path / "bow" / "model.xml")
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
-    result = identify_log(prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0))
+    result = identified(prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0))
     assert_predicts_as_well(result, phi)
 
 
@@ -245,7 +245,7 @@ def test_another_log_judges(tmp_path):
     recording().save(path)
     simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=7).save(other)
     prepared = [prepare(PENDULUM, p, base="base") for p in (path, other)]
-    result = identify_log(prepared[0], other=prepared[1])
+    result = identified(prepared[0], other=prepared[1])
     assert result.part.stop == len(result.prepared.log.time)
     assert result.held_out.ratio[2] < 0.1
 
@@ -263,7 +263,7 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys)
     log = tmp_path / "log.csv"
     recording().save(log)
     assert identify.main([str(PENDULUM), str(log), "--base", "base", "--name", "me", "--out", str(tmp_path)]) == 0
-    result = identify_log(prepare(PENDULUM, log, base="base"))
+    result = identified(prepare(PENDULUM, log, base="base"))
     phi = parameters_from_model(tmp_path / "me" / "model.xml", "base")
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
     assert_predicts_as_well(result, phi)
@@ -280,13 +280,13 @@ def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys)
 def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(tmp_path):
     path, light = tmp_path / "log.csv", tmp_path / "light.xml"
     recording().save(path)
-    result = identify_log(prepare(PENDULUM, path, base="base"))
+    result = identified(prepare(PENDULUM, path, base="base"))
     assert not any("Masses beyond" in finding.text for finding in result.findings)
     spec = scenes.load("double_pendulum")
     spec.body("link2").mass /= 3
     spec.compile()
     light.write_text(spec.to_xml(), encoding="utf-8")
-    result = identify_log(prepare(light, path, base="base"))
+    result = identified(prepare(light, path, base="base"))
     (named,) = (f for f in result.findings if "Masses beyond" in f.text)
     assert not named.doubt and "which the data show: link2 1" in named.text and "(model: 4.43 kg)" in named.text
     full, other = result.consistent(), replace(result)
@@ -448,7 +448,7 @@ def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
     spec.compile()
     model.write_text(spec.to_xml(), encoding="utf-8")
     recording().save(path)
-    result = identify_log(prepare(model, path, base="base"), axes=False)
+    result = identified(prepare(model, path, base="base"), axes=False)
     assert "The weight could not be checked: the model has no gravity." in remarks(result)
     doubts = " ".join(finding.text for finding in result.findings if finding.doubt)
     assert "Constant offsets are large beside the model's weight" in doubts and "Fz 206 ±" in doubts
@@ -499,7 +499,7 @@ def test_a_few_samples_are_enough_to_judge_by(tmp_path):
     short = {name: x[100:110] for name, x in log.measured.items()}
     replace(log, time=log.time[:10], measured=short, true={}, noise={}).save(path)
     log.save(other)
-    result = identify_log(prepare(PENDULUM, other, base="base"), other=prepare(PENDULUM, path, base="base"), axes=False)
+    result = identified(prepare(PENDULUM, other, base="base"), other=prepare(PENDULUM, path, base="base"), axes=False)
     assert len(result.held_out.time) == 10 and result.part.stop == len(log.time)
     rms = np.sqrt((result.held_out.residual**2).mean(axis=0))
     assert (rms < 3 * result.scale).all()

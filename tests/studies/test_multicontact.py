@@ -12,7 +12,7 @@ import scenes
 from experiments import multicontact
 from experiments.output import contacts_report
 from experiments.studies import paper
-from experiments.studies.contacts import problem, study, total
+from experiments.studies.contacts import cells, problem, study, total
 from experiments.studies.fitting import fit
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.wrench import transform_wrench
@@ -65,7 +65,7 @@ def test_without_noise_the_estimate_is_exact(contact):
 def test_true_total_wrench_is_what_the_parameters_give(result, contact):
     known = problem(contact)
     states = result.recording.noise_free.joint_states(known.tree.joints)
-    expected = base_wrench_regressor(known.tree, *states, gravity=known.gravity) @ known.phi_true
+    expected = base_wrench_regressor(known.tree, *states, gravity=known.gravity) @ known.known
     np.testing.assert_allclose(result.true.values, expected, atol=1e-9 * abs(expected).max())
     assert abs(result.measured.values - expected).max() > 0.5
 
@@ -78,8 +78,8 @@ def test_weights_help_where_only_the_wrenches_are_noisy(contact):
         noisy = with_noise(replace(recording, noise=noise), np.random.default_rng(seed))
         wrench = total(known, noisy)
         options = {"wrench": wrench.values, "kept": None}
-        ordinary.append(fit(known.tree, noisy, known.phi_true, known.gravity, **options).estimate.std)
-        found = fit(known.tree, noisy, known.phi_true, known.gravity, covariance=wrench.covariance, **options)
+        ordinary.append(fit(known, noisy, **options).estimate.std)
+        found = fit(known, noisy, covariance=wrench.covariance, **options)
         weighted.append(found.estimate.std)
         errors.append(found.error)
     # 60 trials of 13 parameters know the ratio to 3 %.
@@ -161,9 +161,9 @@ def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result
     tree, recording = result.known.tree, result.recording
     poses = tree.poses(recording.joint_states(tree.joints)[0])
     figure = contacts_report.figure_contacts(result)
-    for number, site in enumerate(result.known.sites.values()):
-        cell = recording.with_sensors(result.known.sensors).wrench(site)
-        expected = transform_wrench(poses[:, tree.names.index(cell.body)] @ cell.pose, cell.values)
+    for number, (name, (body, pose)) in enumerate(result.known.sites.items()):
+        channels = np.hstack([recording[f"{cells(result.known)[name]}_{kind}"] for kind in ("force", "torque")])
+        expected = transform_wrench(poses[:, tree.names.index(body)] @ pose, channels)
         for component, ax in enumerate(figure.axes):
             k = component // 2 + 3 * (component % 2)
             shown = ax.get_lines()[number].get_ydata()

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from experiments.studies.identification import prepare
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import base_motion_from_poses
-from ident.identification import identify_log
+from ident.identification import identified
 from ident.mechanism.motion import BaseMotion
 from ident.parameters.base_parameters import find_base_parameters
 from sim.models.mujoco_model import parameters_from_model
@@ -102,7 +102,7 @@ def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
         "shoulder",
         "elbow",
     )
-    result = identify_log(prepared)
+    result = identified(prepared)
     found = dict(zip(result.names, result.fit.values, strict=True))
     if not wrench:
         assert "Ia(shoulder)" not in result.names
@@ -167,7 +167,7 @@ def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
     )
     prepared = prepare(path, log, base="trunk", columns=mapping, cutoff=20.0)
     assert prepared.equations.parameters.rank == 10 + 7
-    result = identify_log(prepared)
+    result = identified(prepared)
     truth = prepared.equations.parameters.regroup(parameters_from_model(model, "trunk"))
     assert (result.held_out.ratio < 0.02).all()
     np.testing.assert_allclose(result.psi, truth, atol=0.02 * abs(truth).max())
@@ -197,13 +197,13 @@ def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
     rank = prepared.equations.parameters.rank
     hidden = f"{every - rank} of {every} base parameters cannot be seen in Fx, Fz, My, whatever the motion"
     assert rank < every and any(hidden in note for note in prepared.notes)
-    result = identify_log(prepared, axes=False)
+    result = identified(prepared, axes=False)
     truth = prepared.equations.parameters.regroup(parameters_from_model(model, "plate"))
     np.testing.assert_allclose(result.psi, truth, atol=1e-8 * abs(truth).max())
     still = dict.fromkeys((f"ankle_{kind}" for kind in ("position", "velocity", "acceleration")), 0 * TIME)
     write(log, columns | still)
     with pytest.raises(ValueError, match=rf"In Fx, Fz, My the recorded motion excites \d+ of {rank} parameters"):
-        identify_log(prepare(path, log, base="plate", columns=mapping))
+        identified(prepare(path, log, base="plate", columns=mapping))
 
 
 def test_a_base_that_turns_round_and_round_turns_steadily():
