@@ -82,6 +82,8 @@ class Table:
             x = cells
         else:
             x = np.array([self._number(name, i, cell) for i, cell in enumerate(cells)])
+        if (np.abs(x) <= min(limit, np.finfo(float).max)).all() and not self.memory.missing.setdefault(name, False):
+            return x
         infinite, missing, large = np.isinf(x), np.isnan(x), np.abs(x) > limit
         throughout = self.memory.missing.setdefault(name, bool(missing.all()))
         if infinite.any():
@@ -112,7 +114,11 @@ class Table:
         known = self.memory.separators
         is_text = not isinstance(cells, np.ndarray)
         for mark in ",.":
-            if any(mark in cell for cell in cells) if is_text else mark == "." and (np.abs(np.modf(cells)[0]) > 0).any():
+            if (
+                any(mark in cell for cell in cells)
+                if is_text
+                else mark == "." and (np.abs(np.modf(cells)[0]) > 0).any()
+            ):
                 known.setdefault(mark, name)
         if len(known) == 2:
             raise LogError(
