@@ -124,9 +124,8 @@ class _Member:
 
     def columns(self, rows: int) -> dict[str, np.ndarray]:
         """The next samples (rows,) by name, those of vectors and quaternions by component."""
-        name = (
-            self.name.replace("true/", TRUE, 1) if self.name.startswith("true/") else self.name.removeprefix(MEASURED)
-        )
+        true = self.name.startswith("true/")
+        name = self.name.replace("true/", TRUE, 1) if true else self.name.removeprefix(MEASURED)
         x = np.asarray(self.read(rows), float)
         if x.ndim == 1:
             return {name: x}

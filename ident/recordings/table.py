@@ -82,6 +82,8 @@ class Table:
             x = cells
         else:
             x = np.array([self._number(name, i, cell) for i, cell in enumerate(cells)])
+        if (np.abs(x) <= min(limit, np.finfo(float).max)).all() and not self.memory.missing.setdefault(name, False):
+            return x
         infinite, missing, large = np.isinf(x), np.isnan(x), np.abs(x) > limit
         throughout = self.memory.missing.setdefault(name, bool(missing.all()))
         if infinite.any():

@@ -104,7 +104,7 @@ class TotalWrench:
     Attributes:
         values: Γ `[F; τ]` in `frame`, N and N m, NaN in the columns of components that are not measured (N, 6).
         frame: Pose of the ground sensor's frame in the base frame (4, 4), one for each sample if it moves.
-        parts: Pose in the base frame and covariance of every sensor.
+        parts: Pose in that frame and covariance of every sensor.
     """
 
     values: np.ndarray
@@ -123,7 +123,7 @@ class TotalWrench:
         for pose, covariance in self.parts:
             if covariance is None:
                 return None
-            total += transform_covariance(inverse(self.frame) @ pose, covariance)
+            total += transform_covariance(pose, covariance)
         return total
 
 
@@ -174,15 +174,14 @@ def total_wrench(tree: Tree, q: np.ndarray, ground: Wrench | None, contacts: Seq
     if not np.isfinite(poses).all():
         raise InputError("The total wrench needs finite joint states.")
     _check(tree, len(poses), ground, contacts)
-    places = [poses[:, tree.names.index(str(contact.body))] @ contact.pose for contact in contacts]
-    values = np.zeros((len(poses), 6))
-    for pose, contact in zip(places, contacts, strict=True):
+    frame = np.eye(4) if ground is None else ground.pose
+    values = np.zeros((len(poses), 6)) if ground is None else ground.on_mechanism.copy()
+    parts = [] if ground is None else [(np.eye(4), ground.covariance)]
+    for contact in contacts:
+        pose = inverse(frame) @ poses[:, tree.names.index(str(contact.body))] @ contact.pose
         values += transform_wrench(pose, contact.on_mechanism)
-    parts = [(pose, contact.covariance) for pose, contact in zip(places, contacts, strict=True)]
-    if ground is None:
-        return TotalWrench(values, np.eye(4), parts)
-    values = transform_wrench(inverse(ground.pose), values) + ground.on_mechanism
-    return TotalWrench(values, ground.pose, [(ground.pose, ground.covariance), *parts])
+        parts.append((pose, contact.covariance))
+    return TotalWrench(values, frame, parts)
 
 
 def _check(tree: Tree, samples: int, ground: Wrench | None, contacts: Sequence[Wrench]) -> None:

@@ -122,11 +122,8 @@ def test_truth_needs_the_same_channels():
     ("text", "message"),
     [
         ("time,a\n0,1\n1,oops\n", "row 3, column 'a' needs a number, got 'oops'"),
-        ("# units: {}\ntime,a\n0,1\n1\n", "row 4 has 1 cells where the header has 2"),
         ("time,a\n0,1\n1,nan\n", "row 3, column 'a' is empty or NaN, as are 1 of 2 samples"),
-        ("", "the file is empty"),
         ("a,b\n1,2\n", "needs a column 'time'; the file has a, b"),
-        ("time,a,a\n0,1,2\n", "names column 'a' more than once"),
         ("time,a.x,a.z\n0,1,2\n", "channel 'a' needs the components 0, 1, it has x, z"),
         ("time,a,a.x\n0,1,2\n", "channel 'a' needs the components"),
         ("time,a\n", "a recording needs samples, it has none"),
@@ -134,7 +131,6 @@ def test_truth_needs_the_same_channels():
         ('# sensors: {"a": {"body": 3}}\ntime\n0\n', "the sensor 'a' needs a body, a pose"),
         ("base:pose.0,base:pose.1,time\n1,2,3\n", r"A moving base needs poses \(1, 4, 4\), got \(1, 2\)"),
         ("time,a\n0,1\n\n1,2,3\n", "row 4 has 3 cells where the header has 2"),
-        ("time,a_b\n0,1\n1,1_0\n", "row 3, column 'a_b' needs a number, got '1_0'"),
         ("time,true:a\n0,1\n", "True values need the same channels"),
     ],
 )
@@ -186,12 +182,6 @@ def test_noise_levels_must_be_levels(level):
         Recording([0.0], {"a": [1.0]}, noise={"a": level})
 
 
-def test_text_that_is_not_in_utf_8_is_refused(tmp_path):
-    (tmp_path / "r.csv").write_bytes("time,Kraft_°\n0,1\n".encode("latin-1"))
-    with pytest.raises(LogError, match=r"r\.csv: the file needs to be text in UTF-8, a byte 0xb0 is not"):
-        Recording.load(tmp_path / "r.csv")
-
-
 def test_remarks_blank_lines_and_the_line_ends_of_windows_are_read(tmp_path):
     (tmp_path / "r.csv").write_bytes(b"# units: m\r\n#foo: {}\r\ntime;a\r\n0;1\r\n \r\n1;2;\r\n\r\n\r\n")
     np.testing.assert_array_equal(Recording.load(tmp_path / "r.csv")["a"], [1, 2])
@@ -207,10 +197,3 @@ def test_a_cell_is_the_number_that_python_reads(tmp_path, odd):
     a = Recording.load(tmp_path / "r.csv")["a"]
     np.testing.assert_array_equal(a, [float(cell) for cell in [*CELLS[:7], odd]])
     assert np.signbit(a[1])
-
-
-def test_a_truncated_file_is_one_sentence(tmp_path):
-    RECORDING.save(tmp_path / "r.npz")
-    (tmp_path / "r.npz").write_bytes((tmp_path / "r.npz").read_bytes()[:-200])
-    with pytest.raises(LogError, match=r"r\.npz"):
-        Recording.load(tmp_path / "r.npz")
