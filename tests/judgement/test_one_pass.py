@@ -13,6 +13,8 @@ from experiments import identify, stream
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("here")
+
 
 @cache
 def recording():

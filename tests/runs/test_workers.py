@@ -72,6 +72,7 @@ def test_a_malformed_address_is_one_sentence(address, tmp_path, capsys):
     assert f"--scheduler: needs an address as tcp://host:port, got '{address}'" in said
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_scheduler_needs_the_extra(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.delitem(sys.modules, "experiments.runs.cluster", raising=False)

@@ -255,7 +255,7 @@ def test_help_explains_every_option(capsys):
         assert f"--{option}" in text
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "here")
 def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert misaligned.main(["--out", str(tmp_path), "--formats", "svg", "--trials", "2", "--redraw", "sensors"]) == 0
