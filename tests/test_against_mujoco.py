@@ -15,16 +15,23 @@ from sim.models.mujoco_model import base_motion, gravity_in_base, parameters_fro
 
 MODELS = 300
 SEEDS = range(MODELS)
+RECORDED = SEEDS[::10]
 
 
 def case(seed):
     """A model of 2 to 30 bodies, every third one without ground under it, and its states.
 
-    Every tenth has enough of them for its equations to be recorded, which takes most of the time of these tests.
+    Every tenth has enough of them for its equations to be recorded, which takes its time.
     """
     rng = np.random.default_rng(seed)
     model = random_model(rng, int(rng.integers(2, 31)), floating=seed % 3 == 0)
-    return model, random_model_states(rng, model, 1 if seed % 10 else FEW)
+    return model, random_model_states(rng, model, FEW if seed in RECORDED else 1)
+
+
+@pytest.fixture(scope="module", params=RECORDED)
+def recorded(request):
+    """One of these seeds; the tests of one follow each other, so that its equations are recorded once."""
+    return request.param
 
 
 def assert_equal(found, expected, scale=None, tolerance=1e-10):
@@ -40,8 +47,32 @@ def external_wrench(states, forces):
 
 
 def test_base_wrench_and_joint_torques():
-    for seed in SEEDS:
+    for seed in set(SEEDS) - set(RECORDED):
         check_base_wrench_and_joint_torques(*case(seed), seed % 3 == 0)
+
+
+def test_recorded_base_wrench_and_joint_torques(recorded):
+    check_base_wrench_and_joint_torques(*case(recorded), recorded % 3 == 0)
+
+
+def test_structural_rank_is_the_numeric_rank(recorded):
+    model, _ = case(recorded)
+    floating = recorded % 3 == 0
+    tree, gravity = tree_from_model(model, "b0"), gravity_in_base(model, "b0")
+    coordinates, dofs = state_columns(model, "b0")
+    samples = 2 * len(tree.inertial) + 10
+    rng = np.random.default_rng(recorded)
+    states = random_model_states(rng, model, samples)
+    joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
+    base = base_motion(model, "b0", *states) if floating else None
+    for sensors, regressor in (
+        (Sensors(moving_base=floating), base_wrench_regressor),
+        (Sensors(False, True, floating), joint_torque_regressor),
+    ):
+        Y = regressor(tree, *joints, gravity=gravity, base=base)
+        if Y.any():
+            exact = find_base_parameters(tree, gravity=gravity, sensors=sensors)
+            assert find_base_parameters(Y).rank == exact.rank
 
 
 @pytest.mark.parametrize("gravity", ["switched off", "zero"])
@@ -115,25 +146,3 @@ def test_two_ways_to_the_motion_of_a_free_base(seed):
     direct = BaseMotion.from_free_joint(*(x[:, :size] for x, size in zip(states, (7, 6, 6), strict=True)))
     for key in ("T", "V", "dV"):
         assert_equal(getattr(by_model, key), getattr(direct, key), tolerance=1e-12)
-
-
-# Every tenth one, floating or not: to record the equations of a model for this alone takes its time.
-@pytest.mark.parametrize("seed", SEEDS[1::10])
-def test_structural_rank_is_the_numeric_rank(seed):
-    model, _ = case(seed)
-    floating = seed % 3 == 0
-    tree, gravity = tree_from_model(model, "b0"), gravity_in_base(model, "b0")
-    coordinates, dofs = state_columns(model, "b0")
-    samples = 2 * len(tree.inertial) + 10
-    rng = np.random.default_rng(seed)
-    states = random_model_states(rng, model, samples)
-    joints = states[0][:, coordinates], states[1][:, dofs], states[2][:, dofs]
-    base = base_motion(model, "b0", *states) if floating else None
-    for sensors, regressor in (
-        (Sensors(moving_base=floating), base_wrench_regressor),
-        (Sensors(False, True, floating), joint_torque_regressor),
-    ):
-        Y = regressor(tree, *joints, gravity=gravity, base=base)
-        if Y.any():
-            exact = find_base_parameters(tree, gravity=gravity, sensors=sensors)
-            assert find_base_parameters(Y).rank == exact.rank

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzz.here import Here
 
 from experiments import multicontact
-from experiments.runs.workers import hired
 from experiments.studies import trials
 from experiments.studies.contacts import SCENE, problem, study, trial
 
@@ -31,13 +31,10 @@ def draw(tmp_path, *more, samples="200", contact="pad"):
     return trials.Draw.of(args, {"name": SCENE, "contact": contact}, recording)
 
 
-def run(source, number, tmp_path, workers=1, **more):
-    """Outcomes of trials, by local workers if no executor is given."""
-    settings = {"file": tmp_path / trials.FILE, "analyse": ANALYSE} | more
-    if "executor" in settings:
-        return trials.run_trials(source, trials=number, **settings)
-    with hired(workers) as crew:
-        return trials.run_trials(source, trials=number, executor=crew.executor, **settings)
+def run(source, number, tmp_path, **more):
+    """Outcomes of trials, in this process if no executor is given."""
+    settings = {"file": tmp_path / trials.FILE, "analyse": ANALYSE, "executor": Here()} | more
+    return trials.run_trials(source, trials=number, **settings)
 
 
 def resumed(source, number, tmp_path, *more):

@@ -13,7 +13,6 @@ from multiprocessing.context import SpawnProcess
 from queue import SimpleQueue
 from typing import Any
 
-from experiments.cli import options
 from ident.errors import InputError
 
 
@@ -50,6 +49,9 @@ def hired(workers: int, scheduler: str | None = None, tls: Sequence[str] | None 
         with _local(workers) as executor:
             yield Crew(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
     else:
+        # Local processes import this module too, and start sooner without what draws figures.
+        from experiments.cli import options
+
         with options.extra("cluster"):
             from experiments.runs import cluster
         with cluster.connected(scheduler, tls) as (executor, number):

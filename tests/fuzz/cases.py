@@ -7,9 +7,8 @@ import signal
 import tempfile
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from collections.abc import Sequence
+from contextlib import ExitStack, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -23,11 +22,12 @@ from matplotlib.figure import Figure
 from experiments import identify, stream
 from experiments.cli import options
 from experiments.output import figures
-from experiments.runs.workers import Crew
+from experiments.runs import workers
 from ident.errors import InputError
 
 from .corpus import LOGS, MODELS, write_corpus
 from .damage import NAMES, Rng, any_of, damaged
+from .here import Here
 
 OURS = tuple(Path(figures.__file__).parents[2] / name for name in ("experiments", "ident", "scenes", "sim", "tests"))
 """Folders whose code is named where a case breaks."""
@@ -67,24 +67,6 @@ class Hang(BaseException):
     """A case took too long."""
 
 
-class Here(Executor):
-    """Does at once what it is given, in this process."""
-
-    def submit(self, work: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        """Work that is done, or has failed."""
-        future: Future[Any] = Future()
-        try:
-            future.set_result(work(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-@contextmanager
-def _hired(*_: object, **__: object) -> Iterator[Crew]:
-    yield Crew(Here(), 1, 1)
-
-
 def not_drawn(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> None:
     """Files in place of figures."""
     for ending in formats:
@@ -111,7 +93,7 @@ class Runner:
             # MuJoCo logs warnings into the working directory.
             os.chdir(self._folder)
             stack.callback(os.chdir, before)
-            stack.enter_context(mock.patch("experiments.studies.stream.hired", _hired))
+            stack.enter_context(mock.patch.object(workers, "Processes", Here))
             stack.callback(signal.signal, signal.SIGPROF, signal.signal(signal.SIGPROF, _hang))
             self._open = stack.pop_all()
         return self

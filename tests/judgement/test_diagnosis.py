@@ -102,9 +102,9 @@ def test_slopes_of_the_wrench_by_tilts_are_those_of_differences():
     for case in range(12):
         tree = random_tree(rng, massless=0.2)
         turning = tuple(i for i in tree.moving if not tree.bodies[i].is_ball and tree.bodies[i].twist[3:].any())
-        states, phi = random_states(rng, tree, 6), random_phi(rng, len(tree.inertial))
+        states, phi = random_states(rng, tree, 4), random_phi(rng, len(tree.inertial))
         tilts = rng.uniform(-0.5, 0.5, 2 * len(turning))
-        moving = BaseMotion.from_free_joint(*(rng.normal(size=(6, k)) for k in (7, 6, 6)))
+        moving = BaseMotion.from_free_joint(*(rng.normal(size=(4, k)) for k in (7, 6, 6)))
         base = moving if case % 2 else None
         problem = misalignment._Problem(
             Mechanism(tree, GRAVITY), turning, Motion(*states, base), np.eye(6), np.zeros((6, 6))

@@ -14,6 +14,8 @@ from experiments.studies.stream import FILE
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("here")
+
 
 @cache
 def recording():

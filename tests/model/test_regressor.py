@@ -61,7 +61,7 @@ def test_chunks_join_without_a_seam():
 def test_recorded_equations_are_those_of_one_sample(seed, torques):
     """Long recordings run a program, short ones are evaluated sample by sample; bases rest or move."""
     rng = np.random.default_rng(seed)
-    tree, samples = random_tree(rng), regressor.FEW + 3
+    tree, samples = random_tree(rng), regressor.FEW
     of = regressor.joint_torque_regressor if torques else regressor.base_wrench_regressor
     states, gravity = random_states(rng, tree, samples), rng.normal(size=3)
     moving = BaseMotion.from_free_joint(rng.normal(size=(samples, 7)), *rng.normal(size=(2, samples, 6)))

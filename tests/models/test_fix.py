@@ -67,6 +67,7 @@ def test_a_log_without_the_fingers_gives_the_parameters_of_the_whole(files, tmp_
     np.testing.assert_allclose(result.psi, truth, atol=1e-6 * abs(truth).max())
 
 
+@pytest.mark.usefixtures("undrawn", "here")
 def test_identify_and_stream_take_the_fingers_as_fixed(files, tmp_path, capsys):
     model, log, _ = files
     arguments = [str(model), str(log), "--base", "base", *FIX, "--out", str(tmp_path / "out")]
@@ -78,6 +79,7 @@ def test_identify_and_stream_take_the_fingers_as_fixed(files, tmp_path, capsys):
         assert tree_from_model(written, "base").joints == ("shoulder", "finger1", "finger2")
 
 
+@pytest.mark.usefixtures("here")
 def test_what_to_type_is_said(files, tmp_path, capsys):
     model, log, _ = files
     arguments = [str(model), str(log), "--base", "base", "--out", str(tmp_path / "out")]

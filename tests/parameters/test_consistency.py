@@ -123,8 +123,7 @@ def test_one_negative_inertia_is_reported(uncertain, attainable):
     assert found.moved(1e9) == ()
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("attainable", [True, False])
+@pytest.mark.parametrize(("seed", "attainable"), [*((k, True) for k in SEEDS), *((k, False) for k in SEEDS[::2])])
 def test_units_do_not_matter(seed, attainable):
     """Tonnes and millimetres give the same bodies."""
     _, _, base, truth, prior, covariance = mechanism(seed)

@@ -516,7 +516,7 @@ def test_pieces_of_a_log_agree_on_the_decimal_separator(tmp_path):
     (tmp_path / "log.csv").write_text("\n".join([*commas[:21], *(line.replace(",", ".") for line in commas[21:])]))
     pieces = read_log_pieces(tmp_path / "log.csv", MECHANISM, samples=10)
     assert len(next(pieces).time) == len(next(pieces).time) == 10
-    with pytest.raises(ValueError, match="decimal commas .* and decimal points .* in one file are ambiguous"):
+    with pytest.raises(ValueError, match=r"decimal commas .* and decimal points .* in one file are ambiguous"):
         next(pieces)
 
 

@@ -1,12 +1,12 @@
 import os
 import signal
 import sys
-import threading
 from concurrent.futures import BrokenExecutor
 from itertools import count
 
 import pytest
 from commands import refusal
+from tasks import blocked_signals, die, never_ends, refuse, size, unpicklable
 
 import experiments
 from experiments import multicontact
@@ -15,30 +15,6 @@ from ident.estimation.in_order import in_order
 
 LARGE = bytes(2_000_000)
 """More than a pipe holds."""
-
-
-def size(data, *, plus=0):
-    return len(data) + plus
-
-
-def refuse(what):
-    raise ValueError(f"not {what}")
-
-
-def unpicklable():
-    return threading.Lock()
-
-
-def die(*_):
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def never_ends(_):
-    threading.Event().wait()
-
-
-def blocked_signals():
-    return signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
 def test_processes_are_an_executor():
@@ -96,6 +72,7 @@ def test_a_malformed_address_is_one_sentence(address, tmp_path, capsys):
     assert f"--scheduler: needs an address as tcp://host:port, got '{address}'" in said
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_scheduler_needs_the_extra(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.delitem(sys.modules, "experiments.runs.cluster", raising=False)

@@ -1,15 +1,21 @@
 import csv
 import re
+import shutil
 
 import numpy as np
 import pytest
+from fuzz.cases import not_drawn
+from fuzz.here import Here
 from mechanisms import double_pendulum
 
 from experiments.__main__ import main as everything
 from experiments.mechanism import main
+from experiments.output import figures
+from experiments.runs import workers
 from experiments.studies import mechanism, paper
 from ident.geometry.se3 import exp
 
+OPTIONS = ["--formats", "svg", "--trials", "4", "--redraw", "sensors"]
 STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts")
 
 
@@ -51,10 +57,18 @@ def test_the_command_prints_the_check(tmp_path, capsys):
     assert "Tables I and II are the same mechanism" in capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_everything_on_one_page(tmp_path):
-    out = tmp_path / "results"
-    assert everything(["--out", str(out), "--formats", "svg", "--trials", "4"]) == 0
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    """What everything leaves, with empty files in place of figures."""
+    folder = tmp_path_factory.mktemp("everything") / "results"
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(figures, "save", not_drawn)
+        patched.setattr(workers, "Processes", Here)
+        assert everything([*OPTIONS, "--out", str(folder)]) == 0
+    return folder
+
+
+def test_everything_on_one_page(out):
     assert {path.name for path in out.iterdir()} == {*STUDIES, "index.html"}
     page = (out / "index.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 11
@@ -82,11 +96,10 @@ def test_everything_on_one_page(tmp_path):
     assert "true, simplified" in page and "kg m². The entries" in page
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_everything_resumes_what_was_interrupted(tmp_path):
-    command = ["--out", str(tmp_path), "--formats", "png", "--trials", "4", "--redraw", "sensors"]
-    assert everything(command) == 0
-    page = (tmp_path / "index.html").read_bytes()
-    (tmp_path / "multicontact" / "trials.npz").unlink()
-    assert everything([*command, "--resume"]) == 0
-    assert (tmp_path / "index.html").read_bytes() == page
+@pytest.mark.usefixtures("undrawn", "here")
+def test_everything_resumes_what_was_interrupted(out, tmp_path):
+    again = shutil.copytree(out, tmp_path / "results")
+    (again / "multicontact" / "trials.npz").unlink()
+    (again / "index.html").unlink()
+    assert everything([*OPTIONS, "--out", str(again), "--resume"]) == 0
+    assert (again / "index.html").read_bytes() == (out / "index.html").read_bytes()

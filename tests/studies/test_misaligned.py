@@ -1,10 +1,9 @@
 """The command line of the study: what it writes, that it repeats itself, and how it ends."""
 
 import csv
+import io
 import json
-import os
 import re
-import subprocess
 import sys
 
 import numpy as np
@@ -30,6 +29,11 @@ COLUMNS = [
 
 
 @pytest.fixture(scope="module")
+def study():
+    return tilted_axes.study(seed=3)
+
+
+@pytest.fixture(scope="module")
 def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("results") / "new" / "folder"
     assert misaligned.main(["--out", str(out), "--formats", *defaults.FORMATS, "--seed", "3"]) == 0
@@ -43,11 +47,10 @@ def test_everything_is_written(results):
     assert all(file.stat().st_size > 100 for file in results.iterdir())
 
 
-def test_table_3_holds_both_models_beside_the_paper(results):
+def test_table_3_holds_both_models_beside_the_paper(results, study):
     rows = list(csv.DictReader((results / "table_3.csv").read_text().splitlines()))
     assert list(rows[0]) == COLUMNS
     assert [row["parameter"] for row in rows] == list(paper.TABLE_3)
-    study = tilted_axes.study(seed=3)
     for k, row in enumerate(rows):
         expected = (
             study.simplified.psi_true[k],
@@ -60,9 +63,9 @@ def test_table_3_holds_both_models_beside_the_paper(results):
         assert tuple(float(row[column]) for column in COLUMNS[1:]) == expected
 
 
-def test_the_full_models_own_table(results):
+def test_the_full_models_own_table(results, study):
     rows = list(csv.DictReader((results / "table_3_full.csv").read_text().splitlines()))
-    full = tilted_axes.study(seed=3).full
+    full = study.full
     assert [row["parameter"] for row in rows] == list(full.base.names)
     for column, values in (
         ("true", full.psi_true),
@@ -73,18 +76,16 @@ def test_the_full_models_own_table(results):
         np.testing.assert_array_equal([float(row[column]) for row in rows], values)
 
 
-def test_the_study_is_identified_from_noisy_wrenches():
+def test_the_study_is_identified_from_noisy_wrenches(study):
     # Residuals of the full model hold the sensors' noise: 0.5 N, and what noise on the joint states adds.
-    study = tilted_axes.study(seed=3)
     residual = study.recording.wrench("ground").values - study.full.predicted
     assert 0.48 < residual[:, 0].std() < 0.54
     assert (residual[:, :3].std(axis=0) > 0.48).all()
     assert (residual[:, 3:].std(axis=0) > 0.048).all()
 
 
-def test_summary_is_for_scripts(results):
+def test_summary_is_for_scripts(results, study):
     summary = json.loads((results / "summary.json").read_text())
-    study = tilted_axes.study(seed=3)
     assert summary["condition_number_simplified"] == study.simplified.estimate.condition_number
     assert summary["condition_number_full"] == study.full.estimate.condition_number
     assert (summary["rank_simplified"], summary["rank_full"]) == (13, 13)
@@ -93,9 +94,8 @@ def test_summary_is_for_scripts(results):
     assert summary["noise"]["ground_force"] == 0.5
 
 
-def test_errors_of_the_wrench_are_told_channel_by_channel(results):
+def test_errors_of_the_wrench_are_told_channel_by_channel(results, study):
     summary = json.loads((results / "summary.json").read_text())["wrench_errors"]
-    study = tilted_axes.study(seed=3)
     true = study.recording.noise_free.wrench("ground").values
     assert list(summary) == ["Fx", "Fy", "Fz", "τx", "τy", "τz"]
     for k, channel in enumerate(summary.values()):
@@ -136,9 +136,8 @@ def test_another_seed_or_tilt_gives_other_tables(results, tmp_path):
         assert (tmp_path / "table_3.csv").read_bytes() != (results / "table_3.csv").read_bytes()
 
 
-def test_figures_show_what_their_captions_say():
-    study = tilted_axes.study(seed=3)
-    figure = tilted_axes_report.figure_2(study)
+def test_figures_show_what_their_captions_say(study):
+    figure, magnitudes = tilted_axes_report.figure_2(study), tilted_axes_report.figure_3(study)
     assert figure.get_figwidth() == 3.5
     assert len(figure.axes) == 6
     for component, ax in enumerate(figure.axes):
@@ -152,7 +151,7 @@ def test_figures_show_what_their_captions_say():
         colors = {name: line.get_color() for name, line in lines.items()}
         assert colors == {"True": "black", "Simplified": "tab:red", "Full": "tab:blue"}
         np.testing.assert_array_equal(lines["True"].get_xdata(), study.recording.time)
-        errors = {line.get_label(): line for line in tilted_axes_report.figure_3(study).axes[component].get_lines()}
+        errors = {line.get_label(): line for line in magnitudes.axes[component].get_lines()}
         expected = abs(study.simplified.predicted[:, k] - truth)
         np.testing.assert_array_equal(errors["Simplified"].get_ydata(), expected)
         np.testing.assert_array_equal(errors["Full"].get_xdata(), np.arange(1, 944))
@@ -235,6 +234,7 @@ def test_a_scene_without_a_needed_sensor_is_refused(tmp_path, capsys, monkeypatc
     assert "no channel 'joint2_acceleration'; it has ground_force" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_interrupted_run_leaves_earlier_results_whole(tmp_path, capsys, monkeypatch):
     (tmp_path / "table_3.csv").write_text("earlier")
 
@@ -257,7 +257,7 @@ def test_help_explains_every_option(capsys):
         assert f"--{option}" in text
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "here")
 def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert misaligned.main(["--out", str(tmp_path), "--formats", "svg", "--trials", "2", "--redraw", "sensors"]) == 0
@@ -272,9 +272,10 @@ def test_figures_do_not_depend_on_the_formats_asked_for(results, tmp_path):
     assert (tmp_path / "figure_2.png").read_bytes() == (results / "figure_2.png").read_bytes()
 
 
-def test_a_terminal_without_unicode_shows_what_it_can(tmp_path):
-    command = [sys.executable, "-m", "experiments.misaligned", "--out", str(tmp_path), "--formats", "png"]
-    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0
-    assert "kg m\\xb2" in done.stdout
+@pytest.mark.usefixtures("undrawn")
+def test_a_terminal_without_unicode_shows_what_it_can(tmp_path, monkeypatch):
+    terminal = io.TextIOWrapper(io.BytesIO(), "ascii")
+    monkeypatch.setattr(sys, "stdout", terminal)
+    assert misaligned.main(["--out", str(tmp_path), "--formats", "png"]) == 0
+    terminal.flush()
+    assert rb"kg m\xb2" in terminal.buffer.getvalue()

@@ -11,6 +11,8 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import misaligned, multicontact
 from experiments.cli import defaults, options
+from experiments.output import figures
+from experiments.runs.workers import hired
 from experiments.studies import monte_carlo, trials
 from experiments.studies.contacts import problem, study, trial
 from ident.recordings.recording import Recording
@@ -30,9 +32,11 @@ def test_trials_differ_by_the_noise_that_is_redrawn(tmp_path, redrawn):
 
 def test_any_number_of_workers_gives_the_same_numbers(tmp_path):
     source = draw(tmp_path, "--redraw", "sensors")
-    one, two = run(source, 9, tmp_path), run(source, 9, tmp_path, workers=2)
-    assert one.shape == (9, 1, 2, 13)
-    np.testing.assert_array_equal(one, two)
+    here = run(source, 9, tmp_path)
+    assert here.shape == (9, 1, 2, 13)
+    for workers in (1, 2):
+        with hired(workers) as crew:
+            np.testing.assert_array_equal(run(source, 9, tmp_path, executor=crew.executor), here)
 
 
 def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
@@ -80,7 +84,7 @@ def test_trials_of_another_run_are_not_resumed(tmp_path):
         resumed(draw(tmp_path, "--redraw", "sensors"), 0, tmp_path)
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "here")
 def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
     command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors"]
     assert multicontact.main([*command, "--trials", "6"]) == 0
@@ -101,8 +105,9 @@ def test_any_executor_gives_the_same_numbers(tmp_path):
 def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 40, tmp_path, file=tmp_path / "whole.npz")
-    with pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers"):
-        run(source, 40, tmp_path, workers=2, analyse=Mortal.at(25, source, tmp_path))
+    died = pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers")
+    with died, hired(2) as crew:
+        run(source, 40, tmp_path, executor=crew.executor, analyse=Mortal.at(25, source, tmp_path))
     assert "The trials done so far are in" in capsys.readouterr().err
     # Those of its batch and of the other worker are lost at most.
     before = kept(tmp_path)
@@ -121,7 +126,7 @@ def problem_names():
 
 
 def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
-    found = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="943"), 1000, tmp_path, workers=2))
+    found = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="943"), 1000, tmp_path))
     np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.10)
     assert ((found.coverage >= 0.93) & (found.coverage <= 0.97)).all()
     assert (np.abs(found.mean) < 4.5 * found.std / np.sqrt(1000)).all()
@@ -137,7 +142,7 @@ def test_standard_deviations_are_right_with_two_contacts(tmp_path):
 
 
 def test_noise_on_the_joint_states_biases(tmp_path):
-    found = distribution(run(draw(tmp_path, "--redraw", "sensors", samples="943"), 60, tmp_path, workers=2))
+    found = distribution(run(draw(tmp_path, "--redraw", "sensors", samples="943"), 60, tmp_path))
     assert np.abs(found.mean / found.std).max() * np.sqrt(60) > 6
 
 
@@ -163,6 +168,7 @@ def test_statistics():
     }
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("study_module", [misaligned, multicontact])
 def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, study_module):
     options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--redraw", "sensors"]
@@ -183,6 +189,7 @@ def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, study_m
     assert (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes() == before
 
 
+@pytest.mark.usefixtures("undrawn", "here")
 def test_a_command_interrupted_before_any_trial_promises_nothing(tmp_path, capsys, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
@@ -193,7 +200,7 @@ def test_a_command_interrupted_before_any_trial_promises_nothing(tmp_path, capsy
     assert (tmp_path / "table_4.csv").exists()
 
 
-def test_the_chart_shows_every_parameter_of_every_model():
+def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
     rng = np.random.default_rng(0)
     names = ("m1", "m1rx1", "Ixx2")
     found = {
@@ -203,6 +210,8 @@ def test_the_chart_shows_every_parameter_of_every_model():
     figure = monte_carlo.chart(found)
     assert [ax.get_title() for ax in figure.axes] == ["simplified", "full"]
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["$m_{1}$", "$m_{1}r_{x,1}$", "$I_{xx,2}$"]
+    figures.save(figure, tmp_path, "chart", ["png"])
+    assert (tmp_path / "chart.png").stat().st_size > 10_000
 
 
 def test_options_are_shared():

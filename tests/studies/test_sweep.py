@@ -45,7 +45,7 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
     assert (out / "figure_sweep.png").exists()
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "here")
 def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch):
     whole = run(tmp_path / "whole")
     collect = Checkpoint.collect
@@ -69,7 +69,7 @@ def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch
     assert len(before) == len((resumed / sweep.FILE).read_bytes())
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "here")
 def test_several_contacts_are_a_value_like_one(tmp_path):
     out = run(tmp_path, over=("contact", "pad", "pad handle"), seeds=1)
     expected = contacts_report.summary(study(contact="pad handle"))
@@ -79,7 +79,7 @@ def test_several_contacts_are_a_value_like_one(tmp_path):
         assert float(several["mean"]) == pytest.approx(expected[number], rel=1e-9)
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "here")
 def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, capsys):
     out = run(tmp_path, over=("noise_scale", "1", "-1"), seeds=1)
     sentence = "noise_scale -1.0, seed 0: The noise scale must be from 0 to 1000, got -1."
@@ -90,6 +90,7 @@ def test_a_refused_value_is_one_sentence_and_the_others_are_there(tmp_path, caps
     assert (refused["runs"], refused["mean"]) == ("0", "")
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("command", "message"),
     [
@@ -111,7 +112,7 @@ def test_bad_input_is_one_sentence(tmp_path, capsys, command, message):
     assert message in refusal(main, [*command, "--out", str(tmp_path)], capsys)
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "here")
 def test_runs_of_another_sweep_are_not_resumed(tmp_path, capsys):
     run(tmp_path, seeds=1)
     command = ["multicontact", "--over", "noise_scale", "2", "--resume", "--out", str(tmp_path)]

@@ -1,0 +1,29 @@
+"""Tasks for the processes of `test_workers`, where they are imported soon."""
+
+import os
+import signal
+import threading
+
+
+def size(data, *, plus=0):
+    return len(data) + plus
+
+
+def refuse(what):
+    raise ValueError(f"not {what}")
+
+
+def unpicklable():
+    return threading.Lock()
+
+
+def die(*_):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def never_ends(_):
+    threading.Event().wait()
+
+
+def blocked_signals():
+    return signal.pthread_sigmask(signal.SIG_BLOCK, [])
