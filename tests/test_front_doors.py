@@ -1,24 +1,98 @@
-"""What `import sim` offers, and what it does not yet import."""
+"""What `import ident` and `import sim` offer, what they do not yet import, and clients that a type checker reads."""
 
+import re
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import pytest
 
+import ident
+import sim
+
+PUBLIC = [(package, name) for package in (ident, sim) for name in package.__all__]
+
+CLIENTS = {
+    "own mechanism": """
+import ident
+import sim
+
+arm = sim.mechanism("arm.xml", base="base")
+estimate = ident.identify(arm, ident.read_log("run.csv", arm))
+print(estimate, estimate.verdict(), estimate.psi.shape)
+sim.write_model("arm_identified.xml", arm, estimate.consistent())
+""",
+    "arrays": """
+import numpy as np
+from numpy.typing import NDArray
+
+from ident import InputError, Mechanism, base_wrench_regressor, find_base_parameters, tree_from_mdh, Frame
+
+
+def base_parameters(frames: list[Frame], gravity: NDArray[np.float64]) -> tuple[str, ...]:
+    arm = Mechanism(tree_from_mdh(frames), gravity)
+    try:
+        return find_base_parameters(arm.tree, gravity=arm.gravity).expressions()
+    except InputError as error:
+        return (str(error),)
+
+
+def rank(arm: Mechanism, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]) -> int:
+    Y = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity)
+    return int(np.linalg.matrix_rank(Y.reshape(-1, Y.shape[2])))
+""",
+    "two recordings": """
+from collections.abc import Iterator
+
+import ident
 import sim
 
 
-@pytest.mark.parametrize("name", sim.__all__)
-def test_every_public_name_is_there_and_described(name):
-    assert getattr(sim, name).__name__ == name
-    assert f"\n    {name}" in sim.__doc__ and name in dir(sim)
+def differs(arm: ident.Mechanism, one: ident.Recording, other: ident.Recording) -> float:
+    first, second = ident.identify(arm, one), ident.identify(arm, other, weighted=False, holdout=0.0)
+    return first.compare(second).p_value
 
 
-def test_names_that_are_not_public_are_refused():
-    with pytest.raises(AttributeError, match="module 'sim' has no attribute 'robot'"):
-        _ = sim.robot
+def long(arm: ident.Mechanism, pieces: Iterator[ident.Recording], motion: ident.Motion) -> float:
+    return float(ident.least_squares(ident.Equations.of_wrench(arm), pieces).predicted(motion).max())
 
 
-def test_mujoco_is_imported_when_it_is_needed():
-    code = "import sim, sys; assert 'mujoco' not in sys.modules; sim.mechanism; assert 'mujoco' in sys.modules"
+model = sim.tree_from_model("arm.xml")
+""",
+}
+
+
+@pytest.mark.parametrize(("package", "name"), PUBLIC, ids=[f"{p.__name__}.{n}" for p, n in PUBLIC])
+def test_every_public_name_is_there_and_described(package, name):
+    assert getattr(package, name).__name__ == name
+    assert re.search(rf"\n    {name}\b", package.__doc__) and name in dir(package)
+
+
+@pytest.mark.parametrize("package", [ident, sim])
+def test_names_that_are_not_public_are_refused(package):
+    with pytest.raises(AttributeError, match=f"module '{package.__name__}' has no attribute 'robot'"):
+        _ = package.robot
+    assert len(package.__all__) <= 30
+
+
+def test_the_version_is_known():
+    assert re.match(r"\d", ident.__version__)
+
+
+def test_libraries_are_imported_when_they_are_needed():
+    code = (
+        "import ident, sim, sys; assert not {'mujoco', 'numpy', 'scipy'} & set(sys.modules); "
+        "ident.Tree; sim.mechanism; assert {'mujoco', 'numpy'} <= set(sys.modules)"
+    )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.skipif(find_spec("mypy") is None, reason="mypy comes with the extra 'dev'")
+def test_clients_are_typed(tmp_path):
+    """In strict mode, and without the packages' own configuration."""
+    for name, code in CLIENTS.items():
+        (tmp_path / f"{name.replace(' ', '_')}.py").write_text(code, encoding="utf-8")
+    arguments = ["--strict", "--config-file=", f"--cache-dir={tmp_path / 'cache'}"]
+    command = [sys.executable, "-m", "mypy", *arguments, *map(str, tmp_path.glob("*.py"))]
+    found = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert found.returncode == 0, found.stdout

@@ -205,13 +205,13 @@ def accumulated(
 
 
 def table(estimate: Fit) -> report.Table:
-    """Base parameters with their standard deviations, one pass knowing those of white noise only."""
+    """Base parameters with their standard deviations."""
     return report.Table(
         f"Base parameters from {estimate.samples} samples, kg, kg m and kg m²; std of wrench noise, {estimate.noise}",
         *report.columns(
             parameter=estimate.names,
             estimated=estimate.psi,
-            std_white_noise=estimate.std,
+            std=estimate.std,
             regrouping=estimate.parameters.expressions(digits=4),
         ),
         decimals=4,

@@ -10,10 +10,12 @@ import pytest
 
 import experiments
 import scenes
+import sim
 from experiments.benchmark import words
 from experiments.output import readme_blocks, tilted_axes_report
 from experiments.output.contacts_report import summary
 from experiments.studies import contacts, tilted_axes
+from sim.motion.excitation import DOUBLE_PENDULUM
 
 README = Path(experiments.__file__).parents[1] / "README.md"
 pytestmark = pytest.mark.skipif(not README.exists(), reason="only a checkout has a README.md")
@@ -137,12 +139,15 @@ def test_a_block_is_replaced_and_a_missing_one_is_named():
 def test_the_examples_run(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").symlink_to(Path(scenes.__file__).parent)
+    (tmp_path / "arm.xml").symlink_to(Path(scenes.__file__).parent / "double_pendulum.xml")
+    sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM).save("run.csv")
     examples = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
     for code in examples:
         if "viewer" not in code:
             exec(compile(code, str(README), "exec"), {})
     printed = capsys.readouterr().out
-    assert "m2rz2 + 0.425 m3" in printed
+    assert "m2rz2 + 0.425 m3" in printed and "Usable: held-out residuals" in printed
+    assert len(sim.mechanism("arm_identified.xml", base="base").bodies) == 3
     assert re.search(r"joint1 by [45]\.\d\d°", printed)
     assert "3000 samples, one pass in QR coordinates, 0 of 6 chunks by stacked QR" in printed
     assert re.search(r"sum of contacts - Y phi: \de-1[0-9]", printed)
