@@ -113,7 +113,7 @@ class Table:
         """Refuses decimal commas where others are points; columns of numbers had points, if they are no integers."""
         known = self.memory.separators
         if isinstance(cells, np.ndarray):
-            marks = "." if (np.modf(cells)[0] != 0).any() else ""
+            marks = "." if (np.abs(np.modf(cells)[0]) > 0).any() else ""
         else:
             marks = "".join(mark for mark in ",." if any(mark in cell for cell in cells))
         for mark in marks:
