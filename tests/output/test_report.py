@@ -215,7 +215,7 @@ def test_an_input_is_neither_replaced_nor_cleared_away(tmp_path):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from experiments import report
+from experiments.output import report
 from ident.recordings.atomic import PARTIAL, replacing
 
 def stop(*_, **__):
