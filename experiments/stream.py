@@ -20,7 +20,7 @@ from tqdm import tqdm
 from experiments.cli import options
 from experiments.output import report
 from experiments.runs.checkpoint import SAVE_EVERY
-from experiments.runs.workers import hired
+from experiments.runs.workers import worker_pool
 from experiments.studies.one_pass import Judged, Seen, judged
 from experiments.studies.preparation import COMPONENTS
 from ident.errors import InputError
@@ -243,8 +243,8 @@ def run(args: argparse.Namespace) -> None:
         progress = Progress(args.out / FILE, identity)
         if args.resume:
             progress = progress.resumed(parameters)
-        with hired(args.workers, args.scheduler, args.tls) as crew:
-            found = accumulated(progress, reading, gravity, parameters, executor=crew.executor, ahead=crew.ahead)
+        with worker_pool(args.workers, args.scheduler, args.tls) as pool:
+            found = accumulated(progress, reading, gravity, parameters, executor=pool.executor, ahead=pool.ahead)
         estimate = solve(found, parameters)
         judgement = judged(seen, found, estimate, prior, gravity)
         with report.results_folder(args.out, inputs=inputs) as folder:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from experiments import multicontact
-from experiments.runs.workers import hired
+from experiments.runs.workers import worker_pool
 from experiments.studies import trials
 from experiments.studies.contacts import SCENE, problem, study, trial
 
@@ -36,8 +36,8 @@ def run(source, number, tmp_path, workers=1, **more):
     settings = {"file": tmp_path / trials.FILE, "analyse": ANALYSE} | more
     if "executor" in settings:
         return trials.run_trials(source, trials=number, **settings)
-    with hired(workers) as crew:
-        return trials.run_trials(source, trials=number, executor=crew.executor, **settings)
+    with worker_pool(workers) as pool:
+        return trials.run_trials(source, trials=number, executor=pool.executor, **settings)
 
 
 def resumed(source, number, tmp_path, *more):
@@ -86,8 +86,8 @@ def read_until(process, pattern):
     return seen
 
 
-def interrupted(command, pattern):
-    """Exit code and standard error of a multicontact study that gets Ctrl-C twice when something has been said.
+def interrupted(command, pattern, number=signal.SIGINT):
+    """Exit code and standard error of a multicontact study that is asked twice to end when something has been said.
 
     It has a group of its own, of which nobody must be left.
     """
@@ -96,7 +96,7 @@ def interrupted(command, pattern):
     with subprocess.Popen(command, **quiet) as process:
         seen = read_until(process, pattern)
         for _ in range(2):
-            os.killpg(process.pid, signal.SIGINT)
+            os.killpg(process.pid, number)
         seen += process.stderr.read()
         code = process.wait(timeout=60)
     with pytest.raises(ProcessLookupError):

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.benchmark.mechanisms import double_pendulum
 from experiments.benchmark.monte_carlo import BLOCKS, Trials
 from experiments.benchmark.timing import Effort, alternating
-from experiments.runs.workers import Crew, hired
+from experiments.runs.workers import WorkerPool, worker_pool
 from ident.estimation.estimate import identify
 from ident.estimation.in_order import in_order
 from ident.parameters.base_parameters import STANDARD_GRAVITY
@@ -42,27 +42,27 @@ def shared(effort: Effort) -> list[Shared]:
     samples, given = mechanism.samples(effort.streamed), mechanism.parameters
     blocks = [range(k, k + effort.trials // BLOCKS) for k in range(0, effort.trials, effort.trials // BLOCKS)]
 
-    def monte_carlo(crew: Crew) -> None:
-        list(in_order(crew.executor, trials.identified, blocks, ahead=crew.ahead))
+    def monte_carlo(pool: WorkerPool) -> None:
+        list(in_order(pool.executor, trials.identified, blocks, ahead=pool.ahead))
 
-    def identification(crew: Crew) -> None:
+    def identification(pool: WorkerPool) -> None:
         identify(
             mechanism.tree,
             samples,
             gravity=STANDARD_GRAVITY,
             parameters=given,
-            executor=crew.executor,
-            ahead=crew.ahead,
+            executor=pool.executor,
+            ahead=pool.ahead,
         )
 
     found = []
     with ExitStack() as stack:
-        crews = [stack.enter_context(hired(number)) for number in numbers]
+        pools = [stack.enter_context(worker_pool(number)) for number in numbers]
         for task, work, amount in (
             ("Monte Carlo", monte_carlo, effort.trials),
             ("identification of pieces", identification, effort.streamed),
         ):
-            ways = [partial(work, crew) for crew in crews]
+            ways = [partial(work, pool) for pool in pools]
             times = np.median(alternating(ways, effort.seconds, effort.least), axis=0).tolist()
             found += [Shared(task, n, t, amount / t, times[0] / t) for n, t in zip(numbers, times, strict=True)]
     return found

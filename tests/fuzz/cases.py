@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 from experiments import identify, stream
 from experiments.output import figures
-from experiments.runs.workers import Crew
+from experiments.runs.workers import WorkerPool
 
 from .corpus import LOGS, MODELS, write_corpus
 from .damage import NAMES, Rng, any_of, damaged
@@ -79,8 +79,8 @@ class Here(Executor):
 
 
 @contextmanager
-def _hired(*_: object, **__: object) -> Iterator[Crew]:
-    yield Crew(Here(), 1, 1)
+def _worker_pool(*_: object, **__: object) -> Iterator[WorkerPool]:
+    yield WorkerPool(Here(), 1, 1)
 
 
 def not_drawn(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> None:
@@ -109,7 +109,7 @@ class Runner:
             # MuJoCo logs warnings into the working directory.
             os.chdir(self._folder)
             stack.callback(os.chdir, before)
-            stack.enter_context(mock.patch.object(stream, "hired", _hired))
+            stack.enter_context(mock.patch.object(stream, "worker_pool", _worker_pool))
             stack.callback(signal.signal, signal.SIGPROF, signal.signal(signal.SIGPROF, _hang))
             self._open = stack.pop_all()
         return self

@@ -1,6 +1,7 @@
 import csv
 import json
 import os
+import signal
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -55,14 +56,17 @@ def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeyp
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
-@pytest.mark.parametrize("moment", ["starting", "running"])
-def test_ctrl_c_ends_all_processes_without_a_traceback(tmp_path, moment):
+@pytest.mark.parametrize(
+    ("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGINT, "running"), (signal.SIGTERM, "running")]
+)
+def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, number, moment):
     command = ["--trials", "100000", "--redraw", "sensors", "--workers", "2", "--out", str(tmp_path)]
     # The bar stands at zero while the workers start.
     pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
-    code, said = interrupted([*command, "--formats", "png"], pattern)
+    code, said = interrupted([*command, "--formats", "png"], pattern, number)
     assert code == 130
     assert b"Traceback" not in said
+    assert b"resource_tracker" not in said
     assert b"every file is whole" in said
     assert (b"run again with --resume" in said) == (tmp_path / trials.FILE).exists()
     assert (tmp_path / trials.FILE).exists() or moment == "starting"
