@@ -20,5 +20,8 @@ class Here(Executor):
             future.set_exception(error)
         return future
 
+    def start(self) -> None:
+        """Nothing is to start."""
+
     def kill(self) -> None:
         """Nothing is left to end."""

@@ -1,8 +1,12 @@
-"""Tasks for the processes of `test_workers`, where they are imported soon."""
+"""Tasks for workers, in a module that costs them little to import."""
 
 import os
 import signal
 import threading
+from multiprocessing.connection import Connection
+
+LARGE = bytes(2_000_000)
+"""More than a pipe holds."""
 
 
 def size(data, *, plus=0):
@@ -23,6 +27,15 @@ def die(*_):
 
 def never_ends(_):
     threading.Event().wait()
+
+
+def dies_in_the_middle_of_its_result():
+    def send(connection, data):
+        os.write(connection.fileno(), data[: len(data) // 2])
+        die()
+
+    Connection._send = send
+    return LARGE
 
 
 def blocked_signals():
