@@ -3,6 +3,7 @@ import re
 import subprocess
 import sys
 import traceback
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,12 +18,11 @@ COMMAND = "python -m experiments.mechanism"
 ASKED = "please report it in the project's issue tracker"
 
 
-def main_of(monkeypatch, error):
+def main_of(error):
     def study(*_):
         raise error
 
-    monkeypatch.setattr(mechanism, "run", study)
-    return mechanism.main
+    return partial(options.run, study, mechanism.parser)
 
 
 @pytest.mark.parametrize(
@@ -34,15 +34,15 @@ def main_of(monkeypatch, error):
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_what_users_do_wrong_is_one_sentence(monkeypatch, capsys, error):
-    said = refusal(main_of(monkeypatch, error), [], capsys)
+def test_what_users_do_wrong_is_one_sentence(capsys, error):
+    said = refusal(main_of(error), [], capsys)
     assert said == f"{COMMAND}: error: the sentence\n"
 
 
 @pytest.mark.parametrize("error", [ValueError("of numpy"), np.linalg.LinAlgError("of LAPACK"), KeyError("of ours")])
-def test_any_other_error_asks_to_be_reported_below_its_traceback(monkeypatch, error):
+def test_any_other_error_asks_to_be_reported_below_its_traceback(error):
     with pytest.raises(type(error)) as raised:
-        main_of(monkeypatch, error)(["--out", "a folder"])
+        main_of(error)(["--out", "a folder"])
     *calls, message, request = traceback.format_exception(raised.value)
     assert calls[0].startswith("Traceback") and re.search("of (numpy|LAPACK|ours)", message)
     assert ASKED in request and request.count("\n") == 1
@@ -50,7 +50,8 @@ def test_any_other_error_asks_to_be_reported_below_its_traceback(monkeypatch, er
 
 
 def test_such_an_error_ends_the_command_with_1():
-    script = "import sys; from experiments import mechanism as m; m.run = lambda args: float('x'); sys.exit(m.main())"
+    script = "from experiments import mechanism; from experiments.cli import options; "
+    script += "options.run(lambda args: float('x'), mechanism.parser)"
     ended = subprocess.run([sys.executable, "-c", script, "--out", "x"], capture_output=True, text=True)
     assert ended.returncode == 1
     *_, message, request = ended.stderr.splitlines()
