@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import scenes
+from ident.mechanism.motion import Motion
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.rollout import COMMAND, STATE
 from sim.simulation.sensors import sensors
@@ -28,10 +29,10 @@ def looped(spec, samples, seed):
     h, driven = model.opt.timestep, servos(model, 2)
     lead, steps = round(LEAD_IN / h), round(1 / (RATE * h))
     time = np.arange(-lead, (samples - 1) * steps + 1) * h
-    desired = DOUBLE_PENDULUM.trajectory(time, np.random.default_rng(seed).spawn(2)[0])
+    desired = Motion(*DOUBLE_PENDULUM.trajectory(time, np.random.default_rng(seed).spawn(2)[0]))
     commands = driven.commands(time, desired)
     moving, reading, state = mujoco.MjData(model), mujoco.MjData(reader), np.empty(mujoco.mj_stateSize(model, STATE))
-    moving.qpos[driven.qpos], moving.qvel[driven.dof] = desired[0][0], desired[1][0]
+    moving.qpos[driven.qpos], moving.qvel[driven.dof] = desired.q[0], desired.dq[0]
     readings, forward = [], []
     for k, command in enumerate(commands):
         if k >= lead and (k - lead) % steps == 0:
