@@ -83,8 +83,8 @@ def read_until(process, pattern):
     return seen
 
 
-def interrupted(command, pattern):
-    """Exit code and standard error of a multicontact study that gets Ctrl-C twice when something has been said.
+def interrupted(command, pattern, number=signal.SIGINT):
+    """Exit code and standard error of a multicontact study that is asked twice to end when something has been said.
 
     It has a group of its own, of which nobody must be left.
     """
@@ -93,7 +93,7 @@ def interrupted(command, pattern):
     with subprocess.Popen(command, **quiet) as process:
         seen = read_until(process, pattern)
         for _ in range(2):
-            os.killpg(process.pid, signal.SIGINT)
+            os.killpg(process.pid, number)
         seen += process.stderr.read()
         code = process.wait(timeout=60)
     with pytest.raises(ProcessLookupError):

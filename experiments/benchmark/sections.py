@@ -22,7 +22,7 @@ from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
 from experiments.benchmark.timing import QUICK, Effort
 from experiments.output import figures, report
-from experiments.runs.workers import hired
+from experiments.runs.workers import worker_pool
 from ident.errors import InputError
 
 FILE = "benchmark.json"
@@ -45,10 +45,10 @@ def measured(effort: Effort) -> dict[str, Any]:
     }
     results: dict[str, Any] = {"comparisons": [], "notes": []}
     with tqdm(total=len(sections) + 1, desc="Benchmark", file=sys.stderr) as bar:
-        with hired(1) as crew:
+        with worker_pool(1) as pool:
             for name, section in sections.items():
                 bar.set_postfix_str(name)
-                for key, value in crew.executor.submit(section, effort).result().items():
+                for key, value in pool.executor.submit(section, effort).result().items():
                     results[key] = results[key] + value if key in ("comparisons", "notes") else value
                 bar.update()
         bar.set_postfix_str("workers")

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.benchmark.mechanisms import double_pendulum
 from experiments.benchmark.monte_carlo import BLOCKS, Trials
 from experiments.benchmark.timing import Effort, alternating
-from experiments.runs.workers import Crew, hired
+from experiments.runs.workers import WorkerPool, worker_pool
 from ident.estimation.in_order import in_order
 from ident.estimation.least_squares import least_squares
 
@@ -41,20 +41,20 @@ def shared(effort: Effort) -> list[Shared]:
     samples = mechanism.samples(effort.streamed)
     blocks = [range(k, k + effort.trials // BLOCKS) for k in range(0, effort.trials, effort.trials // BLOCKS)]
 
-    def monte_carlo(crew: Crew) -> None:
-        list(in_order(crew.executor, trials.identified, blocks, ahead=crew.ahead))
+    def monte_carlo(pool: WorkerPool) -> None:
+        list(in_order(pool.executor, trials.identified, blocks, ahead=pool.ahead))
 
-    def identification(crew: Crew) -> None:
-        least_squares(mechanism.equations, samples, executor=crew.executor, ahead=crew.ahead)
+    def identification(pool: WorkerPool) -> None:
+        least_squares(mechanism.equations, samples, executor=pool.executor, ahead=pool.ahead)
 
     found = []
     with ExitStack() as stack:
-        crews = [stack.enter_context(hired(number)) for number in numbers]
+        pools = [stack.enter_context(worker_pool(number)) for number in numbers]
         for task, work, amount in (
             ("Monte Carlo", monte_carlo, effort.trials),
             ("identification of pieces", identification, effort.streamed),
         ):
-            ways = [partial(work, crew) for crew in crews]
+            ways = [partial(work, pool) for pool in pools]
             times = np.median(alternating(ways, effort.seconds, effort.least), axis=0).tolist()
             found += [Shared(task, n, t, amount / t, times[0] / t) for n, t in zip(numbers, times, strict=True)]
     return found

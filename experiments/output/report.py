@@ -8,7 +8,6 @@ import os
 import platform
 import re
 import shutil
-import signal
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,6 +19,7 @@ from typing import Any
 
 from experiments.output import escape
 from experiments.output.figures import PARAMETER, parameter_symbol
+from experiments.runs.signals import held_back
 from ident.errors import InputError
 from ident.recordings.atomic import PARTIAL, claimed, unwritten
 
@@ -178,7 +178,7 @@ def results_folder(out: Path, stale: Sequence[str] = (), inputs: Sequence[Path] 
     """
     with unused_vanish(out), unwritten(out), _scratch(out) as (new, old):
         yield new
-        with _undisturbed():
+        with held_back():
             _exchange(new, old, out, stale, inputs)
 
 
@@ -267,19 +267,6 @@ def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str], inputs: Seq
         raise InputError(
             f"The results could not be moved to '{out}' ({error.strerror}: '{error.filename}'){left}."
         ) from error
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Holds back Ctrl-C and termination for the duration of a block, where the system can."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def provenance(options: dict[str, Any], recording: dict[str, Any]) -> dict[str, Any]:

@@ -2,10 +2,9 @@
 
 import os
 import pickle
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
@@ -13,11 +12,12 @@ from multiprocessing.context import SpawnProcess
 from queue import SimpleQueue
 from typing import Any
 
+from experiments.runs.signals import held_back
 from ident.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Crew:
+class WorkerPool:
     """Workers for the duration of a block.
 
     Attributes:
@@ -32,7 +32,7 @@ class Crew:
 
 
 @contextmanager
-def hired(workers: int, scheduler: str | None = None, tls: Sequence[str] | None = None) -> Iterator[Crew]:
+def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] | None = None) -> Iterator[WorkerPool]:
     """Workers with one thread each for linear algebra, so that sums are taken in the same order everywhere.
 
     Args:
@@ -47,7 +47,7 @@ def hired(workers: int, scheduler: str | None = None, tls: Sequence[str] | None 
         raise InputError("The files of --tls are for a --scheduler at tls://HOST:PORT.")
     if scheduler is None:
         with _local(workers) as executor:
-            yield Crew(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
+            yield WorkerPool(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
     else:
         # Local processes import this module too, and start sooner without what draws figures.
         from experiments.cli import options
@@ -55,57 +55,56 @@ def hired(workers: int, scheduler: str | None = None, tls: Sequence[str] | None 
         with options.extra("cluster"):
             from experiments.runs import cluster
         with cluster.connected(scheduler, tls) as (executor, number):
-            yield Crew(executor, 2 * number, 1)
+            yield WorkerPool(executor, 2 * number, 1)
 
 
 @contextmanager
-def _local(workers: int) -> Iterator[Executor]:
-    executor = Processes(workers)
-    try:
-        yield executor
-    except BrokenExecutor:
-        raise InputError("A worker process died, perhaps for want of memory; use fewer --workers.") from None
-    finally:
-        executor.kill()
+def _local(number: int) -> Iterator[Executor]:
+    """Local processes, deaf to Ctrl-C and requests to terminate, which are their parent's business."""
+    if os.name == "posix":
+        # Started later, the tracker of shared resources would let signals through again.
+        resource_tracker.ensure_running()
+    with ExitStack() as stack:
+        with _one_thread_each(), held_back():
+            executor = Processes(number)
+            stack.callback(executor.kill)
+        try:
+            yield executor
+        except BrokenExecutor:
+            raise InputError("A worker process died, perhaps for want of memory; use fewer --workers.") from None
 
 
-class Processes(Executor):
-    """Local processes that die at once and are deaf to Ctrl-C, which is their parent's business.
+class Processes(ThreadPoolExecutor):
+    """Threads that each hand their task to a process, through a pipe that nobody else holds.
 
-    Python's own pool of processes can wait forever for a large task on its way to a process that was killed (Python
-    before 3.11.5). Here a thread waits for each process, with a pipe that nobody else holds, so that a death ends it.
+    So what waits for a process ends with it, be it in the middle of a large result, and the processes end with their
+    parent, however it died. Where processes share a pipe, as in Python's own pool and in loky's, both may wait forever.
     """
 
     def __init__(self, number: int) -> None:
-        """Starts the processes."""
-        self._processes: list[SpawnProcess] = []
+        """Starts the processes, which inherit environment and blocked signals."""
+        super().__init__(number)
+        self._started: list[SpawnProcess] = []
         self._free: SimpleQueue[Connection] = SimpleQueue()
-        self._threads = ThreadPoolExecutor(number)
         context = get_context("spawn")
-        with _one_thread_each(), _not_interrupted():
-            for _ in range(number):
-                here, there = context.Pipe()
-                process = context.Process(target=_serve, args=(there,), daemon=True)
-                process.start()
-                there.close()
-                self._processes.append(process)
-                self._free.put(here)
+        for _ in range(number):
+            here, there = context.Pipe()
+            process = context.Process(target=_serve, args=(there,), daemon=True)
+            process.start()
+            there.close()
+            self._started.append(process)
+            self._free.put(here)
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """As every executor; `BrokenExecutor` is the result when the process died."""
-        return self._threads.submit(self._sent, (function, args, kwargs))
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Ends the processes when the work is done, or what has begun of it."""
-        self._threads.shutdown(wait=True, cancel_futures=cancel_futures)
-        self.kill()
+        return super().submit(self._sent, (function, args, kwargs))
 
     def kill(self) -> None:
         """Ends the processes in the middle of their work."""
-        for process in self._processes:
+        for process in self._started:
             process.kill()
-        self._threads.shutdown(cancel_futures=True)
-        for process in self._processes:
+        self.shutdown(cancel_futures=True)
+        for process in self._started:
             process.join()
 
     def _sent(self, task: object) -> Any:
@@ -140,28 +139,11 @@ def _serve(connection: Connection) -> None:
 def _one_thread_each() -> Iterator[None]:
     """Lets the processes that start in a block use one thread for linear algebra."""
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
+    before = {name: os.environ[name] for name in names if name in os.environ}
     os.environ.update(dict.fromkeys(names, "1"))
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextmanager
-def _not_interrupted() -> Iterator[None]:
-    """Holds Ctrl-C back while processes start, and lets them be deaf to it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    # Started later, the tracker of shared resources would let signals through again.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for name in names:
+            del os.environ[name]
+        os.environ.update(before)

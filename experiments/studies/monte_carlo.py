@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.output import figures, report
-from experiments.runs.workers import hired
+from experiments.runs.workers import worker_pool
 from experiments.studies.trials import FILE, Draw, Outcome, run_trials, trials_done
 from ident.recordings.recording import Recording
 
@@ -162,14 +162,14 @@ def conclude(
 def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespace) -> None:
     """Runs the trials, and writes and prints how their errors are distributed."""
     left = args.trials - len(done)
-    with hired(max(1, min(args.workers, left)), args.scheduler, args.tls) as crew:
+    with worker_pool(max(1, min(args.workers, left)), args.scheduler, args.tls) as pool:
         outcomes = run_trials(
             draw,
             plan.analyse,
             args.trials,
-            executor=crew.executor,
-            ahead=crew.ahead,
-            threads=crew.threads,
+            executor=pool.executor,
+            ahead=pool.ahead,
+            threads=pool.threads,
             file=args.out / FILE,
             done=done,
         )

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from experiments.cli import options
 from experiments.output import report
 from experiments.runs.checkpoint import SAVE_EVERY
-from experiments.runs.workers import hired
+from experiments.runs.workers import worker_pool
 from experiments.studies.one_pass import Judged, Seen, judged
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
@@ -253,8 +253,8 @@ def run(args: argparse.Namespace) -> None:
         progress = Progress(args.out / FILE, identity)
         if args.resume:
             progress = progress.resumed(equations)
-        with hired(args.workers, args.scheduler, args.tls) as crew:
-            found = accumulated(progress, reading, executor=crew.executor, ahead=crew.ahead)
+        with worker_pool(args.workers, args.scheduler, args.tls) as pool:
+            found = accumulated(progress, reading, executor=pool.executor, ahead=pool.ahead)
         first = solve(found, equations)
         judgement = judged(seen, found, first)
         estimate = huber_white(first, reading, steady=True)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from experiments.output import contacts_report, escape, figures, report, tilted_axes_report
 from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.workers import hired
+from experiments.runs.workers import worker_pool
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 
@@ -157,9 +157,9 @@ def swept(args: argparse.Namespace, option: str, values: Sequence[str | float]) 
     runs = [(value, seed) for seed in range(args.seeds) for value in values]
     kept = Checkpoint("runs", args.out / FILE, {"study": args.study, "option": option, "values": values})
     done = kept.done()[: len(runs)] if args.resume else []
-    with hired(max(1, min(args.workers, len(runs) - len(done))), args.scheduler, args.tls) as crew:
+    with worker_pool(max(1, min(args.workers, len(runs) - len(done))), args.scheduler, args.tls) as pool:
         work = partial(run_of, args.study, option)
-        with closing(in_order(crew.executor, work, runs[len(done) :], ahead=crew.ahead)) as batches:
+        with closing(in_order(pool.executor, work, runs[len(done) :], ahead=pool.ahead)) as batches:
             outcomes = kept.collect(batches, len(runs), done)
     found = [
         {option: value, "seed": seed, **json.loads(str(x))} for (value, seed), x in zip(runs, outcomes, strict=True)

@@ -22,7 +22,7 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 import scenes
 from experiments import multicontact, stream, sweep
-from experiments.runs.workers import hired
+from experiments.runs.workers import worker_pool
 from ident.estimation.in_order import in_order
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -76,19 +76,19 @@ def negative(k):
 
 
 def test_workers_have_one_thread_for_linear_algebra(address):
-    with hired(1, address) as crew:
-        assert (crew.ahead, crew.threads) == (4, 1)
-        found = in_order(crew.executor, os.getenv, ["OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"])
+    with worker_pool(1, address) as pool:
+        assert (pool.ahead, pool.threads) == (4, 1)
+        found = in_order(pool.executor, os.getenv, ["OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"])
         assert list(found) == ["1", "1"]
-        assert list(in_order(crew.executor, negative, range(100), ahead=7)) == [-k for k in range(100)]
+        assert list(in_order(pool.executor, negative, range(100), ahead=7)) == [-k for k in range(100)]
 
 
 def test_a_worker_killed_in_the_middle_changes_no_number(address, tmp_path):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 40, tmp_path, file=tmp_path / "whole.npz")
     mortal = Mortal.at(25, source, tmp_path)
-    with hired(1, address) as crew:
-        found = run(source, 40, tmp_path, executor=crew.executor, analyse=mortal)
+    with worker_pool(1, address) as pool:
+        found = run(source, 40, tmp_path, executor=pool.executor, analyse=mortal)
     assert mortal.died.exists()
     np.testing.assert_array_equal(found, whole)
     np.testing.assert_array_equal(kept(tmp_path), whole)
@@ -100,9 +100,9 @@ def test_a_task_that_kills_every_worker_is_one_sentence_and_costs_no_trials(clus
     monkeypatch.setattr(cluster.scheduler, "allowed_failures", 0)
     with (
         pytest.raises(ValueError, match=r"workers of the cluster at tcp://127\.0\.0\.1:\d+ died of the same task"),
-        hired(1, address) as crew,
+        worker_pool(1, address) as pool,
     ):
-        run(source, 40, tmp_path, executor=crew.executor, analyse=Mortal.at(25, source, tmp_path))
+        run(source, 40, tmp_path, executor=pool.executor, analyse=Mortal.at(25, source, tmp_path))
     before = kept(tmp_path)
     assert 16 <= len(before) <= 25
     np.testing.assert_array_equal(resumed(source, 40, tmp_path), whole)
@@ -129,8 +129,8 @@ def test_pieces_are_identified_while_a_worker_dies(cluster, address):
             yield whole[k : k + 30]
 
     alone = fitted(TREE, whole, gravity=GRAVITY)
-    with hired(1, address) as crew:
-        found = fitted(TREE, read(), gravity=GRAVITY, executor=crew.executor, ahead=crew.ahead)
+    with worker_pool(1, address) as pool:
+        found = fitted(TREE, read(), gravity=GRAVITY, executor=pool.executor, ahead=pool.ahead)
     assert found.samples == 1200 and "of 40 chunks" in found.method
     np.testing.assert_allclose(found.psi, alone.psi, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-8, atol=1e-12)
@@ -162,8 +162,8 @@ def test_ctrl_c_ends_the_command_and_leaves_the_cluster(address, tmp_path):
     assert b"Traceback" not in said
     assert b"run again with --resume" in said
     assert b"every file is whole" in said
-    with hired(1, address) as crew:
-        assert crew.executor.submit(negative, 2).result() == -2
+    with worker_pool(1, address) as pool:
+        assert pool.executor.submit(negative, 2).result() == -2
 
 
 def test_a_scheduler_that_cannot_be_reached_is_one_sentence(tmp_path, capsys, monkeypatch):
@@ -182,7 +182,7 @@ def test_a_scheduler_without_workers_is_one_sentence(monkeypatch):
     with (
         started_scheduler() as (_, at),
         pytest.raises(ValueError, match=f"There is no Dask scheduler with workers at {at}"),
-        hired(1, at),
+        worker_pool(1, at),
     ):
         pass
 
@@ -192,7 +192,7 @@ def test_a_worker_with_many_threads_for_linear_algebra_is_refused():
         started_scheduler() as (_, at),
         started_worker(at, "--no-nanny", OPENBLAS_NUM_THREADS="2"),
         pytest.raises(ValueError, match=f"The workers of the cluster at {at} need one thread for linear algebra"),
-        hired(1, at),
+        worker_pool(1, at),
     ):
         pass
 
@@ -203,10 +203,10 @@ def test_a_scheduler_that_dies_is_one_sentence(ahead):
         started_scheduler() as (scheduler, at),
         started_worker(at),
         pytest.raises(ValueError, match=f"The connection to the Dask scheduler at {at} was lost"),
-        hired(1, at) as crew,
+        worker_pool(1, at) as pool,
     ):
         # Whether tasks were waiting when the connection ended or came after it.
-        for found in in_order(crew.executor, abs, count(), ahead=ahead):
+        for found in in_order(pool.executor, abs, count(), ahead=ahead):
             if found == 10:
                 scheduler.kill()
 
@@ -226,13 +226,13 @@ def test_an_encrypted_cluster_is_taken_with_the_right_files_only(tmp_path, monke
     files = [x for pair in zip(names, ours, strict=True) for x in pair]
     with started_scheduler("--protocol", "tls", *files) as (_, at), started_worker(at, "--no-nanny", *files, **ONE):
         assert at.startswith("tls://")
-        with hired(1, at, ours) as crew:
-            assert list(in_order(crew.executor, abs, range(5))) == list(range(5))
+        with worker_pool(1, at, ours) as pool:
+            assert list(in_order(pool.executor, abs, range(5))) == list(range(5))
         monkeypatch.setattr(cluster_module, "ANSWER", 2.0)
         for wrong in (None, others, [*ours[:2], str(tmp_path / "none")]):
             with (
                 pytest.raises(ValueError, match=f"There is no Dask scheduler with workers at {at}"),
-                hired(1, at, wrong),
+                worker_pool(1, at, wrong),
             ):
                 pass
 
@@ -241,6 +241,6 @@ def test_files_for_tls_need_an_address_with_it():
     for address in (None, "tcp://127.0.0.1:8786"):
         with (
             pytest.raises(ValueError, match="--tls are for a --scheduler at tls://"),
-            hired(1, address, ("a", "b", "c")),
+            worker_pool(1, address, ("a", "b", "c")),
         ):
             pass

@@ -1,65 +1,82 @@
 import os
 import signal
+import subprocess
 import sys
 from concurrent.futures import BrokenExecutor
 from itertools import count
 
 import pytest
 from commands import refusal
-from tasks import blocked_signals, die, never_ends, refuse, size, unpicklable
+from tasks import blocked_signals, die, dies_in_the_middle_of_its_result, never_ends, refuse, size, unpicklable
 
-import experiments
-from experiments import multicontact
-from experiments.runs.workers import Processes, hired
+from experiments import multicontact, runs
+from experiments.runs.workers import worker_pool
 from ident.estimation.in_order import in_order
 
 LARGE = bytes(2_000_000)
 """More than a pipe holds."""
 
 
-def test_processes_are_an_executor():
-    with Processes(2) as executor:
-        tasks = [executor.submit(size, LARGE, plus=k) for k in range(5)]
-        refused, lost = executor.submit(refuse, "this"), executor.submit(unpicklable)
-    assert [task.result(timeout=0) for task in tasks] == [len(LARGE) + k for k in range(5)]
-    with pytest.raises(ValueError, match="not this"):
-        refused.result(timeout=0)
-    with pytest.raises(TypeError, match="pickle"):
-        lost.result(timeout=0)
-
-
-def test_processes_do_not_work_on_after_shutdown():
-    with Processes(1) as executor:
-        pass
+def test_local_workers_are_an_executor():
+    with worker_pool(2) as pool:
+        tasks = [pool.executor.submit(size, LARGE, plus=k) for k in range(5)]
+        refused, lost = pool.executor.submit(refuse, "this"), pool.executor.submit(unpicklable)
+        assert [task.result() for task in tasks] == [len(LARGE) + k for k in range(5)]
+        with pytest.raises(ValueError, match="not this"):
+            refused.result()
+        with pytest.raises(TypeError, match="pickle"):
+            lost.result()
     with pytest.raises(RuntimeError, match="after shutdown"):
-        executor.submit(size, LARGE)
+        pool.executor.submit(size, LARGE)
 
 
 def test_workers_are_other_processes_with_one_thread_for_linear_algebra(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "8")
-    with hired(2) as crew:
-        assert crew.executor.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "1"
-        assert crew.executor.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
-        assert crew.executor.submit(os.getpid).result() != os.getpid()
-        assert 2 * crew.threads <= max(os.cpu_count(), 2)
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    with worker_pool(2) as pool:
+        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            assert pool.executor.submit(os.getenv, name).result() == "1"
+        assert pool.executor.submit(os.getpid).result() != os.getpid()
+        assert 2 * pool.threads <= max(os.cpu_count(), 2)
     assert os.environ["OMP_NUM_THREADS"] == "8"
+    assert "MKL_NUM_THREADS" not in os.environ
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signal masks are POSIX")
-def test_workers_are_deaf_to_ctrl_c():
-    with hired(1) as crew:
-        assert signal.SIGINT in crew.executor.submit(blocked_signals).result()
+def test_workers_are_deaf_to_requests_to_end():
+    with worker_pool(1) as pool:
+        assert {signal.SIGINT, signal.SIGTERM} <= pool.executor.submit(blocked_signals).result()
     assert signal.SIGINT not in blocked_signals()
 
 
 def test_a_dead_worker_is_one_sentence_however_large_the_tasks_are():
-    with pytest.raises(ValueError, match="A worker process died"), hired(2) as crew:
-        list(in_order(crew.executor, die, (LARGE for _ in count()), ahead=8))
+    with pytest.raises(ValueError, match="A worker process died"), worker_pool(2) as pool:
+        list(in_order(pool.executor, die, (LARGE for _ in count()), ahead=8))
+
+
+def test_a_worker_that_dies_in_the_middle_of_a_result_is_one_sentence():
+    with pytest.raises(ValueError, match="A worker process died"), worker_pool(2) as pool:
+        pool.executor.submit(dies_in_the_middle_of_its_result).result()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes to several processes are POSIX")
+def test_workers_end_with_a_command_that_is_killed():
+    script = """if True:
+        import os
+        from experiments.runs.workers import Processes
+
+        executor = Processes(2)
+        executor.submit(int).result()
+        os.kill(os.getpid(), 9)
+    """
+    # They inherit the standard error, which ends with the last of them.
+    killed = subprocess.run([sys.executable, "-c", script], stderr=subprocess.PIPE, timeout=60, check=False)
+    assert (killed.returncode, killed.stderr) == (-signal.SIGKILL, b"")
 
 
 def test_work_that_never_ends_is_left_at_once():
-    with hired(2) as crew:
-        tasks = [crew.executor.submit(never_ends, LARGE) for _ in range(8)]
+    with worker_pool(2) as pool:
+        tasks = [pool.executor.submit(never_ends, LARGE) for _ in range(8)]
     for task in tasks:
         assert task.cancelled() or isinstance(task.exception(timeout=0), BrokenExecutor)
 
@@ -72,14 +89,15 @@ def test_a_malformed_address_is_one_sentence(address, tmp_path, capsys):
     assert f"--scheduler: needs an address as tcp://host:port, got '{address}'" in said
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_a_scheduler_needs_the_extra(tmp_path, capsys, monkeypatch):
+def test_a_scheduler_needs_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.delitem(sys.modules, "experiments.runs.cluster", raising=False)
-    monkeypatch.delattr(experiments, "cluster", raising=False)
-    command = ["--trials", "2", "--scheduler", "tcp://localhost:8786", "--formats", "png", "--out", str(tmp_path)]
-    said = refusal(multicontact.main, command, capsys)
-    assert "needs the package 'distributed', which the extra 'cluster' brings" in said
+    monkeypatch.delattr(runs, "cluster", raising=False)
+    with (
+        pytest.raises(ValueError, match="needs the package 'distributed', which the extra 'cluster' brings"),
+        worker_pool(1, "tcp://localhost:8786"),
+    ):
+        pass
 
 
 def test_missing_tls_files_are_named_before_any_work(tmp_path, capsys):

@@ -1,6 +1,7 @@
 import csv
 import json
 import os
+import signal
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -12,7 +13,7 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 from experiments import misaligned, multicontact
 from experiments.cli import defaults, options
 from experiments.output import figures
-from experiments.runs.workers import hired
+from experiments.runs.workers import worker_pool
 from experiments.studies import monte_carlo, trials
 from experiments.studies.contacts import problem, study, trial
 from ident.recordings.recording import Recording
@@ -35,8 +36,8 @@ def test_any_number_of_workers_gives_the_same_numbers(tmp_path):
     here = run(source, 9, tmp_path)
     assert here.shape == (9, 1, 2, 13)
     for workers in (1, 2):
-        with hired(workers) as crew:
-            np.testing.assert_array_equal(run(source, 9, tmp_path, executor=crew.executor), here)
+        with worker_pool(workers) as pool:
+            np.testing.assert_array_equal(run(source, 9, tmp_path, executor=pool.executor), here)
 
 
 def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
@@ -59,14 +60,17 @@ def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeyp
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals to process groups are POSIX")
-@pytest.mark.parametrize("moment", ["starting", "running"])
-def test_ctrl_c_ends_all_processes_without_a_traceback(tmp_path, moment):
+@pytest.mark.parametrize(
+    ("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGINT, "running"), (signal.SIGTERM, "running")]
+)
+def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, number, moment):
     command = ["--trials", "100000", "--redraw", "sensors", "--workers", "2", "--out", str(tmp_path)]
     # The bar stands at zero while the workers start.
     pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
-    code, said = interrupted([*command, "--formats", "png"], pattern)
+    code, said = interrupted([*command, "--formats", "png"], pattern, number)
     assert code == 130
     assert b"Traceback" not in said
+    assert b"resource_tracker" not in said
     assert b"every file is whole" in said
     assert (b"run again with --resume" in said) == (tmp_path / trials.FILE).exists()
     assert (tmp_path / trials.FILE).exists() or moment == "starting"
@@ -106,8 +110,8 @@ def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     source = draw(tmp_path, "--redraw", "sensors")
     whole = run(source, 40, tmp_path, file=tmp_path / "whole.npz")
     died = pytest.raises(ValueError, match="A worker process died, perhaps for want of memory; use fewer --workers")
-    with died, hired(2) as crew:
-        run(source, 40, tmp_path, executor=crew.executor, analyse=Mortal.at(25, source, tmp_path))
+    with died, worker_pool(2) as pool:
+        run(source, 40, tmp_path, executor=pool.executor, analyse=Mortal.at(25, source, tmp_path))
     assert "The trials done so far are in" in capsys.readouterr().err
     # Those of its batch and of the other worker are lost at most.
     before = kept(tmp_path)
