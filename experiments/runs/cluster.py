@@ -33,7 +33,7 @@ def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[
             task has killed several workers.
     """
     # What matters of its logs is raised, also after the client is closed.
-    for name in ("distributed", "distributed.client"):
+    for name in ("distributed", "distributed.client", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with ExitStack() as stack:
         try:

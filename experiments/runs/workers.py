@@ -1,13 +1,18 @@
 """Who does the work of trials and sweeps: processes of this machine, or a Dask cluster's workers."""
 
 import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor
-from contextlib import contextmanager
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import get_context, resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from queue import SimpleQueue
+from typing import Any
 
-from experiments.cli import options
-from experiments.runs.processes import Processes
+from experiments.runs.signals import held_back
 from ident.errors import InputError
 
 
@@ -44,6 +49,9 @@ def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] |
         with _local(workers) as executor:
             yield WorkerPool(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
     else:
+        # Local processes import this module too, and start sooner without what draws figures.
+        from experiments.cli import options
+
         with options.extra("cluster"):
             from experiments.runs import cluster
         with cluster.connected(scheduler, tls) as (executor, number):
@@ -52,11 +60,90 @@ def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] |
 
 @contextmanager
 def _local(number: int) -> Iterator[Executor]:
-    executor = Processes(number)
+    """Local processes, deaf to Ctrl-C and requests to terminate, which are their parent's business."""
+    if os.name == "posix":
+        # Started later, the tracker of shared resources would let signals through again.
+        resource_tracker.ensure_running()
+    with ExitStack() as stack:
+        with _one_thread_each(), held_back():
+            executor = Processes(number)
+            stack.callback(executor.kill)
+        try:
+            yield executor
+        except BrokenExecutor:
+            raise InputError("A worker process died, perhaps for want of memory; use fewer --workers.") from None
+
+
+class Processes(ThreadPoolExecutor):
+    """Threads that each hand their task to a process, through a pipe that nobody else holds.
+
+    So what waits for a process ends with it, be it in the middle of a large result, and the processes end with their
+    parent, however it died. Where processes share a pipe, as in Python's own pool and in loky's, both may wait forever.
+    """
+
+    def __init__(self, number: int) -> None:
+        """Starts the processes, which inherit environment and blocked signals."""
+        super().__init__(number)
+        self._started: list[SpawnProcess] = []
+        self._free: SimpleQueue[Connection] = SimpleQueue()
+        context = get_context("spawn")
+        for _ in range(number):
+            here, there = context.Pipe()
+            process = context.Process(target=_serve, args=(there,), daemon=True)
+            process.start()
+            there.close()
+            self._started.append(process)
+            self._free.put(here)
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """As every executor; `BrokenExecutor` is the result when the process died."""
+        return super().submit(self._sent, (function, args, kwargs))
+
+    def kill(self) -> None:
+        """Ends the processes in the middle of their work."""
+        for process in self._started:
+            process.kill()
+        self.shutdown(cancel_futures=True)
+        for process in self._started:
+            process.join()
+
+    def _sent(self, task: object) -> Any:
+        sent = pickle.dumps(task)
+        connection = self._free.get()
+        try:
+            connection.send_bytes(sent)
+            succeeded, result = pickle.loads(connection.recv_bytes())
+        except (EOFError, OSError):
+            raise BrokenExecutor("A worker process died.") from None
+        finally:
+            self._free.put(connection)
+        if not succeeded:
+            raise result
+        return result
+
+
+def _serve(connection: Connection) -> None:
+    """Does the tasks that come in, until the connection ends with the parent."""
+    with suppress(EOFError, OSError):
+        while True:
+            task = connection.recv_bytes()
+            try:
+                function, args, kwargs = pickle.loads(task)
+                reply = pickle.dumps((True, function(*args, **kwargs)))
+            except Exception as error:
+                reply = pickle.dumps((False, error))
+            connection.send_bytes(reply)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Lets the processes that start in a block use one thread for linear algebra."""
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {name: os.environ[name] for name in names if name in os.environ}
+    os.environ.update(dict.fromkeys(names, "1"))
     try:
-        executor.start()
-        yield executor
-    except BrokenExecutor:
-        raise InputError("A worker process died, perhaps for want of memory; use fewer --workers.") from None
+        yield
     finally:
-        executor.kill()
+        for name in names:
+            del os.environ[name]
+        os.environ.update(before)

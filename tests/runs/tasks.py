@@ -1,12 +1,9 @@
-"""Tasks for workers, in a module that costs them little to import."""
+"""Tasks for the processes of `test_workers`, where they are imported soon."""
 
 import os
 import signal
 import threading
 from multiprocessing.connection import Connection
-
-LARGE = bytes(2_000_000)
-"""More than a pipe holds."""
 
 
 def size(data, *, plus=0):
@@ -25,17 +22,17 @@ def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def never_ends(_):
-    threading.Event().wait()
-
-
 def dies_in_the_middle_of_its_result():
     def send(connection, data):
         os.write(connection.fileno(), data[: len(data) // 2])
         die()
 
     Connection._send = send
-    return LARGE
+    return bytes(1000)
+
+
+def never_ends(_):
+    threading.Event().wait()
 
 
 def blocked_signals():

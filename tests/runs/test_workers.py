@@ -7,11 +7,14 @@ from itertools import count
 
 import pytest
 from commands import refusal
-from tasks import LARGE, blocked_signals, die, dies_in_the_middle_of_its_result, never_ends, refuse, size, unpicklable
+from tasks import blocked_signals, die, dies_in_the_middle_of_its_result, never_ends, refuse, size, unpicklable
 
 from experiments import multicontact, runs
 from experiments.runs.workers import worker_pool
 from ident.estimation.in_order import in_order
+
+LARGE = bytes(2_000_000)
+"""More than a pipe holds."""
 
 
 def test_local_workers_are_an_executor():
@@ -60,10 +63,9 @@ def test_a_worker_that_dies_in_the_middle_of_a_result_is_one_sentence():
 def test_workers_end_with_a_command_that_is_killed():
     script = """if True:
         import os
-        from experiments.runs.processes import Processes
+        from experiments.runs.workers import Processes
 
         executor = Processes(2)
-        executor.start()
         executor.submit(int).result()
         os.kill(os.getpid(), 9)
     """
