@@ -1,7 +1,7 @@
 """Runs everything: the mechanism, both studies, that of contacts also with several at once, and a page of them all."""
 
 import argparse
-from typing import Any
+from collections.abc import Callable
 
 import scenes
 from experiments import mechanism, misaligned, multicontact
@@ -10,27 +10,31 @@ from experiments.cli import options
 
 def run(args: argparse.Namespace) -> None:
     """Runs every study with its defaults, into folders of their own."""
+    from experiments.output import contacts_report, tilted_axes_report
     from experiments.output.index import write_index
+    from experiments.output.results import Results
+    from experiments.studies import mechanism as drawn
     from experiments.studies.trials import FILE
 
     # The page embeds the figures as PNG.
-    formats = ["--formats", *dict.fromkeys(["png", *args.formats])]
+    formats = list(dict.fromkeys(["png", *args.formats]))
     trials = ["--trials", str(args.trials), "--workers", str(args.workers), "--redraw", args.redraw]
     trials += ["--scheduler", args.scheduler] if args.scheduler else []
     trials += ["--tls", *args.tls] if args.tls else []
-    studies: tuple[tuple[str, Any, list[str]], ...] = (
-        ("mechanism", mechanism, []),
-        ("misaligned", misaligned, trials),
-        ("multicontact", multicontact, trials),
-        ("several_contacts", multicontact, [*trials, "--contact", *scenes.CONTACTS]),
+    studies: tuple[tuple[str, Callable[[argparse.Namespace], Results], options.MakeParser, list[str]], ...] = (
+        ("mechanism", drawn.run, mechanism.parser, []),
+        ("misaligned", tilted_axes_report.run, misaligned.parser, trials),
+        ("multicontact", contacts_report.run, multicontact.parser, trials),
+        ("several_contacts", contacts_report.run, multicontact.parser, [*trials, "--contact", *scenes.CONTACTS]),
     )
-    for folder, study, more in studies:
+    results = {}
+    for folder, study, make_parser, more in studies:
         out = args.out / folder
         # A study that the interrupted run had not reached starts from the beginning.
         resume = ["--resume"] if more and args.resume and (out / FILE).exists() else []
-        study.run(study.parser().parse_args(["--out", str(out), *formats, *more, *resume]))
+        results[folder] = study(make_parser().parse_args(["--out", str(out), "--formats", *formats, *more, *resume]))
         print()
-    write_index(args.out)
+    write_index(args.out, results, formats)
     print(f"Everything on one page: {args.out / 'index.html'}")
 
 

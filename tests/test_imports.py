@@ -16,7 +16,7 @@ ALLOWED = {
     "ident": {"numpy", "scipy"},
     "scenes": {"numpy", "mujoco", "ident"},
     "sim": {"numpy", "scipy", "mujoco", "scenes", "ident"},
-    "experiments": {"numpy", "scipy", "mujoco", "matplotlib", "tqdm", "scenes", "ident", "sim"},
+    "experiments": {"numpy", "scipy", "mujoco", "matplotlib", "tqdm", "jinja2", "scenes", "ident", "sim"},
 }
 EXTRAS = {"cli": {"argcomplete"}, "symbols": {"sympy"}, "runs": {"distributed"}, "benchmark": {"pinocchio"}}
 """What rooms import besides where the optional extra is installed."""

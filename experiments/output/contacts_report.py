@@ -1,9 +1,7 @@
 """What Section VII shows of contacts: Table IV, Figures 4 and 5, key numbers, and the text for the terminal."""
 
 import argparse
-from collections.abc import Iterable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +9,7 @@ from matplotlib.figure import Figure
 
 import scenes
 from experiments.output import figures, report
+from experiments.output.results import Results
 from experiments.studies import monte_carlo, paper
 from experiments.studies.contacts import SCENE, Study, cells, problem, study, total, trial
 
@@ -185,19 +184,29 @@ def report_text(result: Study) -> str:
     return "\n".join(lines)
 
 
-def write(result: Study, folder: Path, formats: Iterable[str]) -> None:
-    """Writes all tables, figures and the summary into a folder."""
-    table_4(result).write(folder, "table_4")
-    table_4_ignoring(result).write(folder, "table_4_ignoring")
-    figures.save(figure_4(result), folder, "figure_4", formats)
-    figures.save(figure_5(result), folder, "figure_5", formats)
-    if result.several:
-        table_contacts(result).write(folder, "table_contacts")
-        figures.save(figure_contacts(result), folder, "figure_contacts", formats)
-    report.write_json(folder / "summary.json", summary(result))
+def results(result: Study) -> Results:
+    """All tables, figures and the summary."""
+    shown = Results(
+        tables={"table_4": table_4(result), "table_4_ignoring": table_4_ignoring(result)},
+        figures={
+            "figure_4": (
+                figure_4(result),
+                "Measured ground wrench red, true total wrench blue, wrench recovered from the estimates black.",
+            ),
+            "figure_5": (figure_5(result), "Measured total wrench less the predicted one."),
+        },
+        numbers={"summary": summary(result)},
+    )
+    if not result.several:
+        return shown
+    caption = "Measured wrenches in the base frame that the links exert on the pad (green) and on the hand (orange)."
+    return shown | Results(
+        tables={"table_contacts": table_contacts(result)},
+        figures={"figure_contacts": (figure_contacts(result), caption)},
+    )
 
 
-def run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> Results:
     """Runs the study and writes and prints its results."""
     choices = {key: getattr(args, key) for key in ("seed", "samples", "contact", "noise_scale")}
     choices["contact"] = contact = " ".join(scenes.load_cells(" ".join(args.contact)))
@@ -209,5 +218,4 @@ def run(args: argparse.Namespace) -> None:
         names=names,
         published={"multicontact": [paper.TABLE_4[name][1] for name in names]},
     )
-    writing = partial(write, result, formats=args.formats)
-    monte_carlo.conclude(args, choices, result.recording, plan, writing, report_text(result))
+    return monte_carlo.conclude(args, choices, result.recording, plan, results(result), report_text(result))

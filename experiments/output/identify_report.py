@@ -1,7 +1,5 @@
 """What an identification leaves behind: tables, figures, a page, numbers for scripts, and the updated model."""
 
-import html
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from experiments.output import escape, figures, page, report
+from experiments.output import escape, figures, report
+from experiments.output.page import rendered
+from experiments.output.results import Results
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS
 from ident.identification import Estimate
@@ -257,35 +257,33 @@ def write(
         provenance: Where the results come from.
         formats: Formats of the figures; the page needs PNG.
     """
-    title = f"{model.name}, identified from {log.name}"
-    tables = {
-        "table_base_parameters": parameters_table(result),
-        "table_held_out": quality_table(result),
-        "table_full_parameters": full_table(result),
-    }
-    for name, table in tables.items():
-        table.write(folder, name)
-    drawn = {
-        "figure_held_out": (held_out_figure(result), "Measured and predicted channels on the held-out part."),
-        "figure_parameters": (parameters_figure(result), "Base parameters with 95 % intervals, and the model's own."),
-        "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
-    }
-    for name, (figure, _) in drawn.items():
-        figures.save(figure, folder, name, formats)
-    report.write_json(folder / "estimate.json", result.to_dict())
-    report.write_json(folder / "provenance.json", provenance)
+    results = Results(
+        tables={
+            "table_base_parameters": parameters_table(result),
+            "table_held_out": quality_table(result),
+            "table_full_parameters": full_table(result),
+        },
+        figures={
+            "figure_held_out": (held_out_figure(result), "Measured and predicted channels on the held-out part."),
+            "figure_parameters": (
+                parameters_figure(result),
+                "Base parameters with 95 % intervals, and the model's own.",
+            ),
+            "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
+        },
+        numbers={"estimate": result.to_dict(), "provenance": provenance},
+    )
+    results.write(folder, formats)
     updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
     write_model(updated, result.prepared.mechanism, result.consistent())
-    parts = [
-        f"<h1>{html.escape(title)}</h1>",
-        f"<p><strong>{page.prose(result.verdict())}</strong></p>",
-        "<ul>" + "".join(f"<li>{page.prose(finding.text)}</li>" for finding in result.findings) + "</ul>",
-        "<h2>The recording</h2>",
-        "<ul>" + "".join(f"<li>{page.prose(line)}</li>" for line in data_lines(result)) + "</ul>",
-        "<h2>The estimate</h2>",
-        *(page.table(folder / f"{name}.csv", table.title, root=folder) for name, table in tables.items()),
-        *(page.figure(folder / f"{name}.png", caption, root=folder) for name, (_, caption) in drawn.items()),
-        "<h2>Provenance</h2>",
-        f"<pre>{html.escape(json.dumps(provenance, indent=1, ensure_ascii=False))}</pre>",
-    ]
-    (folder / "report.html").write_text(page.document(title, parts), encoding="utf-8", errors="backslashreplace")
+    page = rendered(
+        "report.html",
+        folder,
+        {"": results},
+        formats,
+        title=f"{model.name}, identified from {log.name}",
+        verdict=result.verdict(),
+        findings=[finding.text for finding in result.findings],
+        lines=data_lines(result),
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")

@@ -56,16 +56,16 @@ class Table:
 
     def markdown(self) -> str:
         """A Markdown table under its title, numbers right-aligned."""
-        rule = ["---:" if numeric else "---" for numeric in self._numeric()]
-        head = list(map(escape.markdown, self._headings()))
-        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *self._texts(escape.markdown)])
+        rule = ["---:" if numeric else "---" for numeric in self.numeric()]
+        head = list(map(escape.markdown, self.headings()))
+        table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *self.texts(escape.markdown)])
         title = f"**{escape.markdown(self.title)}**\n\n" if self.title else ""
         return title + table + (f"\n\\* {escape.markdown(self.footnote)}\n" if self.footnote else "")
 
     def tex(self) -> str:
         """A LaTeX table over both columns of a page; it needs no packages."""
-        align = "".join("r" if numeric else "l" for numeric in self._numeric())
-        rows = [list(map(_tex_heading, self._headings())), *self._texts(_tex)]
+        align = "".join("r" if numeric else "l" for numeric in self.numeric())
+        rows = [list(map(_tex_heading, self.headings())), *self.texts(_tex)]
         head, *body = [f"{' & '.join(row)} \\\\\n" for row in rows]
         note = f"\\par\\smallskip * {_tex(self.footnote)}\n" if self.footnote else ""
         return (
@@ -76,9 +76,9 @@ class Table:
 
     def text(self) -> str:
         """Aligned columns for the terminal."""
-        lines = [self._headings(), *self._texts()]
+        lines = [self.headings(), *self.texts()]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        numeric = self._numeric()
+        numeric = self.numeric()
         rows = (
             "  ".join(c.rjust(w) if n else c.ljust(w) for c, w, n in zip(row, widths, numeric, strict=True))
             for row in lines
@@ -91,11 +91,17 @@ class Table:
         for suffix, content in (("csv", self.csv()), ("md", self.markdown()), ("tex", self.tex())):
             (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
 
-    def _headings(self) -> list[str]:
+    def headings(self) -> list[str]:
+        """Column names in words."""
         return [heading(name) for name in self.columns]
 
-    def _texts(self, escaped: Callable[[str], str] = str) -> list[list[str]]:
+    def texts(self, escaped: Callable[[str], str] = str) -> list[list[str]]:
+        """Rows for readers, their cells written by `escaped`."""
         return [[self._text(cell, escaped) for cell in row] for row in self.rows]
+
+    def numeric(self) -> list[bool]:
+        """Whether each column holds nothing but numbers."""
+        return [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
 
     def _text(self, cell: Cell, escaped: Callable[[str], str]) -> str:
         if cell is None:
@@ -106,9 +112,6 @@ class Table:
 
     def _number(self, value: float) -> str:
         return number(value, self.decimals)
-
-    def _numeric(self) -> list[bool]:
-        return [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
 
 
 UNITS = ("deg", "rad", "N", "s")

@@ -1,16 +1,15 @@
 """What Section VI shows of tilted axes: Table III, Figures 2 and 3, key numbers, and the text for the terminal."""
 
 import argparse
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.output import figures, report
+from experiments.output.results import Results
 from experiments.studies import monte_carlo, paper
 from experiments.studies.fitting import Trial
 from experiments.studies.tilted_axes import SCENE, Study, design, study, trial
@@ -183,17 +182,27 @@ def report_text(result: Study) -> str:
     return "\n".join(lines)
 
 
-def write(result: Study, folder: Path, formats: Iterable[str]) -> None:
-    """Writes all tables, figures and the summary into a folder."""
-    table_3(result).write(folder, "table_3")
-    table_3_full(result).write(folder, "table_3_full")
-    table_wrench_errors(result).write(folder, "table_wrench_errors")
-    figures.save(figure_2(result), folder, "figure_2", formats)
-    figures.save(figure_3(result), folder, "figure_3", formats)
-    report.write_json(folder / "summary.json", summary(result))
+def results(result: Study) -> Results:
+    """All tables, figures and the summary."""
+    return Results(
+        tables={
+            "table_3": table_3(result),
+            "table_3_full": table_3_full(result),
+            "table_wrench_errors": table_wrench_errors(result),
+        },
+        figures={
+            "figure_2": (figure_2(result), "Recovered wrench: simplified model red, full model blue, true black."),
+            "figure_3": (
+                figure_3(result),
+                "Absolute error of the recovered wrench against the true, noise-free one, faint, and its running root "
+                f"mean square over {WINDOW} samples: simplified red, full blue.",
+            ),
+        },
+        numbers={"summary": summary(result)},
+    )
 
 
-def run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> Results:
     """Runs the study and writes and prints its results."""
     choices = {key: getattr(args, key) for key in ("seed", "samples", "tilt_deg", "azimuth_deg", "noise_scale")}
     result = study(**choices)
@@ -204,5 +213,4 @@ def run(args: argparse.Namespace) -> None:
         names=names,
         published={m: [paper.TABLE_3[n][k] for n in names] for k, m in enumerate(("simplified", "full"))},
     )
-    writing = partial(write, result, formats=args.formats)
-    monte_carlo.conclude(args, choices, result.recording, plan, writing, report_text(result))
+    return monte_carlo.conclude(args, choices, result.recording, plan, results(result), report_text(result))

@@ -11,6 +11,7 @@ from matplotlib.patches import Arc
 import scenes
 import sim
 from experiments.output import figures, report
+from experiments.output.results import Results
 from experiments.studies import paper
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism import dh
@@ -179,18 +180,28 @@ def _frame(ax: Axes, T: np.ndarray) -> None:
         ax.annotate("", tuple(_flat(origin + 0.2 * T[:3, axis])), tuple(_flat(origin)), arrowprops=arrow)
 
 
-def run(args: argparse.Namespace) -> None:
+def results(tree: Tree, drawing: Drawing) -> Results:
+    """Both tables and the figure."""
+    caption = (
+        "The double pendulum (left) and its frames (right; x red, y green, z blue), drawn from the scene's geometry."
+    )
+    return Results(
+        tables={"table_1": table_1(), "table_2": table_2(tree, drawing.base)},
+        figures={"figure_1": (figure_1(drawing), caption)},
+    )
+
+
+def run(args: argparse.Namespace) -> Results:
     """Writes and prints the mechanism."""
     tree, drawing = mechanism()
-    tables = {"table_1": table_1(), "table_2": table_2(tree, drawing.base)}
+    origin = report.provenance({"formats": args.formats}, {"scene": SCENE})
+    shown = results(tree, drawing) | Results(numbers={"provenance": origin})
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
-        figures.save(figure_1(drawing), folder, "figure_1", args.formats)
-        for name, table in tables.items():
-            table.write(folder, name)
-        report.write_json(folder / "provenance.json", report.provenance({"formats": args.formats}, {"scene": SCENE}))
-    for table in tables.values():
+        shown.write(folder, args.formats)
+    for table in shown.tables.values():
         print(table.text())
     length = tree.bodies[2].home[2, 3]
     apart = difference(tree_of_table_1(np.zeros(3), length), tree)
     print(f"Tables I and II are the same mechanism: poses and twists differ by {apart:.0e} at 100 random postures.")
     print(f"Figure and tables are in {args.out}.")
+    return shown

@@ -3,13 +3,14 @@
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.cli.defaults import REDRAWN
 from experiments.output import figures, report
+from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from experiments.studies.trials import FILE, Draw, Outcome, run_trials, trials_done
 from ident.recordings.recording import Recording
@@ -134,9 +135,9 @@ def conclude(
     choices: Mapping[str, Any],
     recording: Recording,
     plan: Plan,
-    write: Callable[[Path], None],
+    results: Results,
     text: str,
-) -> None:
+) -> Results:
     """Ends a study's command line: writes its results, prints them, and runs its trials.
 
     Args:
@@ -144,22 +145,26 @@ def conclude(
         choices: Those that decide the results, for the provenance.
         recording: The study's recording.
         plan: What the trials need.
-        write: Writes tables, figures and summary into a folder.
+        results: What the study leaves behind.
         text: What the terminal shows.
+
+    Returns:
+        All that was written, by the trials too.
     """
     draw = Draw.of(args, plan.scene, recording)
     done = trials_done(draw, args)
     origin = report.provenance({**choices, "formats": args.formats}, dict(recording.provenance))
+    written = results | Results(numbers={"provenance": origin})
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
-        write(folder)
-        report.write_json(folder / "provenance.json", origin)
+        written.write(folder, args.formats)
     print(text)
     if args.trials:
-        _run(draw, done, plan, args)
+        written |= _run(draw, done, plan, args)
     print(f"Tables, figures, summary and provenance are in {args.out}.")
+    return written
 
 
-def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespace) -> None:
+def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespace) -> Results:
     """Runs the trials, and writes and prints how their errors are distributed."""
     left = args.trials - len(done)
     with worker_pool(max(1, min(args.workers, left)), args.scheduler, args.tls) as pool:
@@ -177,20 +182,31 @@ def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespa
         model: Distribution(plan.names, outcomes[:, k, 0], outcomes[:, k, 1], np.array(errors))
         for k, (model, errors) in enumerate(plan.published.items())
     }
+    results = _results(found, draw)
     with report.results_folder(args.out) as folder:
-        for model, d in found.items():
-            table(model, d).write(folder, f"monte_carlo_{model}")
-        origin = report.provenance(draw.identity, {})
-        report.write_json(folder / "monte_carlo.json", _numbers(found) | {"provenance": origin})
-        figures.save(chart(found), folder, "figure_monte_carlo", args.formats)
+        results.write(folder, args.formats)
     for model, d in found.items():
-        print(table(model, d).text())
+        print(results.tables[f"monte_carlo_{model}"].text())
         biased = np.flatnonzero(np.abs(d.mean) > 4 * d.std / np.sqrt(len(outcomes)))
         if len(biased):
             print("Biased beyond chance: " + ", ".join(f"{d.names[k]} by {d.mean[k]:+.3f}" for k in biased) + "\n")
     print(
         "A bias comes from a wrong model or from noise on the joint states, which is in the regressor (errors in\n"
         "variables); the predicted standard deviations know the wrenches' noise only and do not show it.\n"
+    )
+    return results
+
+
+def _results(found: Mapping[str, Distribution], draw: Draw) -> Results:
+    """A table for each model, a chart and key numbers."""
+    caption = (
+        f"Errors over {max(len(d.errors) for d in found.values())} trials beside the predicted interval and the "
+        f"paper's single run. Drawn anew: {REDRAWN[draw.redrawn]}."
+    )
+    return Results(
+        tables={f"monte_carlo_{model}": table(model, d) for model, d in found.items()},
+        figures={"figure_monte_carlo": (chart(found), caption)},
+        numbers={"monte_carlo": _numbers(found) | {"provenance": report.provenance(draw.identity, {})}},
     )
 
 

@@ -20,7 +20,7 @@ from experiments.cli.command import COMMANDS, parser
 parser().format_help()
 for command in COMMANDS.values():
     command.parser().format_help()
-print(*(sys.modules.keys() & {"mujoco", "numpy", "scipy", "matplotlib"}))
+print(*(sys.modules.keys() & {"mujoco", "numpy", "scipy", "matplotlib", "jinja2"}))
 """
 
 

@@ -38,7 +38,8 @@ def test_tex_is_escaped_and_complete():
 
 def test_axes_of_joint_torques_have_units():
     tree = random_tree(np.random.default_rng(0), 12, kinds=("revolute", "prismatic", "ball"))
-    result = SimpleNamespace(prepared=SimpleNamespace(tree=tree, channels=("Mz", *tree.freedoms)))
+    prepared = SimpleNamespace(mechanism=SimpleNamespace(tree=tree))
+    result = SimpleNamespace(prepared=prepared, channels=("Mz", *tree.freedoms))
     labels = [identify_report._label(result, k, "/√Hz") for k in range(len(tree.freedoms) + 1)]
     units = ["N m" if body.twist[3:].any() else "N" for body in tree.bodies for _ in body.motions.T]
     assert {*units} == {"N", "N m"} and any(name.endswith(".z") for name in tree.freedoms)

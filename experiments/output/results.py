@@ -1,0 +1,39 @@
+"""What a study leaves behind: the files that it writes, and what a page shows of them."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from experiments.output import figures, report
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Tables, figures and numbers by the names of their files, without the endings.
+
+    Attributes:
+        tables: Tables.
+        figures: Figures and their captions.
+        numbers: Contents of JSON files.
+    """
+
+    tables: Mapping[str, report.Table] = field(default_factory=dict)
+    figures: Mapping[str, tuple[Figure, str]] = field(default_factory=dict)
+    numbers: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+
+    def __or__(self, more: "Results") -> "Results":
+        return Results(
+            {**self.tables, **more.tables}, {**self.figures, **more.figures}, {**self.numbers, **more.numbers}
+        )
+
+    def write(self, folder: Path, formats: Iterable[str]) -> None:
+        """Writes everything into a folder, the figures in these formats."""
+        for name, table in self.tables.items():
+            table.write(folder, name)
+        for name, (figure, _) in self.figures.items():
+            figures.save(figure, folder, name, formats)
+        for name, numbers in self.numbers.items():
+            report.write_json(folder / f"{name}.json", numbers)
