@@ -18,15 +18,13 @@ from ident.geometry.inertia import PARAMETERS
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.diagnosis import correlation_time
-from ident.judgement.verdict import UNEXPLAINED, Finding, findings, verdict
+from ident.judgement.verdict import Finding, findings, verdict
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.recordings.recording import Recording
-
-HOLDOUT = 0.4
-"""Fraction of a recording, its end, that is kept to judge by."""
+from ident.tolerances import HOLDOUT, UNEXPLAINED
 
 LEAST_HELD_OUT = 2
 """Samples that a held-out part needs: a signal's standard deviation takes two."""

@@ -13,11 +13,11 @@ from matplotlib.ticker import MaxNLocator
 from experiments.output import escape, figures, report
 from experiments.studies import excitation
 from experiments.studies.excitation import Problem
-from ident.recordings.recording import Recording
+from ident.recordings.recording import STATES, Recording
 from sim.motion.excitation_design import Limits
 
-KINDS, PER = ("position", "velocity", "acceleration"), ("", "/s", "/s²")
-"""The quantities of a joint, and what their units add to the joint's."""
+PER = ("", "/s", "/s²")
+"""What the units of a joint's states add to its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ def recording(problem: Problem, motion: Motion, provenance: Mapping[str, Any]) -
     for joint in dict.fromkeys((*problem.joints, *problem.rest)):
         k = columns.get(joint)
         rest = (problem.rest[joint] + still, still, still)
-        for kind, x, per, at_rest in zip(KINDS, motion.states, PER, rest, strict=True):
+        for kind, x, per, at_rest in zip(STATES, motion.states, PER, rest, strict=True):
             measured[f"{joint}_{kind}"] = at_rest if k is None else x[:, k]
             units[f"{joint}_{kind}"] = problem.units[joint] + per
     return Recording(motion.time, measured, units=units, provenance=provenance)
@@ -91,7 +91,7 @@ def figure(problem: Problem, limits: Limits, before: Motion, after: Motion) -> F
             joint, (low, high) = problem.joints[k], bounds[column]
             lines = _panel(ax, before, after, (column, k), (float(low[k]), float(high[k])))
             name = f"{escape.label(joint)}\n" if column == 0 else ""
-            ax.set_ylabel(f"{name}{KINDS[column]} ({problem.units[joint]}{PER[column]})", labelpad=2)
+            ax.set_ylabel(f"{name}{STATES[column]} ({problem.units[joint]}{PER[column]})", labelpad=2)
         for ax in axes[-1]:
             ax.set_xlabel("time (s)", labelpad=2)
         for column in range(3):

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import scenes
-from experiments.cli.defaults import ACCELERATION, SECONDS, VELOCITY
+from experiments.cli.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
 from experiments.output import figures, report
 from experiments.output.excite_report import Motion, figure, recording, table_limits, table_quality
 from experiments.studies import excitation, paper
@@ -21,10 +21,7 @@ from sim.motion.excitation_design import Limits
 from sim.motion.fourier import FourierTrajectory
 from sim.simulation.simulate import LONGEST, RATE
 
-PAPER = "double_pendulum"
-"""Scene whose excitation the paper's is compared with."""
-
-BASES = {"double_pendulum": "base", "humanoid": "pelvis"}
+BASES = {SCENE: "base", "humanoid": "pelvis"}
 """Body whose frame is {0} in the scenes."""
 
 PER_PERIOD = 10
@@ -101,7 +98,7 @@ def run(args: argparse.Namespace) -> None:
     problem = excitation.problem(
         arm, args.joints, sensors=args.sensors, noise=(args.noise[0], args.noise[1]), ignore=args.ignore
     )
-    published = args.model == PAPER and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
+    published = args.model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
     time = sample_times(duration if args.seconds is None else args.seconds, args.harmonics)
     reference = paper_motion(time) if published else None

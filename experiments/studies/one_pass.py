@@ -16,11 +16,8 @@ from ident.judgement.verdict import Finding, quality_findings, sentence, weight_
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.mapping import UNITS, joint_kinds
-from ident.recordings.plausibility import KILONEWTONS, TURNS
-from ident.recordings.recording import Recording
-from ident.tolerances import HUGE
-
-KINDS = ("position", "velocity", "acceleration")
+from ident.recordings.recording import STATES, Recording
+from ident.tolerances import HUGE, KILONEWTONS, TURNS
 
 MOVES = 0.01
 """Range, in SI units, from which a joint or its velocity changes."""
@@ -58,7 +55,7 @@ class Seen:
         if not tree.moving:
             raise ModelError(f"Nothing moves on this base: {', '.join(tree.names)} without joints; see --base.")
         kinds = joint_kinds(tree)
-        return cls({f"{joint}_{rate}": f"{kind} {rate}" for joint, kind in kinds.items() for rate in KINDS})
+        return cls({f"{joint}_{rate}": f"{kind} {rate}" for joint, kind in kinds.items() for rate in STATES})
 
     def check(self, recording: Recording, wrenches: Iterable[str]) -> None:
         """Refuses channels of another shape or unit, of the joints and of some wrenches.

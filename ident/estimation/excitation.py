@@ -9,10 +9,7 @@ from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
-from ident.parameters.base_parameters import ZERO_COLUMN
-
-SINGULAR = 1e-10
-"""A unit-norm column combination shorter than this fraction of the longest carries rounding only."""
+from ident.tolerances import SINGULAR, ZERO_COLUMN
 
 ABOVE_NOISE = 1.5
 """How many times longer than its noise a column combination must be to count as excited."""

@@ -13,13 +13,10 @@ from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, huber_white, least_squares, solve
 from ident.estimation.noise import Sandwich
 from ident.estimation.samples import Samples
-from ident.parameters.base_parameters import ZERO_COLUMN
+from ident.tolerances import NORMAL_MAD, ZERO_COLUMN
 
 HUBER = 1.345
 """Residuals beyond so many standard deviations lose weight; 95 % efficient where noise is normal."""
-
-NORMAL_MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 INDEPENDENT = 1e-6
 """Unit-norm columns that stick out less than this of the span of others depend on them."""

@@ -10,15 +10,10 @@ from ident.estimation.equations import COMPONENTS
 from ident.judgement.checks import Weight
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 from ident.parameters.consistency import ConsistentParameters
+from ident.tolerances import LEFT, POOR, SIGNIFICANT, UNEXPLAINED
 
 if TYPE_CHECKING:
     from ident.identification import Estimate
-
-UNEXPLAINED = 0.9
-"""Residual over signal from which a channel counts as not explained."""
-
-SIGNIFICANT = 1e-3
-"""Chance of a false alarm in the tests."""
 
 TILT = np.radians(0.5)
 """Tilts of axes below this are not worth a warning."""
@@ -40,12 +35,6 @@ FAR_OFF = 0.3
 
 OFFSET = 0.1
 """Constant offset from which it is a doubt, of the weight, or for moments of the weight at the mechanism's reach."""
-
-LEFT = 1.5
-"""Residual over signal from which more is wrong than that the motion does not explain a channel."""
-
-POOR = 0.5
-"""Residual over signal from which a channel is predicted poorly."""
 
 FAR = 2.0
 """Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
