@@ -10,10 +10,11 @@ from matplotlib.figure import Figure
 import scenes
 from experiments.cli.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
 from experiments.output import figures, report
-from experiments.output.excite_report import Motion, figure, recording, table_limits, table_quality
+from experiments.output.excite_report import figure, recording, table_limits, table_quality
 from experiments.studies import excitation, paper
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
+from ident.mechanism.motion import Motion
 from sim.models.mechanism import mechanism
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -85,11 +86,6 @@ def _ranges(problem: Problem, given: Sequence[float] | None) -> tuple[np.ndarray
     return low, high
 
 
-def paper_motion(time: np.ndarray) -> Motion:
-    """The paper's excitation without its noise."""
-    return Motion(time, *DOUBLE_PENDULUM.trajectory(time))
-
-
 def run(args: argparse.Namespace) -> None:
     """Designs a motion, and writes and prints it."""
     scene = args.model in scenes.NAMES
@@ -101,18 +97,18 @@ def run(args: argparse.Namespace) -> None:
     published = args.model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
     time = sample_times(duration if args.seconds is None else args.seconds, args.harmonics)
-    reference = paper_motion(time) if published else None
+    reference = Motion(*DOUBLE_PENDULUM.trajectory(time)) if published else None
     limits = joint_limits(args, problem, reference)
     collisions = _collisions(args, problem)
     before, trajectory = _designed(args, problem, limits, reference, time, collisions)
-    after = Motion(time, *trajectory.states(time))
+    after = Motion(*trajectory.states(time))
     start = "the paper's excitation" if published else "the first random start"
     title = f"Excitation of {', '.join(problem.joints)}: {start} and the designed one"
     tables = {
         "table_quality": table_quality(problem, before, after, title),
         "table_limits": table_limits(problem, limits, before, after),
     }
-    _write(args, problem, tables, figure(problem, limits, before, after), after, trajectory)
+    _write(args, problem, tables, figure(problem, limits, time, before, after), time, trajectory)
     for table in tables.values():
         print(table.text())
     _print_summary(args, problem, tables["table_quality"], start, collisions)
@@ -136,7 +132,7 @@ def _designed(
     rest = np.array([problem.rest[joint] for joint in problem.joints])
     starts = excitation.start_motions(limits, rest, float(time[-1]), args.harmonics, args.starts, args.seed)
     if reference is None:
-        before = Motion(time, *starts[0].states(time))
+        before = Motion(*starts[0].states(time))
     else:
         before = reference
         starts[0] = FourierTrajectory.closest(float(time[-1]), args.harmonics, time, reference.q)
@@ -149,7 +145,7 @@ def _write(
     problem: Problem,
     tables: dict[str, report.Table],
     drawing: Figure,
-    motion: Motion,
+    time: np.ndarray,
     trajectory: FourierTrajectory,
 ) -> None:
     given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
@@ -164,7 +160,8 @@ def _write(
         figures.save(drawing, folder, "figure_excitation", args.formats)
         for name, table in tables.items():
             table.write(folder, name)
-        samples = recording(problem, motion, {"designed": args.model, "criterion": args.criterion, "series": series})
+        about = {"designed": args.model, "criterion": args.criterion, "series": series}
+        samples = recording(problem, time, Motion(*trajectory.states(time)), about)
         samples.save(folder / "trajectory.csv")
         samples.save(folder / "trajectory.npz")
         report.write_json(folder / "provenance.json", source)
