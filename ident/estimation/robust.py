@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.accumulator import accumulate, inverse_of, square_root, triangle_of
+from ident.estimation.accumulator import accumulate, inverse_of, triangle_of
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, huber_white, least_squares, solve
 from ident.estimation.noise import Sandwich
@@ -84,8 +84,7 @@ def separable(equations: Equations, samples: Samples) -> Equations:
     Raises:
         InputError: Samples do not fit the equations.
     """
-    found, count = accumulate(equations, samples), len(equations.names)
-    columns = (square_root(found.gram) @ found.factor)[:, :count]
+    columns = accumulate(equations, samples).root[:, : len(equations.names)]
     sizes, out = np.linalg.norm(columns, axis=0), np.abs(np.diag(triangle_of(columns)))
     there = sizes > ZERO_COLUMN * sizes.max()
     apart = dict(zip(equations.names, there & (out > INDEPENDENT * sizes), strict=True))

@@ -273,7 +273,7 @@ def _first_independent(unit: np.ndarray, rank: int) -> tuple[list[int], list[int
 
 
 def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[list[int], list[int]]:
-    """Checkpoint columns after exchanges to the left, and columns passed over as coefficients would become too large.
+    """Kept columns after exchanges to the left, and columns passed over as coefficients would become too large.
 
     Args:
         start: Indices of the kept columns (r,).
