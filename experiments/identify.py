@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 
 from experiments.cli import options
-from experiments.cli.defaults import DRIVE, HOLDOUT
 from ident.errors import InputError
+from ident.tolerances import DRIVE, HOLDOUT
 
 
 def run(args: argparse.Namespace) -> None:

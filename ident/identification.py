@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from ident.errors import ExcitationError, InputError
-from ident.estimation.accumulator import accumulate, square_root, triangle_of
+from ident.estimation.accumulator import accumulate, triangle_of
 from ident.estimation.equations import Equations
+from ident.estimation.excitation import blamed
 from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, prepared
 from ident.estimation.robust import robust_fit, separable, spread
@@ -18,15 +19,13 @@ from ident.geometry.inertia import PARAMETERS
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.diagnosis import correlation_time
-from ident.judgement.verdict import UNEXPLAINED, Finding, findings, verdict
+from ident.judgement.verdict import Finding, findings, verdict
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.recordings.recording import Recording
-
-HOLDOUT = 0.4
-"""Fraction of a recording, its end, that is kept to judge by."""
+from ident.tolerances import HOLDOUT, UNEXPLAINED
 
 LEAST_HELD_OUT = 2
 """Samples that a held-out part needs: a signal's standard deviation takes two."""
@@ -346,19 +345,18 @@ def _separated(equations: Equations, samples: Samples, signal: np.ndarray) -> np
     Raises:
         ExcitationError: The motion leaves one of them at rounding; it names the parameters.
     """
-    found = accumulate(equations, samples, factors=np.broadcast_to(1 / signal, samples.measured.shape))
-    columns = (square_root(found.gram) @ found.factor)[:, : len(equations.names)]
+    weights = np.broadcast_to(1 / signal, samples.measured.shape)
+    columns = accumulate(equations, samples, factors=weights).root[:, : len(equations.names)]
     norms = np.linalg.norm(columns, axis=0)
     # Of a triangle the decomposition is quicker, and fails to converge less easily, than of all rows.
     _, s, directions = np.linalg.svd(triangle_of(columns / np.where(norms > 0, norms, 1)))
     hidden = directions[s <= s[0] / CONDITION_LIMIT]
     if len(hidden):
-        size = np.linalg.norm(hidden, axis=0)
-        blamed = [name for name, share in zip(equations.names, size, strict=True) if share > 0.1 * size.max()]
+        names = blamed(hidden, equations.names)
         raise ExcitationError(
             f"In {', '.join(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
-            f"parameters; it does not separate {', '.join(blamed)}. Move the joints further (experiments.excite "
+            f"parameters; it does not separate {', '.join(names)}. Move the joints further (experiments.excite "
             "designs a motion), or measure more.",
-            blamed,
+            names,
         )
     return s

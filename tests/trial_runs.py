@@ -15,8 +15,9 @@ import pytest
 from fuzz.here import Here
 
 from experiments import multicontact
+from experiments.cli.defaults import SCENE
 from experiments.studies import trials
-from experiments.studies.contacts import SCENE, problem, study, trial
+from experiments.studies.contacts import problem, study, trial
 
 ANALYSE = partial(trial, problem("pad"))
 

@@ -14,13 +14,10 @@ from ident.mechanism.body import BASE, Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.model.regressor import base_wrench_regressor
+from ident.model.regressor import CHUNK, base_wrench_regressor
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from sim.models.mujoco_model import tree_from_model
-
-AT_ONCE = 4096
-"""Samples of which the wrench is computed at once."""
 
 NOISE = 0.1
 """Standard deviation of the noise on the wrench, N and N m."""
@@ -50,8 +47,8 @@ class Subject(Mechanism):
         base = BaseMotion.from_free_joint(*(rng.normal(size=(number, k)) for k in (7, 6, 6))) if self.moving else None
         samples = Samples(Motion(q, dq, ddq, base), NOISE * rng.normal(size=(number, 6)))
         psi = rng.normal(size=self.parameters.rank)
-        for start in range(0, number, AT_ONCE):
-            part = samples[start : start + AT_ONCE]
+        for start in range(0, number, CHUNK):
+            part = samples[start : start + CHUNK]
             part.measured[:] += self.regressor(part, self.parameters.kept) @ psi
         return samples
 

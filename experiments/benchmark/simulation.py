@@ -9,13 +9,12 @@ import numpy as np
 
 import scenes
 from experiments.benchmark.timing import Effort, alternating, ratio
+from experiments.cli.defaults import SCENE
 from ident.mechanism.motion import Motion
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.rollout import steps_per_sample
 from sim.simulation.servos import servos
 from sim.simulation.simulate import LEAD_IN, RATE, simulate, simulate_many
-
-SCENE = "double_pendulum"
 
 TOGETHER = 8
 """Recordings that one call simulates."""

@@ -1,5 +1,8 @@
 """What options offer, and what they are if not given: known before anything that they choose is imported."""
 
+SCENE = "double_pendulum"
+"""The paper's scene."""
+
 FORMATS = ("pdf", "png", "svg")
 """File formats of figures that are the same every time they are written."""
 
@@ -12,12 +15,6 @@ REDRAWN = {
 
 AZIMUTH_DEG = 120.0
 """Direction of the tilt, which the paper does not print: the one that fits its Table III."""
-
-DRIVE = ("viscous", "coulomb", "rotor")
-"""What else takes torque at the joints."""
-
-HOLDOUT = 0.4
-"""Fraction of a recording, its end, that is kept to judge by."""
 
 CRITERIA = {
     "condition": "the smallest condition number of the base regressor",

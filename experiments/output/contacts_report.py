@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import scenes
+from experiments.cli.defaults import SCENE
 from experiments.output import figures, report
 from experiments.output.results import Results
 from experiments.studies import monte_carlo, paper
-from experiments.studies.contacts import SCENE, Study, cells, problem, study, total, trial
+from experiments.studies.contacts import Study, cells, problem, study, total, trial
 
 DIFFERS = frozenset({"Ixx2", "Ixx3", "Ixz3"})
 """Entries of Table IV that no rigid body can have."""

@@ -1,7 +1,6 @@
 """What a designed excitation leaves behind: the motion as a recording, tables before and after, and a figure."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,40 +12,26 @@ from matplotlib.ticker import MaxNLocator
 from experiments.output import escape, figures, report
 from experiments.studies import excitation
 from experiments.studies.excitation import Problem
-from ident.recordings.recording import Recording
+from ident.mechanism.motion import Motion
+from ident.recordings.recording import STATES, Recording
 from sim.motion.excitation_design import Limits
 
-KINDS, PER = ("position", "velocity", "acceleration"), ("", "/s", "/s²")
-"""The quantities of a joint, and what their units add to the joint's."""
+PER = ("", "/s", "/s²")
+"""What the units of a joint's states add to its own."""
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """A sampled motion of the excited joints: q, q̇ and q̈, each (N, n)."""
-
-    time: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    ddq: np.ndarray
-
-    @property
-    def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """All three arrays."""
-        return self.q, self.dq, self.ddq
-
-
-def recording(problem: Problem, motion: Motion, provenance: Mapping[str, Any]) -> Recording:
+def recording(problem: Problem, time: np.ndarray, motion: Motion, provenance: Mapping[str, Any]) -> Recording:
     """The motion of all hinge and slide joints, as a recording names them."""
     measured, units = {}, {}
-    still = np.zeros(len(motion.time))
+    still = np.zeros(len(time))
     columns = {joint: k for k, joint in enumerate(problem.joints)}
     for joint in dict.fromkeys((*problem.joints, *problem.rest)):
         k = columns.get(joint)
         rest = (problem.rest[joint] + still, still, still)
-        for kind, x, per, at_rest in zip(KINDS, motion.states, PER, rest, strict=True):
+        for kind, x, per, at_rest in zip(STATES, motion.states, PER, rest, strict=True):
             measured[f"{joint}_{kind}"] = at_rest if k is None else x[:, k]
             units[f"{joint}_{kind}"] = problem.units[joint] + per
-    return Recording(motion.time, measured, units=units, provenance=provenance)
+    return Recording(time, measured, units=units, provenance=provenance)
 
 
 def table_quality(problem: Problem, before: Motion, after: Motion, title: str) -> report.Table:
@@ -61,37 +46,34 @@ def table_limits(problem: Problem, limits: Limits, before: Motion, after: Motion
     rows: list[tuple[report.Cell, ...]] = []
     for k, joint in enumerate(problem.joints):
         unit = problem.units[joint]
-        for bound, function in (("lowest", np.min), ("highest", np.max)):
-            limit = (limits.low if bound == "lowest" else limits.high)[k]
+        for bound, function, limit in (("lowest", np.min, limits.low), ("highest", np.max, limits.high)):
             used = (float(function(motion.q[:, k])) for motion in (before, after))
-            rows.append((joint, f"{bound} position, {unit}", *used, float(limit)))
-        for kind, per, limit in (
-            ("velocity", "/s", limits.velocity[k]),
-            ("acceleration", "/s²", limits.acceleration[k]),
-        ):
-            x = "dq" if kind == "velocity" else "ddq"
-            used = (float(abs(getattr(motion, x)[:, k]).max()) for motion in (before, after))
-            rows.append((joint, f"largest {kind}, {unit}{per}", *used, float(limit)))
+            rows.append((joint, f"{bound} position, {unit}", *used, float(limit[k])))
+        rates = zip(STATES[1:], PER[1:], (limits.velocity, limits.acceleration), strict=True)
+        for order, (kind, per, largest) in enumerate(rates, start=1):
+            used = (float(abs(motion.states[order][:, k]).max()) for motion in (before, after))
+            rows.append((joint, f"largest {kind}, {unit}{per}", *used, float(largest[k])))
     return report.Table("Limits", ("joint", "quantity", "before", "after", "limit"), tuple(rows))
 
 
-def figure(problem: Problem, limits: Limits, before: Motion, after: Motion) -> Figure:
+def figure(problem: Problem, limits: Limits, time: np.ndarray, before: Motion, after: Motion) -> Figure:
     """Position, velocity and acceleration of every joint that moves, before and after, between their limits."""
     bounds = (
         (limits.low, limits.high),
         (-limits.velocity, limits.velocity),
         (-limits.acceleration, limits.acceleration),
     )
-    old, new = (excitation.quality(problem, *motion.states)["condition_number"] for motion in (before, after))
-    labels = (f"designed, condition number {new:.1f}", f"before, {old:.1f}", "limits")
+    first, last = (excitation.quality(problem, *motion.states)["condition_number"] for motion in (before, after))
+    labels = (f"designed, condition number {last:.1f}", f"before, {first:.1f}", "limits")
     with figures.paper_style():
         drawing = Figure(figsize=(7.16, 0.55 + 1.15 * len(problem.joints)))
         axes = drawing.subplots(len(problem.joints), 3, sharex=True, squeeze=False)
         for (k, column), ax in np.ndenumerate(axes):
             joint, (low, high) = problem.joints[k], bounds[column]
-            lines = _panel(ax, before, after, (column, k), (float(low[k]), float(high[k])))
+            old, new = (motion.states[column][:, k] for motion in (before, after))
+            lines = _panel(ax, time, old, new, (float(low[k]), float(high[k])))
             name = f"{escape.label(joint)}\n" if column == 0 else ""
-            ax.set_ylabel(f"{name}{KINDS[column]} ({problem.units[joint]}{PER[column]})", labelpad=2)
+            ax.set_ylabel(f"{name}{STATES[column]} ({problem.units[joint]}{PER[column]})", labelpad=2)
         for ax in axes[-1]:
             ax.set_xlabel("time (s)", labelpad=2)
         for column in range(3):
@@ -101,16 +83,15 @@ def figure(problem: Problem, limits: Limits, before: Motion, after: Motion) -> F
 
 
 def _panel(
-    ax: Axes, before: Motion, after: Motion, which: tuple[int, int], limits: tuple[float, float]
+    ax: Axes, time: np.ndarray, before: np.ndarray, after: np.ndarray, limits: tuple[float, float]
 ) -> list[Line2D]:
     """Draws one quantity of one joint, and returns the lines of the design, of what was before, and of the limits."""
-    column, k = which
     bounds = [ax.axhline(limit, color="tab:red", lw=0.7, ls="--") for limit in limits]
-    (old,) = ax.plot(before.time, before.states[column][:, k], color="0.6")
-    (new,) = ax.plot(after.time, after.states[column][:, k], color="tab:blue", lw=1.0)
+    (old,) = ax.plot(time, before, color="0.6")
+    (new,) = ax.plot(time, after, color="tab:blue", lw=1.0)
     room = 0.08 * (limits[1] - limits[0])
     ax.set_ylim(limits[0] - room, limits[1] + room)
-    ax.set_xlim(after.time[0], after.time[-1])
+    ax.set_xlim(time[0], time[-1])
     ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
     return [new, old, bounds[0]]

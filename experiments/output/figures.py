@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-COMPONENTS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
+SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
 """Symbol and unit of the components of a wrench."""
 
 PARAMETER = re.compile(r"\bm(\d+)(?:r([xyz])\1)?\b|\bI([xyz]{2})(\d+)\b")
@@ -69,7 +69,7 @@ def wrench_panels(
             for label, (wrench, line) in wrenches.items():
                 style = {"ls": line.style, "color": line.color, "lw": line.width, "alpha": line.alpha}
                 ax.plot(x, wrench[:, component], label=label, **style)
-            variable, unit = COMPONENTS[component]
+            variable, unit = SYMBOLS[component]
             ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
             ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
             ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))

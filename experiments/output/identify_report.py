@@ -16,19 +16,12 @@ from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS
 from ident.identification import Estimate
 from ident.judgement.diagnosis import amplitude_spectrum
-from ident.judgement.verdict import SIGNIFICANT
 from ident.parameters.base_parameters import separating_sensors
+from ident.tolerances import SIGNIFICANT
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
 OUTPUTS = (*report.OUTPUTS, "report.html", "estimate.json", "model.xml", "model.urdf")
-
-GAINS = {
-    "base wrench": "with the base wrench",
-    "joint torques": "with joint torques",
-    "moving base": "on a moving base",
-    "not parallel": "if the joint axes were not parallel",
-}
 
 INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
@@ -116,10 +109,9 @@ def data_lines(result: Estimate) -> list[str]:
     if (axes := checks.misalignment) is not None:
         chance = ", no more than by chance" if axes.chance > SIGNIFICANT else ""
         lines.append(f"Axes: tilted ones would explain {axes.explained:.0%} of the residuals{chance}.")
-    more = separating_sensors(prepared.mechanism, prepared.sensors)
-    for what, gained in more.items():
+    for what, gained in separating_sensors(prepared.mechanism, prepared.sensors).items():
         if gained:
-            lines.append(f"More would be seen {GAINS[what]}: {', '.join(gained)}.")
+            lines.append(f"More would be seen {what}: {', '.join(gained)}.")
     return [*lines, *prepared.notes]
 
 

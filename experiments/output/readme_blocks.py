@@ -31,7 +31,7 @@ def table_wrench_errors(result: tilted_axes.Study) -> report.Table:
     """Errors of the recovered wrenches by channel, in brackets over what there is to recover."""
     rows = []
     for (channel, found), (_, unit) in zip(
-        tilted_axes_report.summary(result)["wrench_errors"].items(), figures.COMPONENTS, strict=True
+        tilted_axes_report.summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True
     ):
         shown = (f"{found[f'rms_{m}']:.2f} ({100 * found[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
         rows.append((f"{channel}, {unit}", found["true_std"], *shown))

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.cli.defaults import SCENE
 from experiments.output import figures, report
 from experiments.output.results import Results
 from experiments.studies import monte_carlo, paper
 from experiments.studies.fitting import Trial
-from experiments.studies.tilted_axes import SCENE, Study, design, study, trial
+from experiments.studies.tilted_axes import Study, design, study, trial
 from ident.mechanism.axes import angle
 
 TRUE_LINE = figures.Line("black", width=1.6)

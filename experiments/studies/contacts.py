@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import scenes
+from experiments.cli.defaults import SCENE
 from experiments.studies import paper, trials
 from experiments.studies.fitting import Trial, fit
 from ident.mechanism.mechanism import Mechanism
@@ -14,8 +15,6 @@ from ident.recordings.wrench import Sensor, TotalWrench
 from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
-
-SCENE = "double_pendulum"
 
 
 @dataclass(frozen=True, eq=False)

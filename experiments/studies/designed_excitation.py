@@ -8,12 +8,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import scenes
-from experiments.cli.defaults import ACCELERATION, SECONDS, VELOCITY
+from experiments.cli.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
 from experiments.output import figures, report
-from experiments.output.excite_report import Motion, figure, recording, table_limits, table_quality
+from experiments.output.excite_report import figure, recording, table_limits, table_quality
 from experiments.studies import excitation, paper
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
+from ident.mechanism.motion import Motion
 from sim.models.mechanism import mechanism
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -21,10 +22,7 @@ from sim.motion.excitation_design import Limits
 from sim.motion.fourier import FourierTrajectory
 from sim.simulation.simulate import LONGEST, RATE
 
-PAPER = "double_pendulum"
-"""Scene whose excitation the paper's is compared with."""
-
-BASES = {"double_pendulum": "base", "humanoid": "pelvis"}
+BASES = {SCENE: "base", "humanoid": "pelvis"}
 """Body whose frame is {0} in the scenes."""
 
 PER_PERIOD = 10
@@ -88,11 +86,6 @@ def _ranges(problem: Problem, given: Sequence[float] | None) -> tuple[np.ndarray
     return low, high
 
 
-def paper_motion(time: np.ndarray) -> Motion:
-    """The paper's excitation without its noise."""
-    return Motion(time, *DOUBLE_PENDULUM.trajectory(time))
-
-
 def run(args: argparse.Namespace) -> None:
     """Designs a motion, and writes and prints it."""
     scene = args.model in scenes.NAMES
@@ -101,21 +94,21 @@ def run(args: argparse.Namespace) -> None:
     problem = excitation.problem(
         arm, args.joints, sensors=args.sensors, noise=(args.noise[0], args.noise[1]), ignore=args.ignore
     )
-    published = args.model == PAPER and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
+    published = args.model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
     time = sample_times(duration if args.seconds is None else args.seconds, args.harmonics)
-    reference = paper_motion(time) if published else None
+    reference = Motion(*DOUBLE_PENDULUM.trajectory(time)) if published else None
     limits = joint_limits(args, problem, reference)
     collisions = _collisions(args, problem)
     before, trajectory = _designed(args, problem, limits, reference, time, collisions)
-    after = Motion(time, *trajectory.states(time))
+    after = Motion(*trajectory.states(time))
     start = "the paper's excitation" if published else "the first random start"
     title = f"Excitation of {', '.join(problem.joints)}: {start} and the designed one"
     tables = {
         "table_quality": table_quality(problem, before, after, title),
         "table_limits": table_limits(problem, limits, before, after),
     }
-    _write(args, problem, tables, figure(problem, limits, before, after), after, trajectory)
+    _write(args, problem, tables, figure(problem, limits, time, before, after), time, trajectory)
     for table in tables.values():
         print(table.text())
     _print_summary(args, problem, tables["table_quality"], start, collisions)
@@ -139,7 +132,7 @@ def _designed(
     rest = np.array([problem.rest[joint] for joint in problem.joints])
     starts = excitation.start_motions(limits, rest, float(time[-1]), args.harmonics, args.starts, args.seed)
     if reference is None:
-        before = Motion(time, *starts[0].states(time))
+        before = Motion(*starts[0].states(time))
     else:
         before = reference
         starts[0] = FourierTrajectory.closest(float(time[-1]), args.harmonics, time, reference.q)
@@ -152,7 +145,7 @@ def _write(
     problem: Problem,
     tables: dict[str, report.Table],
     drawing: Figure,
-    motion: Motion,
+    time: np.ndarray,
     trajectory: FourierTrajectory,
 ) -> None:
     given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
@@ -167,7 +160,8 @@ def _write(
         figures.save(drawing, folder, "figure_excitation", args.formats)
         for name, table in tables.items():
             table.write(folder, name)
-        samples = recording(problem, motion, {"designed": args.model, "criterion": args.criterion, "series": series})
+        about = {"designed": args.model, "criterion": args.criterion, "series": series}
+        samples = recording(problem, time, Motion(*trajectory.states(time)), about)
         samples.save(folder / "trajectory.csv")
         samples.save(folder / "trajectory.npz")
         report.write_json(folder / "provenance.json", source)

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.model.regressor import CHUNK, base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from sim.models.couplings import check_torques
@@ -21,9 +21,6 @@ from sim.motion.collisions import Collisions
 from sim.motion.excitation_design import Cost, Limits, design, random_start, scaled_into
 from sim.motion.fourier import FourierTrajectory
 from sim.simulation.sensors import ONE_DOF
-
-CHUNK = 4096
-"""Samples of candidate motions worked on together."""
 
 INVISIBLE = 1e-14
 """Eigenvalues of the information below this fraction of the largest are rounding."""

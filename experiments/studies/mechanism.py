@@ -10,14 +10,13 @@ from matplotlib.patches import Arc
 
 import scenes
 import sim
+from experiments.cli.defaults import SCENE
 from experiments.output import figures, report
 from experiments.output.results import Results
 from experiments.studies import paper
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism import dh
 from ident.mechanism.tree import Tree
-
-SCENE = "double_pendulum"
 
 DRAWN_AT = np.array([0.45, 0.75])
 """Joint angles of Figure 1, in rad."""

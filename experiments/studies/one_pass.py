@@ -1,6 +1,6 @@
 """What one pass over a recording tells of its channels, and whether to believe the estimate that it gives."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -16,11 +16,8 @@ from ident.judgement.verdict import Finding, quality_findings, sentence, weight_
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.mapping import UNITS, joint_kinds
-from ident.recordings.plausibility import KILONEWTONS, TURNS
-from ident.recordings.recording import Recording
-from ident.tolerances import HUGE
-
-KINDS = ("position", "velocity", "acceleration")
+from ident.recordings.recording import STATES, Recording
+from ident.tolerances import HUGE, KILONEWTONS, TURNS
 
 MOVES = 0.01
 """Range, in SI units, from which a joint or its velocity changes."""
@@ -58,7 +55,7 @@ class Seen:
         if not tree.moving:
             raise ModelError(f"Nothing moves on this base: {', '.join(tree.names)} without joints; see --base.")
         kinds = joint_kinds(tree)
-        return cls({f"{joint}_{rate}": f"{kind} {rate}" for joint, kind in kinds.items() for rate in KINDS})
+        return cls({f"{joint}_{rate}": f"{kind} {rate}" for joint, kind in kinds.items() for rate in STATES})
 
     def check(self, recording: Recording, wrenches: Iterable[str]) -> None:
         """Refuses channels of another shape or unit, of the joints and of some wrenches.
@@ -153,13 +150,13 @@ def judged(seen: Seen, found: Accumulator, fit: Fit) -> Judged:
     ratio = fit.residual_norms / np.sqrt(seen.samples) / std
     ratios = {c: float(r) for c, r, changing in zip(COMPONENTS, ratio, changes, strict=True) if changing}
     stuck = [*seen.resting(), *np.array(COMPONENTS)[~changes & (straight > STUCK**2 * predicted)]]
-    found_so = [
+    findings = [
         *_sign(predicted, straight, opposite),
         *_weight(seen, mechanism),
         *([Finding(f"Constant, though the motion would change it: {', '.join(stuck)}.", True)] if stuck else []),
         *quality_findings(ratios, "fitted"),
     ]
-    return Judged(ratios, sorted(found_so, key=lambda finding: not finding.doubt))
+    return Judged(ratios, sorted(findings, key=lambda finding: not finding.doubt))
 
 
 def _squares(found: Accumulator, combination: np.ndarray) -> np.ndarray:
@@ -168,30 +165,27 @@ def _squares(found: Accumulator, combination: np.ndarray) -> np.ndarray:
     return np.maximum(x @ found.grams @ x, 0)
 
 
-def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> list[Finding]:
+def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> Iterator[Finding]:
     """Whether the wrench fits the model far better with the opposite sign, from sums of squares (6,)."""
     size = predicted.reshape(2, 3).sum(axis=1)
     scale = np.repeat(np.maximum(size, 1e-6 * size.max(initial=1e-24)), 3)
     error, turned = (float(np.sqrt((left / scale).sum() / 2)) for left in (straight, opposite))
-    if not FrameCheck(-1, np.eye(3), error, turned).suspicious:
-        return []
-    return [
-        Finding(
+    if FrameCheck(-1, np.eye(3), error, turned).suspicious:
+        yield Finding(
             "The total wrench looks as if it had the opposite sign: against the model's own prediction its relative "
             f"error would fall from {error:.2f} to {turned:.2f}.",
             True,
         )
-    ]
 
 
-def _weight(seen: Seen, mechanism: Mechanism) -> list[Finding]:
-    mass, gravity, g = mechanism.mass, mechanism.gravity, float(np.linalg.norm(mechanism.gravity))
+def _weight(seen: Seen, mechanism: Mechanism) -> Iterator[Finding]:
+    g = float(np.linalg.norm(mechanism.gravity))
     if g == 0:
-        return [Finding("The model has no gravity, so nothing could be weighed.", False)]
-    weighed = float(-seen.total[:3] @ gravity) / (seen.samples * g**2)
-    found = weight_findings(Weight(weighed, mass, 0.0))
+        yield Finding("The model has no gravity, so nothing could be weighed.", False)
+        return
+    weighed = float(-seen.total[:3] @ mechanism.gravity) / (seen.samples * g**2)
+    yield from weight_findings(Weight(weighed, mechanism.mass, 0.0))
     largest = float(np.linalg.norm(np.maximum(-seen.low["wrench"], seen.high["wrench"])[:3]))
-    if 0 < largest < mass * g / KILONEWTONS:
-        text = f"The force is at most {largest:.3g} N where the mechanism weighs {mass * g:.4g} N: its unit may be kN."
-        found.append(Finding(text, True))
-    return found
+    if 0 < largest < mechanism.weight / KILONEWTONS:
+        less = f"The force is at most {largest:.3g} N where the mechanism weighs {mechanism.weight:.4g} N"
+        yield Finding(f"{less}: its unit may be kN.", True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import scenes
-from experiments.cli.defaults import AZIMUTH_DEG
+from experiments.cli.defaults import AZIMUTH_DEG, SCENE
 from experiments.studies import paper, trials
 from experiments.studies.fitting import Trial, fit, measured_poses
 from ident.errors import InputError
@@ -19,8 +19,6 @@ from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
-
-SCENE = "double_pendulum"
 
 
 @dataclass(frozen=True, eq=False)

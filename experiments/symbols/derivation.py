@@ -14,13 +14,6 @@ from sim.models.mechanism import mechanism
 
 TABLES = ("table_1", "table_2")
 
-GAINS = {
-    "base wrench": "with the base wrench",
-    "joint torques": "with joint torques",
-    "moving base": "on a moving base",
-    "not parallel": "with joint axes that are not parallel",
-}
-
 
 def run(args: argparse.Namespace) -> None:
     """Derives a model and writes it."""
@@ -55,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     if model.regrouping.remark:
         print(model.regrouping.remark)
     for what, gained in separating_sensors(Mechanism(symbolic.with_values(tree, lengths), STANDARD_GRAVITY)).items():
-        print(f"Seen apart besides, {GAINS[what]}: {', '.join(gained) or 'nothing'}.")
+        print(f"Seen apart besides, {what}: {', '.join(gained) or 'nothing'}.")
     print(f"LaTeX, Python and C are in {out}.")
 
 

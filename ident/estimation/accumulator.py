@@ -63,6 +63,11 @@ class Accumulator:
         """Gram matrix of all rows in the coordinates of P (r + 1, r + 1)."""
         return self.grams.sum(axis=0)
 
+    @property
+    def root(self) -> np.ndarray:
+        """A square matrix T that has the Gram matrix of all rows `[Y_b | Γ]`, `Tᵀ T` (r + 1, r + 1)."""
+        return square_root(self.gram) @ self.factor
+
     def __add__(self, other: "Accumulator") -> "Accumulator":
         """All samples of both.
 
@@ -76,7 +81,7 @@ class Accumulator:
             )
         a, b, factored = self, other, self.factored + other.factored
         if not np.array_equal(a.factor, b.factor):
-            common = _factor(np.vstack([square_root(a.gram) @ a.factor, square_root(b.gram) @ b.factor]))
+            common = _factor(np.vstack([a.root, b.root]))
             a, b = a._in(common), b._in(common)
         samples, chunks = a.samples + b.samples, a.chunks + b.chunks
         return Accumulator(a.names, a.factor, a.grams + b.grams, samples, chunks, factored, a.weighted)
@@ -93,8 +98,7 @@ class Accumulator:
         grams = self.grams + _grams(rows, self.factor)
         if _is_orthogonal(grams.sum(axis=0)):
             return replace(self, grams=grams, **number)
-        known = square_root(self.gram) @ self.factor
-        renewed = self._in(_factor(np.vstack([known, rows.reshape(len(rows), -1).T])))
+        renewed = self._in(_factor(np.vstack([self.root, rows.reshape(len(rows), -1).T])))
         grams = renewed.grams + _grams(rows, renewed.factor)
         return replace(renewed, grams=grams, factored=self.factored + 1, **number)
 

@@ -9,9 +9,10 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation.samples import Samples, check_samples, whitened
 from ident.mechanism.mechanism import Mechanism
-from ident.model.regressor import CHUNK, DRIVE, drive_columns, drive_names, program_inputs, regressor_program
+from ident.model.regressor import CHUNK, drive_columns, drive_names, program_inputs, regressor_program
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
+from ident.tolerances import DRIVE
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Names of a wrench's components."""

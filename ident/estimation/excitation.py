@@ -9,10 +9,7 @@ from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
-from ident.parameters.base_parameters import ZERO_COLUMN
-
-SINGULAR = 1e-10
-"""A unit-norm column combination shorter than this fraction of the longest carries rounding only."""
+from ident.tolerances import SINGULAR, ZERO_COLUMN
 
 ABOVE_NOISE = 1.5
 """How many times longer than its noise a column combination must be to count as excited."""
@@ -73,11 +70,16 @@ def check_excitation(triangle: np.ndarray, names: Sequence[str], samples: int, n
         floor = np.maximum(floor, ABOVE_NOISE * of_noise)
     hidden = directions[lengths <= floor]
     if len(hidden):
-        size = np.linalg.norm(hidden, axis=0)
-        names = [name for name, s in zip(names, size, strict=True) if s > 0.1 * size.max()]
+        names = blamed(hidden, names)
         raise ExcitationError(
             f"The motion of {samples} samples does not separate the base parameters {', '.join(names)}: "
             f"{len(norms) - len(hidden)} of {len(norms)} combinations show above the noise. Record longer, or move the "
             "joints further.",
             names,
         )
+
+
+def blamed(hidden: np.ndarray, names: Sequence[str]) -> list[str]:
+    """Names of the columns with a fair share in combinations that a motion does not show (k, r)."""
+    size = np.linalg.norm(hidden, axis=0)
+    return [name for name, share in zip(names, size, strict=True) if share > 0.1 * size.max()]

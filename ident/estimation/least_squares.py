@@ -23,7 +23,8 @@ from ident.estimation.noise import Sandwich
 from ident.estimation.pieces import Source, pieces
 from ident.estimation.samples import Samples, even
 from ident.mechanism.motion import Motion
-from ident.parameters.base_parameters import ZERO_COLUMN, BaseParameters
+from ident.parameters.base_parameters import BaseParameters
+from ident.tolerances import ZERO_COLUMN
 
 PIECE = 65536
 """Samples of one piece in memory that one worker takes."""

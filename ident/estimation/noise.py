@@ -35,8 +35,7 @@ def innovations(residual: np.ndarray, parameters: float) -> tuple[np.ndarray, np
 
 def _decay(x: np.ndarray) -> float:
     """The ρ whose autocorrelation sums up to that of a residual, its time stretched."""
-    # Padded to twice its length a spectrum does not wrap around.
-    covariance = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * len(x))) ** 2)[: len(x) + 1]
+    covariance = autocovariance(x)
     if covariance[0] == 0:
         return 0.0
     correlation = covariance / covariance[0]
@@ -45,6 +44,12 @@ def _decay(x: np.ndarray) -> float:
     here = correlation[lag] if correlation[lag] > CHANCE / np.sqrt(len(x)) else 0.0
     total = correlation[1:lag].sum() + here / (1 - here ** (1 / lag))
     return float((total / (1 + total)) ** (1 / STRETCH))
+
+
+def autocovariance(x: np.ndarray) -> np.ndarray:
+    """Sums of the products of a signal (N,) with itself 0 to N samples later, the last zero (N + 1,)."""
+    # Padded to twice its length a spectrum does not wrap around.
+    return np.fft.irfft(np.abs(np.fft.rfft(x, 2 * len(x))) ** 2)[: len(x) + 1]
 
 
 def remembered(rows: np.ndarray, decay: float, before: np.ndarray) -> np.ndarray:

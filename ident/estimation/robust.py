@@ -8,18 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.accumulator import accumulate, inverse_of, square_root, triangle_of
+from ident.estimation.accumulator import accumulate, inverse_of, triangle_of
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, huber_white, least_squares, solve
 from ident.estimation.noise import Sandwich
 from ident.estimation.samples import Samples
-from ident.parameters.base_parameters import ZERO_COLUMN
+from ident.tolerances import NORMAL_MAD, ZERO_COLUMN
 
 HUBER = 1.345
 """Residuals beyond so many standard deviations lose weight; 95 % efficient where noise is normal."""
-
-NORMAL_MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 INDEPENDENT = 1e-6
 """Unit-norm columns that stick out less than this of the span of others depend on them."""
@@ -87,8 +84,7 @@ def separable(equations: Equations, samples: Samples) -> Equations:
     Raises:
         InputError: Samples do not fit the equations.
     """
-    found, count = accumulate(equations, samples), len(equations.names)
-    columns = (square_root(found.gram) @ found.factor)[:, :count]
+    columns = accumulate(equations, samples).root[:, : len(equations.names)]
     sizes, out = np.linalg.norm(columns, axis=0), np.abs(np.diag(triangle_of(columns)))
     there = sizes > ZERO_COLUMN * sizes.max()
     apart = dict(zip(equations.names, there & (out > INDEPENDENT * sizes), strict=True))

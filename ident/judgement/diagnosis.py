@@ -6,6 +6,7 @@ from itertools import permutations, product
 import numpy as np
 from scipy import linalg, signal
 
+from ident.estimation.noise import autocovariance
 from ident.geometry.se3 import hat
 from ident.mechanism.tree import Tree
 
@@ -129,8 +130,7 @@ def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
     """Time until the autocorrelation of each residual falls below 1/e, s (C,)."""
     times = []
     for x in (residual - residual.mean(axis=0)).T:
-        spectrum = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
-        correlation = np.fft.irfft(spectrum)[: len(x)]
+        correlation = autocovariance(x)[:-1]
         below = np.flatnonzero(correlation < correlation[0] / np.e) if correlation[0] > 0 else np.zeros(1, int)
         times.append((below[0] if len(below) else len(x)) / rate)
     return np.array(times)

@@ -28,13 +28,13 @@ from ident.parameters.structure import Sensors
 Jet = tuple[np.ndarray, np.ndarray, np.ndarray]
 """A matrix of each sample and its first two derivatives with respect to time (N, 4, 4)."""
 
-SAMPLES = 1000
+MOST_SAMPLES = 1000
 """Samples used at most, evenly spread: the angle is seen long before the last one."""
 
-SAMPLES_OF_ALL = 4000
+MOST_OF_ALL_JOINTS = 4000
 """Samples times joints used at most, so that many joints take not much longer than few."""
 
-STEPS = 15
+SEARCH_STEPS = 15
 """Steps of the search at most; five are usual."""
 
 FARTHEST = np.tan(np.radians(30))
@@ -98,7 +98,7 @@ def estimate_misalignment(
     turning = tuple(i for i in tree.moving if not tree.bodies[i].is_ball and tree.bodies[i].twist[3:].any())
     if not turning:
         raise ModelError("Axes are estimated for revolute joints; the mechanism has none.")
-    count = min(SAMPLES, SAMPLES_OF_ALL // len(turning), len(wrench))
+    count = min(MOST_SAMPLES, MOST_OF_ALL_JOINTS // len(turning), len(wrench))
     part = np.unique(np.linspace(0, len(wrench) - 1, count).astype(int))
     channels = np.flatnonzero(np.isfinite(wrench).all(axis=0) & np.isfinite(scale))
     problem = _Problem(
@@ -117,7 +117,7 @@ def estimate_misalignment(
         jac=lambda tilts: problem.jacobian(fitted(tuple(tilts))),
         bounds=(-FARTHEST, FARTHEST),
         x_scale=0.1,
-        max_nfev=STEPS,
+        max_nfev=SEARCH_STEPS,
     )
     return _judged(problem, problem.fit(0 * start), problem.fit(found.x))
 

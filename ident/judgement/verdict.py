@@ -1,6 +1,6 @@
 """Whether to believe an identification, with reasons in plain words."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,15 +10,10 @@ from ident.estimation.equations import COMPONENTS
 from ident.judgement.checks import Weight
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 from ident.parameters.consistency import ConsistentParameters
+from ident.tolerances import LEFT, POOR, SIGNIFICANT, UNEXPLAINED
 
 if TYPE_CHECKING:
     from ident.identification import Estimate
-
-UNEXPLAINED = 0.9
-"""Residual over signal from which a channel counts as not explained."""
-
-SIGNIFICANT = 1e-3
-"""Chance of a false alarm in the tests."""
 
 TILT = np.radians(0.5)
 """Tilts of axes below this are not worth a warning."""
@@ -40,12 +35,6 @@ FAR_OFF = 0.3
 
 OFFSET = 0.1
 """Constant offset from which it is a doubt, of the weight, or for moments of the weight at the mechanism's reach."""
-
-LEFT = 1.5
-"""Residual over signal from which more is wrong than that the motion does not explain a channel."""
-
-POOR = 0.5
-"""Residual over signal from which a channel is predicted poorly."""
 
 FAR = 2.0
 """Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
@@ -102,7 +91,7 @@ def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str
 
 def findings(result: "Estimate") -> list[Finding]:
     """All findings on the fit, the doubts first, and then those on the updated model."""
-    found = [
+    on_fit = [
         *_frames(result),
         *_axes(result),
         *_contact(result),
@@ -114,55 +103,28 @@ def findings(result: "Estimate") -> list[Finding]:
         *(Finding(sentence, False) for sentence in result.checks.unchecked),
         *_caveats(result),
     ]
-    found = sorted(found, key=lambda finding: not finding.doubt)
-    return [*found, *_masses(result), _consistency(result.consistent())]
+    on_fit.sort(key=lambda finding: not finding.doubt)
+    return [*on_fit, *_masses(result), _consistency(result.consistent())]
 
 
-def _frames(result: "Estimate") -> list[Finding]:
-    found = []
+def _frames(result: "Estimate") -> Iterator[Finding]:
     for name, check in result.checks.frames.items():
         if not check.suspicious:
             continue
         R = result.prepared.log.wrench(name).pose[:3, :3]
-        if np.allclose(check.rotation, R.T @ R.T) and not np.allclose(check.rotation, np.eye(3)):
-            what = "transposed (its rotation is that of the base in the sensor)"
-        elif np.array_equal(check.rotation, np.eye(3)):
+        if np.array_equal(check.rotation, np.eye(3)):
             what = ""
+        elif np.allclose(check.rotation, R.T @ R.T):
+            what = "a frame that is transposed (its rotation is that of the base in the sensor)"
         else:
             axes = ", ".join(f"{a} -> {_axis(check.rotation[:, k])}" for k, a in enumerate("xyz"))
-            what = f"turned (its axes look like {axes})"
-        sign = "the opposite sign" if check.sign < 0 else ""
-        both = (
-            " and a frame that is ".join(part for part in (sign, what) if part) if sign else f"a frame that is {what}"
+            what = f"a frame that is turned (its axes look like {axes})"
+        both = " and ".join(filter(None, ["the opposite sign" if check.sign < 0 else "", what]))
+        yield Finding(
+            f"The wrench '{name}' looks as if it had {both}: against the model's own prediction its relative error "
+            f"would fall from {check.error:.2f} to {check.error_turned:.2f}.",
+            True,
         )
-        found.append(
-            Finding(
-                f"The wrench '{name}' looks as if it had {both}: against the model's own prediction its relative error "
-                f"would fall from {check.error:.2f} to {check.error_turned:.2f}.",
-                True,
-            )
-        )
-    return found
-
-
-def _caveats(result: "Estimate") -> list[Finding]:
-    found = []
-    if result.prepared.cutoff is None:
-        found.append(
-            Finding(
-                "Velocities and accelerations are the log's own and the wrenches are not filtered: if the log's were, "
-                "--cutoff auto treats both alike.",
-                False,
-            )
-        )
-    found.append(
-        Finding(
-            "The standard deviations are those of noise on the wrenches; noise on the joint angles biases the estimate "
-            "and is not in them.",
-            False,
-        )
-    )
-    return found
 
 
 def _axis(direction: np.ndarray) -> str:
@@ -170,10 +132,10 @@ def _axis(direction: np.ndarray) -> str:
     return ("-" if direction[k] < 0 else "") + "xyz"[k]
 
 
-def _axes(result: "Estimate") -> list[Finding]:
+def _axes(result: "Estimate") -> Iterator[Finding]:
     check = result.checks.misalignment
     if check is None or check.explained < GAIN or check.chance > SIGNIFICANT:
-        return []
+        return
     off = [
         f"that of {joint} by {np.degrees(angle):.2f}° ± {np.degrees(std):.2f}°"
         for joint, angle, std, p, bound in zip(
@@ -181,87 +143,66 @@ def _axes(result: "Estimate") -> list[Finding]:
         )
         if p < SIGNIFICANT and angle > max(TILT, 3 * std) and not bound
     ]
-    if not off:
-        return []
-    return [
-        Finding(
+    if off:
+        yield Finding(
             f"Joint axes are probably off: {', '.join(off)}; axes tilted so would explain {check.explained:.0%} of the "
             "residual. Condition number and residual alone do not show this.",
             True,
         )
-    ]
 
 
-def _contact(result: "Estimate") -> list[Finding]:
+def _contact(result: "Estimate") -> Iterator[Finding]:
     check = result.checks.contact
     if check is None or check.explained < THROUGH_A_POINT or np.median(result.held_out.ratio) < LARGE:
-        return []
+        return
     point = ", ".join(f"{x:.2f}" for x in check.point)
-    return [
-        Finding(
-            f"A contact may be left out: forces through one point of body '{check.body}', ({point}) m in its frame, "
-            f"would explain {check.explained:.0%} of the residual moment.",
-            True,
-        )
-    ]
+    yield Finding(
+        f"A contact may be left out: forces through one point of body '{check.body}', ({point}) m in its frame, "
+        f"would explain {check.explained:.0%} of the residual moment.",
+        True,
+    )
 
 
-def weight_findings(weight: Weight | None) -> list[Finding]:
+def weight_findings(weight: Weight | None) -> Iterator[Finding]:
     """What the weighed mass says."""
     if weight is None:
-        return []
-    found = []
+        return
     if abs(weight.measured - weight.model) > HEAVY * weight.model:
-        found.append(
-            Finding(
-                f"The wrenches weigh {weight.measured:.2f} kg, the model {weight.model:.2f} kg: a contact or support "
-                "may be unmeasured, a unit may be wrong, or the model is of somebody else.",
-                abs(weight.measured - weight.model) > FAR_OFF * weight.model,
-            )
+        yield Finding(
+            f"The wrenches weigh {weight.measured:.2f} kg, the model {weight.model:.2f} kg: a contact or support "
+            "may be unmeasured, a unit may be wrong, or the model is of somebody else.",
+            abs(weight.measured - weight.model) > FAR_OFF * weight.model,
         )
     if abs(weight.drift) > DRIFT * weight.model:
-        found.append(
-            Finding(
-                f"The weighed mass drifts by {weight.drift:+.2f} kg over the recording, as an unmeasured contact or a "
-                "drifting sensor would make it.",
-                True,
-            )
+        yield Finding(
+            f"The weighed mass drifts by {weight.drift:+.2f} kg over the recording, as an unmeasured contact or a "
+            "drifting sensor would make it.",
+            True,
         )
-    return found
 
 
-def _offsets(result: "Estimate") -> list[Finding]:
-    fitted = any(name.startswith("offset(") for name in result.names)
+def _offsets(result: "Estimate") -> Iterator[Finding]:
     large = {
         channel: f"{channel} {value:.3g} ± {std:.2g} {_unit(channel)}".rstrip()
         for channel, (value, std) in result.offsets.items()
         if abs(value) > 4 * std and abs(value) > 0.3 * result.scale[result.channels.index(channel)]
     }
     if not large:
-        return []
-    found = []
+        return
     weights = _weights(result)
-    huge = [
-        f"{text} ({abs(result.offsets[channel][0]) / weights[channel[0]]:.0%})"
-        for channel, text in large.items()
-        if channel in COMPONENTS and abs(result.offsets[channel][0]) > OFFSET * weights[channel[0]]
-    ]
-    if huge:
-        found.append(
-            Finding(
-                f"Constant offsets are large beside the model's weight, of which or of whose moment at the mechanism's "
-                f"reach they are so much: {', '.join(huge)}: a sensor may not be tared, gravity or mass of the model "
-                "may be wrong, or a support is not measured.",
-                True,
-            )
+    of_weight = {c: abs(result.offsets[c][0]) / weights[c[0]] for c in large if c in COMPONENTS}
+    if huge := [f"{large[c]} ({share:.0%})" for c, share in of_weight.items() if share > OFFSET]:
+        yield Finding(
+            f"Constant offsets are large beside the model's weight, of which or of whose moment at the mechanism's "
+            f"reach they are so much: {', '.join(huge)}: a sensor may not be tared, gravity or mass of the model "
+            "may be wrong, or a support is not measured.",
+            True,
         )
-    listed = ", ".join(large.values())
+    listed, fitted = ", ".join(large.values()), any(name.startswith("offset(") for name in result.names)
     if fitted:
-        return [*found, Finding(f"Constant offsets were found and taken out: {listed}.", False)]
-    return [
-        *found,
-        Finding(f"Constant offsets are in the measurements and were not fitted (--offsets does): {listed}.", True),
-    ]
+        yield Finding(f"Constant offsets were found and taken out: {listed}.", False)
+    else:
+        yield Finding(f"Constant offsets are in the measurements and were not fitted (--offsets does): {listed}.", True)
 
 
 def _weights(result: "Estimate") -> dict[str, float]:
@@ -274,53 +215,54 @@ def _weights(result: "Estimate") -> dict[str, float]:
     return {"F": weight, "M": weight * reach if reach > 0 else np.inf}
 
 
-def _stuck(result: "Estimate") -> list[Finding]:
-    stuck = result.prepared.stuck
-    if not stuck:
-        return []
-    return [
-        Finding(
-            f"Stuck at one value over the whole log, though the model says that they change, and so left out: "
-            f'{", ".join(stuck)}. Mend the sensor, or map what is not connected as missing, by "" in --columns.',
-            True,
-        )
-    ]
-
-
 def _unit(channel: str) -> str:
     return {"F": "N", "M": "N m"}.get(channel[0], "") if channel in COMPONENTS else ""
 
 
-def quality_findings(ratios: Mapping[str, float], part: str) -> list[Finding]:
+def quality_findings(ratios: Mapping[str, float], part: str) -> Iterator[Finding]:
     """What residuals over signals, of each channel on some part, say."""
+    more = "More is left over than the channel varies, as of a constant offset or a sensor that died"
     kinds = (
-        (
-            "More is left over than the channel varies, as of a constant offset or a sensor that died",
-            LEFT,
-            np.inf,
-            True,
-        ),
+        (more, LEFT, np.inf, True),
         ("Not explained by this motion", UNEXPLAINED, LEFT, False),
         ("Predicted poorly", POOR, UNEXPLAINED, True),
     )
-    found = []
     for what, low, high, doubt in kinds:
         if listed := ", ".join(f"{channel} ({ratio:.3g})" for channel, ratio in ratios.items() if low < ratio <= high):
-            text = f"{what}, {part} residual over standard deviation in brackets: {listed}."
-            found.append(Finding(text, doubt))
-    return found
+            yield Finding(f"{what}, {part} residual over standard deviation in brackets: {listed}.", doubt)
 
 
-def _inseparable(result: "Estimate") -> list[Finding]:
-    if not result.inseparable:
-        return []
-    return [
-        Finding(
+def _inseparable(result: "Estimate") -> Iterator[Finding]:
+    if result.inseparable:
+        yield Finding(
             f"Constant offsets of {', '.join(result.inseparable)} cannot be told from masses and first moments: "
             "those take them up.",
             False,
         )
-    ]
+
+
+def _stuck(result: "Estimate") -> Iterator[Finding]:
+    if result.prepared.stuck:
+        yield Finding(
+            f"Stuck at one value over the whole log, though the model says that they change, and so left out: "
+            f'{", ".join(result.prepared.stuck)}. Mend the sensor, or map what is not connected as missing, by "" in '
+            "--columns.",
+            True,
+        )
+
+
+def _caveats(result: "Estimate") -> Iterator[Finding]:
+    if result.prepared.cutoff is None:
+        yield Finding(
+            "Velocities and accelerations are the log's own and the wrenches are not filtered: if the log's were, "
+            "--cutoff auto treats both alike.",
+            False,
+        )
+    yield Finding(
+        "The standard deviations are those of noise on the wrenches; noise on the joint angles biases the estimate "
+        "and is not in them.",
+        False,
+    )
 
 
 def _consistency(full: ConsistentParameters) -> Finding:
@@ -337,7 +279,7 @@ def _consistency(full: ConsistentParameters) -> Finding:
     )
 
 
-def _masses(result: "Estimate") -> list[Finding]:
+def _masses(result: "Estimate") -> Iterator[Finding]:
     """Bodies that end far from the model's mass, a doubt where the data cannot tell a mass from one so different."""
     full, mechanism = result.consistent(), result.prepared.mechanism
     told: dict[bool, list[str]] = {True: [], False: []}
@@ -346,8 +288,7 @@ def _masses(result: "Estimate") -> list[Finding]:
         if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
             was = f"{before:.3g} kg" if before else "none"
             told[bool(2 * std < np.log(FACTOR) * mass)].append(f"{name} {mass:.3g} ± {std:.2g} kg (model: {was})")
-    return [
-        Finding(f"Masses beyond a factor of {FACTOR:g} of the model's, {how}: {', '.join(told[known])}.", not known)
-        for known, how in ((True, "which the data show"), (False, "though the data hardly see them"))
-        if told[known]
-    ]
+    for known, how in ((True, "which the data show"), (False, "though the data hardly see them")):
+        if told[known]:
+            text = f"Masses beyond a factor of {FACTOR:g} of the model's, {how}: {', '.join(told[known])}."
+            yield Finding(text, not known)

@@ -18,7 +18,7 @@ from ident.mechanism.tree import Tree
 
 
 class BodyMotion(NamedTuple):
-    """BodyMotion of a frame in base axes.
+    """Motion of a frame in base axes.
 
     Attributes:
         R: Its axes (3, 3).
@@ -38,7 +38,7 @@ class BodyMotion(NamedTuple):
 
 
 def base_motion(w: np.ndarray, dw: np.ndarray, a: np.ndarray) -> BodyMotion:
-    """BodyMotion of the base frame in its own axes of the instant, from ω, α and its acceleration less gravity (3,)."""
+    """Motion of the base frame in its own axes of the instant, from ω, α and its acceleration less gravity (3,)."""
     return BodyMotion(np.eye(3), np.zeros(3), w, dw, a, _second_derivative(w, dw))
 
 
@@ -49,7 +49,7 @@ def base_wrench_rows(
 
     Args:
         tree: The mechanism.
-        root: BodyMotion of the base frame.
+        root: Motion of the base frame.
         q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
 
     Returns:
@@ -83,7 +83,7 @@ def joint_torque_rows(tree: Tree, motions: list[BodyMotion], Y: np.ndarray) -> n
 
 
 def _moved(parent: BodyMotion, body: Body, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BodyMotion:
-    """BodyMotion of a body from its parent's."""
+    """Motion of a body from its parent's."""
     R_joint, p_joint = _joint_pose(body, q)
     R, offset = parent.R @ R_joint, parent.R @ p_joint
     p, a = parent.p + offset, parent.a + parent.S @ offset

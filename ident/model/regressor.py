@@ -17,10 +17,7 @@ from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form
 from ident.model.tape import Program, Tape
-
-DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc"}
-"""What takes torque at a joint besides the links: rotor inertia times acceleration (kg m²), viscous friction times
-velocity (N m s), Coulomb friction times its sign (N m). The names are those of the columns."""
+from ident.tolerances import DRIVE
 
 CHUNK = 4096
 """Samples worked on together: few enough for the intermediate results to stay in the cache, and enough to make the

@@ -14,18 +14,17 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.echelon import reduced_rows
 from ident.parameters.structure import Sensors, scaled_structure
+from ident.tolerances import ZERO_COLUMN
 
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity along -Z of the base frame, m/s²."""
 
-ZERO_COLUMN = 1e-11
-"""A column below this fraction of the largest column's norm is zero but for rounding."""
-
 SMALL_COLUMN = 1e-5
 """Columns below this fraction of the largest column's norm are not scaled up all the way to unit length."""
 
-SINGULAR = 1e-9
-"""Singular values of the unit-norm columns below this fraction of the largest are zero but for rounding."""
+DEPENDENT = 1e-9
+"""Singular values of the unit-norm columns below this fraction of the largest, and coefficients between such columns
+below it, are zero but for rounding."""
 
 COEFFICIENTS = 1e5, 1e3
 """Largest coefficients between unit-norm columns. With the first no column is lost to rounding; where the first
@@ -221,8 +220,8 @@ def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> 
         sensors: What is measured now, by default the base wrench of a resting base.
 
     Returns:
-        Parameters gained by measuring the `base wrench`, the `joint torques`, on a `moving base`, and if the axes of
-        all joints were `not parallel` to one another.
+        Parameters gained, by what would gain them: `with the base wrench`, `with joint torques`, `on a moving base`,
+        `with joint axes that are not parallel`.
     """
     now, tree = sensors or Sensors(), mechanism.tree
     skewed = list(tree.bodies)
@@ -231,10 +230,10 @@ def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> 
             turn = exp(np.array([0.0, 0, 0, *np.roll([0.6, 0.64, 0.48], k)]), 0.3 + 0.1 * k)
             skewed[i] = replace(skewed[i], twist=Ad(turn) @ skewed[i].twist)
     others = {
-        "base wrench": (mechanism, replace(now, base_wrench=True, channels=None)),
-        "joint torques": (mechanism, replace(now, joint_torques=True)),
-        "moving base": (mechanism, replace(now, moving_base=True)),
-        "not parallel": (replace(mechanism, tree=Tree(tuple(skewed))), now),
+        "with the base wrench": (mechanism, replace(now, base_wrench=True, channels=None)),
+        "with joint torques": (mechanism, replace(now, joint_torques=True)),
+        "on a moving base": (mechanism, replace(now, moving_base=True)),
+        "with joint axes that are not parallel": (replace(mechanism, tree=Tree(tuple(skewed))), now),
     }
     names = find_base_parameters(mechanism, sensors=now).names
     found = {what: find_base_parameters(m, sensors=s).names for what, (m, s) in others.items()}
@@ -254,7 +253,7 @@ def _unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _rank(singular_values: np.ndarray) -> int:
     """Number of singular values that are more than rounding."""
-    return int(np.sum(singular_values > SINGULAR * singular_values.max(initial=0)))
+    return int(np.sum(singular_values > DEPENDENT * singular_values.max(initial=0)))
 
 
 def _first_independent(unit: np.ndarray, rank: int) -> tuple[list[int], list[int]]:
@@ -274,7 +273,7 @@ def _first_independent(unit: np.ndarray, rank: int) -> tuple[list[int], list[int
 
 
 def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[list[int], list[int]]:
-    """Checkpoint columns after exchanges to the left, and columns passed over as coefficients would become too large.
+    """Kept columns after exchanges to the left, and columns passed over as coefficients would become too large.
 
     Args:
         start: Indices of the kept columns (r,).
@@ -285,7 +284,7 @@ def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[lis
     for j in range(made.shape[1]):
         share = np.where(kept > j, abs(made[:, j]), 0)
         i = int(share.argmax())
-        if j in kept or share[i] <= SINGULAR:
+        if j in kept or share[i] <= DEPENDENT:
             continue
         row = made[i] / made[i, j]
         after = made - np.outer(made[:, j], row)
@@ -300,7 +299,7 @@ def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[lis
 def _coefficients(kept: np.ndarray, dependent: np.ndarray) -> np.ndarray:
     """How unit columns are made of others, with zeros where less is only rounding."""
     made = np.linalg.lstsq(kept, dependent, rcond=None)[0]
-    short = np.where(abs(made) < SINGULAR, 0, made)
+    short = np.where(abs(made) < DEPENDENT, 0, made)
     rounding = np.linalg.norm(dependent - kept @ short, axis=0) < NEGLIGIBLE
     return np.where(rounding, short, made)
 

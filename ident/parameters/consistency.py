@@ -26,13 +26,13 @@ ROOM = 3.84
 CONFIDENCE = 0.95
 """Probability of the region around ψ in which bodies count as having ψ."""
 
-SMALLEST = 1e-8
+UNPHYSICAL = 1e-8
 """Bodies with an eigenvalue of `J P⁻¹` below this are as good as not physical."""
 
 FINEST = 0.8
 """The way to the prior's width is given up where it could only be widened by steps of less than this factor."""
 
-STEPS = 50
+NEWTON_STEPS = 50
 """Newton steps after which a minimisation is given up; ten are usual."""
 
 CONVERGED = 1e-9
@@ -211,7 +211,7 @@ class _Problem:
             found = self._minimiser(K, multipliers, following)
             if found is None:
                 ratio = np.sqrt(ratio)
-            elif np.linalg.eigvalsh(found[0]).min() < SMALLEST:
+            elif np.linalg.eigvalsh(found[0]).min() < UNPHYSICAL:
                 break
             else:
                 (K, multipliers), mu, ratio = found, following, max(0.1, ratio**2)
@@ -240,7 +240,7 @@ class _Problem:
         r = len(self.psi)
         Z = self.prior - np.tensordot(multipliers, self.A, 1)
         length = 1.0
-        for _ in range(STEPS):
+        for _ in range(NEWTON_STEPS):
             G, s = _common_axes(K, Z)
             if not s.all():
                 return None

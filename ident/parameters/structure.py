@@ -23,9 +23,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.model.dim import momentum_regressor
 from ident.parameters.echelon import reduced_rows
-
-ROUNDING = 1e-10
-"""Singular values below this fraction of the largest are rounding."""
+from ident.tolerances import SINGULAR
 
 TWICE_PSEUDO_INERTIAS = pseudo_inertia(2 * np.eye(10)).astype(int)
 """Twice the pseudo-inertia of each unit φ, in whole numbers (10, 4, 4)."""
@@ -254,4 +252,4 @@ def _span(parts: list[np.ndarray], width: int) -> np.ndarray:
     if rows.dtype == object:
         return reduced_rows(rows)[0]
     _, s, vt = np.linalg.svd(rows, full_matrices=False)
-    return vt[s > ROUNDING * s.max(initial=0)]
+    return vt[s > SINGULAR * s.max(initial=0)]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.table import COMPONENTS, METADATA, Memory, Table, is_number, short
+from ident.recordings.table import METADATA, SUFFIXES, Memory, Table, is_number, short
 
 DELIMITERS = ";\t,"
 """What may stand between cells: the first of them that the header has. Unless it is the comma, decimals may have it."""
@@ -32,7 +32,7 @@ def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[
     """
     columns: dict[str, np.ndarray] = {}
     for name, x in channels.items():
-        suffixes = [""] if x.ndim == 1 else [f".{c}" for c in COMPONENTS.get(x.shape[1], range(x.shape[1]))]
+        suffixes = [""] if x.ndim == 1 else [f".{c}" for c in SUFFIXES.get(x.shape[1], range(x.shape[1]))]
         columns |= {f"{name}{s}": column for s, column in zip(suffixes, x.reshape(len(x), -1).T, strict=True)}
     with path.open("w", encoding="utf-8") as stream:
         stream.writelines(f"# {key}: {json.dumps(value)}\n" for key, value in metadata.items())

@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.ndimage import label, median_filter
 
+from ident.tolerances import NORMAL_MAD
+
 WINDOW = 11
 """Samples of the running median."""
 
@@ -27,7 +29,7 @@ def despiked(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         deviation = np.abs(out[:, c] - median_filter(out[:, c], WINDOW, mode="nearest"))
         typical = np.maximum(median_filter(deviation, 5 * WINDOW, mode="nearest"), np.median(deviation))
         spread = np.median(np.abs(out[:, c] - np.median(out[:, c])))
-        runs, _ = label(deviation > 1.4826 * np.maximum(GROSS * typical, spread))
+        runs, _ = label(deviation > NORMAL_MAD * np.maximum(GROSS * typical, spread))
         bad = (runs > 0) & (np.bincount(runs)[runs] <= ISOLATED)
         counts[c] = bad.sum()
         if bad.any() and not bad.all():

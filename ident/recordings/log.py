@@ -16,7 +16,7 @@ from ident.recordings.npz import LIMIT
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
 from ident.recordings.table import TRUE
-from ident.recordings.times import SAMPLES, Clock
+from ident.recordings.times import LEAST_SAMPLES, Clock
 
 
 def read_log(
@@ -59,19 +59,19 @@ def read_log_pieces(
 
     Args:
         path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
-        samples: Samples of each piece, at least `SAMPLES`.
+        samples: Samples of each piece, at least `LEAST_SAMPLES`.
     """
     joints = mechanism.tree.joints
     kinds = joint_kinds(mechanism.tree)
     mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), mechanism.tree)
     clock: Clock | None = None
     try:
-        for table in read_tables(Path(path), max(samples, SAMPLES), overlap=1, limit=limit):
+        for table in read_tables(Path(path), max(samples, LEAST_SAMPLES), overlap=1, limit=limit):
             table = replace(table, cells={name: x for name, x in table.cells.items() if not name.startswith(TRUE)})
             notes: list[str] = []
             if first := clock is None:
-                if len(table.rows) < SAMPLES:
-                    raise LogError(f"a log needs at least {SAMPLES} samples, it has {len(table.rows)}.")
+                if len(table.rows) < LEAST_SAMPLES:
+                    raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has {len(table.rows)}.")
                 mapping = with_names(mapping, table, joints)
                 clock = Clock(mapping.columns["time"])
             channels = read_channels(table, mapping, notes if first else [])
@@ -79,7 +79,7 @@ def read_log_pieces(
             if not len(time):
                 continue
             unused = [name for name in table.cells if name not in mapping.used]
-            recording = _without_incomplete(_recording(time, channels, mapping, kinds), joints, notes if first else [])
+            recording = _without_incomplete(_recording(time, channels, mapping), joints, notes if first else [])
             if first:
                 hinges = [joint for joint, kind in kinds.items() if kind == "hinge"]
                 check_angles(recording, mapping, hinges)
@@ -87,14 +87,12 @@ def read_log_pieces(
                 notes += unit_of_force(recording, mapping, mechanism)
             yield replace(recording, notes=notes, unused=unused)
         if clock is None:
-            raise LogError(f"a log needs at least {SAMPLES} samples, it has 0.")
+            raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has 0.")
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def _recording(
-    time: np.ndarray, channels: Mapping[str, np.ndarray], mapping: ColumnMapping, kinds: Mapping[str, str]
-) -> Recording:
+def _recording(time: np.ndarray, channels: Mapping[str, np.ndarray], mapping: ColumnMapping) -> Recording:
     """Channels by the names that recordings have for them, without those of joints that are missing."""
     measured: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}

@@ -10,12 +10,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.recordings.mapping import ColumnMapping
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND
-
-TURNS = 20.0
-"""Range of a hinge's angles, rad, beyond which they are suspected to be degrees."""
-
-KILONEWTONS = 500.0
-"""How many times a force falls short of the weight if it is suspected to be in kilonewtons."""
+from ident.tolerances import KILONEWTONS, TURNS
 
 
 def check_angles(recording: Recording, mapping: ColumnMapping, hinges: Sequence[str]) -> None:

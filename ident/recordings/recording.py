@@ -19,6 +19,9 @@ from ident.recordings.npz import LIMIT
 from ident.recordings.table import BASE, METADATA, TRUE, is_number
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, sensors_told, total_wrench
 
+STATES = ("position", "velocity", "acceleration")
+"""What channels call q, q̇ and q̈ of a joint."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -98,7 +101,7 @@ class Recording:
 
     def joint_states(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q in rad, q̇ in rad/s and q̈ in rad/s² of the named joints, each (N, n)."""
-        q, dq, ddq = (self.of_joints(joints, kind) for kind in ("position", "velocity", "acceleration"))
+        q, dq, ddq = (self.of_joints(joints, kind) for kind in STATES)
         return q, dq, ddq
 
     def of_joints(self, joints: Sequence[str], kind: str) -> np.ndarray:
@@ -115,10 +118,7 @@ class Recording:
 
     def joint_noise(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Standard deviations of the channels of `joint_states`, zero where unknown, each (n,)."""
-        q, dq, ddq = (
-            np.array([self.noise.get(f"{joint}_{kind}", 0.0) for joint in joints])
-            for kind in ("position", "velocity", "acceleration")
-        )
+        q, dq, ddq = (np.array([self.noise.get(f"{joint}_{kind}", 0.0) for joint in joints]) for kind in STATES)
         return q, dq, ddq
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.errors import LogError
 
-COMPONENTS = {3: "xyz", 4: "wxyz"}
+SUFFIXES = {3: "xyz", 4: "wxyz"}
 """Suffixes of the columns of a vector and of a quaternion: `ground_force.x`."""
 
 TRUE = "true:"
@@ -137,7 +137,7 @@ def _channel(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """A channel from its column, or from those of its components by their suffixes."""
     if columns.keys() == {""}:
         return columns[""]
-    expected = COMPONENTS.get(len(columns), [str(k) for k in range(len(columns))])
+    expected = SUFFIXES.get(len(columns), [str(k) for k in range(len(columns))])
     if columns.keys() != set(expected):
         has = ", ".join(map(short, columns))
         raise LogError(f"channel '{name}' needs the components {', '.join(expected)}, it has {has}.")

@@ -8,10 +8,10 @@ from ident.errors import LogError
 from ident.recordings.mapping import Columns
 from ident.recordings.table import Table
 
-SAMPLES = 10
+LEAST_SAMPLES = 10
 """Fewest samples that a log needs."""
 
-GAP, JITTER, ROUNDING = 1.5, 0.2, 1e-3
+GAP, JITTER, UNIFORM = 1.5, 0.2, 1e-3
 """Steps of time in medians: longer ones are gaps, others are resampled; what departs less is as good as uniform."""
 
 LATEST = 1e12
@@ -67,7 +67,7 @@ class Clock:
                 f"are {self.step:g} s; a filter over a gap of {int(gaps.sum())} invents data: cut the log there."
             )
         grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / self.step) + 1)
-        if len(grid) != len(time) or np.abs(time - grid).max() > ROUNDING * self.step:
+        if len(grid) != len(time) or np.abs(time - grid).max() > UNIFORM * self.step:
             notes.append(_jitter(table, name, steps, self.step, kept))
             channels = {key: _interpolated(grid, time, x) for key, x in channels.items()}
         return self.start + grid[read_before:], {key: x[read_before:] for key, x in channels.items()}
@@ -75,8 +75,8 @@ class Clock:
     def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:
         """Takes start and step from the first piece."""
         (name,) = self.column.names
-        if len(time) < SAMPLES:
-            raise LogError(f"a log needs at least {SAMPLES} samples at different times, it has {len(time)}.")
+        if len(time) < LEAST_SAMPLES:
+            raise LogError(f"a log needs at least {LEAST_SAMPLES} samples at different times, it has {len(time)}.")
         self.zero, self.start, self.step = zero, zero * self.column.factor, float(np.median(np.diff(time)))
         if abs(self.start) > 1e6:
             notes.append(f"Times start at {self.start:.10g} s; they are counted from there.")

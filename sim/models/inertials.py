@@ -13,7 +13,7 @@ from sim.models.refusals import refusals
 OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
 """Compiler settings, besides inertiafromgeom, that change inertias which a file states."""
 
-SMALLEST = 1e-12
+LIGHTEST = 1e-12
 """Mass in kg, and moment in kg m², that MuJoCo's compiler takes for those of a body that moves."""
 
 
@@ -87,8 +87,8 @@ def compiled_as_stated(spec: mujoco.MjSpec, source: object = "The model") -> muj
             return spec.compile()
     spheres = spec.copy()
     for b, stated in refused.items():
-        moment = max(*stated.moments, SMALLEST)
-        set_inertials(spheres, {b: stated._replace(mass=max(stated.mass, SMALLEST), moments=np.full(3, moment))})
+        moment = max(*stated.moments, LIGHTEST)
+        set_inertials(spheres, {b: stated._replace(mass=max(stated.mass, LIGHTEST), moments=np.full(3, moment))})
     with refusals(source):
         model = spheres.compile()
     for b, stated in refused.items():
@@ -105,7 +105,7 @@ def _refused(spec: mujoco.MjSpec) -> Iterator[tuple[int, Inertial]]:
             stated = Inertial(0.0, np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3))
         elif not body.explicitinertial or np.isfinite(body.fullinertia[0]):
             continue
-        small = stated.mass < SMALLEST or min(stated.moments) < SMALLEST
+        small = stated.mass < LIGHTEST or min(stated.moments) < LIGHTEST
         if stated.mass >= 0 and (not is_balanced(stated.moments) or (small and body.joints)):
             yield b, stated
 

@@ -16,7 +16,7 @@ from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 from sim.models.couplings import check_couplings
 from sim.models.inertials import compiled_as_stated, note_inertias
-from sim.models.names import body_id, body_name, id_of, joint_name
+from sim.models.names import body_id, body_name, joint_name
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
 
@@ -62,7 +62,6 @@ def tree_from_model(
     base: str | None = None,
     beyond: Sequence[str] = BEYOND,
     *,
-    merge_welds: bool = False,
     ignore: Collection[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
 ) -> Tree:
@@ -74,7 +73,6 @@ def tree_from_model(
             of the tree: a base that does not rest needs its `base_motion`. Without a name, {0} is the world's frame and
             all bodies are in the tree.
         beyond: Names of bodies that, with all they carry, are not part of the mechanism.
-        merge_welds: Make welded bodies one with what carries them.
         ignore: Names of equality constraints and tendons to leave out of the equations.
         fix: Names of the tree's joints that do not move, with their coordinates, rad, m or a quaternion; an empty
             sequence for those of the reference configuration.
@@ -99,7 +97,7 @@ def tree_from_model(
     if fix:
         rest = rest_coordinates(model, base, beyond)
         tree = tree.fixed({joint: q if len(q) else rest.get(joint, ()) for joint, q in fix.items()})
-    return tree.without_welds()[0] if merge_welds else tree
+    return tree
 
 
 def parameters_from_model(source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND) -> np.ndarray:
@@ -201,31 +199,6 @@ def gravity_in_base(source: Source, base: str | None = None) -> np.ndarray:
         R = _rotation(model.body_quat[b]) @ R
         b = model.body_parentid[b]
     return R.T @ gravity_of(model)
-
-
-def site_on_tree(
-    source: Source, site: str, base: str | None = None, beyond: Sequence[str] = BEYOND
-) -> tuple[str, np.ndarray]:
-    """Where a sensor's site sits on the mechanism.
-
-    Args:
-        source: The model.
-        site: Name of the site, on a body of the mechanism or on one welded beyond its end.
-        base: Name of the base body, as for `tree_from_model`.
-        beyond: Names of bodies at which the mechanism ends.
-
-    Returns:
-        Name of the mechanism's body that carries it (with welds kept), and the site's pose in that body's frame (4, 4).
-
-    Raises:
-        ModelError: The site does not exist, or is not fixed to a body of the mechanism.
-    """
-    model = compiled(source)
-    s = id_of(model, mujoco.mjtObj.mjOBJ_SITE, site)
-    place = place_of_site(model, s, mechanism_bodies(model, base, beyond))
-    if place is None:
-        raise ModelError(f"Site '{site}' is not fixed to a body of the mechanism on '{base or 'the world'}'.")
-    return place
 
 
 def place_of_site(model: mujoco.MjModel, s: int, members: Sequence[int]) -> tuple[str, np.ndarray] | None:

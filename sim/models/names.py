@@ -43,7 +43,7 @@ def joint_name(model: mujoco.MjModel, j: int) -> str:
 
 
 def id_of(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
-    """Id of the body, besides the world, of the joint or of the site that has a name.
+    """Id of the body, besides the world, or of the joint that has a name.
 
     Raises:
         ModelError: There is none.
@@ -51,7 +51,6 @@ def id_of(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
     first, count, several = {
         mujoco.mjtObj.mjOBJ_BODY: (1, model.nbody, "bodies"),
         mujoco.mjtObj.mjOBJ_JOINT: (0, model.njnt, "joints"),
-        mujoco.mjtObj.mjOBJ_SITE: (0, model.nsite, "sites"),
     }[kind]
     names = [name_of(model, kind, index) for index in range(first, count)]
     if name not in names:

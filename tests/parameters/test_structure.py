@@ -96,11 +96,11 @@ def test_without_gravity_less_is_seen():
 
 def test_which_sensor_would_separate_more():
     gains = separating_sensors(Mechanism(double_pendulum(), GRAVITY))
-    assert not gains["base wrench"] and not gains["joint torques"]
-    assert len(gains["moving base"]) == 24 - 13
-    assert gains["not parallel"] == ("m2rx2", "Iyy2", "Izz2", "m3rx3", "Iyy3", "Izz3")
+    assert not gains["with the base wrench"] and not gains["with joint torques"]
+    assert len(gains["on a moving base"]) == 24 - 13
+    assert gains["with joint axes that are not parallel"] == ("m2rx2", "Iyy2", "Izz2", "m3rx3", "Iyy3", "Izz3")
     torques = separating_sensors(Mechanism(double_pendulum(), GRAVITY), TORQUES)
-    assert torques["base wrench"] == ("m1", "m1rx1", "m1ry1", "Ixy2", "Ixz2", "Ixy3", "Ixz3")
+    assert torques["with the base wrench"] == ("m1", "m1rx1", "m1ry1", "Ixy2", "Ixz2", "Ixy3", "Ixz3")
 
 
 def test_structure_of_a_welded_tree_is_its_weight():

@@ -20,6 +20,7 @@ from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.recording import Recording
+from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -68,9 +69,7 @@ def with_channels(original, **channels):
 
 def cell_mapping(contact="pad", applied="false"):
     """Mapping of the load cell: it measures what the link exerts on its surroundings."""
-    from sim.models.mujoco_model import site_on_tree
-
-    _, pose = site_on_tree(scenes.load("double_pendulum", contact=contact).compile(), "contact", "base")
+    _, pose = mechanism(scenes.load("double_pendulum", contact=contact), "base").site("contact")
     quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
     return CONTACT.format(position=pose[:3, 3].tolist(), quaternion=quaternion.tolist(), applied=applied)
 
