@@ -100,4 +100,4 @@ def spread(residual: np.ndarray) -> np.ndarray:
     spread = NORMAL_MAD * np.median(np.abs(residual), axis=0)
     usual = residual.std(axis=0)
     floor = max(1e-9 * usual.max(initial=0), 1e-12)
-    return np.where(spread > 1e-3 * usual, spread, np.maximum(usual, floor))
+    return np.maximum(np.where(spread > 1e-3 * usual, spread, usual), floor)

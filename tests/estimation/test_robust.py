@@ -60,6 +60,15 @@ def test_the_fit_solves_hubers_equations():
     assert (abs(pulls.sum(axis=(0, 1))) < 1e-4 * abs(pulls).sum(axis=(0, 1))).all()
 
 
+def test_a_channel_that_is_fitted_exactly_keeps_a_finite_weight():
+    """Where nothing is measured the coefficient goes to zero, and the channel's residual with it, ever faster."""
+    columns, measured = case(np.random.default_rng(3))
+    columns[:, 1, :2] = measured[:, 1] = 0
+    fit = fit_of(columns, measured)
+    assert abs(fit.values[2]) < 1e-6
+    assert (abs(fit.values[:2] - TRUE[:2]) < 4 * fit.std[:2]).all()
+
+
 def test_ordinary_least_squares_is_lstsq():
     columns, measured = case(np.random.default_rng(0))
     expected = np.linalg.lstsq(columns.reshape(-1, 3), measured.ravel(), rcond=None)[0]

@@ -305,7 +305,7 @@ def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(
         ([str(PENDULUM), "LOG", "--base", "foot"], "no body named 'foot'; its bodies are base, link1, link2"),
         ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "90"], "from 0 to 50 Hz, half the sampling rate"),
         ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "fast"], "'auto' or from 0 to 50 Hz"),
-        ([str(PENDULUM), "LOG", "--base", "base", "--holdout", "2"], "needs a number from 0.05 to 0.9, got '2'"),
+        ([str(PENDULUM), "LOG", "--base", "base", "--holdout", "2"], "needs a number from 0.05 to 0.9, or 0, got '2'"),
         ([str(PENDULUM), "SHORT", "--base", "base"], "too few"),
         ([str(PENDULUM), "STILL", "--base", "base"], "excites .* parameters; it does not separate"),
     ],
