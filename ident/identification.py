@@ -151,7 +151,7 @@ class Estimate:
     @property
     def correlation(self) -> np.ndarray:
         """Correlation time of each channel's residual, s (C,)."""
-        return correlation_time(self.residual, self.prepared.log.rate)
+        return correlation_time(self.residual, self.prepared.recording.rate)
 
     def predict(self, motion: Motion) -> np.ndarray:
         """Channels that the estimate predicts for a motion, in N and N m (N, C)."""
@@ -299,7 +299,7 @@ def identified(
         fit=fit,
         offsets={channel: (value, std) for channel, value, std in measured},
         part=part,
-        held_out=HeldOut(source.log.time[judged], source.samples[judged], fit),
+        held_out=HeldOut(source.recording.time[judged], source.samples[judged], fit),
         singular_values=singular_values,
         axes=axes,
     )

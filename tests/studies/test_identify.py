@@ -245,7 +245,7 @@ def test_another_log_judges(tmp_path):
     simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=7).save(other)
     prepared = [prepare(PENDULUM, p, base="base") for p in (path, other)]
     result = identified(prepared[0], other=prepared[1])
-    assert result.part.stop == len(result.prepared.log.time)
+    assert result.part.stop == len(result.prepared.recording.time)
     assert result.held_out.ratio[2] < 0.1
 
 
