@@ -291,8 +291,8 @@ def identified(
     full = robust_fit(with_offsets, fitted, weighted=weighted)
     fit = full if offsets else robust_fit(equations, fitted, weighted=weighted)
     names = [equations.channels[k] for k in with_offsets.offsets]
-    found = slice(len(full.values) - len(names), None)
-    measured = zip(names, full.values[found].tolist(), full.std[found].tolist(), strict=True)
+    last = slice(len(full.values) - len(names), None)
+    measured = zip(names, full.values[last].tolist(), full.std[last].tolist(), strict=True)
     source = other or prepared
     return Estimate(
         prepared=prepared,

@@ -101,11 +101,11 @@ def prepared(
     stuck = _stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     rows = channels.wrench
     sensors = Sensors(rows is not None, bool(channels.torques), motion.base is not None, rows)
-    found = find_base_parameters(mechanism, sensors=sensors)
-    notes += _hidden(mechanism, sensors, found, channels.names)
-    notes += [found.remark] if found.remark else []
+    parameters = find_base_parameters(mechanism, sensors=sensors)
+    notes += _hidden(mechanism, sensors, parameters, channels.names)
+    notes += [parameters.remark] if parameters.remark else []
     drives = drive_names(tree, drive) if channels.torques else ()
-    equations = Equations(mechanism, found, rows, channels.torques, channels.names, drives)
+    equations = Equations(mechanism, parameters, rows, channels.torques, channels.names, drives)
     samples = Samples(motion, channels.measured)
     fitted = separable(equations, samples) if drives else equations
     if lost := [drive for drive in drives if drive not in fitted.drives]:
@@ -236,16 +236,16 @@ def _stuck(constant: dict[str, float], predicted: dict[str, np.ndarray], notes: 
     return tuple(f"{name} ({constant[name]:g})" for name in stuck)
 
 
-def _hidden(mechanism: Mechanism, sensors: Sensors, found: BaseParameters, channels: Sequence[str]) -> list[str]:
+def _hidden(mechanism: Mechanism, sensors: Sensors, parameters: BaseParameters, channels: Sequence[str]) -> list[str]:
     """A note on what the missing components of the wrench keep out of sight."""
     if not sensors.base_wrench:
         return []
     whole = replace(sensors, channels=None)
     every = find_base_parameters(mechanism, sensors=whole).rank
-    if every == found.rank:
+    if every == parameters.rank:
         return []
     return [
-        f"{every - found.rank} of {every} base parameters cannot be seen in {', '.join(channels)}, whatever the "
+        f"{every - parameters.rank} of {every} base parameters cannot be seen in {', '.join(channels)}, whatever the "
         "motion; they take the other components of the wrench."
     ]
 
