@@ -151,7 +151,7 @@ class Estimate:
     @property
     def correlation(self) -> np.ndarray:
         """Correlation time of each channel's residual, s (C,)."""
-        return correlation_time(self.residual, self.prepared.log.rate)
+        return correlation_time(self.residual, self.prepared.recording.rate)
 
     def predict(self, motion: Motion) -> np.ndarray:
         """Channels that the estimate predicts for a motion, in N and N m (N, C)."""
@@ -291,15 +291,15 @@ def identified(
     full = robust_fit(with_offsets, fitted, weighted=weighted)
     fit = full if offsets else robust_fit(equations, fitted, weighted=weighted)
     names = [equations.channels[k] for k in with_offsets.offsets]
-    found = slice(len(full.values) - len(names), None)
-    measured = zip(names, full.values[found].tolist(), full.std[found].tolist(), strict=True)
+    last = slice(len(full.values) - len(names), None)
+    measured = zip(names, full.values[last].tolist(), full.std[last].tolist(), strict=True)
     source = other or prepared
     return Estimate(
         prepared=prepared,
         fit=fit,
         offsets={channel: (value, std) for channel, value, std in measured},
         part=part,
-        held_out=HeldOut(source.log.time[judged], source.samples[judged], fit),
+        held_out=HeldOut(source.recording.time[judged], source.samples[judged], fit),
         singular_values=singular_values,
         axes=axes,
     )

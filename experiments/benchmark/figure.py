@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from experiments.benchmark.identification import ALL_COLUMNS, CHAIN, REGRESSOR
-from experiments.benchmark.targets import PENDULUM, Results
+from experiments.benchmark.mechanisms import PENDULUM
+from experiments.benchmark.targets import Results
 from experiments.output import figures
 from ident.errors import InputError
 

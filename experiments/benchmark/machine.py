@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from experiments.benchmark.identification import ACCUMULATION, REGRESSOR
-from experiments.benchmark.mechanisms import Subject, mechanisms
+from experiments.benchmark.mechanisms import ARM, PENDULUM, TREE, Subject, mechanisms
 from experiments.benchmark.timing import Effort, alternating, timed
 from ident.estimation.accumulator import accumulate
 from ident.model.regressor import regressor_program
@@ -60,10 +60,6 @@ def _system() -> str:
     with suppress(OSError):
         return f"{platform.freedesktop_os_release()['PRETTY_NAME']}, {platform.machine()}"
     return platform.platform(terse=True)
-
-
-MEASURED = ("double pendulum", "7-link arm", "30-body tree")
-"""Mechanisms whose distance from the limits is measured."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +121,7 @@ class Distance:
 
 def distances(effort: Effort, reached: Limits) -> list[Distance]:
     """Distances from the limits at the largest number of samples that is compared."""
-    chosen = [mechanism for mechanism in mechanisms() if mechanism.name in MEASURED]
+    chosen = [mechanism for mechanism in mechanisms() if mechanism.name in (PENDULUM, ARM, TREE)]
     return [_distance(task, m, effort, reached) for m in chosen for task in (REGRESSOR, ACCUMULATION)]
 
 

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 import scenes
+from experiments.cli.defaults import SCENE
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import pose, rotation
@@ -18,6 +19,9 @@ from ident.model.regressor import CHUNK, base_wrench_regressor
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from sim.models.mujoco_model import tree_from_model
+
+PENDULUM, ARM, TREE = "double pendulum", "7-link arm", "30-body tree"
+"""Names of the mechanisms with axes along their frames' axes."""
 
 NOISE = 0.1
 """Standard deviation of the noise on the wrench, N and N m."""
@@ -70,8 +74,8 @@ class Subject(Mechanism):
 
 def double_pendulum(tilt_deg: float = 0.0) -> Subject:
     """The scene's, of three bodies."""
-    name = "double pendulum, tilted" if tilt_deg else "double pendulum"
-    return subject(name, tree_from_model(scenes.load("double_pendulum", tilt_deg=tilt_deg), "base"))
+    name = f"{PENDULUM}, tilted" if tilt_deg else PENDULUM
+    return subject(name, tree_from_model(scenes.load(SCENE, tilt_deg=tilt_deg), "base"))
 
 
 def subject(name: str, tree: Tree, *, moving: bool = False) -> Subject:
@@ -84,10 +88,10 @@ def mechanisms() -> tuple[Subject, ...]:
     return (
         double_pendulum(),
         double_pendulum(tilt_deg=5),
-        subject("7-link arm", chain(8)),
-        subject("7-link arm, general", in_general_position(chain(8))),
-        subject("30-body tree", humanoid(), moving=True),
-        subject("30-body tree, general", in_general_position(humanoid()), moving=True),
+        subject(ARM, chain(8)),
+        subject(f"{ARM}, general", in_general_position(chain(8))),
+        subject(TREE, humanoid(), moving=True),
+        subject(f"{TREE}, general", in_general_position(humanoid()), moving=True),
     )
 
 

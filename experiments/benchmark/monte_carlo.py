@@ -11,6 +11,7 @@ from experiments.benchmark.identification import check_agreement, solved
 from experiments.benchmark.mechanisms import Subject, double_pendulum
 from experiments.benchmark.peers import PEERS, Peer
 from experiments.benchmark.timing import Comparison, Effort, alternating
+from experiments.cli.defaults import SCENE
 from ident.estimation.least_squares import least_squares
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
@@ -48,7 +49,7 @@ class Trials:
     @classmethod
     def of(cls, samples: int) -> "Trials":
         """Around a recording of the scene with the paper's excitation."""
-        recording = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=samples)
+        recording = simulate(scenes.load(SCENE), DOUBLE_PENDULUM, samples=samples)
         mechanism, true = double_pendulum(), recording.noise_free
         joints = mechanism.tree.joints
         wrench = np.repeat([recording.noise[f"ground_{kind}"] for kind in ("force", "torque")], 3)

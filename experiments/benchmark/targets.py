@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from experiments.benchmark import identification, monte_carlo
+from experiments.benchmark.mechanisms import ARM, PENDULUM, TREE
 from experiments.output import report
+from experiments.studies import paper
 
 Results = Mapping[str, Any]
 """What `benchmark.json` holds."""
-
-PENDULUM, ARM, TREE = "double pendulum", "7-link arm", "30-body tree"
 
 AT_LEAST: tuple[tuple[str, str, int, float, float | None], ...] = (
     (identification.REGRESSOR, PENDULUM, 100_000, 3, 5),
@@ -18,8 +18,8 @@ AT_LEAST: tuple[tuple[str, str, int, float, float | None], ...] = (
     (identification.ACCUMULATION, PENDULUM, 100_000, 4, 6),
     (identification.ALL_COLUMNS, PENDULUM, 100_000, 10, 15),
     (identification.BASE_COLUMNS, PENDULUM, 100_000, 5, 8),
-    *((task, PENDULUM, number, 1.5, 3.0) for number in (1000, 943) for task in identification.TASKS),
-    *((task, PENDULUM, 943, 5, None) for task in monte_carlo.TASKS),
+    *((task, PENDULUM, number, 1.5, 3.0) for number in (1000, paper.SAMPLES) for task in identification.TASKS),
+    *((task, PENDULUM, paper.SAMPLES, 5, None) for task in monte_carlo.TASKS),
 )
 """Task, mechanism and number of samples of a comparison, the ratio that it should reach at least, and a better one."""
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from experiments.studies import paper
+
 MOST = 51
 """Repetitions at most."""
 
@@ -30,7 +32,7 @@ class Effort:
     sizes: tuple[int, ...] = (1000, 10_000, 100_000)
     streamed: int = 1_000_000
     trials: int = 1000
-    samples: int = 943
+    samples: int = paper.SAMPLES
     array: int = 2**25
     matrix: int = 1500
 

@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 
 from experiments.benchmark import identification, monte_carlo
+from experiments.benchmark.mechanisms import PENDULUM
 from experiments.benchmark.tables import table_overview
-from experiments.benchmark.targets import PENDULUM, Results, missed
+from experiments.benchmark.targets import Results, missed
 
 EMPTY = (
     "Empty: not compared; np.linalg.lstsq would take minutes there, and a stream of pieces has its accumulation only"

@@ -169,18 +169,18 @@ def _touches(result: Study) -> dict[str, float]:
 
 def report_text(result: Study) -> str:
     """What the terminal shows."""
-    found = summary(result)
+    numbers = summary(result)
     rows, columns = paper.SHAPE_MULTICONTACT
     errors = "; ".join(f"ignoring {name} {np.abs(fit.error).max():.3f}" for name, fit in result.ignoring.items())
     lines = [
         table_4(result).text(),
         table_4_ignoring(result).text(),
         table_contacts(result).text(),
-        f"Condition number: {found['condition_number']:.1f} at {found['rows']}x{found['rank']} "
+        f"Condition number: {numbers['condition_number']:.1f} at {numbers['rows']}x{numbers['rank']} "
         f"(paper: {paper.CONDITION_NUMBER_MULTICONTACT} at {rows}x{columns})",
-        f"Largest error: {found['largest_error']:.3f} with all contacts; {errors}",
-        f"All contacts touch in {found['fraction_all_touch']:.0%} of the samples, "
-        f"none in {found['fraction_none_touches']:.0%}",
+        f"Largest error: {numbers['largest_error']:.3f} with all contacts; {errors}",
+        f"All contacts touch in {numbers['fraction_all_touch']:.0%} of the samples, "
+        f"none in {numbers['fraction_none_touches']:.0%}",
     ]
     return "\n".join(lines)
 

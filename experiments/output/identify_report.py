@@ -91,7 +91,7 @@ def data_lines(result: Estimate) -> list[str]:
     samples, singular = len(prepared.samples), result.singular_values
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
     lines = [
-        f"{samples} samples at {prepared.log.rate:.4g} Hz, {filtered}; "
+        f"{samples} samples at {prepared.recording.rate:.4g} Hz, {filtered}; "
         f"{result.part.stop - result.part.start} fitted, {len(result.held_out.time)} held out.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(_bodies(result), start=1))}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
@@ -153,7 +153,11 @@ def held_out_figure(result: Estimate) -> Figure:
 def spectra_figure(result: Estimate) -> Figure:
     """Spectra of the measured channels and of their residuals on the held-out part, as far as the filter lets."""
     held, prepared = result.held_out, result.prepared
-    highest = prepared.log.rate / 2 if prepared.cutoff is None else min(3 * prepared.cutoff, prepared.log.rate / 2)
+    highest = (
+        prepared.recording.rate / 2
+        if prepared.cutoff is None
+        else min(3 * prepared.cutoff, prepared.recording.rate / 2)
+    )
     with figures.paper_style():
         figure, axes = _panels(result)
         for k, ax in enumerate(axes):
@@ -161,7 +165,7 @@ def spectra_figure(result: Estimate) -> Figure:
                 (held.samples.measured, "black", "Measured"),
                 (held.residual, "tab:red", "Residual"),
             ):
-                frequency, power = amplitude_spectrum(x[:, k], prepared.log.rate)
+                frequency, power = amplitude_spectrum(x[:, k], prepared.recording.rate)
                 shown = (frequency > 0) & (frequency <= highest)
                 ax.loglog(frequency[shown], np.maximum(power[shown], 1e-12), color=color, lw=0.8, label=label)
             ax.set_ylabel(_label(result, k, "/√Hz"), labelpad=2)

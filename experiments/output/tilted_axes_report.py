@@ -155,10 +155,10 @@ def summary(result: Study) -> dict[str, Any]:
 
 def report_text(result: Study) -> str:
     """What the terminal shows."""
-    found = summary(result)
+    numbers = summary(result)
 
     def condition(name: str) -> str:
-        return f"{found[f'condition_number_{name}']:.4g} at {found[f'rows_{name}']}x{found[f'rank_{name}']}"
+        return f"{numbers[f'condition_number_{name}']:.4g} at {numbers[f'rows_{name}']}x{numbers[f'rank_{name}']}"
 
     def printed(number: float, shape: tuple[int, int]) -> str:
         return f" (paper: {number} at {shape[0]}x{shape[1]})"
@@ -171,13 +171,13 @@ def report_text(result: Study) -> str:
         f"  simplified model: {condition('simplified')}"
         + printed(paper.CONDITION_NUMBER_SIMPLIFIED, paper.SHAPE_SIMPLIFIED),
         f"  full model, its own columns: {condition('full')}" + printed(paper.CONDITION_NUMBER_FULL, paper.SHAPE_FULL),
-        f"    (what tells these columns apart is the tilt alone, {found['tilt_recovered_deg']:.3g} deg as recovered)",
+        f"    (what tells these columns apart is the tilt alone, {numbers['tilt_recovered_deg']:.3g} deg as recovered)",
         f"  full model, the table's names: {condition('full_on_table')}",
         "Recovered axes",
-        f"  {found['axis_error_deg']:.3f} deg from the true ones, predicted standard deviation "
-        f"{found['axis_std_deg']:.3f} deg;",
-        f"  joint by joint {found['axis_difference_alone_deg']:.3f} deg apart (rank {result.rank_apart});",
-        f"  a Wald test cannot tell that from parallel (p = {found['axes_parallel_p_value']:.2f}),",
+        f"  {numbers['axis_error_deg']:.3f} deg from the true ones, predicted standard deviation "
+        f"{numbers['axis_std_deg']:.3f} deg;",
+        f"  joint by joint {numbers['axis_difference_alone_deg']:.3f} deg apart (rank {result.rank_apart});",
+        f"  a Wald test cannot tell that from parallel (p = {numbers['axes_parallel_p_value']:.2f}),",
         f"  so both joints were given one direction (rank {result.full.base.rank})",
     )
     return "\n".join(lines)

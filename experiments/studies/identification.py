@@ -47,7 +47,7 @@ def prepare(
     if unread := [name for name in log.unused if name in still]:
         sentence = f"Columns of joints that --fix holds still were not read: {', '.join(unread)}."
         log = replace(log, notes=(*log.notes, sentence))
-    found = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))
-    felt = [arm.tree.joints[k] for k in found.equations.torques]
+    ready = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))
+    felt = [arm.tree.joints[k] for k in ready.equations.torques]
     check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
-    return found
+    return ready

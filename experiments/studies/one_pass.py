@@ -125,12 +125,12 @@ class Judged:
         return sentence(self.ratio, self.findings, "fitted")
 
 
-def judged(seen: Seen, found: Accumulator, fit: Fit) -> Judged:
+def judged(seen: Seen, accumulated: Accumulator, fit: Fit) -> Judged:
     """Judges an estimate without another pass.
 
     Args:
         seen: What was seen of the channels.
-        found: What was accumulated of them.
+        accumulated: What was accumulated of them.
         fit: The fit.
 
     Raises:
@@ -144,7 +144,7 @@ def judged(seen: Seen, found: Accumulator, fit: Fit) -> Judged:
     model[: fit.parameters.rank] = fit.parameters.regroup(mechanism.known)
     zero = np.zeros_like(model)
     signal, predicted, straight, opposite = (
-        _squares(found, np.append(psi, sign)) for psi, sign in ((zero, 1), (model, 0), (-model, 1), (-model, -1))
+        _squares(accumulated, np.append(psi, sign)) for psi, sign in ((zero, 1), (model, 0), (-model, 1), (-model, -1))
     )
     std = np.sqrt(np.maximum(signal / seen.samples - (seen.total / seen.samples) ** 2, 1e-300))
     ratio = fit.residual_norms / np.sqrt(seen.samples) / std
@@ -159,10 +159,10 @@ def judged(seen: Seen, found: Accumulator, fit: Fit) -> Judged:
     return Judged(ratios, sorted(findings, key=lambda finding: not finding.doubt))
 
 
-def _squares(found: Accumulator, combination: np.ndarray) -> np.ndarray:
+def _squares(accumulated: Accumulator, combination: np.ndarray) -> np.ndarray:
     """Sum of squares of a combination of base columns and wrench, of each component (6,)."""
-    x = found.factor @ combination
-    return np.maximum(x @ found.grams @ x, 0)
+    x = accumulated.factor @ combination
+    return np.maximum(x @ accumulated.grams @ x, 0)
 
 
 def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> Iterator[Finding]:

@@ -144,13 +144,13 @@ def accumulate(
     weighted = samples.covariance is not None or factors is not None
     if start is not None and (start.names, start.weighted) != (equations.names, weighted):
         raise InputError("Samples are added to an accumulator of the same base parameters and weighting only.")
-    found = start
+    total = start
     for rows in equations.rows(samples, factors):
-        if found is None:
+        if total is None:
             own = _first_factor(rows) if factor is None else factor
-            found = Accumulator(equations.names, own, np.zeros((rows.shape[1], *own.shape)), 0, 0, 0, weighted)
-        found = found.with_rows(rows)
-    return cast(Accumulator, found)
+            total = Accumulator(equations.names, own, np.zeros((rows.shape[1], *own.shape)), 0, 0, 0, weighted)
+        total = total.with_rows(rows)
+    return cast(Accumulator, total)
 
 
 def _grams(rows: np.ndarray, factor: np.ndarray) -> np.ndarray:

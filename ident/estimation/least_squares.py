@@ -142,15 +142,15 @@ def least_squares(
     first = next(stream)
     noise = None if state_noise is None else noise_rows(equations, first, state_noise)
     if executor is None:
-        found = accumulate(equations, first)
+        accumulated = accumulate(equations, first)
         for piece in stream:
-            found = accumulate(equations, piece, start=found)
+            accumulated = accumulate(equations, piece, start=accumulated)
     else:
         # In common coordinates accumulators add without a change of them.
         factor = accumulate(equations, first[:PROBE]).factor
         work = partial(accumulate, equations, factor=factor)
-        found = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
-    return solve(found, equations, noise)
+        accumulated = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
+    return solve(accumulated, equations, noise)
 
 
 def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
@@ -158,11 +158,11 @@ def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
         yield from (piece[k : k + PIECE] for k in range(0, len(piece), PIECE))
 
 
-def solve(found: Accumulator, equations: Equations, noise: np.ndarray | None = None) -> Fit:
+def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | None = None) -> Fit:
     """The fit from what was accumulated.
 
     Args:
-        found: Accumulator of all samples.
+        accumulated: Accumulator of all samples.
         equations: What it was made with.
         noise: The columns' own noise, as `check_excitation` takes it.
 
@@ -170,40 +170,42 @@ def solve(found: Accumulator, equations: Equations, noise: np.ndarray | None = N
         InputError: The accumulator is of other columns.
         ExcitationError: The motion does not separate the parameters.
     """
-    if equations.names != found.names:
-        raise InputError(f"This was accumulated for {', '.join(found.names)}, not for {', '.join(equations.names)}.")
-    m, gram = len(found.names), found.gram
-    P_b, p, scale = found.factor[:m, :m], found.factor[:m, m], found.factor[m, m]
+    if equations.names != accumulated.names:
+        raise InputError(
+            f"This was accumulated for {', '.join(accumulated.names)}, not for {', '.join(equations.names)}."
+        )
+    m, gram = len(accumulated.names), accumulated.gram
+    P_b, p, scale = accumulated.factor[:m, :m], accumulated.factor[:m, m], accumulated.factor[m, m]
     # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, and its Cholesky factor that of QR.
     try:
         A = np.linalg.cholesky(gram[:m, :m]).T
     except np.linalg.LinAlgError:
         A = triangle_of(square_root(gram[:m, :m]))
     R = A @ P_b
-    check_excitation(R, found.names, found.samples, noise)
+    check_excitation(R, accumulated.names, accumulated.samples, noise)
     inverse = inverse_of(A)
     shift = scale * inverse @ (inverse.T @ gram[:m, m])
     # The residual Γ - Y_b ψ in the same coordinates, without the difference of two large numbers.
     residual = np.append(-shift, scale)
-    squares = np.maximum(residual @ found.grams @ residual, 0)
-    own = found.grams[:, :m, :m]
+    squares = np.maximum(residual @ accumulated.grams @ residual, 0)
+    own = accumulated.grams[:, :m, :m]
     seen = np.trace(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * np.trace(gram[:m, :m])
     half = inverse_of(P_b) @ inverse
-    if found.weighted:
+    if accumulated.weighted:
         covariance = half @ half.T
     else:
         shares = inverse.T @ own @ inverse
-        covariance = half @ np.tensordot(_variances(squares, shares, found.samples), shares, axes=1) @ half.T
+        covariance = half @ np.tensordot(_variances(squares, shares, accumulated.samples), shares, axes=1) @ half.T
     return Fit(
         equations=equations,
         values=lapack.dtrtrs(P_b, p + shift)[0],
         covariance=covariance,
-        weighted=found.weighted,
+        weighted=accumulated.weighted,
         triangle=R,
-        rows=int(seen.sum()) * found.samples,
-        samples=found.samples,
+        rows=int(seen.sum()) * accumulated.samples,
+        samples=accumulated.samples,
         residual_norms=np.sqrt(squares),
-        method=f"one pass in QR coordinates, {found.factored} of {found.chunks} chunks by stacked QR",
+        method=f"one pass in QR coordinates, {accumulated.factored} of {accumulated.chunks} chunks by stacked QR",
         noise="white from sample to sample",
     )
 

@@ -1,4 +1,4 @@
-"""A user's model and log made ready to be fitted: one set of samples, channels and columns."""
+"""A user's model and recording made ready to be fitted: one set of samples, channels and columns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,19 +32,19 @@ class Prepared:
 
     Attributes:
         mechanism: The mechanism.
-        log: The recording as it was read.
+        recording: The recording as it was read.
         equations: What is fitted, without offsets.
         samples: Motion and measured channels, low-passed where there is a cut-off.
         sensors: What is measured.
         frame: Pose of the frame in which the wrench is written, the ground sensor's (4, 4).
         wrench: Total wrench in that frame, NaN in channels that are not measured (N, 6).
-        cutoff: Cut-off of the low-pass, Hz; None where the log's own derivatives were taken.
+        cutoff: Cut-off of the low-pass, Hz; None where the recording's own derivatives were taken.
         notes: What was detected and done.
         stuck: Channels left out because they never change, though the model says that they do, with their values.
     """
 
     mechanism: Mechanism
-    log: Recording
+    recording: Recording
     equations: Equations
     samples: Samples
     sensors: Sensors
@@ -57,12 +57,12 @@ class Prepared:
     @property
     def edge(self) -> int:
         """Samples left out at either end, where the filter settles."""
-        return 0 if self.cutoff is None else settling(self.log.rate, self.cutoff)
+        return 0 if self.cutoff is None else settling(self.recording.rate, self.cutoff)
 
 
 def prepared(
     mechanism: Mechanism,
-    log: Recording,
+    recording: Recording,
     *,
     cutoff: str | float | None = None,
     drive: Sequence[str] = (),
@@ -72,22 +72,22 @@ def prepared(
 
     Args:
         mechanism: The mechanism, with a prior.
-        log: The recording.
-        cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the log's own velocities and accelerations.
+        recording: The recording.
+        cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities and accelerations.
         drive: Friction and rotor columns for joint torques.
         name: What messages call the recording.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    tree, rate = mechanism.tree, log.rate
-    log, notes = _without_spikes(log, tree.joints)
-    log, constant = _without_constant(log, tree.joints)
-    cutoff = _cutoff(log, tree.joints, cutoff)
-    states = _states(log, tree.joints, cutoff)
-    motion = Motion(*states, None if log.base is None else base_motion_from_poses(log.base, rate, cutoff))
-    frame, wrench = _wrench(tree, log, motion.q, rate, cutoff)
-    torques = log.torques(tree.joints)
+    tree, rate = mechanism.tree, recording.rate
+    recording, notes = _without_spikes(recording, tree.joints)
+    recording, constant = _without_constant(recording, tree.joints)
+    cutoff = _cutoff(recording, tree.joints, cutoff)
+    states = _states(recording, tree.joints, cutoff)
+    motion = Motion(*states, None if recording.base is None else base_motion_from_poses(recording.base, rate, cutoff))
+    frame, wrench = _wrench(tree, recording, motion.q, rate, cutoff)
+    torques = recording.torques(tree.joints)
     torques = torques if torques is None or cutoff is None else low_pass(torques, rate, cutoff)
     channels = _channels(mechanism, frame, wrench, torques)
     if drive and not channels.torques:
@@ -96,22 +96,22 @@ def prepared(
         raise LogError(f"Every measured channel of {name} is constant ({', '.join(constant)}); nothing is to fit.")
     if not channels.names:
         raise LogError(
-            f"{name} has neither a wrench nor a joint torque to fit. {suggested_mapping(log.unused, tree.joints)}"
+            f"{name} has neither a wrench nor a joint torque to fit. {suggested_mapping(recording.unused, tree.joints)}"
         )
     stuck = _stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     rows = channels.wrench
     sensors = Sensors(rows is not None, bool(channels.torques), motion.base is not None, rows)
-    found = find_base_parameters(mechanism, sensors=sensors)
-    notes += _hidden(mechanism, sensors, found, channels.names)
-    notes += [found.remark] if found.remark else []
+    parameters = find_base_parameters(mechanism, sensors=sensors)
+    notes += _hidden(mechanism, sensors, parameters, channels.names)
+    notes += [parameters.remark] if parameters.remark else []
     drives = drive_names(tree, drive) if channels.torques else ()
-    equations = Equations(mechanism, found, rows, channels.torques, channels.names, drives)
+    equations = Equations(mechanism, parameters, rows, channels.torques, channels.names, drives)
     samples = Samples(motion, channels.measured)
     fitted = separable(equations, samples) if drives else equations
     if lost := [drive for drive in drives if drive not in fitted.drives]:
         notes.append(f"{', '.join(lost)} cannot be told from the links' inertias, which take them up.")
-    all_notes = (*log.notes, *notes)
-    return Prepared(mechanism, log, fitted, samples, sensors, frame, wrench, cutoff, all_notes, stuck)
+    all_notes = (*recording.notes, *notes)
+    return Prepared(mechanism, recording, fitted, samples, sensors, frame, wrench, cutoff, all_notes, stuck)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,45 +185,45 @@ def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> 
     return BaseMotion.from_free_joint(position, velocity, np.hstack([ddx[:, :3], twice_in_body(accelerations)]))
 
 
-def _without_spikes(log: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
-    """The log with isolated gross outliers interpolated."""
-    measured, notes = dict(log.measured), []
+def _without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
+    """The recording with isolated gross outliers interpolated."""
+    measured, notes = dict(recording.measured), []
     for kind, symbol in zip(KINDS, ("q", "dq", "ddq", "torques"), strict=True):
-        names = [name for name in (f"{joint}_{kind}" for joint in joints) if name in log.measured]
-        values, counts = despiked(np.reshape([log[name] for name in names], (len(names), len(log.time))).T)
+        names = [name for name in (f"{joint}_{kind}" for joint in joints) if name in recording.measured]
+        values, counts = despiked(np.reshape([recording[name] for name in names], (len(names), len(recording.time))).T)
         measured |= zip(names, values.T, strict=True)
         if counts.any():
             notes.append(f"{counts.sum()} gross outliers in {symbol} were interpolated.")
-    for name in log.wrenches:
-        values, counts = despiked(log.wrench(name).values)
+    for name in recording.wrenches:
+        values, counts = despiked(recording.wrench(name).values)
         measured |= {f"{name}_force": values[:, :3], f"{name}_torque": values[:, 3:]}
         if counts.any():
             parts = ", ".join(f"{n} in {c}" for n, c in zip(counts, COMPONENTS, strict=True) if n)
             notes.append(f"Gross outliers of the wrench '{name}' were interpolated: {parts}.")
-    return replace(log, measured=measured), notes
+    return replace(recording, measured=measured), notes
 
 
-def _without_constant(log: Recording, joints: Sequence[str]) -> tuple[Recording, dict[str, float]]:
-    """The log without the ground's components and the joints' torques that never change, and these with their values.
+def _without_constant(recording: Recording, joints: Sequence[str]) -> tuple[Recording, dict[str, float]]:
+    """The recording without the ground's components and the joints' torques that never change, and their values.
 
     The noise of such a channel, by which others would be weighted, is zero.
     """
     constant: dict[str, float] = {}
-    measured = dict(log.measured)
+    measured = dict(recording.measured)
 
     def leave_out(channel: str, names: Sequence[str]) -> None:
-        values = log[channel].reshape(len(log.time), -1)
+        values = recording[channel].reshape(len(recording.time), -1)
         still = np.ptp(values, axis=0) == 0
         constant.update((name, float(x) + 0.0) for name, x, s in zip(names, values[0], still, strict=True) if s)
-        measured[channel] = np.where(still, np.nan, values).reshape(log[channel].shape)
+        measured[channel] = np.where(still, np.nan, values).reshape(recording[channel].shape)
 
-    if GROUND in log.wrenches:
+    if GROUND in recording.wrenches:
         leave_out(f"{GROUND}_force", COMPONENTS[:3])
         leave_out(f"{GROUND}_torque", COMPONENTS[3:])
     for joint in joints:
-        if f"{joint}_torque" in log.measured:
+        if f"{joint}_torque" in recording.measured:
             leave_out(f"{joint}_torque", (joint,))
-    return replace(log, measured=measured), constant
+    return replace(recording, measured=measured), constant
 
 
 def _stuck(constant: dict[str, float], predicted: dict[str, np.ndarray], notes: list[str]) -> tuple[str, ...]:
@@ -236,58 +236,62 @@ def _stuck(constant: dict[str, float], predicted: dict[str, np.ndarray], notes: 
     return tuple(f"{name} ({constant[name]:g})" for name in stuck)
 
 
-def _hidden(mechanism: Mechanism, sensors: Sensors, found: BaseParameters, channels: Sequence[str]) -> list[str]:
+def _hidden(mechanism: Mechanism, sensors: Sensors, parameters: BaseParameters, channels: Sequence[str]) -> list[str]:
     """A note on what the missing components of the wrench keep out of sight."""
     if not sensors.base_wrench:
         return []
     whole = replace(sensors, channels=None)
     every = find_base_parameters(mechanism, sensors=whole).rank
-    if every == found.rank:
+    if every == parameters.rank:
         return []
     return [
-        f"{every - found.rank} of {every} base parameters cannot be seen in {', '.join(channels)}, whatever the "
+        f"{every - parameters.rank} of {every} base parameters cannot be seen in {', '.join(channels)}, whatever the "
         "motion; they take the other components of the wrench."
     ]
 
 
-def _has_rates(log: Recording, joints: Sequence[str]) -> bool:
-    """Whether there are velocities and accelerations, which a log has of all joints or of none."""
-    return any(f"{joint}_velocity" in log.measured and f"{joint}_acceleration" in log.measured for joint in joints)
+def _has_rates(recording: Recording, joints: Sequence[str]) -> bool:
+    """Whether there are velocities and accelerations, which a recording has of all joints or of none."""
+    return any(
+        f"{joint}_velocity" in recording.measured and f"{joint}_acceleration" in recording.measured for joint in joints
+    )
 
 
-def _cutoff(log: Recording, joints: Sequence[str], cutoff: str | float | None) -> float | None:
-    if cutoff is None and _has_rates(log, joints):
+def _cutoff(recording: Recording, joints: Sequence[str], cutoff: str | float | None) -> float | None:
+    if cutoff is None and _has_rates(recording, joints):
         return None
     if cutoff is None or cutoff == "auto":
         if not joints:
             raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
-        return chosen_cutoff(log.of_joints(joints, "position"), log.rate)
+        return chosen_cutoff(recording.of_joints(joints, "position"), recording.rate)
     try:
         value = float(cutoff)
     except ValueError:
         value = np.nan
-    if not 0 < value < log.rate / 2:
+    if not 0 < value < recording.rate / 2:
         raise InputError(
-            f"A cut-off is 'auto' or from 0 to {log.rate / 2:g} Hz, half the sampling rate, got '{cutoff}'."
+            f"A cut-off is 'auto' or from 0 to {recording.rate / 2:g} Hz, half the sampling rate, got '{cutoff}'."
         )
     return value
 
 
-def _states(log: Recording, joints: Sequence[str], cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _states(
+    recording: Recording, joints: Sequence[str], cutoff: float | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if cutoff is not None:
-        return smoothed(log.of_joints(joints, "position"), log.rate, cutoff)
-    return log.joint_states(joints)
+        return smoothed(recording.of_joints(joints, "position"), recording.rate, cutoff)
+    return recording.joint_states(joints)
 
 
 def _wrench(
-    tree: Tree, log: Recording, q: np.ndarray, rate: float, cutoff: float | None
+    tree: Tree, recording: Recording, q: np.ndarray, rate: float, cutoff: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose of the ground sensor's frame, and the total wrench in it (Eq. 17); on a moving base of contacts alone."""
-    ground = log.wrench(GROUND) if GROUND in log.wrenches else None
-    contacts = [log.wrench(name) for name in log.wrenches if name != GROUND]
-    if ground is None and log.base is None and not contacts:
+    ground = recording.wrench(GROUND) if GROUND in recording.wrenches else None
+    contacts = [recording.wrench(name) for name in recording.wrenches if name != GROUND]
+    if ground is None and recording.base is None and not contacts:
         return np.eye(4), np.full((len(q), 6), np.nan)
-    if ground is None and log.base is None:
+    if ground is None and recording.base is None:
         raise LogError("On a base at rest the wrench 'ground' has to be measured besides the contacts'.")
     total = total_wrench(tree, q, ground, contacts)
     return total.frame, total.values if cutoff is None else low_pass(total.values, rate, cutoff)

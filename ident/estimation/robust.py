@@ -51,8 +51,8 @@ def robust_fit(equations: Equations, samples: Samples, *, weighted: bool = True)
     scale, weights, factor = spread(residual - residual.mean(axis=0)), np.ones_like(residual), None
     for _ in range(ITERATIONS):
         before = residual
-        found = accumulate(equations, samples, factor=factor, factors=np.sqrt(weights) / scale)
-        fit, factor = solve(found, equations), found.factor
+        accumulated = accumulate(equations, samples, factor=factor, factors=np.sqrt(weights) / scale)
+        fit, factor = solve(accumulated, equations), accumulated.factor
         residual = fit.residual(samples)
         scale = spread(residual)
         weights = np.minimum(1, HUBER * scale / np.maximum(np.abs(residual), 1e-300))

@@ -116,8 +116,8 @@ def _frames(prepared: Prepared) -> dict[str, FrameCheck]:
     predicted = np.stack([by_name[c] for c in COMPONENTS], axis=1)
     poses = mechanism.tree.poses(motion.q)
     checks = {}
-    for name in prepared.log.wrenches:
-        wrench = prepared.log.wrench(name)
+    for name in prepared.recording.wrenches:
+        wrench = prepared.recording.wrench(name)
         if name == GROUND:
             others = prepared.wrench - wrench.on_mechanism
             missing = predicted - np.nan_to_num(others)

@@ -111,7 +111,7 @@ def _frames(result: "Estimate") -> Iterator[Finding]:
     for name, check in result.checks.frames.items():
         if not check.suspicious:
             continue
-        R = result.prepared.log.wrench(name).pose[:3, :3]
+        R = result.prepared.recording.wrench(name).pose[:3, :3]
         if np.array_equal(check.rotation, np.eye(3)):
             what = ""
         elif np.allclose(check.rotation, R.T @ R.T):

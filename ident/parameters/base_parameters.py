@@ -207,9 +207,9 @@ def structural_base_parameters(
         sensors: What is measured, by default the base wrench of a resting base.
         kept: Names to use as base parameters.
     """
-    found = find_base_parameters(tree, gravity=np.array(gravity), sensors=sensors, kept=kept)
-    found.beta.flags.writeable = False
-    return found
+    regrouping = find_base_parameters(tree, gravity=np.array(gravity), sensors=sensors, kept=kept)
+    regrouping.beta.flags.writeable = False
+    return regrouping
 
 
 def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> dict[str, tuple[str, ...]]:
@@ -236,8 +236,8 @@ def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> 
         "with joint axes that are not parallel": (replace(mechanism, tree=Tree(tuple(skewed))), now),
     }
     names = find_base_parameters(mechanism, sensors=now).names
-    found = {what: find_base_parameters(m, sensors=s).names for what, (m, s) in others.items()}
-    return {what: tuple(name for name in more if name not in names) for what, more in found.items()}
+    seen = {what: find_base_parameters(m, sensors=s).names for what, (m, s) in others.items()}
+    return {what: tuple(name for name in more if name not in names) for what, more in seen.items()}
 
 
 def _unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -310,10 +310,10 @@ def _basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first:
     if unknown:
         raise InputError(f"No parameter is named {', '.join(unknown)}; the names are {', '.join(names)}.")
     chosen = [names.index(name) for name in kept]
-    found = _rank(np.linalg.svd(unit[:, chosen], compute_uv=False))
-    if not found == len(chosen) == len(first):
+    rank = _rank(np.linalg.svd(unit[:, chosen], compute_uv=False))
+    if not rank == len(chosen) == len(first):
         raise InputError(
-            f"The pinned base parameters {', '.join(kept)} are no basis: {len(chosen)} names of rank {found}, where "
+            f"The pinned base parameters {', '.join(kept)} are no basis: {len(chosen)} names of rank {rank}, where "
             f"the regressor has rank {len(first)}; its first independent columns are "
             f"{', '.join(names[k] for k in first)}."
         )

@@ -13,7 +13,7 @@ from experiments.studies.identification import prepare
 from ident.errors import ModelError
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
-from ident.recordings.recording import Recording
+from ident.recordings.recording import STATES, Recording
 from sim.models.mujoco_model import parameters_from_model, tree_from_model
 from sim.models.notes import ModelNote
 
@@ -32,7 +32,6 @@ AT = 0.03
 """Where the fingers stand, m."""
 
 FIX = ["--fix", "finger1", str(AT), "--fix", "finger2", str(AT)]
-KINDS = ("position", "velocity", "acceleration")
 TIME = np.arange(300) / 100
 
 
@@ -51,7 +50,7 @@ def files(tmp_path):
     noise = 1e-6 * np.random.default_rng(0).normal(size=(len(TIME), 6))
     wrench = base_wrench_regressor(tree, *states, gravity=[0, 0, -9.81]) @ phi + noise
     torque = joint_torque_regressor(tree, *states, gravity=[0, 0, -9.81]) @ phi
-    channels = {f"shoulder_{kind}": x for kind, x in zip(KINDS, (q, dq, ddq), strict=True)}
+    channels = {f"shoulder_{kind}": x for kind, x in zip(STATES, (q, dq, ddq), strict=True)}
     channels |= {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}
     Recording(TIME, channels).save(log)
     return model, log, channels | {"shoulder_torque": torque[:, 0]}
@@ -104,7 +103,7 @@ def test_torques_of_the_fingers_are_refused_until_their_coupling_is_ignored(file
     Recording(TIME, channels).save(log)
     fingers = {f"finger{k}": [AT] for k in (1, 2)}
     assert prepare(model, log, base="base", fix=fingers).equations.channels[-1] == "shoulder"
-    moving = {f"finger{k}_{kind}": 0 * TIME + (kind == "position") * AT for k in (1, 2) for kind in KINDS}
+    moving = {f"finger{k}_{kind}": 0 * TIME + (kind == "position") * AT for k in (1, 2) for kind in STATES}
     Recording(TIME, channels | moving).save(log)
     assert prepare(model, log, base="base").equations.channels[-1] == "shoulder"
     (note,) = (note for note in prepare(model, log, base="base", fix=fingers).notes if "--fix" in note)

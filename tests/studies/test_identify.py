@@ -19,7 +19,7 @@ from experiments.studies.identification import prepare
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.recording import Recording
+from ident.recordings.recording import STATES, Recording
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import parameters_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -245,7 +245,7 @@ def test_another_log_judges(tmp_path):
     simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=7).save(other)
     prepared = [prepare(PENDULUM, p, base="base") for p in (path, other)]
     result = identified(prepared[0], other=prepared[1])
-    assert result.part.stop == len(result.prepared.log.time)
+    assert result.part.stop == len(result.prepared.recording.time)
     assert result.held_out.ratio[2] < 0.1
 
 
@@ -316,7 +316,7 @@ def test_bad_input_gets_one_sentence(tmp_path, capsys, arguments, message):
     files["SHORT"] = replace(
         log, time=log.time[:30], measured={k: x[:30] for k, x in log.measured.items()}, true={}, noise={}
     )
-    still = {f"{j}_{k}": 0 * log.time for j in ("joint1", "joint2") for k in ("position", "velocity", "acceleration")}
+    still = {f"{j}_{k}": 0 * log.time for j in ("joint1", "joint2") for k in STATES}
     files["STILL"] = with_channels(log, **still)
     for name, content in files.items():
         content.save(tmp_path / f"{name}.csv")

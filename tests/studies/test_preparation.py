@@ -12,6 +12,7 @@ from ident.estimation.preparation import base_motion_from_poses
 from ident.identification import identified
 from ident.mechanism.motion import BaseMotion
 from ident.parameters.base_parameters import find_base_parameters
+from ident.recordings.recording import STATES
 from sim.models.mujoco_model import parameters_from_model
 
 ARM = """
@@ -78,6 +79,11 @@ def waves(rng, count, size=1.0):
     return out
 
 
+def joint_columns(joints, states):
+    named = zip(STATES, states, strict=True)
+    return {"time": TIME} | {f"{joint}_{kind}": x[:, k] for kind, x in named for k, joint in enumerate(joints)}
+
+
 def write(path, columns):
     header, values = ",".join(columns), np.column_stack(list(columns.values()))
     np.savetxt(path, values, delimiter=",", header=header, comments="", fmt="%.17g")
@@ -88,10 +94,8 @@ def test_rotors_and_friction_are_found_in_joint_torques(tmp_path, wrench):
     model = mujoco.MjModel.from_xml_string(ARM)
     states = waves(np.random.default_rng(0), 2)
     torque, ground = inverse_dynamics(model, *states)
-    columns = {"time": TIME}
-    for k, joint in enumerate(("shoulder", "elbow")):
-        named = zip(("position", "velocity", "acceleration"), states, strict=True)
-        columns |= {f"{joint}_{kind}": x[:, k] for kind, x in named} | {f"{joint}_torque": torque[:, k]}
+    joints = ("shoulder", "elbow")
+    columns = joint_columns(joints, states) | {f"{joint}_torque": x for joint, x in zip(joints, torque.T, strict=True)}
     if wrench:
         columns |= {f"ground_{c}": x for c, x in zip(("fx", "fy", "fz", "mx", "my", "mz"), ground.T, strict=True)}
     path, log = tmp_path / "arm.xml", tmp_path / "log.csv"
@@ -178,10 +182,7 @@ def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
     model = mujoco.MjModel.from_xml_string(LEG)
     states = waves(np.random.default_rng(0), 3)
     _, ground = inverse_dynamics(model, *states)
-    columns = {"time": TIME}
-    for k, joint in enumerate(("ankle", "knee", "hip")):
-        named = zip(("position", "velocity", "acceleration"), states, strict=True)
-        columns |= {f"{joint}_{kind}": x[:, k] for kind, x in named}
+    columns = joint_columns(("ankle", "knee", "hip"), states)
     columns |= {name: ground[:, k] for name, k in (("ground_fx", 0), ("ground_fz", 2), ("ground_my", 4))}
     path, log, mapping = tmp_path / "leg.xml", tmp_path / "log.csv", tmp_path / "columns.toml"
     path.write_text(LEG, encoding="utf-8")
@@ -200,7 +201,7 @@ def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
     result = identified(prepared, axes=False)
     truth = prepared.equations.parameters.regroup(parameters_from_model(model, "plate"))
     np.testing.assert_allclose(result.psi, truth, atol=1e-8 * abs(truth).max())
-    still = dict.fromkeys((f"ankle_{kind}" for kind in ("position", "velocity", "acceleration")), 0 * TIME)
+    still = dict.fromkeys((f"ankle_{kind}" for kind in STATES), 0 * TIME)
     write(log, columns | still)
     with pytest.raises(ValueError, match=rf"In Fx, Fz, My the recorded motion excites \d+ of {rank} parameters"):
         identified(prepare(path, log, base="plate", columns=mapping))
