@@ -68,7 +68,7 @@ def quality_table(result: Estimate) -> report.Table:
 
 def full_table(result: Estimate) -> report.Table:
     """A physically consistent φ of every body beside the model's."""
-    bodies = [name for name in _bodies(result) for _ in PARAMETERS]
+    bodies = [name for name in result.prepared.mechanism.bodies for _ in PARAMETERS]
     return report.Table(
         "Full, physically consistent parameters, SI units",
         *report.columns(
@@ -80,11 +80,6 @@ def full_table(result: Estimate) -> report.Table:
     )
 
 
-def _bodies(result: Estimate) -> list[str]:
-    """Names of the bodies with a φ, in the order in which the parameters' names number them from 1."""
-    return list(result.prepared.mechanism.bodies)
-
-
 def data_lines(result: Estimate) -> list[str]:
     """What the data alone say."""
     prepared, base, checks = result.prepared, result.base, result.checks
@@ -93,7 +88,7 @@ def data_lines(result: Estimate) -> list[str]:
     lines = [
         f"{samples} samples at {prepared.recording.rate:.4g} Hz, {filtered}; "
         f"{result.part.stop - result.part.start} fitted, {len(result.held_out.time)} held out.",
-        f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(_bodies(result), start=1))}.",
+        f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
         f"Excitation: condition number {result.condition_number:.1f} of the unit-norm columns, singular values "
         f"{singular[0]:.2g} to {singular[-1]:.2g}.",

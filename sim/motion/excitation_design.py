@@ -1,4 +1,8 @@
-"""The search for motions that excite well, inside joint limits and free of collisions."""
+"""The search for motions that excite well, inside joint limits and free of collisions.
+
+minimise    cost(q, q̇, q̈) + w · mean depth of collisions        over center and coefficients of a Fourier series
+subject to  low ≤ q ≤ high,  |q̇| ≤ velocity,  |q̈| ≤ acceleration,  linear in both
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
