@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanisms import GRAVITY, double_pendulum, tilted_axis
+from mechanisms import double_pendulum, tilted_axis
 
 import scenes
 from experiments.output import tilted_axes_report
@@ -12,7 +12,7 @@ from experiments.studies import paper, tilted_axes
 from experiments.studies.fitting import fit
 from ident.geometry.inertia import pseudo_inertia
 from ident.parameters.base_parameters import find_base_parameters
-from sim.models.mujoco_model import parameters_from_model, tree_from_model
+from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate, with_noise
 
@@ -193,10 +193,9 @@ def test_table_3_errors_are_absolute():
 def test_acceleration_noise_ruins_the_estimate():
     # Errors in variables: q̈ noise six times larger biases ψ far beyond its predicted standard deviation.
     spec = scenes.load("double_pendulum")
-    model = spec.compile()
     clean = simulate(spec, DOUBLE_PENDULUM, noise_scale=0)
     levels = {s: 0.0 for s in clean.noise} | {"joint1_acceleration": 0.3, "joint2_acceleration": 0.3}
     noisy = with_noise(replace(clean, noise=levels), np.random.default_rng(0))
-    found = fit(tree_from_model(model, "base"), noisy, parameters_from_model(model, "base"), GRAVITY)
+    found = fit(mechanism(spec, "base"), noisy)
     assert abs(found.error).max() > 0.5
     assert abs(found.error / found.estimate.std).max() > 10

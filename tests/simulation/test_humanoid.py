@@ -110,7 +110,7 @@ def test_no_contact_may_be_left_out(motion, contacts, Y):
     for left_out in contacts:
         others = [contact for contact in contacts if contact is not left_out]
         found = total_wrench(TREE, joint_states(motion)[0], None, others).values
-        force = np.linalg.norm(left_out.exerted_by_link[:, :3], axis=1)
+        force = np.linalg.norm(left_out.values[:, :3], axis=1)
         np.testing.assert_allclose(np.linalg.norm((found - Y @ PHI)[:, :3], axis=1), force, rtol=0, atol=1e-8)
         assert force.max() > 1
 

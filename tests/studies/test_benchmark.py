@@ -106,7 +106,7 @@ def test_peers_have_the_same_regressor(mechanism, peer):
     pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
     samples = mechanism.samples(20)
     other = peers.PEERS[peer](mechanism.tree, STANDARD_GRAVITY)
-    Y = other.regressor(*other.states((samples.q, samples.dq, samples.ddq), samples.base))
+    Y = other.regressor(*other.states(samples.motion.states, samples.motion.base))
     own = mechanism.regressor(samples)
     np.testing.assert_allclose(Y[..., other.columns(range(own.shape[2]))], own, rtol=0, atol=1e-12 * abs(own).max())
 
@@ -133,7 +133,7 @@ def test_mechanisms_are_what_their_names_say():
 
 
 def test_pieces_are_all_samples_and_differ():
-    sizes, first = zip(*((len(piece), piece.q[0, 0]) for piece in double_pendulum().pieces(25, 10)), strict=True)
+    sizes, first = zip(*((len(piece), piece.motion.q[0, 0]) for piece in double_pendulum().pieces(25, 10)), strict=True)
     assert sizes == (10, 10, 5)
     assert len(set(first)) == 3
 
@@ -141,7 +141,7 @@ def test_pieces_are_all_samples_and_differ():
 def test_trials_draw_their_own_noise_around_one_truth():
     trials = monte_carlo.Trials.of(400)
     drawn = [trials.drawn(seed) for seed in range(50)]
-    assert np.array_equal(drawn[3].wrench, trials.drawn(3).wrench)
+    assert np.array_equal(drawn[3].measured, trials.drawn(3).measured)
     for name, level in zip(("q", "dq", "ddq", "wrench"), trials.noise, strict=True):
         errors = np.array([getattr(samples, name) - getattr(trials.true, name) for samples in drawn])
         np.testing.assert_allclose(errors.std(axis=(0, 1)), level, rtol=0.05)
