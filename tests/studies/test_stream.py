@@ -42,7 +42,7 @@ def arguments(folder, out, *more):
 def results(folder, tmp_path_factory):
     """What a run leaves that nothing interrupts."""
     out = tmp_path_factory.mktemp("results")
-    assert stream.main(arguments(folder, out)) == 0
+    assert main(arguments(folder, out)) == 0
     return out
 
 
@@ -152,17 +152,17 @@ def test_a_mapping_of_columns_gives_what_the_channels_give(tmp_path, capsys):
     measured |= {"ground_force": there[:, :3], "ground_torque": there[:, 3:]}
     Recording(recording.time, measured).save(tmp_path / "log.csv")
     given = [str(tmp_path / "model.xml"), "--base", "base", "--piece", "70", "--out", str(tmp_path / "out")]
-    assert stream.main([*given, str(tmp_path / "pad.npz"), "--contact", "contact"]) == 0
+    assert main([*given, str(tmp_path / "pad.npz"), "--contact", "contact"]) == 0
     expected = estimate(tmp_path / "out")
     (tmp_path / "columns.toml").write_text(COLUMNS)
     given = [*given, str(tmp_path / "log.csv"), "--columns", str(tmp_path / "columns.toml")]
-    assert stream.main(given) == 0
+    assert main(given) == 0
     np.testing.assert_allclose(estimate(tmp_path / "out")["psi"], expected["psi"], atol=1e-9)
     columns = COLUMNS.replace('force = ["ground_force.x"', 'force = [""')
     (tmp_path / "columns.toml").write_text(columns)
-    assert "log.csv: the ground's wrench needs all six components here" in refusal(stream.main, given, capsys)
-    assert "columns differ" in refusal(stream.main, [*given, "--resume"], capsys)
-    assert "besides the one at the base, got 'ground'" in refusal(stream.main, [*given, "--contact", "ground"], capsys)
+    assert "log.csv: the ground's wrench needs all six components here" in refusal(main, given, capsys)
+    assert "columns differ" in refusal(main, [*given, "--resume"], capsys)
+    assert "besides the one at the base, got 'ground'" in refusal(main, [*given, "--contact", "ground"], capsys)
 
 
 @pytest.mark.parametrize(
