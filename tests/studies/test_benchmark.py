@@ -21,6 +21,7 @@ from experiments.benchmark import (
 )
 from experiments.benchmark.__main__ import main
 from experiments.benchmark.mechanisms import chain, double_pendulum, humanoid, in_general_position, mechanisms
+from ident.estimation.samples import arrays_of
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 
@@ -142,8 +143,8 @@ def test_trials_draw_their_own_noise_around_one_truth():
     trials = monte_carlo.Trials.of(400)
     drawn = [trials.drawn(seed) for seed in range(50)]
     assert np.array_equal(drawn[3].measured, trials.drawn(3).measured)
-    for name, level in zip(("q", "dq", "ddq", "wrench"), trials.noise, strict=True):
-        errors = np.array([getattr(samples, name) - getattr(trials.true, name) for samples in drawn])
+    for name, level in zip(("q", "dq", "ddq", "measured"), trials.noise, strict=True):
+        errors = np.array([arrays_of(samples)[name] - arrays_of(trials.true)[name] for samples in drawn])
         np.testing.assert_allclose(errors.std(axis=(0, 1)), level, rtol=0.05)
 
 
