@@ -119,7 +119,7 @@ def test_a_timestep_must_divide_the_sampling_interval():
 def test_a_scene_that_does_not_compile_is_refused_in_one_line():
     spec = scenes.load("double_pendulum")
     spec.worldbody.add_body(name="loose").add_joint()
-    with pytest.raises(ModelError, match=r"^The scene: .*mass and inertia of moving bodies.*loose.*$"):
+    with pytest.raises(ModelError, match=r"^The scene: .*mass and inertia of moving bodies.*$"):
         simulate(spec, DOUBLE_PENDULUM, samples=1)
 
 

@@ -160,7 +160,7 @@ def test_a_pedestal_is_a_parent_like_any_other():
 def test_too_little_memory_for_collisions_is_the_models_fault():
     ball = '<body name="b{0}"><joint/><geom size="1"/></body>'
     bodies = "".join(map(ball.format, range(40)))
-    text = f'<mujoco><size memory="20K"/><worldbody>{bodies}</worldbody></mujoco>'
+    text = f'<mujoco><size memory="8K"/><worldbody>{bodies}</worldbody></mujoco>'
     collisions = Collisions(mujoco.MjModel.from_xml_string(text), [f"joint{j}" for j in range(40)], 0.01)
     with pytest.raises(ModelError, match=r"The model: .*out of memory"):
         collisions.depth(np.zeros((2, 40)))
