@@ -154,8 +154,12 @@ class Estimate:
         return correlation_time(self.residual, self.prepared.recording.rate)
 
     def predict(self, motion: Motion) -> np.ndarray:
-        """Channels that the estimate predicts for a motion, in N and N m (N, C)."""
-        return self.fit.predicted(motion)
+        """Channels that the estimate predicts for a motion, in N and N m (N, C).
+
+        Raises:
+            InputError: The motion does not fit the mechanism.
+        """
+        return self.fit.predicted(motion.checked(self.prepared.mechanism.tree))
 
     def compare(self, other: "Estimate") -> Comparison:
         """The difference from an estimate of another recording of the same mechanism, and whether it is noise.
