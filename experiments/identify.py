@@ -61,19 +61,16 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("log", type=Path, help="CSV or npz file")
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     options.add_mechanism(out)
-    out.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
+    options.add_fit(out)
     out.add_argument(
         "--cutoff", help="cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if it has any"
     )
     out.add_argument(
         "--holdout", type=_fraction, default=HOLDOUT, help="fraction of the recording kept to judge by; 0 judges by all"
     )
-    out.add_argument("--held-out", type=Path, help="another log to judge by, instead of a part of this one")
-    out.add_argument("--offsets", action=argparse.BooleanOptionalAction, default=True, help="fit constant offsets")
     out.add_argument("--axes", action=argparse.BooleanOptionalAction, default=True, help="look for axes that are off")
     out.add_argument("--ordinary", action="store_true", help="ordinary least squares: no weights, outliers count fully")
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
-    options.add_max_size(out)
     return out
 
 

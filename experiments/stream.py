@@ -1,4 +1,8 @@
-"""Base parameters from recordings of any length, read and worked on piece by piece."""
+"""Base parameters from recordings of any length, read and worked on piece by piece.
+
+They are those of `identify --ordinary --holdout 0` with the same options: weights need all residuals at once and passes
+until they settle, and a fraction to hold out the number of samples before the first is read.
+"""
 
 import argparse
 from pathlib import Path
@@ -25,11 +29,10 @@ def parser() -> argparse.ArgumentParser:
         "ground_force and ground_torque, or what --columns says",
     )
     options.add_mechanism(out)
-    out.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
+    options.add_fit(out)
     out.add_argument("--contact", nargs="*", default=[], help="wrenches at the sites of the same names")
     out.add_argument("--without", nargs="*", default=[], help="wrenches to leave out")
     out.add_argument("--piece", type=options.whole_number(1, 10_000_000), help="samples read at a time")
-    options.add_max_size(out)
     options.add_workers(out.add_argument_group("workers"))
     return out
 

@@ -16,28 +16,65 @@ from sim.motion.excitation import DOUBLE_PENDULUM
 SAMPLES = 600
 
 
-@pytest.mark.usefixtures("undrawn", "here")
-def test_commands_and_python_agree(tmp_path):
-    log, model = tmp_path / "run.csv", tmp_path / "arm.xml"
+@pytest.fixture
+def files(tmp_path):
+    """A model, a recording of it and another one, and what to say of them."""
     spec = scenes.load("double_pendulum")
-    sim.simulate(spec, DOUBLE_PENDULUM, samples=SAMPLES).save(log)
-    model.write_text(spec.to_xml(), encoding="utf-8")
-    given = [str(model), str(log), "--base", "base", "--out", str(tmp_path / "out")]
-    ordinary = ["--ordinary", "--no-offsets", "--holdout", "0", "--no-axes", "--name", "whole"]
-    assert identify.main([*given, *ordinary]) == stream.main([*given, "--piece", "77"]) == 0
-    by_identify = json.loads((tmp_path / "out" / "whole" / "estimate.json").read_text(encoding="utf-8"))
-    by_stream = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    for seed, name in enumerate(("run.csv", "other.csv")):
+        sim.simulate(spec, DOUBLE_PENDULUM, samples=SAMPLES, seed=seed).save(tmp_path / name)
+    (tmp_path / "arm.xml").write_text(spec.to_xml(), encoding="utf-8")
+    return [str(tmp_path / "arm.xml"), str(tmp_path / "run.csv"), "--base", "base", "--out", str(tmp_path / "out")]
+
+
+def written(out):
+    return json.loads((out / "estimate.json").read_text(encoding="utf-8"))
+
+
+def assert_the_same(answers):
+    (first, first_std), *others = answers
+    for psi, std in others:
+        np.testing.assert_allclose(psi, first, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(std, first_std, rtol=1e-9)
+
+
+@pytest.mark.usefixtures("undrawn", "here")
+@pytest.mark.parametrize("offsets", [True, False])
+@pytest.mark.parametrize("other", [True, False])
+def test_commands_and_python_agree(tmp_path, files, offsets, other):
+    log, model, held_out = tmp_path / "run.csv", tmp_path / "arm.xml", tmp_path / "other.csv"
+    files += ["--offsets" if offsets else "--no-offsets", *(["--held-out", str(held_out)] if other else [])]
+    ordinary = ["--ordinary", "--holdout", "0", "--no-axes", "--name", "whole"]
+    assert identify.main([*files, *ordinary]) == stream.main([*files, "--piece", "77"]) == 0
+    by_identify, by_stream = written(tmp_path / "out" / "whole"), written(tmp_path / "out")
     arm = sim.mechanism(model, base="base")
-    recording = ident.read_log(log, arm)
-    estimate = ident.identify(arm, recording, weighted=False, offsets=False, holdout=0, axes=False)
-    pieces = ident.Recording.chunks(log, samples=50)
-    first = ident.least_squares(ident.Equations.of_wrench(arm), pieces)
+    estimate = ident.identify(
+        arm,
+        ident.read_log(log, arm),
+        weighted=False,
+        offsets=offsets,
+        holdout=0,
+        held_out=ident.read_log(held_out, arm) if other else None,
+        axes=False,
+    )
+    rank = len(estimate.psi)
+    answers = [(by_identify["values"][:rank], by_identify["std"][:rank]), (by_stream["psi"], by_stream["std"])]
+    assert_the_same([*answers, (estimate.psi, estimate.std)])
+    ratios = {channel: numbers["ratio"] for channel, numbers in by_identify["held_out"].items()}
+    assert by_stream["residual_ratio"] == pytest.approx(ratios, rel=1e-8)
+    if offsets:
+        told = [[(x["value"], x["std"]) for x in found["offsets"].values()] for found in (by_identify, by_stream)]
+        assert by_identify["offsets"].keys() == by_stream["offsets"].keys() != set()
+        assert_the_same([np.transpose(each) for each in told])
+    else:
+        assert by_stream["offsets"] == {}
+
+
+def test_pieces_agree_in_python(tmp_path, files):
+    log, arm = tmp_path / "run.csv", sim.mechanism(files[0], base="base")
+    estimate = ident.identify(arm, ident.read_log(log, arm), weighted=False, offsets=False, holdout=0, axes=False)
+    first = ident.least_squares(ident.Equations.of_wrench(arm), ident.Recording.chunks(log, samples=50))
     fit = huber_white(first, ident.Recording.chunks(log, samples=130), steady=True)
-    answers = [(by_identify["values"], by_identify["std"]), (by_stream["psi"], by_stream["std"])]
-    answers += [(estimate.psi, estimate.std), (fit.psi, fit.std)]
-    for psi, std in answers[1:]:
-        np.testing.assert_allclose(psi, answers[0][0], rtol=1e-10, atol=1e-12)
-        np.testing.assert_allclose(std, answers[0][1], rtol=1e-9)
+    assert_the_same([(estimate.psi, estimate.std), (fit.psi, fit.std)])
 
 
 def test_memory_is_that_of_the_channels():

@@ -121,8 +121,11 @@ def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
     return coordinates
 
 
-def add_max_size(parser: argparse.ArgumentParser) -> None:
-    """Adds the option of what reads npz files, which `size_limit` gives in bytes."""
+def add_fit(parser: argparse.ArgumentParser) -> None:
+    """Adds how a user's recordings are read, fitted and judged; `size_limit` gives `--max-size` in bytes."""
+    parser.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
+    parser.add_argument("--held-out", type=Path, help="another log to judge by, which is not fitted")
+    parser.add_argument("--offsets", action=argparse.BooleanOptionalAction, default=True, help="fit constant offsets")
     parser.add_argument(
         "--max-size",
         type=whole_number(1, 1_000_000),

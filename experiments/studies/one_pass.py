@@ -1,29 +1,42 @@
 """What one pass over a recording tells of its channels, and whether to believe the estimate that it gives."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from ident.errors import LogError, ModelError
 from ident.estimation.accumulator import Accumulator
-from ident.estimation.equations import COMPONENTS
+from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.least_squares import Fit
+from ident.estimation.robust import INDEPENDENT, separable
+from ident.estimation.samples import Samples
 from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import FrameCheck
-from ident.judgement.verdict import Finding, quality_findings, sentence, weight_findings
+from ident.judgement.verdict import (
+    Finding,
+    inseparable_findings,
+    offset_findings,
+    quality_findings,
+    sentence,
+    weight_findings,
+)
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.mapping import UNITS, joint_kinds
 from ident.recordings.recording import STATES, Recording
-from ident.tolerances import HUGE, KILONEWTONS, TURNS
+from ident.tolerances import HUGE, KILONEWTONS, TURNS, ZERO_COLUMN
 
 MOVES = 0.01
 """Range, in SI units, from which a joint or its velocity changes."""
 
 STUCK = 0.1
 """Fraction of the predicted wrench from which a constant channel differs from it."""
+
+ROUNDING = 1e-6
+"""Fraction of the largest predicted channel below which others are zero."""
 
 
 @dataclass(eq=False)
@@ -107,6 +120,80 @@ class Seen:
         return self.high[name] - self.low[name]
 
 
+def with_offsets(equations: Equations) -> Equations:
+    """The equations with constant offsets of all channels where some motion tells them from the other columns."""
+    # Columns that no motion separates would have the accumulator look for better coordinates in vain.
+    whole, joints = equations.with_offsets(range(len(equations.channels))), len(equations.mechanism.tree.freedoms)
+    states = np.random.default_rng(0).uniform(-2, 2, (3, 4 * len(whole.names), joints))
+    measured = np.zeros((len(states[0]), len(whole.channels)))
+    return separable(whole, Samples(Motion(*states), measured))
+
+
+def separated(accumulated: Accumulator, equations: Equations) -> tuple[Accumulator, Equations]:
+    """The accumulator and its equations without offsets that the motion does not tell from the columns before them."""
+    apart = _apart(accumulated.root[:, : len(equations.names)])
+    first = len(equations.names) - len(equations.offsets)
+    kept = [k for k in range(len(equations.names)) if k < first or apart[k]]
+    fewer = equations.with_offsets([equations.offsets[k - first] for k in kept if k >= first])
+    # Rows in the coordinates of P are Z P, of which some columns are Z Q R.
+    Q, R = np.linalg.qr(accumulated.factor[:, [*kept, len(equations.names)]])
+    return replace(accumulated, names=fewer.names, factor=R, grams=Q.T @ accumulated.grams @ Q), fewer
+
+
+def _apart(columns: np.ndarray) -> np.ndarray:
+    """Which columns of a matrix (m, k) stick out of the span of those before them (k,)."""
+    sizes, basis = np.linalg.norm(columns, axis=0), np.zeros((len(columns), 0))
+    apart = np.zeros(len(sizes), bool)
+    for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
+        out = column
+        for _ in range(2):  # Once leaves what rounding has left of the others.
+            out = out - basis @ (basis.T @ out)
+        apart[k] = size > ZERO_COLUMN * sizes.max() and np.linalg.norm(out) > INDEPENDENT * size
+        if apart[k]:
+            basis = np.column_stack([basis, out / np.linalg.norm(out)])
+    return apart
+
+
+def offsets_of(fit: Fit) -> dict[str, tuple[float, float]]:
+    """Constant offsets by their channels, with their standard deviations."""
+    last = slice(len(fit.values) - len(fit.equations.offsets), None)
+    channels = [fit.equations.channels[k] for k in fit.equations.offsets]
+    numbers = zip(fit.values[last].tolist(), fit.std[last].tolist(), strict=True)
+    return dict(zip(channels, numbers, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Passed:
+    """What one pass over recordings leaves.
+
+    Attributes:
+        seen: What was seen of the channels.
+        accumulated: What was accumulated of them.
+    """
+
+    seen: Seen
+    accumulated: Accumulator
+
+    def ratio(self, fit: Fit) -> dict[str, float]:
+        """RMS residual over the signal's standard deviation, of each channel that changes.
+
+        Raises:
+            LogError: No channel of the wrench changes.
+        """
+        seen, changes = self.seen, self.seen.extent("wrench") > 0
+        if not changes.any():
+            raise LogError("Every channel of the total wrench is constant; there is nothing to fit.")
+        signal = self.squares(np.zeros(len(fit.values)), 1)
+        std = np.sqrt(np.maximum(signal / seen.samples - (seen.total / seen.samples) ** 2, 1e-300))
+        ratio = np.sqrt(self.squares(-fit.values, 1) / seen.samples) / std
+        return {c: float(r) for c, r, changing in zip(COMPONENTS, ratio, changes, strict=True) if changing}
+
+    def squares(self, values: np.ndarray, sign: float) -> np.ndarray:
+        """Sum of squares of `columns @ values + sign * wrench`, of each component (6,)."""
+        x = self.accumulated.factor @ np.append(values, sign)
+        return np.maximum(x @ self.accumulated.grams @ x, 0)
+
+
 @dataclass(frozen=True, eq=False)
 class Judged:
     """What an estimate of one pass is judged by.
@@ -114,55 +201,58 @@ class Judged:
     Attributes:
         ratio: RMS residual over the signal's standard deviation, of each channel that changes.
         findings: Findings, the doubts first.
+        part: What the ratios are those of, "fitted" or "held-out" samples.
     """
 
     ratio: Mapping[str, float]
     findings: Sequence[Finding]
+    part: str
 
     @property
     def verdict(self) -> str:
         """One sentence."""
-        return sentence(self.ratio, self.findings, "fitted")
+        return sentence(self.ratio, self.findings, self.part)
 
 
-def judged(seen: Seen, accumulated: Accumulator, fit: Fit) -> Judged:
+def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
     """Judges an estimate without another pass.
 
     Args:
-        seen: What was seen of the channels.
-        accumulated: What was accumulated of them.
+        fitted: What was fitted.
         fit: The fit.
+        held_out: Other recordings to judge by, accumulated for the same equations.
 
     Raises:
         LogError: No channel of the wrench changes.
     """
-    changes = seen.extent("wrench") > 0
-    if not changes.any():
-        raise LogError("Every channel of the total wrench is constant; there is nothing to fit.")
-    mechanism = fit.equations.mechanism
+    seen, mechanism = fitted.seen, fit.equations.mechanism
+    own = fitted.ratio(fit)
+    ratios, part = (own, "fitted") if held_out is None else (held_out.ratio(fit), "held-out")
     model = np.zeros(len(fit.names))
     model[: fit.parameters.rank] = fit.parameters.regroup(mechanism.known)
-    zero = np.zeros_like(model)
-    signal, predicted, straight, opposite = (
-        _squares(accumulated, np.append(psi, sign)) for psi, sign in ((zero, 1), (model, 0), (-model, 1), (-model, -1))
-    )
-    std = np.sqrt(np.maximum(signal / seen.samples - (seen.total / seen.samples) ** 2, 1e-300))
-    ratio = fit.residual_norms / np.sqrt(seen.samples) / std
-    ratios = {c: float(r) for c, r, changing in zip(COMPONENTS, ratio, changes, strict=True) if changing}
-    stuck = [*seen.resting(), *np.array(COMPONENTS)[~changes & (straight > STUCK**2 * predicted)]]
+    predicted, straight, opposite = (fitted.squares(*x) for x in ((model, 0), (-model, 1), (-model, -1)))
+    constant = ~(seen.extent("wrench") > 0)
+    differs = straight > np.maximum(STUCK**2 * predicted, ROUNDING**2 * predicted.max())
+    stuck = [*seen.resting(), *np.array(COMPONENTS)[constant & differs]]
     findings = [
         *_sign(predicted, straight, opposite),
         *_weight(seen, mechanism),
         *([Finding(f"Constant, though the motion would change it: {', '.join(stuck)}.", True)] if stuck else []),
-        *quality_findings(ratios, "fitted"),
+        *_offsets(fit),
+        *quality_findings(ratios, part),
     ]
-    return Judged(ratios, sorted(findings, key=lambda finding: not finding.doubt))
+    return Judged(ratios, sorted(findings, key=lambda finding: not finding.doubt), part)
 
 
-def _squares(accumulated: Accumulator, combination: np.ndarray) -> np.ndarray:
-    """Sum of squares of a combination of base columns and wrench, of each component (6,)."""
-    x = accumulated.factor @ combination
-    return np.maximum(x @ accumulated.grams @ x, 0)
+def _offsets(fit: Fit) -> Iterator[Finding]:
+    if not fit.equations.offsets:
+        return
+    offsets = offsets_of(fit)
+    scale = dict(zip(COMPONENTS, fit.residual_norms / np.sqrt(fit.samples), strict=True))
+    # How far the mechanism reaches, against which moments are held, is not seen.
+    weights = {"F": fit.equations.mechanism.weight or np.inf, "M": np.inf}
+    yield from offset_findings(offsets, scale, weights)
+    yield from inseparable_findings([channel for channel in COMPONENTS if channel not in offsets])
 
 
 def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> Iterator[Finding]:

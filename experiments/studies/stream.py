@@ -8,9 +8,10 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import partial, reduce
 from itertools import islice
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ from tqdm import tqdm
 from experiments.cli import options
 from experiments.output import report
 from experiments.runs.checkpoint import SAVE_EVERY
-from experiments.runs.workers import worker_pool
-from experiments.studies.one_pass import Judged, Seen, judged
+from experiments.runs.workers import WorkerPool, worker_pool
+from experiments.studies.one_pass import Judged, Passed, Seen, judged, offsets_of, separated, with_offsets
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import COMPONENTS, Equations
@@ -205,14 +206,14 @@ def accumulated(
 
 
 def table(estimate: Fit) -> report.Table:
-    """Base parameters with their standard deviations."""
+    """Base parameters, and offsets in N and N m, with their standard deviations."""
     return report.Table(
         f"Base parameters from {estimate.samples} samples, kg, kg m and kg m²; std of wrench noise, {estimate.noise}",
         *report.columns(
             parameter=estimate.names,
-            estimated=estimate.psi,
+            estimated=estimate.values,
             std=estimate.std,
-            regrouping=estimate.parameters.expressions(digits=4),
+            regrouping=[*estimate.parameters.expressions(digits=4), *[""] * len(estimate.equations.offsets)],
         ),
         decimals=4,
     )
@@ -220,13 +221,18 @@ def table(estimate: Fit) -> report.Table:
 
 def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
     """Everything about the estimate for scripts."""
-    arrays = ("psi", "std", "covariance", "singular_values", "residual_norms")
+    rank = estimate.parameters.rank
     return {
         "verdict": judged.verdict,
         "findings": [vars(finding) for finding in judged.findings],
         "residual_ratio": dict(judged.ratio),
-        "names": list(estimate.names),
-        **{key: getattr(estimate, key).tolist() for key in arrays},
+        "names": list(estimate.parameters.names),
+        "psi": estimate.psi.tolist(),
+        "std": estimate.std[:rank].tolist(),
+        "covariance": estimate.covariance[:rank, :rank].tolist(),
+        "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in offsets_of(estimate).items()},
+        "singular_values": estimate.singular_values.tolist(),
+        "residual_norms": estimate.residual_norms.tolist(),
         "condition_number": estimate.condition_number,
         "samples": estimate.samples,
         "rows": estimate.rows,
@@ -237,33 +243,61 @@ def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
 
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints what was found."""
+    inputs = _inputs(args)
     identity = _identity(args)
-    if GROUND in args.contact:
-        raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
-    arm = mechanism(args.model, args.base, ignore=args.ignore, fix=options.fixed(args.fix))
-    sensors = {name: Sensor(*arm.site(name), applied_to_link=False) for name in args.contact}
-    seen, equations = Seen.of(arm.tree), Equations.of_wrench(arm)
-    limit, piece = options.size_limit(args), args.piece or PIECE
-    reading = Reading(equations, args.recordings, args.columns, piece, sensors, args.without, limit, seen)
-    inputs = (args.model, *args.recordings, *filter(None, [args.columns]))
+    reading = _reading(args)
     report.check_inputs((args.out / name for name in OUTPUTS), inputs)
     with report.unused_vanish(args.out):
         with report.results_folder(args.out):
             pass  # Refused before the work if it cannot be written.
         progress = Progress(args.out / FILE, identity)
         if args.resume:
-            progress = progress.resumed(equations)
+            progress = progress.resumed(reading.equations)
         with worker_pool(args.workers, args.scheduler, args.tls) as pool:
-            found = accumulated(progress, reading, executor=pool.executor, ahead=pool.ahead)
-        first = solve(found, equations)
-        judgement = judged(seen, found, first)
+            whole = accumulated(progress, reading, executor=pool.executor, ahead=pool.ahead)
+            fitted, equations = separated(whole, reading.equations)
+            first = solve(fitted, equations)
+            held_out = None if args.held_out is None else _held_out(args.held_out, reading, equations, pool)
+        judgement = judged(Passed(reading.seen, fitted), first, held_out)
         estimate = huber_white(first, reading, steady=True)
         with report.results_folder(args.out, inputs=inputs) as folder:
             table(estimate).write(folder, "base_parameters")
-            origin = report.provenance({**identity, "ignore": args.ignore}, {})
+            held = args.held_out and str(args.held_out)
+            origin = report.provenance({**identity, "ignore": args.ignore, "held_out": held}, {})
             report.write_json(folder / "estimate.json", summary(estimate, judgement) | {"provenance": origin})
     print("\n".join([text(estimate, judgement), *reading.notes]))
     print(f"Tables and estimate.json are in {args.out}.")
+
+
+def _reading(args: argparse.Namespace) -> Reading:
+    """What the options say of the mechanism and of its recordings."""
+    if GROUND in args.contact:
+        raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
+    arm = mechanism(args.model, args.base, ignore=args.ignore, fix=options.fixed(args.fix))
+    sensors = {name: Sensor(*arm.site(name), applied_to_link=False) for name in args.contact}
+    seen, equations = Seen.of(arm.tree), Equations.of_wrench(arm)
+    equations = with_offsets(equations) if args.offsets else equations
+    limit, piece = options.size_limit(args), args.piece or PIECE
+    return Reading(equations, args.recordings, args.columns, piece, sensors, args.without, limit, seen)
+
+
+def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool) -> Passed:
+    """What one pass over another recording leaves."""
+    other = replace(reading, files=[file], equations=equations, seen=Seen.of(equations.mechanism.tree))
+    parts = in_order(pool.executor, partial(accumulate, equations), other, ahead=pool.ahead)
+    with closing(parts):
+        return Passed(other.seen, reduce(add, parts))
+
+
+def _inputs(args: argparse.Namespace) -> list[Path]:
+    """All files that are read."""
+    inputs = [args.model, *args.recordings, *filter(None, [args.columns, args.held_out])]
+    for file in inputs:
+        if not file.is_file():
+            raise InputError(f"There is no file '{file}'.")
+    if args.held_out is not None and args.held_out.resolve() in [file.resolve() for file in args.recordings]:
+        raise InputError("The log to judge by (--held-out) has to be another one than those that are fitted.")
+    return inputs
 
 
 def text(estimate: Fit, judged: Judged) -> str:
@@ -275,7 +309,7 @@ def text(estimate: Fit, judged: Judged) -> str:
         [
             table(estimate).text(),
             f"RMS residuals in N and N m: {residuals}",
-            f"RMS residuals over the channels' standard deviations: {ratios}",
+            f"RMS residuals of {judged.part} samples over the channels' standard deviations: {ratios}",
             f"Condition number {estimate.condition_number:.1f}; {estimate.method}",
             *filter(None, [estimate.parameters.remark]),
             f"Verdict: {judged.verdict}",
@@ -285,14 +319,11 @@ def text(estimate: Fit, judged: Judged) -> str:
 
 
 def _identity(args: argparse.Namespace) -> dict[str, Any]:
-    """What decides the result."""
-    for file in (args.model, *args.recordings, *filter(None, [args.columns])):
-        if not file.is_file():
-            raise InputError(f"There is no file '{file}'.")
+    """What decides what is accumulated."""
     stats = [(file.resolve(), file.stat()) for file in args.recordings]
     return {
         "model": hashlib.sha256(args.model.read_bytes()).hexdigest(),
         "columns": args.columns and hashlib.sha256(args.columns.read_bytes()).hexdigest(),
         "recordings": [f"{file}, {stat.st_size} bytes, {stat.st_mtime_ns}" for file, stat in stats],
-        **{key: getattr(args, key) for key in ("base", "fix", "piece", "contact", "without")},
+        **{key: getattr(args, key) for key in ("base", "fix", "piece", "contact", "without", "offsets")},
     }

@@ -98,7 +98,7 @@ def findings(result: "Estimate") -> list[Finding]:
         *weight_findings(result.checks.weight),
         *_offsets(result),
         *quality_findings(_ratios(result), "held-out"),
-        *_inseparable(result),
+        *inseparable_findings(result.inseparable),
         *_stuck(result),
         *(Finding(sentence, False) for sentence in result.checks.unchecked),
         *_caveats(result),
@@ -182,15 +182,34 @@ def weight_findings(weight: Weight | None) -> Iterator[Finding]:
 
 
 def _offsets(result: "Estimate") -> Iterator[Finding]:
+    scale = dict(zip(result.channels, result.scale.tolist(), strict=True))
+    fitted = any(name.startswith("offset(") for name in result.names)
+    yield from offset_findings(result.offsets, scale, _weights(result), fitted=fitted)
+
+
+def offset_findings(
+    offsets: Mapping[str, tuple[float, float]],
+    scale: Mapping[str, float],
+    weights: Mapping[str, float],
+    *,
+    fitted: bool = True,
+) -> Iterator[Finding]:
+    """What constant offsets say.
+
+    Args:
+        offsets: Offset of each channel that can be told, with its standard deviation.
+        scale: Standard deviation of each channel's residual.
+        weights: What offsets of forces, `F` in N, and of moments, `M` in N m, are held against.
+        fitted: Whether they were taken out.
+    """
     large = {
         channel: f"{channel} {value:.3g} ± {std:.2g} {_unit(channel)}".rstrip()
-        for channel, (value, std) in result.offsets.items()
-        if abs(value) > 4 * std and abs(value) > 0.3 * result.scale[result.channels.index(channel)]
+        for channel, (value, std) in offsets.items()
+        if abs(value) > 4 * std and abs(value) > 0.3 * scale[channel]
     }
     if not large:
         return
-    weights = _weights(result)
-    of_weight = {c: abs(result.offsets[c][0]) / weights[c[0]] for c in large if c in COMPONENTS}
+    of_weight = {c: abs(offsets[c][0]) / weights[c[0]] for c in large if c in COMPONENTS}
     if huge := [f"{large[c]} ({share:.0%})" for c, share in of_weight.items() if share > OFFSET]:
         yield Finding(
             f"Constant offsets are large beside the model's weight, of which or of whose moment at the mechanism's "
@@ -198,7 +217,7 @@ def _offsets(result: "Estimate") -> Iterator[Finding]:
             "may be wrong, or a support is not measured.",
             True,
         )
-    listed, fitted = ", ".join(large.values()), any(name.startswith("offset(") for name in result.names)
+    listed = ", ".join(large.values())
     if fitted:
         yield Finding(f"Constant offsets were found and taken out: {listed}.", False)
     else:
@@ -206,7 +225,7 @@ def _offsets(result: "Estimate") -> Iterator[Finding]:
 
 
 def _weights(result: "Estimate") -> dict[str, float]:
-    """What offsets of forces, N, and of moments, N m, are held against; without gravity the weight on Earth."""
+    """What offsets are held against; without gravity the weight on Earth."""
     mechanism, motion = result.prepared.mechanism, result.prepared.samples.motion
     g = float(np.linalg.norm(mechanism.gravity) or np.linalg.norm(STANDARD_GRAVITY))
     weight = max(mechanism.mass * g, 1e-12)
@@ -232,10 +251,11 @@ def quality_findings(ratios: Mapping[str, float], part: str) -> Iterator[Finding
             yield Finding(f"{what}, {part} residual over standard deviation in brackets: {listed}.", doubt)
 
 
-def _inseparable(result: "Estimate") -> Iterator[Finding]:
-    if result.inseparable:
+def inseparable_findings(channels: Sequence[str]) -> Iterator[Finding]:
+    """A remark on channels whose constant offset cannot be told."""
+    if channels:
         yield Finding(
-            f"Constant offsets of {', '.join(result.inseparable)} cannot be told from masses and first moments: "
+            f"Constant offsets of {', '.join(channels)} cannot be told from masses and first moments: "
             "those take them up.",
             False,
         )

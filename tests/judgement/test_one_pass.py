@@ -10,7 +10,13 @@ from commands import refusal
 
 import scenes
 from experiments import identify, stream
+from experiments.studies.one_pass import _apart, separated, with_offsets
 from experiments.studies.stream import FILE
+from ident.estimation.accumulator import accumulate
+from ident.estimation.equations import Equations
+from ident.estimation.samples import Samples
+from ident.mechanism.motion import Motion
+from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -34,8 +40,8 @@ def arguments(tmp_path, *more, units=None, **channels):
     return [*files, "--base", "base", "--piece", "300", "--out", str(tmp_path / "out"), *more]
 
 
-def judged(tmp_path, **channels):
-    assert stream.main(arguments(tmp_path, **channels)) == 0
+def judged(tmp_path, *more, **channels):
+    assert stream.main(arguments(tmp_path, *more, **channels)) == 0
     found = json.loads((tmp_path / "out" / "estimate.json").read_text())
     return found, " ".join(finding["text"] for finding in found["findings"] if finding["doubt"])
 
@@ -64,8 +70,36 @@ def test_an_empty_force_a_wrong_sign_and_kilonewtons_are_doubts(tmp_path):
 
 
 def test_an_offset_is_a_doubt(tmp_path):
-    _, doubts = judged(tmp_path, ground_force=recording()["ground_force"] + [25, 0, 0])
+    shifted = recording()["ground_force"] + [25, 0, 0]
+    _, doubts = judged(tmp_path, "--no-offsets", ground_force=shifted)
     assert "More is left over than the channel varies, as of a constant offset" in doubts and "Fx (4" in doubts
+    found, doubts = judged(tmp_path, ground_force=shifted)
+    assert "Constant offsets are large beside the model's weight" in doubts and "± 0.016 N (12%)" in doubts
+    assert found["offsets"]["Fx"]["value"] == pytest.approx(25, abs=0.1)
+    told = [finding["text"] for finding in found["findings"] if not finding["doubt"]]
+    assert any(text.startswith("Constant offsets were found and taken out: Fx 25 ± 0.016 N") for text in told)
+    assert any(text.startswith("Constant offsets of Fz, Mx, My cannot be told") for text in told)
+
+
+def test_offsets_that_a_motion_hides_are_left_out():
+    """Under a steady acceleration in one posture what first moments and products of inertia add is constant, too."""
+    arm = mechanism(scenes.load("double_pendulum"), "base")
+    equations = with_offsets(Equations.of_wrench(arm))
+    assert [equations.channels[k] for k in equations.offsets] == ["Fx", "Fy", "Mz"]
+    still, measured = np.zeros((300, 2)), np.random.default_rng(1).normal(size=(300, 6))
+    samples = Samples(Motion(still, still, still + np.array([1, 0])), measured)
+    part, fewer = separated(accumulate(equations, samples), equations)
+    expected = accumulate(fewer, samples)
+    assert [fewer.channels[k] for k in fewer.offsets] == ["Fx"]
+    assert fewer.names == part.names == expected.names
+    for k in range(6):
+        grams = [a.factor.T @ a.grams[k] @ a.factor for a in (part, expected)]
+        np.testing.assert_allclose(grams[0], grams[1], rtol=0, atol=1e-10 * abs(grams[1]).max())
+
+
+def test_a_dependent_column_takes_nothing_from_later_ones():
+    columns = np.array([[1.0, 2, 0, 0], [0, 0, 0, 1]])
+    np.testing.assert_array_equal(_apart(columns), [True, False, False, True])
 
 
 def test_stuck_channels_are_named(tmp_path):

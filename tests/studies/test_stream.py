@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
 
 def arguments(folder, out, *more):
     files = [str(folder / name) for name in ("model.xml", "a.csv", "b.npz")]
-    return [*files, "--base", "base", "--piece", "90", "--out", str(out), *more]
+    return [*files, "--no-offsets", "--base", "base", "--piece", "90", "--out", str(out), *more]
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +99,7 @@ def test_bad_input_is_named(folder, tmp_path, capsys):
     assert "broken.csv: row 301, column 'time' needs a number, got 'x'" in message
     assert (tmp_path / "out" / stream.FILE).is_file() and not (tmp_path / "out" / "estimate.json").exists()
     assert "There is no file" in refusal(main, [model, "nowhere.csv", *out], capsys)
+    assert "has to be another one" in refusal(main, [model, good, "--held-out", good, *out], capsys)
     assert "no body named 'hip'" in refusal(main, [model, good, "--base", "hip", *out], capsys)
     missing = refusal(main, [model, good, "--base", "base", "--resume", "--out", str(tmp_path / "new")], capsys)
     assert "--resume needs what an earlier run left in" in missing
