@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> None:
     )
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=_inputs(args)) as folder:
-        identify_report.write(result, folder, args.model, args.log, report.provenance(given, {}))
+        identify_report.write(result, folder, args.model, args.log, report.provenance(given))
     print(identify_report.text(result))
     print(f"Everything is in {out}; open report.html.")
 

@@ -79,7 +79,7 @@ class Accuracy:
     normal: float
 
 
-def accuracies(spreads: np.ndarray = SPREADS) -> list[Accuracy]:
+def accuracies() -> list[Accuracy]:
     """Errors for problems of increasing condition number, the largest of both noise levels.
 
     Raises:
@@ -89,7 +89,7 @@ def accuracies(spreads: np.ndarray = SPREADS) -> list[Accuracy]:
         raise InputError("Errors need numbers of extended precision to compare with, which this platform has not.")
     found = []
     for mechanism in (double_pendulum(), double_pendulum(tilt_deg=5)):
-        for spread in spreads:
+        for spread in SPREADS:
             each = [_accuracy(mechanism, spread, noise) for noise in WRENCH_NOISE]
             found.append(Accuracy(*np.max([list(vars(accuracy).values()) for accuracy in each], axis=0).tolist()))
     return sorted(found, key=lambda accuracy: accuracy.condition_number)

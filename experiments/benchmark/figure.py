@@ -27,11 +27,10 @@ def figure_benchmark(results: Results) -> Figure:
     if not rows:
         raise InputError("This chart needs results of a benchmark with a library to compare with (extra 'peers').")
     peer = rows[0]["peer"]
-    own = [row for row in rows if row["peer"] == peer]
     with figures.paper_style():
         figure = Figure()
         above, below = figure.subplots(2, 1)
-        of_pendulum = [row for row in own if row["mechanism"] == PENDULUM]
+        of_pendulum = [row for row in rows if row["mechanism"] == PENDULUM]
         for task, style, ours, theirs in (
             (REGRESSOR, "o-", "$Y$, ours", f"$Y$, {peer}'s loop"),
             (ALL_COLUMNS, "s--", r"$\psi$, ours", r"$\psi$, loop and lstsq"),
@@ -39,7 +38,7 @@ def figure_benchmark(results: Results) -> Figure:
             found = sorted((row for row in of_pendulum if row["task"] == task), key=lambda row: row["samples"])
             # The shortest is the recording's, close to the next.
             _lines(above, "samples", found[1:], style, (ours, theirs))
-        arms = [row for row in own if row["mechanism"] == CHAIN]
+        arms = [row for row in rows if row["mechanism"] == CHAIN]
         _lines(below, "bodies", arms, "o-", ("$Y$, ours", f"$Y$, {peer}'s loop"))
         above.set_xlabel("Samples, double pendulum of 3 bodies", labelpad=2)
         below.set_xlabel(f"Bodies of an arm, {arms[0]['samples']:,} samples", labelpad=2)

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from experiments.benchmark.mechanisms import Subject, chain, double_pendulum, mechanisms, subject
-from experiments.benchmark.peers import PEERS, Peer
+from experiments.benchmark.peers import PINOCCHIO_NAME, Pinocchio
 from experiments.benchmark.timing import Comparison, Effort, alternating
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import Equations
@@ -41,21 +41,19 @@ AGREEMENT = 1e-7
 Ways = tuple[Callable[[], object], Callable[[], object]]
 
 
-def comparisons(effort: Effort, peers: Sequence[str]) -> list[Comparison]:
+def comparisons(effort: Effort) -> list[Comparison]:
     """All comparisons, on samples on which both sides were seen to agree.
 
     Raises:
         ValueError: They disagree.
     """
-    found: list[Comparison] = []
-    for name in peers:
-        found += _compared(double_pendulum(), effort.samples, name, effort)
-        for mechanism in mechanisms():
-            for number in effort.sizes:
-                found += _compared(mechanism, number, name, effort)
-        found.append(_streamed(double_pendulum(), name, effort))
-        for bodies in CHAINS:
-            found += _compared(subject(CHAIN, chain(bodies)), effort.sizes[-2], name, effort, (REGRESSOR,))
+    found = list(_compared(double_pendulum(), effort.samples, effort))
+    for mechanism in mechanisms():
+        for number in effort.sizes:
+            found += _compared(mechanism, number, effort)
+    found.append(_streamed(double_pendulum(), effort))
+    for bodies in CHAINS:
+        found += _compared(subject(CHAIN, chain(bodies)), effort.sizes[-2], effort, (REGRESSOR,))
     return found
 
 
@@ -68,19 +66,19 @@ def solved(Y: np.ndarray, wrench: np.ndarray, columns: Sequence[int] | None = No
 
 
 def _compared(
-    mechanism: Subject, number: int, name: str, effort: Effort, tasks: Iterable[str] = tuple(TASKS)
+    mechanism: Subject, number: int, effort: Effort, tasks: Iterable[str] = tuple(TASKS)
 ) -> Iterator[Comparison]:
-    """Comparisons of one mechanism and number of samples with one peer."""
+    """Comparisons on one mechanism and number of samples."""
     samples = mechanism.samples(number)
-    peer = PEERS[name](mechanism.tree, STANDARD_GRAVITY)
+    peer = Pinocchio(mechanism.tree, STANDARD_GRAVITY)
     _check(mechanism, samples[: effort.sizes[0]], peer)
     ways = _ways(mechanism, samples, peer)
     for task in tasks:
         if task in (REGRESSOR, ACCUMULATION) or number * len(mechanism.tree.bodies) <= LARGEST:
-            yield _comparison(task, mechanism, number, name, alternating(ways[task], effort.seconds, effort.least))
+            yield _comparison(task, mechanism, number, alternating(ways[task], effort.seconds, effort.least))
 
 
-def _ways(mechanism: Subject, samples: Samples, peer: Peer) -> dict[str, Ways]:
+def _ways(mechanism: Subject, samples: Samples, peer: Pinocchio) -> dict[str, Ways]:
     """Our way and theirs to do each of `TASKS`."""
     states = peer.states(samples.motion.states, samples.motion.base)
     given, kept = mechanism.parameters, peer.columns(mechanism.parameters.kept)
@@ -105,7 +103,7 @@ def _identified(mechanism: Subject, samples: Samples, parameters: BaseParameters
     return least_squares(Equations.of_wrench(mechanism, parameters, moving=moving), samples)
 
 
-def _check(mechanism: Subject, samples: Samples, peer: Peer) -> None:
+def _check(mechanism: Subject, samples: Samples, peer: Pinocchio) -> None:
     """Holds our results against theirs."""
     theirs = peer.regressor(*peer.states(samples.motion.states, samples.motion.base))
     every, kept = (peer.columns(columns) for columns in (range(theirs.shape[2]), mechanism.parameters.kept))
@@ -132,11 +130,11 @@ def check_agreement(what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
         )
 
 
-def _streamed(mechanism: Subject, name: str, effort: Effort) -> Comparison:
+def _streamed(mechanism: Subject, effort: Effort) -> Comparison:
     """Accumulation of pieces that are in memory, against the loop with a matrix for one piece at a time."""
     samples = mechanism.samples(effort.streamed)
     pieces = [samples[k : k + PIECE] for k in range(0, effort.streamed, PIECE)]
-    peer = PEERS[name](mechanism.tree, STANDARD_GRAVITY)
+    peer = Pinocchio(mechanism.tree, STANDARD_GRAVITY)
     states = [peer.states(piece.motion.states, None) for piece in pieces]
 
     def ours() -> None:
@@ -149,8 +147,8 @@ def _streamed(mechanism: Subject, name: str, effort: Effort) -> Comparison:
             peer.regressor(*piece)
 
     times = alternating((ours, theirs), effort.seconds, effort.least)
-    return _comparison(ACCUMULATION, mechanism, effort.streamed, name, times)
+    return _comparison(ACCUMULATION, mechanism, effort.streamed, times)
 
 
-def _comparison(task: str, mechanism: Subject, number: int, peer: str, times: np.ndarray) -> Comparison:
-    return Comparison.of(task, mechanism.name, len(mechanism.tree.bodies), number, peer, times)
+def _comparison(task: str, mechanism: Subject, number: int, times: np.ndarray) -> Comparison:
+    return Comparison.of(task, mechanism.name, len(mechanism.tree.bodies), number, PINOCCHIO_NAME, times)

@@ -9,7 +9,7 @@ import numpy as np
 import scenes
 from experiments.benchmark.identification import check_agreement, solved
 from experiments.benchmark.mechanisms import Subject, double_pendulum
-from experiments.benchmark.peers import PEERS, Peer
+from experiments.benchmark.peers import PINOCCHIO_NAME, Pinocchio
 from experiments.benchmark.timing import Comparison, Effort, alternating
 from experiments.cli.defaults import SCENE
 from ident.estimation.least_squares import least_squares
@@ -67,8 +67,8 @@ class Trials:
         """Our ψ of each trial (trials, r)."""
         return np.array([least_squares(self.mechanism.equations, self.drawn(seed)).psi for seed in seeds])
 
-    def solved(self, peer: Peer, columns: Sequence[int] | None, seeds: Iterable[int]) -> np.ndarray:
-        """What a peer's regressor and least squares on some columns give for each trial (trials, columns)."""
+    def solved(self, peer: Pinocchio, columns: Sequence[int] | None, seeds: Iterable[int]) -> np.ndarray:
+        """What Pinocchio's regressor and least squares on some columns give for each trial (trials, columns)."""
         found = []
         for seed in seeds:
             drawn = self.drawn(seed)
@@ -77,17 +77,16 @@ class Trials:
         return np.array(found)
 
 
-def comparisons(effort: Effort, peers: Sequence[str]) -> list[Comparison]:
+def comparisons(effort: Effort) -> list[Comparison]:
     """Seconds of a trial, ours and theirs, where both find the same base parameters."""
     trials, seeds = Trials.of(effort.samples), range(effort.trials // BLOCKS)
     mechanism, found = trials.mechanism, []
-    for name in peers:
-        peer = PEERS[name](mechanism.tree, STANDARD_GRAVITY)
-        kept = peer.columns(mechanism.parameters.kept)
-        check_agreement("Monte Carlo", trials.identified([0]), trials.solved(peer, kept, [0]))
-        for task, columns in ((ALL_COLUMNS, None), (BASE_COLUMNS, kept)):
-            ways = partial(trials.identified, seeds), partial(trials.solved, peer, columns, seeds)
-            times = alternating(ways, 0, BLOCKS) / len(seeds)
-            bodies = len(mechanism.tree.bodies)
-            found.append(Comparison.of(task, mechanism.name, bodies, effort.samples, name, times))
+    peer = Pinocchio(mechanism.tree, STANDARD_GRAVITY)
+    kept = peer.columns(mechanism.parameters.kept)
+    check_agreement("Monte Carlo", trials.identified([0]), trials.solved(peer, kept, [0]))
+    for task, columns in ((ALL_COLUMNS, None), (BASE_COLUMNS, kept)):
+        ways = partial(trials.identified, seeds), partial(trials.solved, peer, columns, seeds)
+        times = alternating(ways, 0, BLOCKS) / len(seeds)
+        bodies = len(mechanism.tree.bodies)
+        found.append(Comparison.of(task, mechanism.name, bodies, effort.samples, PINOCCHIO_NAME, times))
     return found

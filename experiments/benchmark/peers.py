@@ -1,7 +1,7 @@
-"""Other libraries' regressors, in the fastest loop that their Python interface allows (extra `peers`)."""
+"""Another library's regressor, in the fastest loop that its Python interface allows (extra `peers`)."""
 
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,21 +13,11 @@ from ident.mechanism.body import BASE, Body
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 
+PINOCCHIO_NAME = "Pinocchio"
+"""What tables call it."""
+
 States = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Positions, velocities and accelerations, one row for each sample."""
-
-
-class Peer(Protocol):
-    """A library that computes the base wrench's regressor of one mechanism."""
-
-    def states(self, states: States, base: BaseMotion | None) -> States:
-        """Our states (N, ·) as the library takes them; without a base's motion it rests."""
-
-    def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Regressors (N, 6, 10 b) in the library's order of columns."""
-
-    def columns(self, columns: Sequence[int]) -> list[int]:
-        """Where our columns stand among the library's."""
 
 
 class Pinocchio:
@@ -42,7 +32,7 @@ class Pinocchio:
     """
 
     def __init__(self, tree: Tree, gravity: np.ndarray) -> None:
-        """Builds the model.
+        """Builds the model of a mechanism, gravity given in its base frame, m/s² (3,).
 
         Raises:
             InputError: Pinocchio is not installed.
@@ -65,7 +55,10 @@ class Pinocchio:
         self._neutral = pin.neutral(self.model)
 
     def states(self, states: States, base: BaseMotion | None) -> States:
-        """Quaternions are `x, y, z, w` there, and its joints may stand in another order."""
+        """Our states (N, ·) as Pinocchio takes them; without a base's motion it rests.
+
+        Quaternions are `x, y, z, w` there, and its joints may stand in another order.
+        """
         own = self.tree.body_coordinates(states[0]), *map(self.tree.body_velocities, states[1:])
         samples = len(states[0])
         q, (v, a) = np.tile(self._neutral, (samples, 1)), np.zeros((2, samples, self.model.nv))
@@ -87,7 +80,7 @@ class Pinocchio:
         return [row for at in joints for row in range(at.idx_v, at.idx_v + at.nv)]
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """The free-flyer's rows of the joint torques' regressor."""
+        """Regressors (N, 6, 10 b) in Pinocchio's order of columns: the free-flyer's rows of the joint torques'."""
         # Iterating over rows is faster than indexing them.
         model, data, regressor = self.model, self.model.createData(), self._pin.computeJointTorqueRegressor
         out = np.empty((len(q), 6, 10 * (model.njoints - 1)))
@@ -96,27 +89,19 @@ class Pinocchio:
         return out
 
     def columns(self, columns: Sequence[int]) -> list[int]:
-        """For bodies whose frames are their joints'."""
+        """Where our columns stand among Pinocchio's, for bodies whose frames are their joints'."""
         order = [PINOCCHIO.index(k) for k in range(10)]
         bodies = [self.joint[i] - 1 for i in self.tree.inertial]
         return [10 * bodies[k // 10] + order[k % 10] for k in columns]
 
 
-PEERS: dict[str, Callable[[Tree, np.ndarray], Peer]] = {"Pinocchio": Pinocchio}
-"""Makes a peer of a mechanism and of gravity in its base frame, m/s² (3,)."""
-
-
-def installed() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of the peers that there are, and what to do about those that are missing."""
-    names, missing = [], []
-    single = Tree((Body("base", BASE, np.eye(4), np.zeros(6)),))
-    for name, peer in PEERS.items():
-        try:
-            peer(single, np.zeros(3))
-            names.append(name)
-        except InputError as error:
-            missing.append(f"{name} is not compared with. {error}")
-    return tuple(names), tuple(missing)
+def missing() -> tuple[str, ...]:
+    """What to do about Pinocchio if it is not there."""
+    try:
+        Pinocchio(Tree((Body("base", BASE, np.eye(4), np.zeros(6)),)), np.zeros(3))
+    except InputError as error:
+        return (f"{PINOCCHIO_NAME} is not compared with. {error}",)
+    return ()
 
 
 def _joint(pin: Any, body: Body) -> tuple[Any, np.ndarray]:

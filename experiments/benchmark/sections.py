@@ -8,16 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from experiments.benchmark import (
-    bounds,
-    identification,
-    machine,
-    monte_carlo,
-    peers,
-    simulation,
-    words,
-    workers,
-)
+from experiments.benchmark import bounds, identification, machine, monte_carlo, peers, simulation, words, workers
 from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
 from experiments.benchmark.timing import QUICK, Effort
@@ -67,8 +58,8 @@ def _limits(effort: Effort) -> dict[str, Any]:
 
 
 def _identification(effort: Effort) -> dict[str, Any]:
-    there, missing = peers.installed()
-    rows = identification.comparisons(effort, there)
+    missing = peers.missing()
+    rows = [] if missing else identification.comparisons(effort)
     return {"comparisons": [asdict(row) for row in rows], "notes": list(missing)}
 
 
@@ -77,7 +68,7 @@ def _simulation(effort: Effort) -> dict[str, Any]:
 
 
 def _monte_carlo(effort: Effort) -> dict[str, Any]:
-    rows = monte_carlo.comparisons(effort, peers.installed()[0])
+    rows = [] if peers.missing() else monte_carlo.comparisons(effort)
     return {"comparisons": [asdict(row) for row in rows]}
 
 
@@ -93,7 +84,7 @@ def run(args: argparse.Namespace) -> None:
     """Measures, and writes and prints the results."""
     given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
-        results = measured(QUICK if args.quick else Effort()) | {"provenance": report.provenance(given, {})}
+        results = measured(QUICK if args.quick else Effort()) | {"provenance": report.provenance(given)}
         report.write_json(folder / FILE, results)
         for name, table in tables(results).items():
             table.write(folder, name)

@@ -31,9 +31,8 @@ def table_overview(results: Results) -> Table:
     compared = [row for row in results["comparisons"] if row["task"] in TASKS and row["mechanism"] != CHAIN]
     if not compared:
         raise InputError("This table needs results of a benchmark with a library to compare with (extra 'peers').")
-    own = [row for row in compared if row["peer"] == compared[0]["peer"]]
     ratios: dict[tuple[str, int, int], dict[str, float]] = {}
-    for row in own:
+    for row in compared:
         ratios.setdefault((row["mechanism"], row["bodies"], row["samples"]), {})[row["task"]] = row["ratio"]
     order = list(dict.fromkeys(mechanism for mechanism, *_ in ratios))
     rows = (

@@ -10,7 +10,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -272,12 +272,12 @@ def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str], inputs: Seq
         ) from error
 
 
-def provenance(options: dict[str, Any], recording: dict[str, Any]) -> dict[str, Any]:
+def provenance(options: Mapping[str, Any], recording: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Everything needed to run a study again: options, scene, versions and commit."""
     packages = ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")
     return {
-        "options": options,
-        "recording": recording,
+        "options": dict(options),
+        "recording": dict(recording or {}),
         "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
         "git_commit": _git_commit(),
     }

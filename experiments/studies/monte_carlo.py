@@ -153,7 +153,7 @@ def conclude(
     """
     draw = Draw.of(args, plan.scene, recording)
     done = trials_done(draw, args)
-    origin = report.provenance({**choices, "formats": args.formats}, dict(recording.provenance))
+    origin = report.provenance({**choices, "formats": args.formats}, recording.provenance)
     written = results | Results(numbers={"provenance": origin})
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
         written.write(folder, args.formats)
@@ -206,7 +206,7 @@ def _results(found: Mapping[str, Distribution], draw: Draw) -> Results:
     return Results(
         tables={f"monte_carlo_{model}": table(model, d) for model, d in found.items()},
         figures={"figure_monte_carlo": (chart(found), caption)},
-        numbers={"monte_carlo": _numbers(found) | {"provenance": report.provenance(draw.identity, {})}},
+        numbers={"monte_carlo": _numbers(found) | {"provenance": report.provenance(draw.identity)}},
     )
 
 

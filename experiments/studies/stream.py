@@ -263,7 +263,7 @@ def run(args: argparse.Namespace) -> None:
         with report.results_folder(args.out, inputs=inputs) as folder:
             table(estimate).write(folder, "base_parameters")
             held = args.held_out and str(args.held_out)
-            origin = report.provenance({**identity, "ignore": args.ignore, "held_out": held}, {})
+            origin = report.provenance({**identity, "ignore": args.ignore, "held_out": held})
             report.write_json(folder / "estimate.json", summary(estimate, judgement) | {"provenance": origin})
     print("\n".join([text(estimate, judgement), *reading.notes]))
     print(f"Tables and estimate.json are in {args.out}.")

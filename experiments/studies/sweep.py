@@ -190,6 +190,6 @@ def run(args: argparse.Namespace) -> None:
     with report.results_folder(args.out) as folder:
         table(found, found.names).write(folder, "table_sweep")
         figures.save(chart(found, charted), folder, "figure_sweep", args.formats)
-        report.write_json(folder / "sweep.json", {"runs": found.runs, "provenance": report.provenance(choices, {})})
+        report.write_json(folder / "sweep.json", {"runs": found.runs, "provenance": report.provenance(choices)})
     print(table(found, list(charted)).text())
     print(f"Table, chart and all numbers are in {args.out}.")

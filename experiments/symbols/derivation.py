@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> None:
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
         given = {"mechanism": args.mechanism, "base": args.base, "ignore": args.ignore}
-        report.write_json(folder / "provenance.json", report.provenance(given, {}))
+        report.write_json(folder / "provenance.json", report.provenance(given))
     print(table.text())
     if not model.exact:
         print(f"The coefficients are decimals, because {model.reason}.")

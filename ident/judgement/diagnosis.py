@@ -136,7 +136,7 @@ def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
     return np.array(times)
 
 
-def amplitude_spectrum(x: np.ndarray, rate: float, length: int = 512) -> tuple[np.ndarray, np.ndarray]:
+def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies in Hz and amplitude spectral density of a signal (N,), by Welch's method."""
-    frequency, power = signal.welch(x, rate, nperseg=min(len(x), length))
+    frequency, power = signal.welch(x, rate, nperseg=min(len(x), 512))
     return frequency, np.sqrt(power)

@@ -18,23 +18,17 @@ NUMBER = 8
 """Bytes of a number in memory, which in the file may have been one."""
 
 
-def arrays(path: Path, *, without: str | None = None, limit: int = LIMIT) -> dict[str, np.ndarray]:
+def arrays(path: Path) -> dict[str, np.ndarray]:
     """All arrays of an archive by name.
-
-    Args:
-        path: The archive.
-        without: Beginning of the names of those to leave out.
-        limit: As for `check_size`.
 
     Raises:
         LogError: The file is no archive or too large, or a member is damaged or no array; the message names it.
     """
     with opened(path) as archive:
         members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
-        wanted = {name: m for name, m in members.items() if without is None or not name.startswith(without)}
-        check_size(path, sum(m.file_size for m in wanted.values()), limit)
-        found = {name: _array(archive, name, m) for name, m in wanted.items()}
-    check_size(path, sum(NUMBER * x.size for x in found.values()), limit)
+        check_size(path, sum(m.file_size for m in members.values()), LIMIT)
+        found = {name: _array(archive, name, m) for name, m in members.items()}
+    check_size(path, sum(NUMBER * x.size for x in found.values()), LIMIT)
     return found
 
 

@@ -8,20 +8,9 @@ import numpy as np
 import pytest
 from commands import refusal
 
-from experiments.benchmark import (
-    bounds,
-    identification,
-    monte_carlo,
-    peers,
-    sections,
-    tables,
-    targets,
-    timing,
-    words,
-)
+from experiments.benchmark import bounds, identification, monte_carlo, peers, sections, tables, targets, timing, words
 from experiments.benchmark.__main__ import main
 from experiments.benchmark.mechanisms import chain, double_pendulum, humanoid, in_general_position, mechanisms
-from ident.estimation.samples import arrays_of
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 
@@ -83,10 +72,9 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_measured(
 
 def test_a_missing_peer_is_named_with_its_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    names, missing = peers.installed()
-    assert names == ()
-    assert "'pinocchio'" in missing[0]
-    assert ".[peers]" in missing[0]
+    (missing,) = peers.missing()
+    assert "'pinocchio'" in missing
+    assert ".[peers]" in missing
 
 
 def test_ways_take_turns():
@@ -101,12 +89,11 @@ def test_ratio_is_that_of_the_medians():
     assert timing.ratio(np.array([[1.0, 4], [2, 6], [10, 10]])) == (3, 1, 4)
 
 
-@pytest.mark.parametrize("peer", peers.PEERS)
 @pytest.mark.parametrize("mechanism", mechanisms(), ids=lambda mechanism: mechanism.name)
-def test_peers_have_the_same_regressor(mechanism, peer):
+def test_peers_have_the_same_regressor(mechanism):
     pytest.importorskip("pinocchio", reason="Pinocchio is in the extra 'peers'")
     samples = mechanism.samples(20)
-    other = peers.PEERS[peer](mechanism.tree, STANDARD_GRAVITY)
+    other = peers.Pinocchio(mechanism.tree, STANDARD_GRAVITY)
     Y = other.regressor(*other.states(samples.motion.states, samples.motion.base))
     own = mechanism.regressor(samples)
     np.testing.assert_allclose(Y[..., other.columns(range(own.shape[2]))], own, rtol=0, atol=1e-12 * abs(own).max())
@@ -143,8 +130,9 @@ def test_trials_draw_their_own_noise_around_one_truth():
     trials = monte_carlo.Trials.of(400)
     drawn = [trials.drawn(seed) for seed in range(50)]
     assert np.array_equal(drawn[3].measured, trials.drawn(3).measured)
-    for name, level in zip(("q", "dq", "ddq", "measured"), trials.noise, strict=True):
-        errors = np.array([arrays_of(samples)[name] - arrays_of(trials.true)[name] for samples in drawn])
+    for k, level in enumerate(trials.noise):
+        x, *noisy = ((*samples.motion.states, samples.measured)[k] for samples in (trials.true, *drawn))
+        errors = np.array(noisy) - x
         np.testing.assert_allclose(errors.std(axis=(0, 1)), level, rtol=0.05)
 
 
