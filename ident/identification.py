@@ -171,7 +171,8 @@ class Estimate:
 
     @cached_property
     def _consistent(self) -> ConsistentParameters:
-        return consistent_parameters(self.psi, self.covariance, self.base, self.prepared.mechanism.known)
+        arm = self.prepared.mechanism
+        return consistent_parameters(self.psi, self.covariance, self.base, arm.known, bodies=arm.bodies)
 
     def consistent(self) -> ConsistentParameters:
         """The physical bodies that are as close to the mechanism's prior as the estimate lets them be."""

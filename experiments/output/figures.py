@@ -71,11 +71,7 @@ def wrench_panels(
                 ax.plot(x, wrench[:, component], label=label, **style)
             variable, unit = SYMBOLS[component]
             ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
-            ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-            ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
-            ax.set_xlim(x[0], x[-1])
-            widen_flat(ax)
-            ax.set_ylim(bottom=bottom)
+            _tidy(ax, x, bottom)
             for label, when in (shaded or {}).items():
                 sides = ax.get_xaxis_transform()
                 ax.fill_between(x, 0, 1, when, transform=sides, color="0.87", lw=0, zorder=0, label=label)
@@ -88,6 +84,15 @@ def wrench_panels(
         for handle in legend.get_lines():
             handle.set_linewidth(max(handle.get_linewidth(), 0.8))
     return figure
+
+
+def _tidy(ax: Axes, x: np.ndarray, bottom: float | None) -> None:
+    """Limits and few ticks for a panel over an abscissa."""
+    ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
+    ax.set_xlim(x[0], x[-1])
+    widen_flat(ax)
+    ax.set_ylim(bottom=bottom)
 
 
 def parameter_symbol(name: str) -> str:

@@ -1,6 +1,5 @@
 """What an identification leaves behind: tables, figures, a page, numbers for scripts, and the updated model."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -230,25 +229,9 @@ def _label(result: Estimate, k: int, per: str = "") -> str:
     return f"{escape.label(channel)}\n({'N m' if motion[3:].any() else 'N'}{per})"
 
 
-def write(
-    result: Estimate,
-    folder: Path,
-    model: Path,
-    log: Path,
-    provenance: dict[str, Any],
-    formats: Iterable[str] = ("pdf", "png"),
-) -> None:
-    """Writes everything into a folder.
-
-    Args:
-        result: The identification.
-        folder: Where to.
-        model: The model file that is updated.
-        log: The log it was identified from.
-        provenance: Where the results come from.
-        formats: Formats of the figures; the page needs PNG.
-    """
-    results = Results(
+def results(result: Estimate, provenance: dict[str, Any]) -> Results:
+    """All tables, figures and numbers."""
+    return Results(
         tables={
             "table_base_parameters": parameters_table(result),
             "table_held_out": quality_table(result),
@@ -264,13 +247,26 @@ def write(
         },
         numbers={"estimate": result.to_dict(), "provenance": provenance},
     )
-    results.write(folder, formats)
+
+
+def write(result: Estimate, folder: Path, model: Path, log: Path, provenance: dict[str, Any]) -> None:
+    """Writes everything into a folder: tables, figures, a page, and the model file updated.
+
+    Args:
+        result: The identification.
+        folder: Where to.
+        model: The model file that is updated.
+        log: The log it was identified from.
+        provenance: Where the results come from.
+    """
+    shown, formats = results(result, provenance), ("pdf", "png")
+    shown.write(folder, formats)
     updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
     write_model(updated, result.prepared.mechanism, result.consistent())
     page = rendered(
         "report.html",
         folder,
-        {"": results},
+        {"": shown},
         formats,
         title=f"{model.name}, identified from {log.name}",
         verdict=result.verdict(),

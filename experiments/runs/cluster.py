@@ -44,19 +44,7 @@ def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[
         except (OSError, ValueError, TypeError, RuntimeError) as error:
             raise InputError(f"There is no Dask scheduler with workers at {address} ({error}).") from None
         executor = stack.enter_context(_Watched(client))
-        try:
-            executor.submit(_threads_for_linear_algebra).result()
-            threads = set(client.run(_threads_for_linear_algebra).values())
-        except Exception as error:
-            raise InputError(
-                f"The cluster at {address} cannot run this: its scheduler and workers need this package and the same "
-                f"versions as here ({str(error).partition(chr(10))[0]})."
-            ) from None
-        if threads != {"1"}:
-            raise InputError(
-                f"The workers of the cluster at {address} need one thread for linear algebra: start them with "
-                "OPENBLAS_NUM_THREADS=1, as Dask's nanny does."
-            )
+        _check_workers(client, executor, address)
         try:
             yield executor, sum(client.nthreads().values())
         except KilledWorker:
@@ -65,6 +53,23 @@ def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[
             ) from None
         except CancelledError:
             raise InputError(f"The connection to the Dask scheduler at {address} was lost.") from None
+
+
+def _check_workers(client: Any, executor: Executor, address: str) -> None:
+    """Refuses workers without this package, or with several threads for linear algebra."""
+    try:
+        executor.submit(_threads_for_linear_algebra).result()
+        threads = set(client.run(_threads_for_linear_algebra).values())
+    except Exception as error:
+        raise InputError(
+            f"The cluster at {address} cannot run this: its scheduler and workers need this package and the same "
+            f"versions as here ({str(error).partition(chr(10))[0]})."
+        ) from None
+    if threads != {"1"}:
+        raise InputError(
+            f"The workers of the cluster at {address} need one thread for linear algebra: start them with "
+            "OPENBLAS_NUM_THREADS=1, as Dask's nanny does."
+        )
 
 
 def _security(tls: Sequence[str] | None) -> Any:

@@ -182,24 +182,8 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
     home = tree.poses(np.zeros(len(tree.moving)))[:, :3, :3]
     screws = [_joint_screw(tree, poses, i) for i in tree.moving]
     separate = [screw.axis.turned(home[i]) for i, screw in zip(tree.moving, screws, strict=True)]
-
-    p_values = np.full(len(screws), np.nan)
-    groups: list[list[int]] = []
-    for j, i in enumerate(tree.moving):
-        before = _joint_before(tree, i)
-        if before is not None:
-            p_values[j] = parallel_p_value(separate[before], separate[j])
-        if significance < 1 and p_values[j] >= significance:
-            next(group for group in groups if before in group).append(j)
-        else:
-            groups.append([j])
-
-    axes = list(separate)
-    for group in groups:
-        if len(group) > 1:
-            common = common_direction([separate[j] for j in group])
-            for j in group:
-                axes[j] = common.along(separate[j])
+    p_values, groups = _parallel(tree, separate, significance)
+    axes = _pooled(separate, groups)
     in_body = [home[i].T @ axis.vector for i, axis in zip(tree.moving, axes, strict=True)]
     # The design's axis passes through ω × v; the recovered one is laid through the same point.
     points = [np.cross(tree.bodies[i].twist[3:], tree.bodies[i].twist[:3]) for i in tree.moving]
@@ -212,6 +196,32 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
         p_values=p_values,
         groups=tuple(map(tuple, groups)),
     )
+
+
+def _parallel(tree: Tree, separate: Sequence[Direction], significance: float) -> tuple[np.ndarray, list[list[int]]]:
+    """p-values of the test against the joint before (n,), and groups of joints that pass for parallel."""
+    p_values = np.full(len(separate), np.nan)
+    groups: list[list[int]] = []
+    for j, i in enumerate(tree.moving):
+        before = _joint_before(tree, i)
+        if before is not None:
+            p_values[j] = parallel_p_value(separate[before], separate[j])
+        if significance < 1 and p_values[j] >= significance:
+            next(group for group in groups if before in group).append(j)
+        else:
+            groups.append([j])
+    return p_values, groups
+
+
+def _pooled(separate: Sequence[Direction], groups: Sequence[Sequence[int]]) -> list[Direction]:
+    """The axes, those of a group along one direction."""
+    axes = list(separate)
+    for group in groups:
+        if len(group) > 1:
+            common = common_direction([separate[j] for j in group])
+            for j in group:
+                axes[j] = common.along(separate[j])
+    return axes
 
 
 def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:

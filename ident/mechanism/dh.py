@@ -75,14 +75,7 @@ def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
     """
     _check(frames)
     by_name = {frame.name: frame for frame in frames}
-    # Pose of every frame in the frame that moves its link, and that frame's name (None: the base frame).
-    mover: dict[str | None, str | None] = {None: None}
-    in_mover: dict[str | None, np.ndarray] = {None: np.eye(4)}
-    for frame in frames:
-        moves = frame.kind != "fixed"
-        mover[frame.name] = frame.name if moves else mover[frame.parent]
-        in_mover[frame.name] = np.eye(4) if moves else in_mover[frame.parent] @ frame.home
-
+    mover, in_mover = _movers(frames)
     bodies: list[Body] = []
     carrier: dict[str | None, int] = {}
 
@@ -103,6 +96,17 @@ def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
         carrier.setdefault(link, len(bodies))
         bodies.append(Body(frame.name, parent, home, twist, joint, massless=not frame.inertia))
     return Tree(tuple(bodies))
+
+
+def _movers(frames: Sequence[Frame]) -> tuple[dict[str | None, str | None], dict[str | None, np.ndarray]]:
+    """Name of the frame that moves each frame's link, None for the base frame, and the frame's pose in it (4, 4)."""
+    mover: dict[str | None, str | None] = {None: None}
+    in_mover: dict[str | None, np.ndarray] = {None: np.eye(4)}
+    for frame in frames:
+        moves = frame.kind != "fixed"
+        mover[frame.name] = frame.name if moves else mover[frame.parent]
+        in_mover[frame.name] = np.eye(4) if moves else in_mover[frame.parent] @ frame.home
+    return mover, in_mover
 
 
 def _bodies(frames: Sequence[Frame], mover: dict[str | None, str | None]) -> list[Frame]:

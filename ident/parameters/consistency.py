@@ -84,7 +84,6 @@ def consistent_parameters(
     base: BaseParameters,
     prior: np.ndarray,
     *,
-    minimum: float = 1e-2,
     bodies: Sequence[str] | None = None,
 ) -> ConsistentParameters:
     """Physical φ as close to a prior as given base parameters let them be.
@@ -104,10 +103,7 @@ def consistent_parameters(
         psi: Base parameters ψ, as of an estimate (r,).
         covariance: Their covariance (r, r).
         base: The regrouping behind ψ.
-        prior: φ to stay close to, as of a model (10 b,).
-        minimum: Smallest radius of gyration that a prior body may have, over that of the whole tree; its mass must be
-            at least `minimum³` of the whole. Prior bodies with less, massless ones and those whose moments no mass
-            distribution has, are raised to it.
+        prior: φ to stay close to, as of a model (10 b,), made physical as `physical_prior` does.
         bodies: Names of the bodies, for messages; by default they are counted from 1.
 
     Returns:
@@ -119,13 +115,11 @@ def consistent_parameters(
     """
     psi, C, prior = (np.array(x, float) for x in (psi, covariance, prior))
     _check(psi, C, base, prior)
-    physical, raised = physical_prior(prior, minimum=minimum, bodies=bodies)
+    physical, raised = physical_prior(prior, bodies=bodies)
     std = np.sqrt(np.diag(C))
     L = np.linalg.cholesky(pseudo_inertia(physical.reshape(-1, 10)))
     root = std[:, None] * np.linalg.cholesky(C / np.outer(std, std))
-    # In these coordinates the prior is the identity, and the base parameters have independent unit variances.
-    A = linalg.solve_triangular(root, _forms(base, L).reshape(base.rank, -1), lower=True)
-    problem = _Problem(A.reshape(base.rank, -1, 4, 4), linalg.solve_triangular(root, psi, lower=True))
+    problem = _Problem.of(psi, base, L, root)
     K = problem.bodies()
     phi = parameters_from_pseudo_inertia(L @ K @ np.swapaxes(L, -1, -2)).ravel()
     found = base.regroup(phi)
@@ -152,7 +146,9 @@ def physical_prior(
 
     Args:
         phi: φ of all bodies (10 b,).
-        minimum: As for `consistent_parameters`.
+        minimum: Smallest radius of gyration that a body may have, over that of the whole tree; its mass must be at
+            least `minimum³` of the whole. Bodies with less, massless ones and those whose moments no mass distribution
+            has, are raised to it.
         bodies: Names of the bodies, for messages.
 
     Returns:
@@ -196,6 +192,19 @@ class _Problem:
     def __init__(self, A: np.ndarray, psi: np.ndarray) -> None:
         self.A, self.psi = A, psi
         self.prior = np.tile(np.eye(4), (A.shape[1], 1, 1))
+
+    @classmethod
+    def of(cls, psi: np.ndarray, base: BaseParameters, L: np.ndarray, root: np.ndarray) -> "_Problem":
+        """In coordinates where the prior `L Lᵀ` is the identity and base parameters have independent unit variances.
+
+        Args:
+            psi: Base parameters ψ (r,).
+            base: The regrouping behind them.
+            L: Roots of the prior's pseudo-inertias (b, 4, 4).
+            root: Lower triangular root of the covariance of ψ (r, r).
+        """
+        A = linalg.solve_triangular(root, _forms(base, L).reshape(base.rank, -1), lower=True)
+        return cls(A.reshape(base.rank, -1, 4, 4), linalg.solve_triangular(root, psi, lower=True))
 
     def bodies(self) -> np.ndarray:
         """The bodies K (b, 4, 4)."""

@@ -4,6 +4,7 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -102,7 +103,6 @@ def simulate_many(
         raise InputError(f"A simulation needs at least one thread, got {threads}.")
     with refusals("The scene"):
         model = spec.compile()
-    declared = sensors(model)
     scene = {"scene": spec.modelname, "scene_sha256": hashlib.sha256(spec.to_xml().encode()).hexdigest()}
     settings = {"excitation": {key: np.asarray(x).tolist() for key, x in vars(excitation).items()}, "rate_hz": RATE}
     disturbed = replace(excitation, noise=noise_scale * excitation.noise)
@@ -112,18 +112,24 @@ def simulate_many(
         generators = [np.random.default_rng(seed).spawn(2) for seed in batch]
         runs = _runs(model, disturbed, samples, [rng for rng, _ in generators], min(threads, len(batch)))
         for seed, (_, rng), readings, error in zip(batch, generators, *runs, strict=True):
-            true = {s.name: readings[:, s.part.start] if s.is_scalar else readings[:, s.part] for s in declared}
             given = {"samples": samples, "seed": int(seed), "noise_scale": noise_scale}
-            recording = Recording(
-                time=np.arange(samples) / RATE,
-                measured=true,
-                true=true,
-                units={s.name: s.unit for s in declared},
-                noise={s.name: noise_scale * s.noise for s in declared},
-                provenance=scene | settings | given | {"tracking_error_rad": float(error)},
-            )
-            recordings.append(with_noise(recording, rng))
+            origin = scene | settings | given | {"tracking_error_rad": float(error)}
+            recordings.append(with_noise(_exact(model, readings, noise_scale, origin), rng))
     return recordings
+
+
+def _exact(model: mujoco.MjModel, readings: np.ndarray, noise_scale: float, provenance: dict[str, Any]) -> Recording:
+    """The recording of all sensors' exact readings (N, nsensordata)."""
+    declared = sensors(model)
+    true = {s.name: readings[:, s.part.start] if s.is_scalar else readings[:, s.part] for s in declared}
+    return Recording(
+        time=np.arange(len(readings)) / RATE,
+        measured=true,
+        true=true,
+        units={s.name: s.unit for s in declared},
+        noise={s.name: noise_scale * s.noise for s in declared},
+        provenance=provenance,
+    )
 
 
 def with_noise(recording: Recording, rng: np.random.Generator) -> Recording:
