@@ -5,7 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from random_models import inverse_dynamics, random_model_states
+from random_models import ARM, inverse_dynamics, random_model_states
 
 import ident
 import scenes
@@ -14,26 +14,6 @@ from ident.estimation.equations import COMPONENTS
 from ident.recordings.recording import STATES
 from ident.recordings.wrench import Sensor
 from sim.motion.excitation import DOUBLE_PENDULUM
-
-TURNING = """
-<mujoco>
-  <option><flag contact="disable"/></option>
-  <worldbody>
-    <body name="base">
-      <geom size=".1" density="500"/><site name="ground" pos=".1 0 -.05" euler="0 20 0"/>
-      <body name="upper" pos="0 0 .3">
-        <joint name="shoulder" axis="0 1 0" armature=".05" damping=".4"/>
-        <geom type="capsule" fromto="0 0 0 .3 0 0" size=".04"/>
-        <body name="lower" pos=".3 0 0">
-          <joint name="elbow" axis="0 0 1" armature=".02" damping=".2"/>
-          <geom type="capsule" fromto="0 0 0 .25 .05 0" size=".03"/>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-  <sensor><force site="ground"/><torque site="ground"/></sensor>
-</mujoco>
-"""
 
 
 def simulated(excitation, **changes):
@@ -55,7 +35,8 @@ def test_the_wrench_of_another_motion_is_mujocos(offsets):
 
 def test_channels_are_the_sensors_own():
     """A sensor turned and off the base's origin, five of whose components are there, and both joints' torques."""
-    model = mujoco.MjModel.from_xml_string(TURNING)
+    turned = ARM.replace('name="ground"', 'name="ground" pos=".1 0 -.05" euler="0 20 0"')
+    model = mujoco.MjModel.from_xml_string(turned)
     arm = sim.mechanism(model, base="base")
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

@@ -62,7 +62,7 @@ def read_log_pieces(
         samples: Samples of each piece, at least `LEAST_SAMPLES`.
     """
     joints = mechanism.tree.joints
-    kinds = joint_kinds(mechanism.tree)
+    hinges = [joint for joint, kind in joint_kinds(mechanism.tree).items() if kind == "hinge"]
     mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), mechanism.tree)
     clock: Clock | None = None
     try:
@@ -70,8 +70,7 @@ def read_log_pieces(
             table = replace(table, cells={name: x for name, x in table.cells.items() if not name.startswith(TRUE)})
             notes: list[str] = []
             if first := clock is None:
-                if len(table.rows) < LEAST_SAMPLES:
-                    raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has {len(table.rows)}.")
+                _check_length(len(table.rows))
                 mapping = with_names(mapping, table, joints)
                 clock = Clock(mapping.columns["time"])
             channels = read_channels(table, mapping, notes if first else [])
@@ -81,15 +80,19 @@ def read_log_pieces(
             unused = [name for name in table.cells if name not in mapping.used]
             recording = _without_incomplete(_recording(time, channels, mapping), joints, notes if first else [])
             if first:
-                hinges = [joint for joint, kind in kinds.items() if kind == "hinge"]
                 check_angles(recording, mapping, hinges)
                 check_rates(recording, hinges)
                 notes += unit_of_force(recording, mapping, mechanism)
             yield replace(recording, notes=notes, unused=unused)
         if clock is None:
-            raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has 0.")
+            _check_length(0)
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
+
+
+def _check_length(samples: int) -> None:
+    if samples < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has {samples}.")
 
 
 def _recording(time: np.ndarray, channels: Mapping[str, np.ndarray], mapping: ColumnMapping) -> Recording:

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from random_models import inverse_dynamics
+from random_models import ARM, inverse_dynamics
 from scipy.spatial.transform import Rotation
 
 from experiments.studies.identification import prepare
@@ -15,24 +15,6 @@ from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import STATES
 from sim.models.mujoco_model import parameters_from_model
 
-ARM = """
-<mujoco>
-  <worldbody>
-    <body name="base">
-      <geom size=".1" density="500"/><site name="ground"/>
-      <body name="upper" pos="0 0 .3">
-        <joint name="shoulder" axis="0 1 0" armature=".05" damping=".4"/>
-        <geom type="capsule" fromto="0 0 0 .3 0 0" size=".04"/>
-        <body name="lower" pos=".3 0 0">
-          <joint name="elbow" axis="0 0 1" armature=".02" damping=".2"/>
-          <geom type="capsule" fromto="0 0 0 .25 .05 0" size=".03"/>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-  <sensor><force site="ground"/><torque site="ground"/></sensor>
-</mujoco>
-"""
 FLYER = """
 <mujoco>
   <worldbody>
