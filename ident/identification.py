@@ -295,14 +295,11 @@ def identified(
     with_offsets = separable(equations.with_offsets(range(len(equations.channels))), fitted)
     full = robust_fit(with_offsets, fitted, weighted=weighted)
     fit = full if offsets else robust_fit(equations, fitted, weighted=weighted)
-    names = [equations.channels[k] for k in with_offsets.offsets]
-    last = slice(len(full.values) - len(names), None)
-    measured = zip(names, full.values[last].tolist(), full.std[last].tolist(), strict=True)
     source = other or prepared
     return Estimate(
         prepared=prepared,
         fit=fit,
-        offsets={channel: (value, std) for channel, value, std in measured},
+        offsets=full.offsets,
         part=part,
         held_out=HeldOut(source.recording.time[judged], source.samples[judged], fit),
         singular_values=singular_values,

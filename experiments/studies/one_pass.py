@@ -154,14 +154,6 @@ def _apart(columns: np.ndarray) -> np.ndarray:
     return apart
 
 
-def offsets_of(fit: Fit) -> dict[str, tuple[float, float]]:
-    """Constant offsets by their channels, with their standard deviations."""
-    last = slice(len(fit.values) - len(fit.equations.offsets), None)
-    channels = [fit.equations.channels[k] for k in fit.equations.offsets]
-    numbers = zip(fit.values[last].tolist(), fit.std[last].tolist(), strict=True)
-    return dict(zip(channels, numbers, strict=True))
-
-
 @dataclass(frozen=True, eq=False)
 class Passed:
     """What one pass over recordings leaves.
@@ -245,9 +237,9 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
 
 
 def _offsets(fit: Fit) -> Iterator[Finding]:
-    if not fit.equations.offsets:
+    offsets = fit.offsets
+    if not offsets:
         return
-    offsets = offsets_of(fit)
     scale = dict(zip(COMPONENTS, fit.residual_norms / np.sqrt(fit.samples), strict=True))
     # How far the mechanism reaches, against which moments are held, is not seen.
     weights = {"F": fit.equations.mechanism.weight or np.inf, "M": np.inf}

@@ -22,7 +22,7 @@ from experiments.cli import options
 from experiments.output import report
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import WorkerPool, worker_pool
-from experiments.studies.one_pass import Judged, Passed, Seen, judged, offsets_of, separated, with_offsets
+from experiments.studies.one_pass import Judged, Passed, Seen, judged, separated, with_offsets
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import COMPONENTS, Equations
@@ -230,7 +230,7 @@ def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
         "psi": estimate.psi.tolist(),
         "std": estimate.std[:rank].tolist(),
         "covariance": estimate.covariance[:rank, :rank].tolist(),
-        "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in offsets_of(estimate).items()},
+        "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in estimate.offsets.items()},
         "singular_values": estimate.singular_values.tolist(),
         "residual_norms": estimate.residual_norms.tolist(),
         "condition_number": estimate.condition_number,

@@ -80,6 +80,14 @@ class Fit:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
 
     @property
+    def offsets(self) -> dict[str, tuple[float, float]]:
+        """Constant offsets by their channels, with their standard deviations."""
+        channels = [self.equations.channels[k] for k in self.equations.offsets]
+        last = slice(len(self.values) - len(channels), None)
+        numbers = zip(self.values[last].tolist(), self.std[last].tolist(), strict=True)
+        return dict(zip(channels, numbers, strict=True))
+
+    @property
     def singular_values(self) -> np.ndarray:
         """Singular values of the columns, largest first (m,)."""
         return np.linalg.svd(self.triangle, compute_uv=False)
