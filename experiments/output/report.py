@@ -108,10 +108,7 @@ class Table:
             return ""
         if isinstance(cell, str):
             return escaped(cell) + ("*" if cell in self.marked else "")
-        return escaped(self._number(cell))
-
-    def _number(self, value: float) -> str:
-        return number(value, self.decimals)
+        return escaped(number(cell, self.decimals))
 
 
 UNITS = ("deg", "rad", "N", "s")

@@ -101,13 +101,11 @@ class BaseParameters:
         Args:
             digits: Significant digits of the coefficients.
         """
+        others = [self.parameters[d] for d in self.dependent]
         return tuple(
-            "".join([self.parameters[k], *(_term(c, self.parameters[d], digits) for c, d in self._terms(row))])
-            for k, row in zip(self.kept, self.beta, strict=True)
+            "".join([name, *(_term(c, other, digits) for c, other in zip(row, others, strict=True) if c != 0)])
+            for name, row in zip(self.names, self.beta, strict=True)
         )
-
-    def _terms(self, row: np.ndarray) -> list[tuple[float, int]]:
-        return [(c, d) for c, d in zip(row, self.dependent, strict=True) if c != 0]
 
 
 def find_base_parameters(
