@@ -10,7 +10,7 @@ from ident.errors import LogError, ModelError
 from ident.estimation.accumulator import Accumulator
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.least_squares import Fit
-from ident.estimation.robust import INDEPENDENT, separable
+from ident.estimation.robust import independent, separable
 from ident.estimation.samples import Samples
 from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import FrameCheck
@@ -27,7 +27,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings.mapping import UNITS, joint_kinds
 from ident.recordings.recording import STATES, Recording
-from ident.tolerances import HUGE, KILONEWTONS, TURNS, ZERO_COLUMN
+from ident.tolerances import HUGE, KILONEWTONS, TURNS
 
 MOVES = 0.01
 """Range, in SI units, from which a joint or its velocity changes."""
@@ -131,27 +131,13 @@ def with_offsets(equations: Equations) -> Equations:
 
 def separated(accumulated: Accumulator, equations: Equations) -> tuple[Accumulator, Equations]:
     """The accumulator and its equations without offsets that the motion does not tell from the columns before them."""
-    apart = _apart(accumulated.root[:, : len(equations.names)])
+    apart = independent(accumulated.root[:, : len(equations.names)])
     first = len(equations.names) - len(equations.offsets)
     kept = [k for k in range(len(equations.names)) if k < first or apart[k]]
     fewer = equations.with_offsets([equations.offsets[k - first] for k in kept if k >= first])
     # Rows in the coordinates of P are Z P, of which some columns are Z Q R.
     Q, R = np.linalg.qr(accumulated.factor[:, [*kept, len(equations.names)]])
     return replace(accumulated, names=fewer.names, factor=R, grams=Q.T @ accumulated.grams @ Q), fewer
-
-
-def _apart(columns: np.ndarray) -> np.ndarray:
-    """Which columns of a matrix (m, k) stick out of the span of those before them (k,)."""
-    sizes, basis = np.linalg.norm(columns, axis=0), np.zeros((len(columns), 0))
-    apart = np.zeros(len(sizes), bool)
-    for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
-        out = column
-        for _ in range(2):  # Once leaves what rounding has left of the others.
-            out = out - basis @ (basis.T @ out)
-        apart[k] = size > ZERO_COLUMN * sizes.max() and np.linalg.norm(out) > INDEPENDENT * size
-        if apart[k]:
-            basis = np.column_stack([basis, out / np.linalg.norm(out)])
-    return apart
 
 
 @dataclass(frozen=True, eq=False)

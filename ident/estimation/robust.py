@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.accumulator import accumulate, inverse_of, triangle_of
+from ident.estimation.accumulator import accumulate, inverse_of
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, huber_white, least_squares, solve
 from ident.estimation.noise import Sandwich
@@ -85,14 +85,27 @@ def separable(equations: Equations, samples: Samples) -> Equations:
         InputError: Samples do not fit the equations.
     """
     columns = accumulate(equations, samples).root[:, : len(equations.names)]
-    sizes, out = np.linalg.norm(columns, axis=0), np.abs(np.diag(triangle_of(columns)))
-    there = sizes > ZERO_COLUMN * sizes.max()
-    apart = dict(zip(equations.names, there & (out > INDEPENDENT * sizes), strict=True))
+    kept = dict(zip(equations.names, independent(columns), strict=True))
     return replace(
         equations,
-        drives=tuple(name for name in equations.drives if apart[name]),
-        offsets=tuple(k for k in equations.offsets if apart[f"offset({equations.channels[k]})"]),
+        drives=tuple(name for name in equations.drives if kept[name]),
+        offsets=tuple(k for k in equations.offsets if kept[f"offset({equations.channels[k]})"]),
     )
+
+
+def independent(columns: np.ndarray) -> np.ndarray:
+    """Which columns of a matrix (m, k) stick out of the span of the independent ones before them (k,)."""
+    # A triangular factor does not tell: behind a dependent column its diagonal misses a part of the others.
+    sizes, basis = np.linalg.norm(columns, axis=0), np.zeros_like(columns)
+    stick_out = np.zeros(len(sizes), bool)
+    for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
+        out = column
+        for _ in range(2):  # Once leaves what rounding has left of the others.
+            out = out - basis @ (basis.T @ out)
+        stick_out[k] = size > ZERO_COLUMN * sizes.max() and np.linalg.norm(out) > INDEPENDENT * size
+        if stick_out[k]:
+            basis[:, k] = out / np.linalg.norm(out)
+    return stick_out
 
 
 def spread(residual: np.ndarray) -> np.ndarray:

@@ -10,10 +10,11 @@ from commands import refusal
 
 import scenes
 from experiments import identify, stream
-from experiments.studies.one_pass import _apart, separated, with_offsets
+from experiments.studies.one_pass import separated, with_offsets
 from experiments.studies.stream import FILE
 from ident.estimation.accumulator import accumulate
 from ident.estimation.equations import Equations
+from ident.estimation.robust import independent
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from sim.models.mechanism import mechanism
@@ -99,7 +100,7 @@ def test_offsets_that_a_motion_hides_are_left_out():
 
 def test_a_dependent_column_takes_nothing_from_later_ones():
     columns = np.array([[1.0, 2, 0, 0], [0, 0, 0, 1]])
-    np.testing.assert_array_equal(_apart(columns), [True, False, False, True])
+    np.testing.assert_array_equal(independent(columns), [True, False, False, True])
 
 
 def test_stuck_channels_are_named(tmp_path):
