@@ -16,7 +16,6 @@ from experiments.benchmark.mechanisms import ARM, PENDULUM, TREE, Subject, mecha
 from experiments.benchmark.timing import Effort, alternating, timed
 from ident.estimation.accumulator import accumulate
 from ident.model.regressor import regressor_program
-from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 TRIES = 7
 """Times that a limit is tried to reach."""
@@ -137,7 +136,7 @@ def _distance(task: str, mechanism: Subject, effort: Effort, reached: Limits) ->
         way = partial(accumulate, mechanism.equations, samples)
         # Rows of base columns and wrench times a matrix, and their Gram matrix, two operations an entry.
         gigabytes, products = 0.0, 2 * 6 * 2 * (given.rank + 1) ** 2
-    program = regressor_program(tree, STANDARD_GRAVITY, columns, moving=mechanism.moving, torques=False)
+    program = regressor_program(mechanism, columns, moving=mechanism.moving, torques=False)
     operations = len(program.code) + products
     seconds = float(np.median(alternating([way], effort.seconds / 2, effort.least)))
     return Distance(

@@ -62,12 +62,12 @@ def fit(
         ExcitationError: The motion does not separate the base parameters.
         InputError: `kept` is not a basis.
     """
-    tree, gravity = mechanism.tree, tuple(mechanism.gravity.tolist())
-    motion = Motion(*recording.joint_states(tree.joints))
+    joints = mechanism.tree.joints
+    motion = Motion(*recording.joint_states(joints))
     measured = recording.wrench("ground").values if wrench is None else wrench
     samples = Samples(motion, measured, covariance)
-    base = structural_base_parameters(tree, gravity, kept=None if kept is None else tuple(kept))
-    noise = recording.joint_noise(tree.joints)
+    base = structural_base_parameters(mechanism, kept=None if kept is None else tuple(kept))
+    noise = recording.joint_noise(joints)
     estimate = least_squares(Equations(mechanism, base), samples, state_noise=noise)
     return Trial(huber_white(estimate, samples), base.regroup(mechanism.known), estimate.predicted(motion))
 

@@ -58,8 +58,7 @@ class Equations:
             moving: Whether its base moves.
         """
         if parameters is None:
-            down = tuple(mechanism.gravity.tolist())
-            parameters = structural_base_parameters(mechanism.tree, down, sensors=Sensors(moving_base=moving))
+            parameters = structural_base_parameters(mechanism, sensors=Sensors(moving_base=moving))
         return cls(mechanism, parameters)
 
     @cached_property
@@ -92,8 +91,8 @@ class Equations:
         Yields:
             Columns first, measurements last (columns + 1, C, chunk).
         """
-        tree, rank = self.mechanism.tree, self.parameters.rank
-        down, kept = self.mechanism.gravity.astype(float), self.parameters.kept
+        arm, rank, kept = self.mechanism, self.parameters.rank, self.parameters.kept
+        down = arm.gravity.astype(float)
         moving = samples.motion.base is not None
         size, (wrench, torques) = min(CHUNK, len(samples)), self._parts()
         block = np.zeros((len(self.names) + 1, len(self.channels), size))
@@ -101,9 +100,9 @@ class Equations:
         # All six components of the wrench come straight from the program; others are made of these.
         straight = self.wrench is None and not self.torques
         seen = block[:rank] if straight else np.zeros((rank, 6, size))
-        felt = np.zeros((rank, len(tree.freedoms) if self.torques else 0, size))
-        programs = [(seen, regressor_program(tree, down, kept, moving=moving, torques=False))] if wrench else []
-        programs += [(felt, regressor_program(tree, down, kept, moving=moving, torques=True))] if self.torques else []
+        felt = np.zeros((rank, len(arm.tree.freedoms) if self.torques else 0, size))
+        programs = [(seen, regressor_program(arm, kept, moving=moving, torques=False))] if wrench else []
+        programs += [(felt, regressor_program(arm, kept, moving=moving, torques=True))] if self.torques else []
         for out, program in programs:
             program.fill(out.reshape(-1, size))
         for first in range(0, len(samples), CHUNK):

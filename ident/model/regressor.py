@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from ident.errors import InputError
-from ident.mechanism.mechanism import checked_gravity
+from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form
@@ -57,7 +57,7 @@ def base_wrench_regressor(
     Raises:
         InputError: The joint arrays do not have these shapes, a quaternion is zero, or a column does not exist.
     """
-    return _regressor(False, tree, Motion(q, dq, ddq, base), gravity, columns)
+    return _regressor(False, Mechanism(tree, gravity), Motion(q, dq, ddq, base), columns)
 
 
 def joint_torque_regressor(
@@ -89,7 +89,7 @@ def joint_torque_regressor(
         InputError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
     """
     motion = Motion(q, dq, ddq, base).checked(tree)
-    Y, own = _regressor(True, tree, motion, gravity, columns), drive_columns(motion, drive)
+    Y, own = _regressor(True, Mechanism(tree, gravity), motion, columns), drive_columns(motion, drive)
     return np.concatenate([Y, *own], axis=2) if own else Y
 
 
@@ -112,12 +112,10 @@ def _check_drive(drive: Sequence[str]) -> None:
         raise InputError(f"Drive parameters are a list out of {', '.join(DRIVE)}, got {', '.join(unknown)}.")
 
 
-def _regressor(
-    torques: bool, tree: Tree, motion: Motion, gravity: np.ndarray, columns: Sequence[int] | None
-) -> np.ndarray:
+def _regressor(torques: bool, mechanism: Mechanism, motion: Motion, columns: Sequence[int] | None) -> np.ndarray:
     """Rows of the base wrench or of the joint torques (N, rows, columns)."""
-    motion, gravity = motion.checked(tree), checked_gravity(gravity).astype(float)
-    wanted = _checked_columns(tree, columns)
+    tree, gravity = mechanism.tree, mechanism.gravity.astype(float)
+    motion, wanted = motion.checked(tree), _checked_columns(tree, columns)
     samples, rows = len(motion), len(tree.freedoms) if torques else 6
     out = np.zeros((len(wanted), rows, samples))
     flat = out.reshape(len(wanted) * rows, samples)
@@ -125,7 +123,7 @@ def _regressor(
         for k, x in enumerate(program_inputs(motion, gravity).T):
             flat[:, k] = _one_sample(tree, gravity, wanted, x, torques)
         return out.transpose(2, 1, 0)
-    program = regressor_program(tree, gravity, wanted, moving=motion.base is not None, torques=torques)
+    program = regressor_program(mechanism, wanted, moving=motion.base is not None, torques=torques)
     program.fill(flat)
     for start in range(0, samples, CHUNK):
         part = slice(start, start + CHUNK)
@@ -142,19 +140,17 @@ def _checked_columns(tree: Tree, columns: Sequence[int] | None) -> tuple[int, ..
     return wanted
 
 
-def regressor_program(
-    tree: Tree, gravity: np.ndarray, columns: Sequence[int], *, moving: bool, torques: bool
-) -> Program:
+def regressor_program(mechanism: Mechanism, columns: Sequence[int], *, moving: bool, torques: bool) -> Program:
     """What computes the requested columns from `program_inputs`: results (columns, rows), flat.
 
     Args:
-        tree: The mechanism of b bodies.
-        gravity: Acceleration of gravity, m/s² (3,).
+        mechanism: The mechanism of b bodies.
         columns: Indices of the columns wanted.
         moving: Whether the base moves.
         torques: Whether the rows are the joints' torques rather than the base wrench.
     """
-    return _recorded(tree, tuple(gravity.tolist()), tuple(columns), moving, torques)
+    gravity = tuple(mechanism.gravity.astype(float).tolist())
+    return _recorded(mechanism.tree, gravity, tuple(columns), moving, torques)
 
 
 @lru_cache(maxsize=64)

@@ -193,18 +193,17 @@ def _of_regressor(
     return BaseParameters(names, tuple(chosen), tuple(others), beta, gap, tuple(names[k] for k in passed))
 
 
-@lru_cache(maxsize=64)
 def structural_base_parameters(
-    tree: Tree, gravity: tuple[float, ...], *, sensors: Sensors | None = None, kept: tuple[str, ...] | None = None
+    mechanism: Mechanism, *, sensors: Sensors | None = None, kept: tuple[str, ...] | None = None
 ) -> BaseParameters:
-    """`find_base_parameters` of a mechanism, found once and remembered.
+    """As `find_base_parameters` of a mechanism, found once for each tree, gravity, sensors and pinned names."""
+    return _structural(mechanism.tree, tuple(mechanism.gravity.tolist()), sensors, kept)
 
-    Args:
-        tree: The mechanism.
-        gravity: Acceleration of gravity in the base frame, m/s² (3 numbers).
-        sensors: What is measured, by default the base wrench of a resting base.
-        kept: Names to use as base parameters.
-    """
+
+@lru_cache(maxsize=64)
+def _structural(
+    tree: Tree, gravity: tuple[float, ...], sensors: Sensors | None, kept: tuple[str, ...] | None
+) -> BaseParameters:
     regrouping = find_base_parameters(tree, gravity=np.array(gravity), sensors=sensors, kept=kept)
     regrouping.beta.flags.writeable = False
     return regrouping

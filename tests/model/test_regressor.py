@@ -91,11 +91,11 @@ def test_only_requested_columns_are_computed(of, samples):
 def test_what_the_geometry_makes_zero_or_constant_is_not_computed():
     """Two links that turn about X: the base's columns are constant, and forces along X and most inertias vanish."""
     tree = double_pendulum()
-    program = regressor.regressor_program(tree, np.array(GRAVITY), range(30), moving=False, torques=False)
+    program = regressor.regressor_program(Mechanism(tree, GRAVITY), range(30), moving=False, torques=False)
     tilted = tree.with_twists([[0, 0, 0, *tilted_axis(5, 10)], [0, 0, 0, *tilted_axis(7, 40)]])
-    general = regressor.regressor_program(tilted, np.array(GRAVITY), range(30), moving=False, torques=False)
+    general = regressor.regressor_program(Mechanism(tilted, GRAVITY), range(30), moving=False, torques=False)
     assert len(program.code) < 150 < 500 < len(general.code) < 700
-    base_only = regressor.regressor_program(tree, np.array(GRAVITY), range(10), moving=False, torques=False)
+    base_only = regressor.regressor_program(Mechanism(tree, GRAVITY), range(10), moving=False, torques=False)
     assert base_only.code == () and len(base_only.constants) == 3
 
 
