@@ -3,9 +3,12 @@
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
 
 from ident.errors import ModelError
-from sim.models.names import name_of
+from ident.geometry.se3 import coAd, inverse, pose
+from ident.tolerances import HUGE
+from sim.models.names import body_name, joint_name, name_of
 
 QUATERNION = "quaternion"
 """Unit of a channel that is an orientation, w, x, y, z."""
@@ -59,6 +62,39 @@ def sensors(model: mujoco.MjModel) -> list[Sensor]:
         ModelError: A user sensor is not attached to a hinge or slide joint.
     """
     return [_sensor(model, i) for i in range(model.nsensor)]
+
+
+def wrench_whitening(model: mujoco.MjModel, base: str | None, force: float, moment: float) -> np.ndarray:
+    """What whitens the noise on the wrench between a base and its ground, as force and torque sensors on it state it.
+
+    Args:
+        model: Compiled model.
+        base: Name of the body whose frame is {0}; None for the world, which no sensor is on.
+        force: Standard deviation of the noise on forces where no sensor states one, N; `moment` on moments, N m.
+
+    Returns:
+        W with `W C Wᵀ = 1` for the covariance C of `[F; τ]` in the base frame, to which a torque sensor beside its
+        origin has a lever (6, 6).
+    """
+    place = np.zeros(3)
+    for i in range(model.nsensor):
+        site, noise, kind = model.sensor_objid[i], float(model.sensor_noise[i]), mujoco.mjtSensor(model.sensor_type[i])
+        on_site = kind in (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE)
+        if not (on_site and 0 < noise < HUGE and body_name(model, model.site_bodyid[site]) == base):
+            continue
+        if kind == mujoco.mjtSensor.mjSENS_FORCE:
+            force = noise
+        else:
+            moment, place = noise, model.site_pos[site]
+    # Each sensor is as noisy along all axes, however they are turned.
+    return coAd(inverse(pose(np.eye(3), place))) / np.repeat([force, moment], 3)[:, None]
+
+
+def torque_noise(model: mujoco.MjModel) -> dict[str, float]:
+    """Noise that sensors of the actuators' forces on joints state: standard deviations by joints' names, N or N m."""
+    kind = int(mujoco.mjtSensor.mjSENS_JOINTACTFRC)
+    which = [i for i in range(model.nsensor) if model.sensor_type[i] == kind and 0 < model.sensor_noise[i] < HUGE]
+    return {joint_name(model, model.sensor_objid[i]): float(model.sensor_noise[i]) for i in which}
 
 
 def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
