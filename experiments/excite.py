@@ -1,7 +1,8 @@
 """Designs the joint motion that tells most about a mechanism's base parameters, within limits and without collisions.
 
-The motion is a finite Fourier series for every joint, which starts and ends at rest. For the double pendulum the limits
-are those of the paper's excitation, which is also what the design is compared with.
+The motion is a finite Fourier series for every joint, which starts and ends at rest. It is judged by the standard
+deviations that it leaves to the base parameters, predicted from the sensors' noise, which are printed before and after.
+For the double pendulum the limits are those of the paper's excitation, which is also what the design is compared with.
 """
 
 import argparse
@@ -9,7 +10,7 @@ import math
 
 import scenes
 from experiments.cli import options
-from experiments.cli.defaults import ACCELERATION, CRITERIA, SECONDS, SENSORS, VELOCITY
+from experiments.cli.defaults import ACCELERATION, CRITERIA, NOISE, SECONDS, SENSORS, VELOCITY
 from ident.tolerances import HUGE
 
 
@@ -36,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument(
         "--criterion",
         choices=CRITERIA,
-        default="condition",
+        default="deviations",
         help="; ".join(f"{key}, {what}" for key, what in CRITERIA.items()),
     )
     out.add_argument("--sensors", choices=SENSORS, default="wrench", help="what the regressor explains")
@@ -44,12 +45,11 @@ def parser() -> argparse.ArgumentParser:
         "--noise",
         nargs=2,
         type=_positive,
-        default=[0.5, 0.05],
         metavar=("N", "NM"),
-        help="sensors' standard deviations",
+        help="standard deviations of noise; the model's sensors', else {:g} and {:g}, if not given".format(*NOISE),
     )
     out.add_argument("--harmonics", type=options.whole_number(2, 100), default=5, help="terms of the series")
-    out.add_argument("--starts", type=options.whole_number(1, 10_000), default=8, help="motions to begin from")
+    out.add_argument("--starts", type=options.whole_number(1, 10_000), default=24, help="motions to begin from")
     out.add_argument("--iterations", type=options.whole_number(1, 100_000), default=100, help="at most, each start")
     out.add_argument("--seed", type=options.whole_number(0), default=0, help="seed of the starts")
     out.add_argument("--collisions", choices=("avoid", "ignore"), default="avoid", help="what to do about them")

@@ -17,8 +17,9 @@ AZIMUTH_DEG = 120.0
 """Direction of the tilt, which the paper does not print: the one that fits its Table III."""
 
 CRITERIA = {
+    "deviations": "the smallest predicted standard deviations of the base parameters, relative to what the model knows",
+    "determinant": "the largest determinant of the information, weighted by the sensors' noise",
     "condition": "the smallest condition number of the base regressor",
-    "information": "the largest log-determinant of the information, weighted by the sensors' noise",
 }
 """What a designed excitation makes best."""
 
@@ -28,3 +29,6 @@ SENSORS = ("wrench", "torque")
 SECONDS, VELOCITY, ACCELERATION = 10.0, 1.0, 3.0
 """Duration of an excitation in s, and its limits in rad/s and rad/s² (m/s and m/s² of slides): modest ones, because
 models do not know them."""
+
+NOISE = 0.5, 0.05
+"""Standard deviations of the noise on forces in N, and on moments and torques in N m, where no sensor states one."""

@@ -1,5 +1,6 @@
 """What a designed excitation leaves behind: the motion as a recording, tables before and after, and a figure."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from experiments.output import escape, figures, report
-from experiments.studies import excitation
+from experiments.studies import criteria
 from experiments.studies.excitation import Problem
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import STATES, Recording
@@ -34,11 +35,25 @@ def recording(problem: Problem, time: np.ndarray, motion: Motion, provenance: Ma
     return Recording(time, measured, units=units, provenance=provenance)
 
 
-def table_quality(problem: Problem, before: Motion, after: Motion, title: str) -> report.Table:
+def table_quality(problem: Problem, before: Motion, after: Motion) -> report.Table:
     """Every criterion before and after."""
-    old, new = (excitation.quality(problem, *motion.states) for motion in (before, after))
+    old, new = (criteria.quality(problem, motion) for motion in (before, after))
     rows = tuple((name, old[name], new[name]) for name in old)
-    return report.Table(title, ("criterion", "before", "after"), rows, decimals=2)
+    return report.Table("Criteria", ("criterion", "before", "after"), rows, decimals=4)
+
+
+def table_deviations(problem: Problem, before: Motion, after: Motion, title: str) -> report.Table:
+    """Predicted standard deviation of every base parameter before and after, and what is known of it; their means.
+
+    The smallest one has two digits.
+    """
+    std = {f"std_{k}": criteria.predicted_deviations(problem, m) for k, m in (("before", before), ("after", after))}
+    if problem.mechanism.prior is not None:
+        std = {"std_known": np.linalg.norm(criteria.known_root(problem), axis=0)} | std
+    names = (*problem.parameters.names, "geometric mean")
+    means = {name: np.append(values, criteria.geometric_mean(values)) for name, values in std.items()}
+    heads, rows = report.columns(parameter=names, **means)
+    return report.Table(title, heads, rows, decimals=max(3, 1 - math.floor(math.log10(std["std_after"].min()))))
 
 
 def table_limits(problem: Problem, limits: Limits, before: Motion, after: Motion) -> report.Table:
@@ -63,8 +78,13 @@ def figure(problem: Problem, limits: Limits, time: np.ndarray, before: Motion, a
         (-limits.velocity, limits.velocity),
         (-limits.acceleration, limits.acceleration),
     )
-    first, last = (excitation.quality(problem, *motion.states)["condition_number"] for motion in (before, after))
-    labels = (f"designed, condition number {last:.1f}", f"before, {first:.1f}", "limits")
+    ratio = criteria.mean_deviation(problem, after) / criteria.mean_deviation(problem, before)
+    first, last = (criteria.quality(problem, motion)["condition_number"] for motion in (before, after))
+    labels = (
+        f"designed: condition number {last:.1f}, s.d. {ratio:.2f} of those before",
+        f"before: {first:.1f}",
+        "limits",
+    )
     with figures.paper_style():
         drawing = Figure(figsize=(7.16, 0.55 + 1.15 * len(problem.joints)))
         axes = drawing.subplots(len(problem.joints), 3, sharex=True, squeeze=False)

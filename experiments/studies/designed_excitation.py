@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 import scenes
 from experiments.cli.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
 from experiments.output import figures, report
-from experiments.output.excite_report import figure, recording, table_limits, table_quality
-from experiments.studies import excitation, paper
+from experiments.output.excite_report import figure, recording, table_deviations, table_limits, table_quality
+from experiments.studies import criteria, excitation, paper
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
 from ident.mechanism.motion import Motion
@@ -91,9 +91,7 @@ def run(args: argparse.Namespace) -> None:
     scene = args.model in scenes.NAMES
     base = args.base or BASES.get(args.model) if scene else args.base
     arm = mechanism(scenes.load(args.model) if scene else args.model, base, ignore=args.ignore)
-    problem = excitation.problem(
-        arm, args.joints, sensors=args.sensors, noise=(args.noise[0], args.noise[1]), ignore=args.ignore
-    )
+    problem = excitation.problem(arm, args.joints, sensors=args.sensors, noise=args.noise, ignore=args.ignore)
     published = args.model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
     time = sample_times(duration if args.seconds is None else args.seconds, args.harmonics)
@@ -103,15 +101,19 @@ def run(args: argparse.Namespace) -> None:
     before, trajectory = _designed(args, problem, limits, reference, time, collisions)
     after = Motion(*trajectory.states(time))
     start = "the paper's excitation" if published else "the first random start"
-    title = f"Excitation of {', '.join(problem.joints)}: {start} and the designed one"
+    title = (
+        f"Excitation of {', '.join(problem.joints)}: predicted standard deviations, kg, kg m and kg m², of {start} and "
+        "the designed one"
+    )
     tables = {
-        "table_quality": table_quality(problem, before, after, title),
+        "table_deviations": table_deviations(problem, before, after, title),
+        "table_quality": table_quality(problem, before, after),
         "table_limits": table_limits(problem, limits, before, after),
     }
     _write(args, problem, tables, figure(problem, limits, time, before, after), time, trajectory)
     for table in tables.values():
         print(table.text())
-    _print_summary(args, problem, tables["table_quality"], start, collisions)
+    _print_summary(args, problem, start, (before, after), collisions)
 
 
 def _collisions(args: argparse.Namespace, problem: Problem) -> Collisions | None:
@@ -136,8 +138,8 @@ def _designed(
     else:
         before = reference
         starts[0] = FourierTrajectory.closest(float(time[-1]), args.harmonics, time, reference.q)
-    found = excitation.best(problem, limits, args.criterion, starts, collisions, args.iterations)
-    return before, found
+    value = criteria.cost(problem, args.criterion, len(time))
+    return before, excitation.best(value, limits, starts, collisions, args.iterations)
 
 
 def _write(
@@ -168,11 +170,20 @@ def _write(
 
 
 def _print_summary(
-    args: argparse.Namespace, problem: Problem, table: report.Table, start: str, collisions: Collisions | None
+    args: argparse.Namespace,
+    problem: Problem,
+    start: str,
+    compared: tuple[Motion, Motion],
+    collisions: Collisions | None,
 ) -> None:
-    before, after = table.rows[0][1:]
+    before, after = (criteria.mean_deviation(problem, motion) for motion in compared)
+    first, last = (criteria.quality(problem, motion)["condition_number"] for motion in compared)
     print(f"{problem.parameters.rank} base parameters: {', '.join(problem.parameters.names)}.")
-    print(f"Condition number before, {start}: {before:.1f}; after: {after:.1f}.")
+    print(
+        f"Predicted standard deviations (kg, kg m, kg m²), geometric mean before, {start}: {before:.2e}; after: "
+        f"{after:.2e}, {after / before - 1:+.0%}."
+    )
+    print(f"Condition number before: {first:.1f}; after: {last:.1f}.")
     print(f"Collisions: {_checked(collisions)}.")
     print(f"Trajectory, figure and tables are in {args.out}.")
 

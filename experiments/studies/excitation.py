@@ -1,4 +1,4 @@
-"""Which motion of a mechanism tells most about its base parameters: the problem, its criteria, and the best of many."""
+"""Which motion of a mechanism tells most about its base parameters: the problem, and the best motion of many."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -8,10 +8,11 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
+from experiments.cli.defaults import NOISE
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.model.regressor import CHUNK, base_wrench_regressor, joint_torque_regressor
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from sim.models.couplings import check_torques
@@ -20,10 +21,7 @@ from sim.models.names import joint_name
 from sim.motion.collisions import Collisions
 from sim.motion.excitation_design import Cost, Limits, design, random_start, scaled_into
 from sim.motion.fourier import FourierTrajectory
-from sim.simulation.sensors import ONE_DOF
-
-INVISIBLE = 1e-14
-"""Eigenvalues of the information below this fraction of the largest are rounding."""
+from sim.simulation.sensors import ONE_DOF, torque_noise, wrench_whitening
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +33,7 @@ class Problem:
         rest: Where each hinge and slide rests, moved or not, rad or m.
         units: Their units, `rad` or `m`.
         sensors: One of `defaults.SENSORS`.
-        noise: Standard deviations of the noise on forces in N, and on moments and torques in N m.
+        whitening: W that makes the noise on the rows of a sample white and of unit size, 1/N and 1/(N m) (rows, rows).
         parameters: Base parameters that motions of these joints can tell apart.
     """
 
@@ -43,7 +41,7 @@ class Problem:
     rest: Mapping[str, float]
     units: Mapping[str, str]
     sensors: str
-    noise: tuple[float, float]
+    whitening: np.ndarray
     parameters: BaseParameters
 
     @property
@@ -56,20 +54,13 @@ class Problem:
         function = base_wrench_regressor if self.sensors == "wrench" else joint_torque_regressor
         return self.parameters.reduce(function(self.mechanism.tree, q, dq, ddq, gravity=self.mechanism.gravity))
 
-    def weights(self) -> np.ndarray:
-        """One over the standard deviation of the noise on each row of a sample (rows,)."""
-        force, moment = self.noise
-        if self.sensors == "wrench":
-            return 1 / np.repeat([force, moment], 3)
-        return 1 / np.array([force if self.units[joint] == "m" else moment for joint in self.joints])
-
 
 def problem(
     mechanism: Mechanism,
     names: Sequence[str] | None,
     *,
     sensors: str,
-    noise: tuple[float, float],
+    noise: tuple[float, float] | None = None,
     ignore: Sequence[str] = (),
 ) -> Problem:
     """What some joints of a mechanism can excite, on a base that stands still.
@@ -78,7 +69,8 @@ def problem(
         mechanism: The mechanism, from `sim.mechanism`.
         names: Joints to move; by default all hinge and slide joints.
         sensors: One of `defaults.SENSORS`.
-        noise: Standard deviations of the noise, N and N m.
+        noise: Standard deviations of the noise on forces in N, and on moments and torques in N m; by default those that
+            the model's sensors state, and `NOISE` of channels without.
         ignore: Names of equality constraints and tendons to leave out.
 
     Raises:
@@ -96,16 +88,28 @@ def problem(
         still = base_motion(model, base, model.qpos0[None], *np.zeros((2, 1, model.nv)))
         gravity = still.T[0, :3, :3].T @ gravity_of(model)
     locked = replace(mechanism, tree=tree, gravity=gravity)
+    units = {joint: "m" if kinds[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for joint in joints}
+    wrench = sensors == "wrench"
     return Problem(
         locked,
         {joint: float(rest[joint][0]) for joint in joints},
-        {joint: "m" if kinds[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "rad" for joint in joints},
+        units,
         sensors,
-        noise,
-        find_base_parameters(
-            locked, sensors=Sensors(base_wrench=sensors == "wrench", joint_torques=sensors == "torque")
-        ),
+        _whitening(model, base, {} if wrench else {joint: units[joint] for joint in moving}, noise),
+        find_base_parameters(locked, sensors=Sensors(base_wrench=wrench, joint_torques=not wrench)),
     )
+
+
+def _whitening(
+    model: mujoco.MjModel, base: str | None, torques: Mapping[str, str], noise: tuple[float, float] | None
+) -> np.ndarray:
+    """What whitens the noise on the torques of joints, given with their units, or without any on the base wrench."""
+    force, moment = noise or NOISE
+    if not torques:
+        return np.diag(1 / np.repeat(noise, 3)) if noise else wrench_whitening(model, base, force, moment)
+    stated = {} if noise else torque_noise(model)
+    levels = {joint: force if unit == "m" else moment for joint, unit in torques.items()} | stated
+    return np.diag([1 / levels[joint] for joint in torques])
 
 
 def _chosen(joints: Sequence[str], tree: Tree, names: Sequence[str] | None) -> Sequence[str]:
@@ -119,65 +123,27 @@ def _chosen(joints: Sequence[str], tree: Tree, names: Sequence[str] | None) -> S
     return [joint for joint in joints if names is None or joint in names]
 
 
-def information(problem: Problem, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Information `Σ Y_bᵀ W² Y_b` of P motions of G samples: arrays (P, G, n) give (P, r, r)."""
-    out = np.empty((len(q), problem.parameters.rank, problem.parameters.rank))
-    at_once = max(1, CHUNK // q.shape[1])
-    for start in range(0, len(q), at_once):
-        part = slice(start, start + at_once)
-        Y = problem.regressor(*(x[part].reshape(-1, x.shape[2]) for x in (q, dq, ddq))) * weights[:, None]
-        rows = Y.reshape(len(q[part]), -1, Y.shape[2])
-        out[part] = np.swapaxes(rows, 1, 2) @ rows
-    return out
-
-
-def cost(problem: Problem, criterion: str) -> Cost:
-    """What a criterion of `defaults.CRITERIA` makes small, as a logarithm."""
-    weights = problem.weights() if criterion == "information" else np.ones_like(problem.weights())
-
-    def logarithm(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        s = np.linalg.eigvalsh(information(problem, q, dq, ddq, weights))
-        s = np.log(np.maximum(s, INVISIBLE * s[:, -1:]))
-        return -np.mean(s, axis=1) / 2 if criterion == "information" else (s[:, -1] - s[:, 0]) / 2
-
-    return logarithm
-
-
-def quality(problem: Problem, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> dict[str, float]:
-    """Every criterion's value for a sampled motion (N, n)."""
-    Y = problem.regressor(q, dq, ddq)
-    s = np.linalg.svd(Y.reshape(-1, Y.shape[2]), compute_uv=False)
-    columns = Y.reshape(-1, Y.shape[2])
-    norms = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    weighted = (Y * problem.weights()[:, None]).reshape(-1, Y.shape[2])
-    return {
-        "condition_number": _ratio(s),
-        "condition_number_of_unit_columns": _ratio(np.linalg.svd(columns / norms, compute_uv=False)),
-        "log_det_information": 2 * float(np.log(np.linalg.svd(weighted, compute_uv=False)).sum()),
-        "smallest_singular_value": float(s[-1]),
-    }
-
-
-def _ratio(singular_values: np.ndarray) -> float:
-    return float(singular_values[0] / max(singular_values[-1], np.finfo(float).tiny))
-
-
 def best(
-    problem: Problem,
+    value: Cost,
     limits: Limits,
-    criterion: str,
     starts: Sequence[FourierTrajectory],
     collisions: Collisions | None,
     iterations: int,
 ) -> FourierTrajectory:
     """The best of what is found from several starts; progress goes to stderr.
 
+    Args:
+        value: What to make small.
+        limits: Joint limits.
+        starts: Motions to begin from.
+        collisions: What must not touch, None if nothing is checked.
+        iterations: Iterations at most, each time.
+
     Raises:
-        InputError: Everything found collides, or cannot tell the base parameters apart.
+        InputError: Everything found collides.
     """
     if collisions is not None:
         check_starts(collisions, starts, limits)
-    value = cost(problem, criterion)
     found: list[tuple[float, FourierTrajectory]] = []
     for start in tqdm(starts, desc="Starts", file=sys.stderr):
         trajectory = design(value, limits, start, collisions=collisions, iterations=iterations)

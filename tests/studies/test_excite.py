@@ -8,8 +8,9 @@ from commands import refusal
 
 from experiments import excite
 from experiments.cli import defaults
-from experiments.studies import excitation
+from experiments.studies import criteria, excitation
 from ident.errors import ModelError
+from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.models.mechanism import mechanism
 from sim.motion.collisions import Collisions
@@ -55,16 +56,20 @@ def arm_problem(model, joints=None):
     return excitation.problem(mechanism(model, "column"), joints, sensors="wrench", noise=(0.5, 0.05))
 
 
-def test_the_papers_condition_number_is_more_than_halved(tmp_path, capsys):
+def test_the_papers_excitation_is_improved_within_its_limits(tmp_path, capsys):
     assert excite.main(["double_pendulum", "--starts", "3", "--iterations", "30", "--out", str(tmp_path)]) == 0
-    assert "Condition number before, the paper's excitation: 38.2" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "geometric mean before, the paper's excitation: 1.15e-03; after: " in printed
+    assert "Condition number before: 38.2; after: " in printed
     files = {path.name for path in tmp_path.iterdir()}
     assert {"trajectory.csv", "trajectory.npz", "figure_excitation.png", "figure_excitation.pdf"} <= files
-    assert {"table_quality.csv", "table_limits.csv", "provenance.json"} <= files
+    assert {"table_deviations.csv", "table_quality.csv", "table_limits.csv", "provenance.json"} <= files
     rows = list(csv.DictReader((tmp_path / "table_quality.csv").read_text().splitlines()))
     number = next(row for row in rows if row["criterion"] == "condition_number")
     assert float(number["before"]) == pytest.approx(38.16, abs=0.01)
     assert float(number["after"]) < 38.1 / 2
+    *parameters, mean = csv.DictReader((tmp_path / "table_deviations.csv").read_text().splitlines())
+    assert len(parameters) == 13 and float(mean["std_after"]) < 0.7 * float(mean["std_before"])
 
     recording = Recording.load(tmp_path / "trajectory.csv")
     np.testing.assert_array_equal(recording.time, TIME)
@@ -96,14 +101,15 @@ def test_each_criterion_improves(arm, criterion, sensors):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = excitation.problem(mechanism(model, "column"), None, sensors=sensors, noise=(0.5, 0.05))
     start = random_start(LIMITS, 5.0, 4, np.random.default_rng(0))
-    cost = excitation.cost(problem, criterion)
+    cost = criteria.cost(problem, criterion, 501)
     found = design(cost, LIMITS, start, iterations=15)
     time = np.arange(501) / 100
-    before, after = (excitation.quality(problem, *trajectory.states(time)) for trajectory in (start, found))
-    if criterion == "condition":
-        assert after["condition_number"] < 0.9 * before["condition_number"]
-    else:
+    before, after = (criteria.quality(problem, Motion(*trajectory.states(time))) for trajectory in (start, found))
+    if criterion == "determinant":
         assert after["log_det_information"] > before["log_det_information"] + 1
+    else:
+        name = {"condition": "condition_number", "deviations": "geometric_mean_of_relative_deviations"}[criterion]
+        assert after[name] < 0.9 * before[name]
 
 
 def test_limits_are_kept_between_the_samples():
@@ -116,12 +122,13 @@ def test_limits_are_kept_between_the_samples():
         assert (LIMITS.use(*scaled_into(wild, LIMITS).states(time)) < 1).all()
 
 
-def test_the_searchs_gradient_is_that_of_its_value(arm):
+@pytest.mark.parametrize("criterion", defaults.CRITERIA)
+def test_the_searchs_gradient_is_that_of_its_value(arm, criterion):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = arm_problem(model)
     collisions = Collisions(model, problem.joints, 0.05)
     limits = Limits([2.0, 2.0], [2.9, 3.0], [1.0, 1.0], [3.0, 3.0])
-    search = _Search(excitation.cost(problem, "condition"), limits, 5.0, 3, collisions)
+    search = _Search(criteria.cost(problem, criterion, 501), limits, 5.0, 3, collisions)
     x = 0.2 * np.random.default_rng(0).normal(size=search.shape[0] * search.shape[1])
     assert search.depths(search.trajectory(x).states(np.linspace(0, 5, 50))[0]).any()
     value, gradient = search.value_and_gradient(x, 100.0)
@@ -170,7 +177,7 @@ def test_a_motion_around_collisions_is_found(arm):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = arm_problem(model)
     limits = Limits([-1.5, -2.9], [1.5, 2.9], [2.0, 3.0], [8.0, 12.0])
-    cost = excitation.cost(problem, "information")
+    cost = criteria.cost(problem, "determinant", 601)
     time = np.linspace(0, 6, 2001)
     collisions = Collisions(model, JOINTS, 0.01)
     start = random_start(limits, 6.0, 4, np.random.default_rng(0))
@@ -267,7 +274,19 @@ def test_the_force_on_a_slide_sees_only_mass():
     model = mujoco.MjModel.from_xml_string(ALONE.format('<joint name="j" type="slide" range="-1 1"/>'))
     problem = excitation.problem(mechanism(model), None, sensors="torque", noise=(2.0, 1.0))
     assert problem.parameters.names == ("m1",)
-    assert problem.weights().tolist() == [0.5]
+    assert problem.whitening.tolist() == [[0.5]]
+
+
+def test_deviations_are_relative_to_masses_where_the_model_has_some(tmp_path, capsys):
+    model = tmp_path / "massless.urdf"
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joint = f'<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>{limit}</joint>'
+    model.write_text(f'<robot name="r"><link name="a"/><link name="b"/>{joint}</robot>')
+    given = [str(model), *QUICK, "--out", str(tmp_path / "out")]
+    assert "no body has one; choose --criterion determinant or condition" in refusal(excite.main, given, capsys)
+    assert excite.main([*given, "--criterion", "determinant"]) == 0
+    head, *_ = (tmp_path / "out" / "table_deviations.csv").read_text().splitlines()
+    assert head == "parameter,std_before,std_after"
 
 
 def test_bad_limits_are_refused():

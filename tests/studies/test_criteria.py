@@ -1,0 +1,153 @@
+"""Predicted standard deviations are those that noise causes, and designs that minimise them are better for it."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+import scenes
+from experiments.studies import criteria, excitation
+from ident.estimation.equations import Equations
+from ident.estimation.least_squares import least_squares
+from ident.estimation.samples import Samples
+from ident.geometry.se3 import pose
+from ident.mechanism.motion import Motion
+from ident.recordings.wrench import transform_covariance
+from sim.models.mechanism import mechanism
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.motion.excitation_design import Limits
+from sim.simulation.simulate import simulate, with_noise
+
+TIME = np.arange(943) / 100
+PAPERS = Motion(*DOUBLE_PENDULUM.trajectory(TIME))
+RESTING = Motion(np.ones((100, 2)), np.zeros((100, 2)), np.zeros((100, 2)))
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    return excitation.problem(mechanism(scenes.load("double_pendulum"), "base"), None, sensors="wrench")
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_estimates_scatter_by_the_predicted_deviations(weighted):
+    """Force and torque noise of equal size make ordinary least squares the weighted one."""
+    noise = (0.5, 0.05) if weighted else (0.2, 0.2)
+    recording = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=300)
+    arm = mechanism(scenes.load("double_pendulum"), "base")
+    truth = recording.noise_free
+    motion = Motion(*truth.joint_states(arm.tree.joints))
+    levels = dict(zip(("ground_force", "ground_torque"), noise, strict=True))
+    equations, rng, found = Equations.of_wrench(arm), np.random.default_rng(0), []
+    covariance = np.diag(np.repeat(np.square(noise), 3)) if weighted else None
+    noisy = type(truth)(truth.time, truth.measured, true=truth.measured, units=truth.units, noise=levels)
+    for _ in range(400):
+        wrench = with_noise(noisy, rng).wrench("ground").values
+        found.append(least_squares(equations, Samples(motion, wrench, covariance)).psi)
+    problem = excitation.problem(arm, None, sensors="wrench", noise=noise)
+    ratio = np.std(found, axis=0, ddof=1) / criteria.predicted_deviations(problem, motion)
+    # The spread of 400 estimates is off by 1/√800 of itself.
+    np.testing.assert_allclose(ratio, 1, atol=4 / np.sqrt(800))
+    assert np.mean(ratio**2) == pytest.approx(1, abs=0.05)
+
+
+def test_what_a_model_knows_is_carried_through_the_regrouping(pendulum):
+    base, phi = pendulum.parameters, pendulum.mechanism.prior
+    B = np.zeros((base.rank, len(phi)))
+    B[range(base.rank), list(base.kept)] = 1
+    B[:, list(base.dependent)] = base.beta
+    np.testing.assert_allclose(B @ phi, base.regroup(phi))
+    L = criteria.known_root(pendulum)
+    std = criteria.known_deviations(phi)
+    np.testing.assert_allclose(L.T @ L, B @ np.diag(std**2) @ B.T, atol=1e-14)
+    m1 = np.sqrt(np.sum((0.2 * phi[::10]) ** 2))
+    assert np.linalg.norm(L, axis=0)[0] == pytest.approx(m1)
+
+
+def test_how_well_a_model_knows_a_body():
+    std = criteria.known_deviations(np.array([2.0, 0, 0, 1, 0.9, 0.4, 0.1, 0, 0, 0]))
+    np.testing.assert_allclose(std, [0.4, 0.1, 0.1, 0.1, 0.27, 0.12, 0.03, 0.18, 0.09, 0.06])
+    assert not criteria.known_deviations(np.zeros(10)).any()
+
+
+def test_what_is_known_counts_as_one_more_measurement(pendulum):
+    L = criteria.known_root(pendulum)
+    known = np.linalg.norm(L, axis=0)
+    rows = pendulum.regressor(*PAPERS.states) / np.repeat([0.5, 0.05], 3)[:, None]
+    M = np.einsum("nci,ncj->ij", rows, rows)
+    left = np.sqrt(np.diag(np.linalg.inv(M + np.linalg.inv(L.T @ L))))
+    found = criteria.quality(pendulum, PAPERS)["geometric_mean_of_relative_deviations"]
+    assert found == pytest.approx(criteria.geometric_mean(left / known), rel=1e-6)
+    value = criteria.cost(pendulum, "deviations", len(TIME))(*(x[None] for x in PAPERS.states))
+    assert np.exp(value) == pytest.approx([found], rel=1e-9)
+    # With some samples left out those that stay stand for all.
+    half = criteria.cost(pendulum, "deviations", len(TIME))(*(x[None, ::2] for x in PAPERS.states))
+    assert half == pytest.approx(value, abs=0.01)
+
+
+def test_what_cannot_be_seen_stays_as_known(pendulum):
+    value = criteria.cost(pendulum, "deviations", 100)
+    resting = np.exp(value(*(x[None] for x in RESTING.states))[0])
+    assert 0.1 < resting < 1
+    quiet = replace(pendulum, whitening=1e-9 * pendulum.whitening)
+    assert criteria.quality(quiet, PAPERS)["geometric_mean_of_relative_deviations"] == pytest.approx(1)
+    assert np.isfinite(criteria.predicted_deviations(pendulum, RESTING)).all()
+
+
+def test_designs_by_deviations_beat_those_by_the_condition_number(pendulum):
+    limits = Limits(PAPERS.q.min(axis=0), PAPERS.q.max(axis=0), abs(PAPERS.dq).max(axis=0), abs(PAPERS.ddq).max(axis=0))
+    # These few reach what the command finds with its 24, which from 7 of 8 seeds is better by 16.5 to 17.5 %.
+    starts = excitation.start_motions(limits, np.zeros(2), TIME[-1], 5, 8, seed=1)
+    deviations = {}
+    for criterion in ("deviations", "condition"):
+        value = criteria.cost(pendulum, criterion, len(TIME))
+        found = excitation.best(value, limits, starts, None, 100)
+        motion = Motion(*found.states(TIME))
+        deviations[criterion] = criteria.mean_deviation(pendulum, motion)
+    assert deviations["deviations"] < 0.85 * deviations["condition"]
+
+
+SENSING = """
+<mujoco>
+  <worldbody>
+    <body name="base">
+      <site name="plate" pos="0.1 0 -0.2" euler="0 30 0"/>
+      <geom size="0.1"/>
+      <body name="arm">
+        <joint name="hinge" range="-1 1"/>
+        <geom size="0.1" pos="0 0 1"/>
+        <site name="elsewhere"/>
+      </body>
+    </body>
+  </worldbody>
+  <sensor>
+    <force site="plate" noise="2"/>
+    <torque site="plate" noise="0.3"/>
+    <force site="elsewhere" noise="7"/>
+    <jointactuatorfrc joint="hinge" noise="0.4"/>
+  </sensor>
+</mujoco>
+"""
+
+
+def test_noise_is_what_the_models_sensors_state():
+    arm = mechanism(mujoco.MjModel.from_xml_string(SENSING), "base")
+
+    def covariance(sensors, noise=None):
+        W = excitation.problem(arm, None, sensors=sensors, noise=noise).whitening
+        return np.linalg.inv(W.T @ W)
+
+    at_plate = np.diag([4.0, 4, 4, 0.09, 0.09, 0.09])
+    expected = transform_covariance(pose(np.eye(3), np.array([0.1, 0, -0.2])), at_plate)
+    np.testing.assert_allclose(covariance("wrench"), expected, atol=1e-12)
+    np.testing.assert_allclose(covariance("wrench", (1.0, 0.1)), np.diag([1, 1, 1, 0.01, 0.01, 0.01]), atol=1e-12)
+    assert covariance("torque") == pytest.approx(0.16)
+    assert covariance("torque", (1.0, 0.1)) == pytest.approx(0.01)
+
+
+def test_noise_that_no_sensor_states_is_a_usual_one():
+    silent = SENSING.replace('noise="', 'user="')
+    model = mujoco.MjModel.from_xml_string(silent)
+    for base in ("base", None):
+        W = excitation.problem(mechanism(model, base), None, sensors="wrench").whitening
+        np.testing.assert_allclose(W, np.diag([2.0, 2, 2, 20, 20, 20]))
