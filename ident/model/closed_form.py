@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ident.geometry.inertia import symmetric
 from ident.geometry.se3 import Ad, hat, pose
 from ident.mechanism.body import BASE, Body
 from ident.mechanism.tree import Tree
@@ -42,28 +43,36 @@ def base_motion(w: np.ndarray, dw: np.ndarray, a: np.ndarray) -> BodyMotion:
     return BodyMotion(np.eye(3), np.zeros(3), w, dw, a, _second_derivative(w, dw))
 
 
-def base_wrench_rows(
-    tree: Tree, root: BodyMotion, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
-) -> tuple[np.ndarray, list[BodyMotion]]:
-    """Regressor of the wrench on the mechanism (Eq. 14), and how its bodies move.
+def body_motions(tree: Tree, root: BodyMotion, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> list[BodyMotion]:
+    """Motion of every body.
 
     Args:
         tree: The mechanism.
         root: Motion of the base frame.
         q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
-
-    Returns:
-        Rows `[F; τ]` in the base frame (6, 10 b), and the motion of every body.
     """
     motions: list[BodyMotion] = []
-    columns = []
     states = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
     for body, q_i, dq_i, ddq_i in zip(tree.bodies, *states, strict=True):
         parent = root if body.parent == BASE else motions[body.parent]
         motions.append(_moved(parent, body, q_i, dq_i, ddq_i))
-        if not body.massless:
-            columns.append(_body_columns(motions[-1]))
-    return np.hstack([np.zeros((6, 0)), *columns]), motions
+    return motions
+
+
+def base_wrench_rows(tree: Tree, motions: list[BodyMotion]) -> np.ndarray:
+    """Regressor of the wrench on the mechanism (Eq. 14): rows `[F; τ]` in the base frame (6, 10 b)."""
+    return np.hstack([np.zeros((6, 0)), *(_body_columns(motions[i]) for i in tree.inertial)])
+
+
+def body_wrench(motion: BodyMotion, phi: np.ndarray) -> np.ndarray:
+    """The same for one body with its φ (10,) put in: the wrench that moves it, in the base frame (6,)."""
+    R, p, _, _, a, S = motion
+    h, inertia = R @ phi[1:4], symmetric(phi[4:])
+    second = np.eye(3) * (np.trace(inertia) / 2) - inertia
+    force = a * phi[0] + S @ h
+    A = R @ second @ R.T @ S.T
+    turning = np.array([A[1, 2] - A[2, 1], A[2, 0] - A[0, 2], A[0, 1] - A[1, 0]])
+    return np.concatenate([force, hat(p) @ force + hat(h) @ a + turning])
 
 
 def joint_torque_rows(tree: Tree, motions: list[BodyMotion], Y: np.ndarray) -> np.ndarray:

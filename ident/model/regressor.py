@@ -17,7 +17,7 @@ from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form
 from ident.model.tape import Program, Tape
-from ident.tolerances import DRIVE
+from ident.tolerances import DRIVE, STRIBECK
 
 CHUNK = 4096
 """Samples worked on together: few enough for the intermediate results to stay in the cache, and enough to make the
@@ -102,7 +102,9 @@ def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
 def drive_columns(motion: Motion, drive: Sequence[str]) -> list[np.ndarray]:
     """Columns of rotor inertia and friction, one diagonal block (N, n, n) a kind."""
     _check_drive(drive)
-    signal = {"rotor": motion.ddq, "viscous": motion.dq, "coulomb": np.sign(motion.dq)}
+    sign = np.sign(motion.dq)
+    low = sign / (1 + (motion.dq / STRIBECK) ** 2)
+    signal = {"rotor": motion.ddq, "viscous": motion.dq, "coulomb": sign, "stribeck": low}
     return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in drive]
 
 
@@ -165,7 +167,8 @@ def _one_sample(
     """The requested columns, one after the other, from one sample of `program_inputs`: numbers or signals."""
     q, dq, ddq, root = np.split(inputs, _freedoms(tree))
     w, dw, a = root.reshape(3, 3) if len(root) else (np.zeros(3), np.zeros(3), -gravity)
-    Y, motions = closed_form.base_wrench_rows(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
+    motions = closed_form.body_motions(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
+    Y = closed_form.base_wrench_rows(tree, motions)
     if torques:
         Y = closed_form.joint_torque_rows(tree, motions, Y)
     return Y.T[list(columns)].ravel()

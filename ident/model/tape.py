@@ -5,7 +5,7 @@ Zeros and ones fold away, an operation that stands on the tape already is not wr
 its outputs need and no more. What a mechanism's geometry makes zero or constant therefore costs nothing later.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ class Tape:
 
     def __init__(self, inputs: int) -> None:
         self.steps: list[tuple[np.ufunc | None, tuple[Signal | Number, ...]]] = []
+        self.signals: list[Signal] = []
         self._known: dict[tuple[np.ufunc, tuple[Signal | Number, ...]], Signal] = {}
         self.inputs = [self._append(None, ()) for _ in range(inputs)]
 
@@ -30,7 +31,8 @@ class Tape:
 
     def _append(self, operation: np.ufunc | None, operands: tuple["Signal | Number", ...]) -> "Signal":
         self.steps.append((operation, operands))
-        return Signal(self, len(self.steps) - 1)
+        self.signals.append(Signal(self, len(self.steps) - 1))
+        return self.signals[-1]
 
 
 class Signal:
@@ -93,8 +95,15 @@ class Signal:
     def __truediv__(self, other: "Signal | Number") -> "Signal":
         return self.tape.record(np.divide, self, other)
 
+    def __rtruediv__(self, other: Number) -> "Signal":
+        return self.tape.record(np.divide, other, self)
+
+    def tanh(self) -> "Signal":
+        """Hyperbolic tangent; `np.tanh` of an array of signals calls it."""
+        return self.tape.record(np.tanh, self)
+
     def sin(self) -> "Signal":
-        """Sine; `np.sin` of an array of signals calls it."""
+        """Sine, likewise."""
         return self.tape.record(np.sin, self)
 
     def cos(self) -> "Signal":
@@ -164,9 +173,14 @@ class Program:
         for k, value in self.constants:
             out[k] = value
 
-    def run(self, inputs: np.ndarray, out: np.ndarray) -> None:
-        """Writes the results that depend on the inputs (n, C) into `out` (K, C), and leaves the others as they are."""
-        registers = np.empty((self.registers, inputs.shape[1]))
+    def run(self, inputs: Iterable[np.ndarray | float], out: np.ndarray) -> None:
+        """Writes the results that depend on the inputs into `out` (K, C), and leaves the others as they are.
+
+        Args:
+            inputs: The n inputs, an array (C,) or one number for all samples each.
+            out: Where to.
+        """
+        registers = np.empty((self.registers, out.shape[1]))
         row = [*inputs, *map(np.float64, self.numbers), *out, *registers]
         for operation, a, b, target in self.code:
             if b is None:

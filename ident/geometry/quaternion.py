@@ -1,0 +1,31 @@
+"""Rotations by small vectors, and angular rates of quaternions, for numbers and for signals of a tape."""
+
+import numpy as np
+
+from ident.geometry.se3 import rotation
+
+
+def small_rotation(vector: np.ndarray) -> np.ndarray:
+    """A rotation by a rotation vector, to third order (3, 3); exactly one where the vector is zero."""
+    return rotation(np.concatenate([[1.0], vector / 2]))
+
+
+def turning(quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angular velocity and acceleration in the body's frame from a quaternion of any length and its derivatives.
+
+    With s = |s| q, `ω = 2 vec(s* ṡ) / |s|²`, and `α = 2 vec(s* s̈) / |s|² - 2 ω (s · ṡ) / |s|²`.
+
+    Args:
+        quaternion: s, ṡ, s̈, each `w, x, y, z` (3, …, 4).
+
+    Returns:
+        ω and α (…, 3).
+    """
+    s, ds, dds = quaternion
+    size = np.sum(s * s, axis=-1, keepdims=True)
+
+    def twice_vector(x: np.ndarray) -> np.ndarray:
+        return (x[..., 1:] * s[..., :1] - s[..., 1:] * x[..., :1] - np.cross(s[..., 1:], x[..., 1:])) * 2 / size
+
+    velocity = twice_vector(ds)
+    return velocity, twice_vector(dds) - velocity * (2 * np.sum(s * ds, axis=-1, keepdims=True) / size)

@@ -1,0 +1,52 @@
+"""Derivatives of what stands on a tape: each gradient is recorded as more signals of the same tape.
+
+Backwards from a result y, the adjoint x̄ = ∂y/∂x of every operand gains ȳ times the operation's own derivative
+(Griewank and Walther, *Evaluating Derivatives*, 2008, doi:10.1137/1.9780898717761).
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ident.model.tape import Number, Signal
+
+Value = Signal | Number
+
+_DERIVATIVES: dict[np.ufunc, Callable[..., tuple[Value, ...]]] = {
+    np.negative: lambda y, a, x: (-a,),
+    np.add: lambda y, a, x, z: (a, a),
+    np.subtract: lambda y, a, x, z: (a, -a),
+    np.multiply: lambda y, a, x, z: (a * z, a * x),
+    np.divide: lambda y, a, x, z: (a / z, -(a * y / z)),
+    np.sin: lambda y, a, x: (a * x.cos(),),
+    np.cos: lambda y, a, x: (-(a * x.sin()),),
+    np.tanh: lambda y, a, x: (a - a * (y * y),),
+}
+"""Adjoints of the operands, from the result y, its own adjoint a, and the operands."""
+
+
+def gradient(result: Value, inputs: Sequence[Signal]) -> list[Value]:
+    """Derivatives of a result by inputs of its tape.
+
+    Args:
+        result: A signal; of a number all derivatives are zero.
+        inputs: Inputs of the tape.
+
+    Returns:
+        One signal, or number where the derivative does not depend on the inputs, for each input.
+    """
+    if not isinstance(result, Signal):
+        return [0.0] * len(inputs)
+    tape = result.tape
+    adjoints: dict[int, Value] = {result.index: 1.0}
+    for index in range(result.index, -1, -1):
+        operation, operands = tape.steps[index]
+        if operation is None or index not in adjoints:
+            continue
+        own = adjoints.pop(index)
+        parts = _DERIVATIVES[operation](tape.signals[index], own, *operands)
+        for operand, part in zip(operands, parts, strict=True):
+            if isinstance(operand, Signal):
+                known = adjoints.get(operand.index)
+                adjoints[operand.index] = part if known is None else known + part
+    return [adjoints.get(signal.index, 0.0) for signal in inputs]

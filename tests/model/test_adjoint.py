@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ident.model.adjoint import gradient
+from ident.model.tape import Program, Tape
+
+OPERATIONS = ("+", "-", "*", "/", "negative", "sin", "cos", "tanh", "half", "from one")
+STEP = 1e-5
+
+
+def grown(values, choices):
+    """Expressions made of earlier ones, the same way for numbers and for signals, that stay small."""
+    values = list(values)
+    for operation, i, j in choices:
+        a, b = values[i % len(values)], values[j % len(values)]
+        values.append(
+            {
+                "+": lambda a, b: a + b,
+                "-": lambda a, b: a - b,
+                "*": lambda a, b: np.sin(a) * b,
+                "/": lambda a, b: a / (np.cos(b) + 2.5),
+                "negative": lambda a, b: -a,
+                "sin": lambda a, b: np.sin(a),
+                "cos": lambda a, b: np.cos(a),
+                "tanh": lambda a, b: np.tanh(a),
+                "half": lambda a, b: a * 0.5,
+                "from one": lambda a, b: 1 / (3 - np.tanh(a)),
+            }[operation](a, b)
+        )
+    return values
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 20), st.integers(0, 20)), max_size=15),
+    st.integers(0, 20),
+    st.integers(0, 2**32 - 1),
+)
+def test_gradients_are_the_differences_of_what_was_written(choices, wanted, seed):
+    x = np.random.default_rng(seed).uniform(-1, 1, size=(3, 4))
+    tape = Tape(3)
+    written = grown(tape.inputs, choices)
+    pick = wanted % len(written)
+    program = Program.of(tape, gradient(written[pick], tape.inputs))
+    out = np.zeros((3, 4))
+    program.fill(out)
+    program.run(x, out)
+    for k, own in enumerate(out):
+        up, down = (np.array(grown(x + s * STEP * np.eye(3)[k][:, None], choices)[pick]) for s in (1, -1))
+        np.testing.assert_allclose(own, (up - down) / (2 * STEP), rtol=1e-4, atol=1e-6 * max(1, abs(up).max()))
+
+
+def test_numbers_have_no_derivatives_and_signals_one_by_themselves():
+    tape = Tape(2)
+    a, b = tape.inputs
+    assert gradient(3.0, [a, b]) == [0.0, 0.0]
+    assert gradient(a, [a, b]) == [1.0, 0.0]
+    assert gradient(a * 2 - b, [a, b]) == [2.0, -1.0]
+
+
+def test_a_signal_that_is_used_twice_counts_twice():
+    tape = Tape(1)
+    (x,) = tape.inputs
+    program = Program.of(tape, gradient(x * x * x + np.sin(x) * x, [x]))
+    out, at = np.zeros((1, 5)), np.linspace(-2, 2, 5)
+    program.run(at[None], out)
+    assert out[0] == pytest.approx(3 * at**2 + np.sin(at) + at * np.cos(at))
