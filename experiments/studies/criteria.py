@@ -13,31 +13,11 @@ from experiments.studies.excitation import Problem
 from ident.errors import ModelError
 from ident.mechanism.motion import Motion
 from ident.model.regressor import CHUNK
+from ident.parameters.prior import known_deviations
 from sim.motion.excitation_design import Cost
 
 INVISIBLE = 1e-14
 """Eigenvalues of the information below this fraction of the largest are rounding."""
-
-MASS, CENTER, INERTIA = 0.2, 0.05, 0.3
-"""How well a model knows its bodies: masses to a fifth, centres of mass to 50 mm, inertias to 30 %."""
-
-
-def known_deviations(phi: np.ndarray) -> np.ndarray:
-    """Standard deviations with which a model's φ is known before anything is measured.
-
-    They are a fifth of the mass, 50 mm times the mass, and 30 % of √(I_aa I_bb), products of inertia included; a body
-    without mass is known to have none.
-
-    Args:
-        phi: φ of the bodies, stacked (10 b,).
-
-    Returns:
-        Standard deviations in kg, kg m and kg m² (10 b,).
-    """
-    bodies = abs(phi.reshape(-1, 10))
-    mass, root = bodies[:, :1], np.sqrt(bodies[:, 4:7])
-    inertias = root[:, [0, 1, 2, 0, 0, 1]] * root[:, [0, 1, 2, 1, 2, 2]]
-    return np.hstack([MASS * mass, np.repeat(CENTER * mass, 3, axis=1), INERTIA * inertias]).ravel()
 
 
 def known_root(problem: Problem) -> np.ndarray:
