@@ -28,6 +28,10 @@ KILONEWTONS = 500.0
 HOLDOUT = 0.4
 """Fraction of a recording, its end, that is kept to judge by."""
 
-DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc"}
+DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc", "stribeck": "Fs"}
 """What takes torque at a joint besides the links: rotor inertia times acceleration (kg m²), viscous friction times
-velocity (N m s), Coulomb friction times its sign (N m). The names are those of the columns."""
+velocity (N m s), Coulomb friction times its sign (N m), and what that is more at low velocity (Hess and Soom, J.
+Tribology 112, 1990): times its sign over `1 + (q̇ / STRIBECK)²` (N m). The names are those of the columns."""
+
+STRIBECK = 0.1
+"""Velocity at which the additional friction has halved, rad/s or m/s."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.recordings.mapping import KINDS, ColumnMapping, Columns, check_no_column_twice
+from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.table import BASE, Table, short
 from ident.recordings.wrench import GROUND, Sensor, sensors_told
 from ident.tolerances import HUGE
@@ -64,21 +65,28 @@ def _named(table: Table, what: str, names: Sequence[str]) -> str:
     return found[0] if found else ""
 
 
-def read_channels(table: Table, mapping: ColumnMapping, notes: list[str]) -> dict[str, np.ndarray]:
+def read_channels(
+    table: Table, mapping: ColumnMapping, notes: list[str], *, gaps: bool = False
+) -> dict[str, np.ndarray]:
     """Numbers of everything but the time.
 
     Args:
         table: The file.
         mapping: What its columns hold, complete.
         notes: Sentences on what was detected; more are appended.
+        gaps: Whether samples may be missing, but for those of a moving base.
 
     Returns:
-        By key of the mapping, in SI units, NaN in the columns of what is missing (N, 1), (N, 3) or (N, 4).
+        By key of the mapping, in SI units, NaN where something is missing (N, 1), (N, 3) or (N, 4).
 
     Raises:
         LogError: A column has no numbers, not all of them, or numbers out of range.
     """
-    channels = {key: _read(table, key, columns, notes) for key, columns in mapping.columns.items() if key != "time"}
+    channels = {
+        key: _read(table, key, columns, notes, gaps and not key.startswith("base."))
+        for key, columns in mapping.columns.items()
+        if key != "time"
+    }
     others = [n for n in table.cells if n not in mapping.used and re.fullmatch(r".+_(force\.[xyz]|f[xyz])", n)]
     if others:
         notes.append(
@@ -89,15 +97,18 @@ def read_channels(table: Table, mapping: ColumnMapping, notes: list[str]) -> dic
     return channels
 
 
-def _read(table: Table, key: str, columns: Columns, notes: list[str]) -> np.ndarray:
+def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool) -> np.ndarray:
     x = np.full((len(table.rows), len(columns.names)), np.nan)
     for k, name in enumerate(columns.names):
         if name:
-            x[:, k] = table.column(name, HUGE / columns.factor)
-            if np.isnan(x[:, k]).all():
+            x[:, k] = table.column(name, HUGE / columns.factor, gaps=gaps)
+            missing = np.isnan(x[:, k])
+            if missing.all():
                 if key.endswith((".position", ".quaternion")):
                     raise LogError(f"column '{name}' is empty, but {key} needs it.")
                 notes.append(f"Column '{name}' ({key}) is empty and taken as missing.")
+            elif missing.any():
+                notes.append(f"Column '{name}' ({key}) is empty in {missing.sum()} of {len(x)} samples. {AS_MEASURED}")
     return x * columns.factor
 
 

@@ -15,14 +15,23 @@ from ident.recordings.mapping import ColumnMapping, joint_kinds, read_mapping
 from ident.recordings.npz import LIMIT
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
-from ident.recordings.table import TRUE
-from ident.recordings.times import LEAST_SAMPLES, Clock
+from ident.recordings.sampled import Sampled
+from ident.recordings.table import BASE, TRUE
+from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
 
 
 def read_log(
-    path: str | Path, mechanism: Mechanism, columns: str | Path | None = None, *, limit: int = LIMIT
+    path: str | Path,
+    mechanism: Mechanism,
+    columns: str | Path | None = None,
+    *,
+    gaps: bool = False,
+    limit: int = LIMIT,
 ) -> Recording:
     """Reads a log of joint states and wrenches.
+
+    Where its times jitter, or samples are missing, the recording also has the streams as they were measured, which the
+    joint estimate takes.
 
     Args:
         path: A CSV file with a header, a npz file of arrays by name, or what `Recording.save` wrote.
@@ -30,6 +39,8 @@ def read_log(
             kilonewtons.
         columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. What it
             does not mention is found by name.
+        gaps: Whether samples may be missing, as empty cells or as rows: for the joint estimate, which does without
+            them, where a filter would invent them.
         limit: Bytes that a npz file may take in memory.
 
     Returns:
@@ -40,7 +51,7 @@ def read_log(
         LogError: A file is missing or malformed, holds what the mechanism does not have, or lacks what it needs; the
             message names file, row and column.
     """
-    (recording,) = read_log_pieces(path, mechanism, columns, sys.maxsize, limit=limit)
+    (recording,) = _pieces(Path(path), mechanism, columns, sys.maxsize, gaps=gaps, limit=limit)
     return recording
 
 
@@ -61,24 +72,31 @@ def read_log_pieces(
         path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
         samples: Samples of each piece, at least `LEAST_SAMPLES`.
     """
+    yield from _pieces(Path(path), mechanism, columns, samples, gaps=False, limit=limit)
+
+
+def _pieces(
+    path: Path, mechanism: Mechanism, columns: str | Path | None, samples: int, *, gaps: bool, limit: int
+) -> Iterator[Recording]:
+    """Pieces of a log, arguments as for `read_log_pieces` and `read_log`."""
     joints = mechanism.tree.joints
     hinges = [joint for joint, kind in joint_kinds(mechanism.tree).items() if kind == "hinge"]
     mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), mechanism.tree)
     clock: Clock | None = None
     try:
-        for table in read_tables(Path(path), max(samples, LEAST_SAMPLES), overlap=1, limit=limit):
+        for table in read_tables(path, max(samples, LEAST_SAMPLES), overlap=1, limit=limit):
             table = replace(table, cells={name: x for name, x in table.cells.items() if not name.startswith(TRUE)})
             notes: list[str] = []
             if first := clock is None:
                 _check_length(len(table.rows))
                 mapping = with_names(mapping, table, joints)
-                clock = Clock(mapping.columns["time"])
-            channels = read_channels(table, mapping, notes if first else [])
-            time, channels = clock.repaired(table, channels, notes)
-            if not len(time):
+                clock = Clock(mapping.columns["time"], gaps)
+            channels = read_channels(table, mapping, notes if first else [], gaps=gaps)
+            repaired = clock.repaired(table, channels, notes)
+            if not len(repaired.time):
                 continue
             unused = [name for name in table.cells if name not in mapping.used]
-            recording = _without_incomplete(_recording(time, channels, mapping), joints, notes if first else [])
+            recording = _without_incomplete(_recording(repaired, mapping), joints, notes if first else [])
             if first:
                 check_angles(recording, mapping, hinges)
                 check_rates(recording, hinges)
@@ -95,11 +113,12 @@ def _check_length(samples: int) -> None:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, it has {samples}.")
 
 
-def _recording(time: np.ndarray, channels: Mapping[str, np.ndarray], mapping: ColumnMapping) -> Recording:
+def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
     """Channels by the names that recordings have for them, without those of joints that are missing."""
     measured: dict[str, np.ndarray] = {}
+    streams: dict[str, Sampled] = {}
     units: dict[str, str] = {}
-    for key, x in channels.items():
+    for key, x in repaired.channels.items():
         room, _, rest = key.partition(".")
         name, _, kind = rest.rpartition(".")
         if room == "base" or (room == "joints" and np.isnan(x).any()):
@@ -108,14 +127,37 @@ def _recording(time: np.ndarray, channels: Mapping[str, np.ndarray], mapping: Co
         if channel in measured:
             raise LogError(f"a joint and a wrench are both named '{name}', and both have torques; rename the wrench.")
         measured[channel] = x[:, 0] if room == "joints" else x
+        if key in repaired.streams:
+            time, values = repaired.streams[key]
+            streams[channel] = Sampled(time, values[:, 0] if room == "joints" else values)
         if mapping.columns[key].unit:
             units[channel] = mapping.columns[key].unit
-    base = None
+    base = _base(repaired.channels, len(repaired.time))
+    of_base = {key: stream for key, stream in repaired.streams.items() if key.startswith("base.")}
+    if of_base:
+        time = next(iter(of_base.values())).time
+        as_measured = _base({key: stream.values for key, stream in of_base.items()}, len(time))
+        assert as_measured is not None
+        streams[BASE] = Sampled(time, as_measured.reshape(-1, 16))
+    return Recording(
+        repaired.time,
+        measured,
+        units=units,
+        sensors=mapping.sensors,
+        base=base,
+        setup=mapping.setup,
+        known=mapping.known,
+        streams=streams,
+    )
+
+
+def _base(channels: Mapping[str, np.ndarray], samples: int) -> np.ndarray | None:
+    """Poses of a moving base (N, 4, 4)."""
     if "base.pose" in channels:
-        base = channels["base.pose"].reshape(len(time), 4, 4)
-    elif mapping.has_base:
-        base = poses(channels["base.position"], channels["base.quaternion"])
-    return Recording(time, measured, units=units, sensors=mapping.sensors, base=base)
+        return channels["base.pose"].reshape(samples, 4, 4)
+    if "base.position" in channels:
+        return poses(channels["base.position"], channels["base.quaternion"])
+    return None
 
 
 def _without_incomplete(recording: Recording, joints: tuple[str, ...], notes: list[str]) -> Recording:
@@ -126,4 +168,5 @@ def _without_incomplete(recording: Recording, joints: tuple[str, ...], notes: li
         if 0 < len(missing) < len(joints):
             notes.append(f"No {kind} of {', '.join(missing)} is recorded; those of the other joints are not used.")
             measured = {name: x for name, x in measured.items() if name not in [f"{j}_{kind}" for j in joints]}
-    return replace(recording, measured=measured)
+    streams = {name: x for name, x in recording.streams.items() if name in measured or name == BASE}
+    return replace(recording, measured=measured, streams=streams)

@@ -46,6 +46,16 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """Units of every quantity, as factors to SI; the first is what a log without a mapping has."""
 
 
+SETUP = {
+    **dict.fromkeys(("delay", "clock", "origin", "gain"), 1.0),
+    **dict.fromkeys(("rotation_deg", "gravity_deg", "zero_deg", "axis_deg"), _DEG),
+}
+"""What may be known of a set-up: s, 1, m, 1, and angles; factors to SI and radians."""
+
+KNOWN = dict.fromkeys(("mass", "center", "inertia"), 1.0)
+"""What may be known of bodies beforehand: relative to the model's, m, relative."""
+
+
 @dataclass(frozen=True)
 class Columns:
     """Columns that make one quantity.
@@ -69,10 +79,14 @@ class ColumnMapping:
         columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, and
             `base.position` and `base.quaternion`, or `base.pose`.
         sensors: Sensors of the wrenches by name.
+        setup: Standard deviations of what is known of the set-up, as for `Recording`.
+        known: How well φ of the model is known, as for `Recording`.
     """
 
     columns: dict[str, Columns] = field(default_factory=dict)
     sensors: dict[str, Sensor] = field(default_factory=dict)
+    setup: dict[str, float] = field(default_factory=dict)
+    known: dict[str, float] = field(default_factory=dict)
 
     @property
     def has_base(self) -> bool:
@@ -130,8 +144,8 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
 
 
 def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
-    _check_keys("the mapping", entries, ("time", "joints", "wrenches", "base"))
-    mapping = ColumnMapping()
+    _check_keys("the mapping", entries, ("time", "joints", "wrenches", "base", "setup", "known"))
+    mapping = ColumnMapping(setup=_deviations("setup", entries, SETUP), known=_deviations("known", entries, KNOWN))
     if "time" in entries:
         mapping.columns["time"] = _single("time", entries["time"], "time")
     of_joints = _entry("joints", entries.get("joints", {}))
@@ -152,6 +166,16 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
         mapping.columns["base.quaternion"] = _several("base.quaternion", entry.get("quaternion"), 4)
     check_no_column_twice(mapping.columns)
     return mapping
+
+
+def _deviations(table: str, entries: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, float]:
+    """Standard deviations by what they are of; zero or false for what is exactly as stated."""
+    entry = _entry(table, entries.get(table, {}))
+    _check_keys(f"[{table}]", entry, tuple(factors))
+    for key, value in entry.items():
+        if value is not False and not (type(value) in (int, float) and 0 <= value < HUGE):
+            raise LogError(f"{table}.{key} needs a standard deviation, zero or false, got {short(value)}.")
+    return {key.removesuffix("_deg"): float(value) * factors[key] for key, value in entry.items()}
 
 
 def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:

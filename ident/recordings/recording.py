@@ -1,6 +1,5 @@
 """What was measured: channels by name, with units, noise levels, true values where they are known, and provenance."""
 
-import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,10 +13,11 @@ from scipy.spatial.transform import Rotation
 from ident.errors import LogError
 from ident.mechanism.body import is_rigid
 from ident.mechanism.tree import Tree
-from ident.recordings.files import read_tables, write_channels
+from ident.recordings import saved
 from ident.recordings.npz import LIMIT
-from ident.recordings.table import BASE, METADATA, TRUE, is_number
-from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, sensors_told, total_wrench
+from ident.recordings.sampled import Sampled, at_common_times, checked_channel, checked_stream
+from ident.recordings.table import BASE
+from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 STATES = ("position", "velocity", "acceleration")
 """What channels call q, q̇ and q̈ of a joint."""
@@ -25,7 +25,7 @@ STATES = ("position", "velocity", "acceleration")
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Channels sampled at the same instants, simulated or measured.
+    """Channels sampled at the same instants, simulated or measured, and as they were measured where that was at others.
 
     Joints are found by the names `JOINT_position`, `JOINT_velocity`, `JOINT_acceleration` and `JOINT_torque`, wrenches
     by `NAME_force` and `NAME_torque`, poses of bodies in the base frame by `BODY_position` and `BODY_orientation` (a
@@ -42,8 +42,15 @@ class Recording:
         sensors: Where wrenches are measured, by their names. That of the ground sits in the base frame unless this
             says otherwise, and measures what the ground exerts on the mechanism.
         base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base that rests.
+        setup: What is known of the set-up, as far as it is not the usual: standard deviations in SI units and radians,
+            by the kinds of `ident.estimation.setup.PRIORS`; zero for what is exactly as stated.
+        known: How well the model's bodies are known, as far as it is not the usual: by the kinds of
+            `ident.parameters.prior.KNOWN`.
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that nothing was taken from.
+        streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
+            base's poses as `base:pose` (N, 16). The joint estimate takes these; in `measured` and `base` they are
+            interpolated at the common times, for all else.
     """
 
     time: np.ndarray
@@ -54,18 +61,21 @@ class Recording:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     base: np.ndarray | None = None
+    setup: Mapping[str, float] = field(default_factory=dict)
+    known: Mapping[str, float] = field(default_factory=dict)
     notes: Sequence[str] = ()
     unused: Sequence[str] = ()
+    streams: Mapping[str, Sampled] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time", _checked("time", self.time, None))
+        object.__setattr__(self, "time", checked_channel("time", self.time, None))
         if not np.isfinite(self.time).all():
             raise LogError("Recorded times need finite numbers.")
         steps = np.diff(self.time)
         if not (steps > 0).all():
             raise LogError(f"Recorded times must increase; sample {int(np.argmin(steps > 0)) + 1} does not.")
         for name in ("measured", "true"):
-            channels = {key: _checked(key, x, len(self.time)) for key, x in getattr(self, name).items()}
+            channels = {key: checked_channel(key, x, len(self.time)) for key, x in getattr(self, name).items()}
             object.__setattr__(self, name, channels)
         for name in ("units", "noise", "provenance", "sensors"):
             object.__setattr__(self, name, dict(getattr(self, name)))
@@ -76,6 +86,30 @@ class Recording:
             raise LogError("True values need the same channels and shapes as the measured ones.")
         if self.base is not None and not (self.base.shape == (len(self.time), 4, 4) and is_rigid(self.base)):
             raise LogError(f"A moving base needs poses ({len(self.time)}, 4, 4), got {self.base.shape}.")
+        object.__setattr__(self, "streams", {name: checked_stream(name, x) for name, x in self.streams.items()})
+        for name, stream in self.streams.items():
+            common = self._common(name).values
+            if stream.values.shape[1:] != common.shape[1:]:
+                raise LogError(f"The stream '{name}' needs {common[0].size} components, got {stream.columns.shape[1]}.")
+
+    @classmethod
+    def from_streams(
+        cls, streams: Mapping[str, tuple[Any, Any]], *, rate: float | None = None, **others: Any
+    ) -> "Recording":
+        """A recording of channels that were measured at times of their own.
+
+        The channels at common times are interpolated linearly, over the time that all streams cover.
+
+        Args:
+            streams: Times (N,) and values (N,) or (N, d) by channel, NaN where a sample is missing; poses of a moving
+                base as `base:pose` (N, 16), row by row.
+            rate: Rate of the common times in Hz, by default that of the joint positions.
+            others: Other fields of a recording, as `units` or `sensors`.
+
+        Raises:
+            LogError: A stream is malformed, they have no time in common, or nothing tells the rate.
+        """
+        return cls(**at_common_times(streams, rate), **others)
 
     @property
     def rate(self) -> float:
@@ -87,7 +121,21 @@ class Recording:
         """The true values as if they had been measured."""
         if not self.true:
             raise LogError("This recording holds no true values.")
-        return replace(self, measured=self.true)
+        return replace(self, measured=self.true, streams={})
+
+    @property
+    def without_streams(self) -> "Recording":
+        """The recording at its common times alone."""
+        return replace(self, streams={})
+
+    def as_measured(self, channel: str) -> Sampled:
+        """A channel at the times it was measured at; the base's poses as `base:pose` (N, 16)."""
+        return self.streams[channel] if channel in self.streams else self._common(channel)
+
+    def _common(self, channel: str) -> Sampled:
+        if channel == BASE and self.base is not None:
+            return Sampled(self.time, self.base.reshape(-1, 16))
+        return Sampled(self.time, self[channel])
 
     def with_sensors(self, sensors: Mapping[str, Sensor]) -> "Recording":
         """The recording, and where some of its wrenches are measured."""
@@ -156,17 +204,8 @@ class Recording:
         return poses(self[f"{body}_position"], self[f"{body}_orientation"])
 
     def save(self, path: str | Path) -> None:
-        """Writes a `.npz` or `.csv` file that `load` reads back bit by bit."""
-        for name in self.measured:
-            if is_number(name) or not re.fullmatch(r"(?!true:|base:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
-                raise LogError(f"A channel's name cannot be {name!r}: in a file it is a word without commas and dots.")
-        channels = {"time": self.time, **self.measured} | {f"{TRUE}{name}": x for name, x in self.true.items()}
-        if self.base is not None:
-            channels[BASE] = self.base.reshape(-1, 16)
-        metadata = {name: getattr(self, name) for name in ("units", "noise", "provenance")}
-        sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in self.sensors.items()}
-        told = {"sensors": sensors, "notes": list(self.notes), "unused": list(self.unused)}
-        write_channels(Path(path), channels, metadata | {name: content for name, content in told.items() if content})
+        """Writes a `.npz` or `.csv` file that `load` reads back bit by bit, but for the streams."""
+        saved.save(Path(path), vars(self))
 
     @classmethod
     def load(cls, path: str | Path, *, limit: int = LIMIT) -> "Recording":
@@ -197,34 +236,11 @@ class Recording:
         """
         if samples < 1:
             raise LogError(f"A piece of a recording needs at least one sample, got {samples}.")
-        last = -np.inf
         try:
-            for table in read_tables(Path(path), samples, truth=True, limit=limit):
-                if "time" not in table.cells:
-                    raise LogError(f"a recording needs a column 'time'; {table.available()}.")
-                channels = table.channels()
-                increases = np.diff(channels["time"], prepend=last) > 0
-                if not increases.all():
-                    raise LogError(f"{table.row(int(np.argmin(increases)))}, column 'time' needs to increase.")
-                last = channels["time"][-1]
-                yield cls._of(channels, table.metadata)
-            if last == -np.inf:
-                raise LogError("a recording needs samples, it has none.")
+            for fields in saved.load(Path(path), samples, limit=limit):
+                yield cls(**fields)
         except (LogError, OSError) as error:
             raise LogError(f"{path}: {error}") from error
-
-    @classmethod
-    def _of(cls, channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> "Recording":
-        """A recording from what a file holds."""
-        time, base = channels.pop("time"), channels.pop(BASE, None)
-        true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
-        measured = {name: x for name, x in channels.items() if not name.startswith(TRUE)}
-        told = {name: metadata[name] for name in METADATA if name in metadata}
-        if "sensors" in told:
-            told["sensors"] = sensors_told(told["sensors"])
-        if base is not None and base.shape[1:] == (16,):
-            base = base.reshape(-1, 4, 4)
-        return cls(time, measured, true, base=base, **told)
 
 
 def poses(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
@@ -233,20 +249,3 @@ def poses(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     T[:, :3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     T[:, :3, 3] = position
     return T
-
-
-def _checked(name: str, values: Iterable[float], samples: int | None) -> np.ndarray:
-    # What another recording has checked and frozen is not copied.
-    frozen = isinstance(values, np.ndarray) and values.flags.owndata and not values.flags.writeable
-    x = np.asarray(values, float) if frozen else np.array(values, float)
-    dimensions = (1,) if samples is None else (1, 2)
-    if x.ndim not in dimensions or samples not in (None, len(x)) or x.size == 0:
-        raise LogError(
-            f"Channel '{name}' needs {samples or 'N > 0'} samples along its first axis, got shape {x.shape}."
-        )
-    finite = np.isfinite(x)
-    if not finite.all() and not (finite | np.isnan(x).all(axis=0)).all():
-        bad = tuple(np.argwhere(~finite)[0])
-        raise LogError(f"Channel '{name}' needs finite numbers; sample {bad[0]} is {x[bad]}.")
-    x.flags.writeable = False
-    return x

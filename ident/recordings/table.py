@@ -65,12 +65,13 @@ class Table:
         names = list(map(short, self.cells))
         return f"the file has {', '.join(names[:40])}{', ...' if len(names) > 40 else ''}"
 
-    def column(self, name: str, limit: float = np.inf) -> np.ndarray:
-        """Numbers of a column, NaN in all of them or in none (N,).
+    def column(self, name: str, limit: float = np.inf, *, gaps: bool = False) -> np.ndarray:
+        """Numbers of a column, NaN in all of them or in none, unless some may be missing (N,).
 
         Args:
             name: Name of the column.
             limit: No number is larger.
+            gaps: Whether some may be missing.
 
         Raises:
             LogError: A cell is no number, empty, infinite or too large; the message names it.
@@ -88,7 +89,7 @@ class Table:
         throughout = self.memory.missing.setdefault(name, bool(missing.all()))
         if infinite.any():
             raise self._fault(name, infinite, f"needs a finite number, got {x[infinite][0]}.")
-        if missing.any() and not throughout:
+        if missing.any() and not throughout and not gaps:
             several = f"as are {int(missing.sum())} of {len(x)} samples of it; a filter needs all of them"
             raise self._fault(name, missing, f"is empty or NaN, {several}: cut the log, or fill the gap.")
         if throughout and not missing.all():

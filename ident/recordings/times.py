@@ -1,21 +1,37 @@
-"""The time of a log: repeated samples dropped, gaps refused, jitter resampled."""
+"""The time of a log: repeated samples dropped, gaps refused or kept, jitter resampled beside what was measured."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ident.errors import LogError
 from ident.recordings.mapping import Columns
+from ident.recordings.sampled import AS_MEASURED, GAP, Sampled, covered, interpolated
 from ident.recordings.table import Table
 
 LEAST_SAMPLES = 10
 """Fewest samples that a log needs."""
 
-GAP, JITTER, UNIFORM = 1.5, 0.2, 1e-3
-"""Steps of time in medians: longer ones are gaps, others are resampled; what departs less is as good as uniform."""
+JITTER, UNIFORM = 0.2, 1e-3
+"""Departures of steps of time from their median: of a clock to be doubted; and of one that is as good as uniform."""
 
 LATEST = 1e12
 """No clock shows more, s."""
+
+
+class Repaired(NamedTuple):
+    """A piece of a log at uniform times.
+
+    Attributes:
+        time: Sample times, s (N,).
+        channels: What was measured, by key of the mapping; complete, or NaN in the columns of what is missing (N, k).
+        streams: The same as it was measured, of those channels where that is something else.
+    """
+
+    time: np.ndarray
+    channels: dict[str, np.ndarray]
+    streams: dict[str, Sampled]
 
 
 @dataclass
@@ -24,20 +40,20 @@ class Clock:
 
     Attributes:
         column: Its column of times.
+        gaps: Whether samples may be missing.
         zero: What the column holds at the first sample; None before that.
         start: What the recording calls that time, s.
         step: Median step of the first piece, s.
     """
 
     column: Columns
+    gaps: bool = False
     zero: float | None = None
     start: float = 0.0
     step: float = 0.0
 
-    def repaired(
-        self, table: Table, channels: dict[str, np.ndarray], notes: list[str]
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Uniform times of the samples that were not read before, and the channels at them.
+    def repaired(self, table: Table, channels: dict[str, np.ndarray], notes: list[str]) -> Repaired:
+        """The samples that were not read before, at uniform times.
 
         Args:
             table: The next piece of the file.
@@ -45,7 +61,7 @@ class Clock:
             notes: Sentences on what was repaired; more are appended.
 
         Raises:
-            LogError: The times have a gap, go back, or repeat one with other values.
+            LogError: The times have a gap where samples may not be missing, go back, or repeat one with other values.
         """
         (name,) = self.column.names
         raw = table.column(name, LATEST / self.column.factor)
@@ -58,19 +74,54 @@ class Clock:
         time, channels = time[kept], {key: x[kept] for key, x in channels.items()}
         if self.zero is None:
             self._begin(zero, time, notes)
+        self._check_gaps(table, time, kept, notes)
+        grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / self.step) + 1)
+        uniform = len(grid) == len(time) and np.abs(time - grid).max() <= UNIFORM * self.step
+        if not uniform:
+            notes += self._jitter(table, time, kept)
+        own = grid if uniform else time
+        streams = {key: Sampled(own, x) for key, x in channels.items() if not uniform or _has_gaps(x)}
+        grid = _covered(grid, streams)
+        channels = {key: interpolated(Sampled(own, x), grid) for key, x in channels.items()} if streams else channels
+        streams = {key: Sampled(self.start + own[read_before:], x.values[read_before:]) for key, x in streams.items()}
+        return Repaired(self.start + grid[read_before:], {k: x[read_before:] for k, x in channels.items()}, streams)
+
+    def _check_gaps(self, table: Table, time: np.ndarray, kept: np.ndarray, notes: list[str]) -> None:
+        """Refuses gaps, or tells of them."""
+        (name,) = self.column.names
         steps = np.diff(time)
-        gaps = steps > GAP * self.step * (1 + 1e-6)
-        if gaps.any():
+        gaps = self._are_gaps(steps)
+        number = int(gaps.sum())
+        if number and self.gaps:
+            i = int(steps.argmax())
+            notes.append(
+                f"Times in column '{name}' have gaps: {number}, the longest of {steps[i]:g} s before "
+                f"{table.row(kept[i + 1])}. {AS_MEASURED}"
+            )
+        elif number:
             i = int(gaps.argmax())
             raise LogError(
                 f"{table.row(kept[i + 1])}, column '{name}' comes {steps[i]:g} s after the sample before where steps "
-                f"are {self.step:g} s; a filter over a gap of {int(gaps.sum())} invents data: cut the log there."
+                f"are {self.step:g} s; a filter over a gap of {number} invents data: cut the log there."
             )
-        grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / self.step) + 1)
-        if len(grid) != len(time) or np.abs(time - grid).max() > UNIFORM * self.step:
-            notes.append(_jitter(table, name, steps, self.step, kept))
-            channels = {key: _interpolated(grid, time, x) for key, x in channels.items()}
-        return self.start + grid[read_before:], {key: x[read_before:] for key, x in channels.items()}
+
+    def _are_gaps(self, steps: np.ndarray) -> np.ndarray:
+        return steps > GAP * self.step * (1 + 1e-6)
+
+    def _jitter(self, table: Table, time: np.ndarray, kept: np.ndarray) -> list[str]:
+        """What there is to say of steps that are no gaps."""
+        (name,) = self.column.names
+        steps = np.diff(time)
+        departure = np.where(self._are_gaps(steps), 0.0, np.abs(steps / self.step - 1))
+        i = int(departure.argmax())
+        if self.gaps and departure[i] <= UNIFORM:
+            return []
+        much = int((departure > JITTER).sum())
+        return [
+            f"Times in column '{name}' jitter: steps depart from {self.step:g} s by up to {100 * departure[i]:.2g} % "
+            f"({table.row(kept[i + 1])}); all channels were resampled linearly at {1 / self.step:.6g} Hz."
+            + (f" {much} steps depart by more than {100 * JITTER:g} %: doubt the clock." if much else "")
+        ]
 
     def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:
         """Takes start and step from the first piece."""
@@ -109,16 +160,18 @@ def _increasing(
     return np.flatnonzero(~repeated)
 
 
-def _jitter(table: Table, name: str, steps: np.ndarray, step: float, kept: np.ndarray) -> str:
-    departure = np.abs(steps / step - 1)
-    i = int(departure.argmax())
-    much = int((departure > JITTER).sum())
-    return (
-        f"Times in column '{name}' jitter: steps depart from {step:g} s by up to {100 * departure[i]:.2g} % "
-        f"({table.row(kept[i + 1])}); all channels were resampled linearly at {1 / step:.6g} Hz."
-        + (f" {much} steps depart by more than {100 * JITTER:g} %: doubt the clock." if much else "")
-    )
+def _has_gaps(x: np.ndarray) -> bool:
+    """Whether columns lack some samples, but not all."""
+    missing = np.isnan(x)
+    return bool((missing.any(axis=0) & ~missing.all(axis=0)).any())
 
 
-def _interpolated(grid: np.ndarray, time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return np.stack([np.interp(grid, time, column) for column in x.T], axis=1)
+def _covered(grid: np.ndarray, streams: dict[str, Sampled]) -> np.ndarray:
+    """Those of some times that all streams cover."""
+    if not any(_has_gaps(stream.values) for stream in streams.values()):
+        return grid
+    first, last = zip(*(span for stream in streams.values() if (span := covered(stream)) is not None), strict=True)
+    inside = grid[(grid >= max(first)) & (grid <= min(last))]
+    if len(inside) < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(inside)}.")
+    return inside

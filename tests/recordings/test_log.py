@@ -48,13 +48,13 @@ def mechanism(joints=JOINTS, *, slides=(), weight=None):
 MECHANISM = mechanism()
 
 
-def read(tmp_path, content, mapping=None, **options):
+def read(tmp_path, content, mapping=None, gaps=False, **options):
     (tmp_path / "log.csv").write_bytes(content.encode() if isinstance(content, str) else content)
     columns = None
     if mapping is not None:
         columns = tmp_path / "columns.toml"
         columns.write_text(mapping, encoding="utf-8")
-    return read_log(tmp_path / "log.csv", mechanism(**options), columns)
+    return read_log(tmp_path / "log.csv", mechanism(**options), columns, gaps=gaps)
 
 
 def positions(log):

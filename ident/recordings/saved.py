@@ -1,0 +1,74 @@
+"""Recordings as files whose columns are named like channels, written and read back bit by bit."""
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.recordings.files import read_tables, write_channels
+from ident.recordings.table import BASE, METADATA, TRUE, is_number
+from ident.recordings.wrench import sensors_told
+
+
+def save(path: Path, fields: Mapping[str, Any]) -> None:
+    """Writes a `.npz` or `.csv` file.
+
+    Args:
+        path: File to write.
+        fields: What a recording holds, by the names of its fields.
+
+    Raises:
+        LogError: A channel has a name that a file cannot hold.
+    """
+    measured, base = fields["measured"], fields["base"]
+    for name in measured:
+        if is_number(name) or not re.fullmatch(r"(?!true:|base:|time$|#)[^\s,.]([^,.\r\n]*[^\s,.])?", name):
+            raise LogError(f"A channel's name cannot be {name!r}: in a file it is a word without commas and dots.")
+    channels = {"time": fields["time"], **measured} | {f"{TRUE}{name}": x for name, x in fields["true"].items()}
+    if base is not None:
+        channels[BASE] = base.reshape(-1, 16)
+    metadata = {name: fields[name] for name in ("units", "noise", "provenance")}
+    sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in fields["sensors"].items()}
+    told = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
+    write_channels(path, channels, metadata | {name: content for name, content in told.items() if content})
+
+
+def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:
+    """Reads a file piece by piece: what each holds, by the names of a recording's fields.
+
+    Args:
+        path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
+        samples: Samples of each piece, of the last one perhaps fewer.
+        limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
+
+    Raises:
+        LogError: The file is missing or not a recording; a fault is found when its piece is due.
+    """
+    last = -np.inf
+    for table in read_tables(path, samples, truth=True, limit=limit):
+        if "time" not in table.cells:
+            raise LogError(f"a recording needs a column 'time'; {table.available()}.")
+        channels = table.channels()
+        increases = np.diff(channels["time"], prepend=last) > 0
+        if not increases.all():
+            raise LogError(f"{table.row(int(np.argmin(increases)))}, column 'time' needs to increase.")
+        last = channels["time"][-1]
+        yield _fields(channels, table.metadata)
+    if last == -np.inf:
+        raise LogError("a recording needs samples, it has none.")
+
+
+def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """What a recording holds from what a file does."""
+    time, base = channels.pop("time"), channels.pop(BASE, None)
+    true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
+    measured = {name: x for name, x in channels.items() if not name.startswith(TRUE)}
+    told = {name: metadata[name] for name in METADATA if name in metadata}
+    if "sensors" in told:
+        told["sensors"] = sensors_told(told["sensors"])
+    if base is not None and base.shape[1:] == (16,):
+        base = base.reshape(-1, 4, 4)
+    return {"time": time, "measured": measured, "true": true, "base": base} | told
