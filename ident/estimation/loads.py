@@ -1,0 +1,71 @@
+"""What moves the bodies of a mechanism and its joints, written for numbers or for signals of a tape.
+
+Γ_i = Y_i φ_i            τ_J = ξ_Jᵀ Σ_carried Γ_i            Ia q̈ + Fv q̇ + Fc tanh(q̇ / SLIP) + …
+"""
+
+import numpy as np
+
+from ident.estimation.equations import Equations
+from ident.geometry.se3 import Ad, pose
+from ident.mechanism.tree import Tree
+from ident.model.adjoint import Value
+from ident.model.closed_form import BodyMotion, body_wrench
+from ident.tolerances import DRIVE, STRIBECK
+
+SLIP = 0.003
+"""Velocity over which Coulomb friction changes its sign, rad/s or m/s."""
+
+
+def inertial_wrenches(equations: Equations, motions: list[BodyMotion], theta: np.ndarray) -> list[np.ndarray]:
+    """What moves each body, gravity included.
+
+    Args:
+        equations: The mechanism and its base parameters.
+        motions: Motion of every body.
+        theta: Base parameters ψ first (≥ r,). They move the standard parameters that carry their names; the others
+            stay where the model has them.
+
+    Returns:
+        A wrench in the base frame for every body (6,), zeros for massless ones.
+    """
+    tree, parameters, known = equations.mechanism.tree, equations.parameters, equations.mechanism.prior
+    prior = np.zeros(10 * len(tree.inertial)) if known is None else known
+    kept, phi = list(parameters.kept), prior.astype(object)
+    phi[kept] = theta[: parameters.rank] - (parameters.regroup(prior) - prior[kept])
+    wrenches = [np.zeros(6)] * len(tree.bodies)
+    for i, own in zip(tree.inertial, phi.reshape(-1, 10), strict=True):
+        wrenches[i] = body_wrench(motions[i], own)
+    return wrenches
+
+
+def joint_torques(tree: Tree, motions: list[BodyMotion], wrenches: list[np.ndarray]) -> list[Value]:
+    """Torques of the n freedoms that wrenches on the bodies (6,), in the base frame, ask for (Eq. 11)."""
+    carried, torques = list(wrenches), list[Value]()
+    for i in reversed(range(len(tree.bodies))):
+        parent = tree.bodies[i].parent
+        if parent >= 0:
+            carried[parent] = carried[parent] + carried[i]
+    for i, body in enumerate(tree.bodies):
+        screws = Ad(pose(motions[i].R, motions[i].p)) @ body.motions
+        torques += list(screws.T @ carried[i])
+    return torques
+
+
+def drive_torques(equations: Equations, dq: np.ndarray, ddq: np.ndarray, theta: np.ndarray) -> list[Value]:
+    """What rotors and friction take of the torques of the n freedoms, zero where there is no column for it.
+
+    Args:
+        equations: Which columns there are.
+        dq: Joint velocities (n,); `ddq` accelerations.
+        theta: Parameters, those of the drives behind ψ.
+    """
+    sign, relative = np.tanh(dq / SLIP), dq / STRIBECK
+    signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
+    freedoms = equations.mechanism.tree.freedoms
+    at = dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))
+    torques: list[Value] = [0.0] * len(freedoms)
+    for kind, signal in signals.items():
+        for k, freedom in enumerate(freedoms):
+            name = f"{DRIVE[kind]}({freedom})"
+            torques[k] = torques[k] + at[name] * signal[k] if name in at else torques[k]
+    return torques

@@ -1,0 +1,254 @@
+"""What sensors read of a trajectory: the channels of `Equations` as functions of states, parameters and set-up.
+
+    wrench   (1 + gain) coAd(T_sensor)⁻¹ [Y(q, q̇, q̈) ψ - Σ contacts] + offset
+    torque   (1 + gain) [Y_τ(q, q̇, q̈) ψ - Σ contacts + drives] + offset
+
+The parameters ψ are put in first, so that inverse dynamics is differentiated, not its regressor. Measured contacts are
+noisy: what the set-up changes of them is computed from their average over neighbouring samples, whose noise is not that
+of the residual; otherwise a gain, say, would shrink to take noise away.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.estimation import loads
+from ident.estimation.equations import Equations
+from ident.estimation.setup import SetupParameter
+from ident.geometry.quaternion import small_rotation, turning
+from ident.geometry.se3 import coAd, inverse, pose
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
+from ident.model import closed_form
+from ident.model.adjoint import Value, gradient
+from ident.model.regressor import CHUNK
+from ident.model.tape import Program, Signal, Tape
+from ident.recordings.wrench import GROUND, Sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Channels as functions of a trajectory and of parameters θ = [ψ, drives, offsets, set-up].
+
+    Attributes:
+        equations: Channels and columns.
+        frame: Pose of the ground sensor's frame in the base frame (4, 4); None where nothing holds the base: then all
+            wrenches together are written in the world's axes, about the base frame's origin, and are zero.
+        components: Components of the wrench that are channels.
+        contacts: Sensors of the other wrenches by name.
+        setup: Set-up parameters.
+        moving: Whether the base moves; its position and quaternion then are the first coordinates.
+    """
+
+    equations: Equations
+    frame: np.ndarray | None
+    components: tuple[int, ...]
+    contacts: dict[str, Sensor]
+    setup: tuple[SetupParameter, ...]
+    moving: bool = False
+
+    @property
+    def tree(self) -> Tree:
+        """The mechanism's tree."""
+        return self.equations.mechanism.tree
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters θ."""
+        return (*self.equations.names, *(each.name for each in self.setup))
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates: a position and a quaternion of a moving base, and those of the joints."""
+        return (7 if self.moving else 0) + sum(body.coordinates for body in self.tree.bodies)
+
+    @cached_property
+    def zeros(self) -> dict[int, int]:
+        """Where the zeros of coordinates stand in θ, by the coordinates."""
+        first = 7 if self.moving else 0
+        at, out = first, {}
+        for body in self.tree.bodies:
+            if body.joint and (own := self.of_kind("zero", body.joint)):
+                out[at] = own[None]
+            at += body.coordinates
+        return out
+
+    def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
+        """Where the set-up parameters of a kind stand in θ, by their axes."""
+        first = len(self.equations.names)
+        return {s.axis: first + k for k, s in enumerate(self.setup) if s.kind == kind and (not of or s.of == of)}
+
+    def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Predicted channels (C, N).
+
+        Args:
+            states: Coordinates, and their first and second derivatives (3, N, n).
+            wrenches: What the surroundings exert at the contacts: averages over neighbours, and the rest (N, 2, 6 k).
+            theta: Parameters (p,).
+        """
+        return self._run(self._channels_program, states, wrenches, theta)
+
+    def derivatives(
+        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by θ (C, p, N)."""
+        n, p, channels = self.coordinates, len(theta), len(self.equations.channels)
+        out = self._run(self._gradients_program, states, wrenches, theta)
+        by = out[channels:].reshape(channels, 3 * n + p, -1)
+        return out[:channels], by[:, : 3 * n].reshape(channels, 3, n, -1), by[:, 3 * n :]
+
+    def _run(self, program: Program, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Results (K, N), those of one sample beside each other in memory."""
+        inputs = np.concatenate([*states.swapaxes(1, 2), wrenches.reshape(len(wrenches), -1).T])
+        out = np.empty((len(wrenches), program.results))
+        some = np.zeros((program.results, min(CHUNK, len(wrenches))))
+        program.fill(some)
+        for first in range(0, len(out), CHUNK):
+            part = slice(first, first + CHUNK)
+            results = some[:, : len(out[part])]
+            program.run([*inputs[:, part], *theta], results)
+            out[part] = results.T
+        return out.T
+
+    @cached_property
+    def _channels_program(self) -> Program:
+        """What computes the channels."""
+        tape, _, results = self._recorded()
+        return Program.of(tape, results)
+
+    @cached_property
+    def _gradients_program(self) -> Program:
+        """What computes the channels, and then their gradients, by states and by θ."""
+        tape, wanted, results = self._recorded()
+        return Program.of(tape, results + [d for result in results for d in gradient(result, wanted)])
+
+    def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
+        """The channels on a tape of their own, with its inputs that are states and θ."""
+        n, k, p = self.coordinates, 12 * len(self.contacts), len(self.names)
+        tape = Tape(3 * n + k + p)
+        states, wrenches, theta = np.split(np.array(tape.inputs), [3 * n, 3 * n + k])
+        return tape, [*states, *theta], self._channels(states.reshape(3, n), wrenches.reshape(2, -1, 6), theta)
+
+    def _channels(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> list[Value]:
+        """The channels on a tape: states (3, n), wrenches (2, k, 6), θ (p,)."""
+        equations, tree = self.equations, self.tilted(theta)
+        root, R, (q, dq, ddq) = self._root(states, theta)
+        motions = closed_form.body_motions(tree, root, q, dq, ddq)
+        felt = self._less_contacts(motions, loads.inertial_wrenches(equations, motions, theta), wrenches[0], theta)
+        drives = loads.drive_torques(equations, dq, ddq, theta) if equations.torques else []
+        read = self._read(tree, motions, felt, drives, R, theta)
+        out = [gain * value for value, gain in zip(read, self.gains(theta), strict=True)]
+        offsets = theta[equations.parameters.rank + len(equations.drives) :]
+        for k, offset in zip(equations.offsets, offsets, strict=False):
+            out[k] = out[k] + offset
+        if not self.contacts:
+            return out
+        stated, nothing = theta * 0, [np.zeros(6)] * len(tree.bodies)
+        noise = self._less_contacts(motions, nothing, wrenches[1], stated)
+        return [a + b for a, b in zip(out, self._read(tree, motions, noise, [], R, stated), strict=True)]
+
+    def _read(
+        self,
+        tree: Tree,
+        motions: list[closed_form.BodyMotion],
+        felt: list[np.ndarray],
+        drives: list[Value],
+        R: np.ndarray,
+        theta: np.ndarray,
+    ) -> list[Value]:
+        """What sensors without gains and offsets read of wrenches on the bodies (6,) and of drives' torques."""
+        wrench = self._in_sensor(np.sum(felt, axis=0), R, theta)
+        torques = loads.joint_torques(tree, motions, felt) if self.equations.torques else []
+        return [*wrench, *(torques[k] + drives[k] if drives else torques[k] for k in self.equations.torques)]
+
+    def _vector(self, kind: str, of: str, theta: np.ndarray) -> np.ndarray:
+        """The set-up parameters of a kind as a vector, zeros where there are none (3,)."""
+        at = self.of_kind(kind, of)
+        return np.array([theta[at[axis]] if axis in at else 0.0 for axis in range(3)])
+
+    def displacement(self, of: str, theta: np.ndarray) -> np.ndarray:
+        """Pose of a sensor's frame in the frame that was stated (4, 4)."""
+        return pose(small_rotation(self._vector("rotation", of, theta)), self._vector("origin", of, theta))
+
+    def gravity(self, theta: np.ndarray) -> np.ndarray:
+        """Acceleration of gravity, tilted (3,)."""
+        return small_rotation(self._vector("gravity", "", theta)) @ self.equations.mechanism.gravity
+
+    def gains(self, theta: np.ndarray) -> list[Value]:
+        """What each channel reads of one unit, a list of C numbers or signals."""
+        at = [self.of_kind("gain", name) for name in self.equations.channels]
+        return [1 + theta[own[None]] if own else 1.0 for own in at]
+
+    def constants(self, theta: np.ndarray) -> np.ndarray:
+        """Constant offset of each channel (C,)."""
+        out, equations = np.zeros(len(self.equations.channels)), self.equations
+        first = equations.parameters.rank + len(equations.drives)
+        out[list(equations.offsets)] = theta[first : first + len(equations.offsets)]
+        return out
+
+    def tilted(self, theta: np.ndarray) -> Tree:
+        """The tree with its hinges' axes tilted, each about the point on it that is next to the body's origin."""
+        bodies = list(self.tree.bodies)
+        for i, body in enumerate(bodies):
+            if body.joint and self.of_kind("axis", body.joint):
+                v, w = body.twist[:3], body.twist[3:]
+                axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
+                bodies[i] = replace(body, twist=np.concatenate([np.cross(np.cross(w, v), axis) + (v @ w) * axis, axis]))
+        return Tree(tuple(bodies))
+
+    def _root(
+        self, states: np.ndarray, theta: np.ndarray
+    ) -> tuple[closed_form.BodyMotion, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Motion of the base, its axes in the world's, and joint coordinates, velocities and accelerations."""
+        gravity = self.gravity(theta)
+        base, joints = (states[:, :7], states[:, 7:]) if self.moving else (None, states)
+        q, dq, ddq = joint_states(self.tree, joints)
+        if base is None:
+            return closed_form.base_motion(np.zeros(3), np.zeros(3), -gravity), np.eye(3), (q, dq, ddq)
+        motion = base_motion(base)
+        V, dV = motion.V, motion.dV
+        a = dV[:3] + np.cross(V[3:], V[:3]) - motion.T[:3, :3].T @ gravity
+        root = closed_form.base_motion(V[3:], dV[3:], a)
+        return root, motion.T[:3, :3], (q, dq, ddq)
+
+    def _less_contacts(
+        self,
+        motions: list[closed_form.BodyMotion],
+        felt: list[np.ndarray],
+        wrenches: np.ndarray,
+        theta: np.ndarray,
+    ) -> list[np.ndarray]:
+        """What contacts (k, 6) leave of the wrenches on the bodies (6,) to joints and ground, in the base frame."""
+        felt = list(felt)
+        for (name, sensor), wrench in zip(self.contacts.items(), wrenches, strict=True):
+            i = self.tree.names.index(str(sensor.body))
+            place = pose(motions[i].R, motions[i].p) @ sensor.pose @ self.displacement(name, theta)
+            felt[i] = felt[i] - coAd(place) @ wrench
+        return felt
+
+    def _in_sensor(self, total: np.ndarray, R: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """The measured components of the wrench that is left for the ground."""
+        if not self.components:
+            return np.zeros(0)
+        if self.frame is None:
+            return np.concatenate([R @ total[:3], R @ total[3:]])
+        to_sensor = coAd(inverse(self.displacement(GROUND, theta))) @ coAd(inverse(self.frame))
+        return (to_sensor @ total)[list(self.components)]
+
+
+def joint_states(tree: Tree, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joint coordinates, velocities and accelerations from coordinates and their derivatives (3, …, n_q)."""
+    velocities, accelerations = [], []
+    for body, *own in zip(tree.bodies, *(tree.body_coordinates(x) for x in states), strict=True):
+        rates = turning(np.array(own)) if body.is_ball else own[1:]
+        velocities.append(rates[0])
+        accelerations.append(rates[1])
+    return states[0], np.concatenate(velocities, axis=-1), np.concatenate(accelerations, axis=-1)
+
+
+def base_motion(states: np.ndarray) -> BaseMotion:
+    """Motion of a base from its position and quaternion and their derivatives (3, …, 7)."""
+    w, dw = turning(states[..., 3:])
+    velocity, acceleration = (np.concatenate([states[d, ..., :3], x], axis=-1) for d, x in ((1, w), (2, dw)))
+    return BaseMotion.from_free_joint(states[0], velocity, acceleration)

@@ -1,0 +1,75 @@
+"""Set-up parameters: what a laboratory knows of its sensors and axes, give or take."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.estimation.equations import Equations
+from ident.recordings.wrench import GROUND
+
+PRIORS = {
+    "delay": 0.05,
+    "clock": 0.003,
+    "origin": 0.05,
+    "rotation": np.radians(3),
+    "gain": 0.03,
+    "gravity": np.radians(3),
+    "zero": np.radians(3),
+    "axis": np.radians(3),
+}
+"""Standard deviation of what a careful laboratory knows: delay of a wrench, s; a clock's rate; origin of a wrench's
+frame, m, and its rotation, rad; gain of a channel; tilt of gravity, zeros and tilts of joint axes, rad."""
+
+
+@dataclass(frozen=True)
+class SetupParameter:
+    """A number that is zero where the set-up is as stated.
+
+    Attributes:
+        kind: One of `PRIORS`.
+        of: The wrench, channel or joint that it belongs to, "" for gravity.
+        axis: Axis in the frame that it belongs to, or None.
+        std: Standard deviation of its prior, whose mean is zero, in SI units and radians.
+    """
+
+    kind: str
+    of: str
+    axis: int | None
+    std: float
+
+    @property
+    def name(self) -> str:
+        """Name of the column: `origin_x(ground)`."""
+        suffix = "" if self.axis is None else "_" + "xyz"[self.axis]
+        return f"{self.kind}{suffix}({self.of})" if self.of else f"{self.kind}{suffix}"
+
+
+def setup_parameters(
+    equations: Equations, contacts: Sequence[str], priors: dict[str, float] | None = None
+) -> tuple[SetupParameter, ...]:
+    """All that the channels of a recording leave open.
+
+    Args:
+        equations: What is fitted.
+        contacts: Names of the wrenches besides the ground's.
+        priors: Standard deviations that replace those of `PRIORS`; a kind at zero is left out.
+    """
+    std = PRIORS | (priors or {})
+    tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
+    wrenches = ([GROUND] if len(equations.channels) > len(equations.torques) else []) + list(contacts)
+    hinges = [body for body in tree.bodies if body.moves and body.turns]
+    rows: list[tuple[str, str, int | None]] = []
+    for wrench in wrenches:
+        rows += [("delay", wrench, None), ("clock", wrench, None)] if wrench == GROUND else []
+        rows += [(kind, wrench, axis) for kind in ("origin", "rotation") for axis in range(3)]
+    rows += [("gain", channel, None) for channel in equations.channels]
+    rows += [("gravity", "", axis) for axis in across(gravity)] if np.any(gravity) else []
+    rows += [("zero", body.joint, None) for body in hinges]
+    rows += [("axis", body.joint, axis) for body in hinges for axis in across(body.twist[3:])]
+    return tuple(SetupParameter(kind, of, axis, std[kind]) for kind, of, axis in rows if std[kind] > 0)
+
+
+def across(direction: np.ndarray) -> list[int]:
+    """The two axes that are farthest from a direction."""
+    return sorted(np.argsort(np.abs(np.asarray(direction, float)), kind="stable")[:2].tolist())

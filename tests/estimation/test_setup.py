@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+from measurements import random_measurement
+
+from ident.estimation.setup import PRIORS, across, setup_parameters
+
+
+def names(m, contacts=(), **priors):
+    return [each.name for each in setup_parameters(m.equations, contacts, priors)]
+
+
+def test_all_that_a_laboratory_leaves_open():
+    m = random_measurement(np.random.default_rng(0), 4, ("revolute",), contacts=0)
+    own = setup_parameters(m.equations, ["hand"])
+    kinds = [each.kind for each in own]
+    hinges, channels = len(m.tree.joints), len(m.equations.channels)
+    expected = {"delay": 1, "clock": 1, "origin": 6, "rotation": 6, "gain": channels, "gravity": 2}
+    assert {kind: kinds.count(kind) for kind in PRIORS} == expected | {"zero": hinges, "axis": 2 * hinges}
+    assert {each.kind: each.std for each in own} == PRIORS
+    assert len({each.name for each in own}) == len(own)
+    assert {"delay(ground)", "origin_x(ground)", "rotation_z(hand)", "gain(Fz)", "zero(j1)"} <= {s.name for s in own}
+
+
+def test_a_kind_is_left_out_or_given_another_prior():
+    m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
+    kinds = {each.kind: each.std for each in setup_parameters(m.equations, [], {"gain": 0.0, "delay": 0.01})}
+    assert kinds == {kind: std for kind, std in PRIORS.items() if kind != "gain"} | {"delay": 0.01}
+
+
+def test_what_does_not_turn_has_neither_zero_nor_axis_and_torques_no_frame():
+    m = random_measurement(np.random.default_rng(0), 5, ("ball", "prismatic", "free"), wrench=False, contacts=0)
+    assert {name.partition("_")[0].partition("(")[0] for name in names(m)} == {"gain", "gravity"}
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_tilts_are_about_axes_across(seed):
+    """The axis that is nearest to the direction is left out, so that the two tilts turn it by about their size."""
+    direction = np.random.default_rng(seed).normal(size=3)
+    axes = across(direction)
+    assert axes == sorted(set(range(3)) - {int(np.argmax(abs(direction)))})
+    turns = np.cross(np.eye(3)[axes], direction / np.linalg.norm(direction))
+    assert np.linalg.svd(turns)[1].min() > 0.5

@@ -1,0 +1,50 @@
+"""Random measurements of random mechanisms, for the tests of the joint estimate."""
+
+import numpy as np
+from mechanisms import JOINTS, random_phi, random_pose, random_tree
+
+from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.measurement import Measurement
+from ident.estimation.setup import setup_parameters
+from ident.mechanism.mechanism import Mechanism
+from ident.model.regressor import drive_names
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.structure import Sensors
+from ident.recordings.wrench import Sensor
+from ident.tolerances import DRIVE
+
+
+def random_measurement(
+    rng, bodies=4, kinds=JOINTS, *, moving=False, torques=True, wrench=True, contacts=1, setup=True, components=range(6)
+):
+    """All kinds of channels, set-up parameters, drives and offsets, as asked for."""
+    tree, gravity = random_tree(rng, bodies, kinds), 5 * rng.normal(size=3)
+    mechanism = Mechanism(tree, gravity, random_phi(rng, len(tree.inertial)))
+    n, components = len(tree.freedoms) if torques else 0, tuple(components) if wrench else ()
+    sensors = Sensors(base_wrench=wrench, joint_torques=n > 0, moving_base=moving)
+    parameters = find_base_parameters(tree, gravity=gravity, sensors=sensors)
+    channels = (*(COMPONENTS[k] for k in components), *(f"torque({name})" for name in tree.freedoms[:n]))
+    drives = drive_names(tree, tuple(DRIVE)) if n else ()
+    offsets = tuple(range(0, len(channels), 2))
+    equations = Equations(
+        mechanism, parameters, torques=tuple(range(n)), channels=channels, drives=drives, offsets=offsets
+    )
+    hands = {f"hand{k}": Sensor(str(rng.choice(tree.names)), random_pose(rng)) for k in range(contacts)}
+    frame = random_pose(rng) if wrench else np.eye(4)
+    return Measurement(
+        equations, frame, components, hands, setup_parameters(equations, list(hands)) if setup else (), moving
+    )
+
+
+def random_inputs(rng, measurement, samples=3, setup=0.05):
+    """States (3, N, n) with quaternions of any length, contacts (N, 2, 6 k) and θ (p,)."""
+    states = rng.uniform(-1.5, 1.5, size=(3, samples, measurement.coordinates))
+    wrenches = rng.normal(size=(samples, 2, 6 * len(measurement.contacts)))
+    theta = rng.normal(size=len(measurement.names))
+    theta[len(measurement.equations.names) :] *= setup
+    return states, wrenches, theta
+
+
+def at(measurement, name):
+    """Where a parameter stands in θ."""
+    return measurement.names.index(name)
