@@ -186,7 +186,10 @@ def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> 
 
 
 def _without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
-    """The recording with isolated gross outliers interpolated."""
+    """The recording with isolated gross outliers interpolated.
+
+    Streams stay as they were measured: in the joint estimate outliers lose weight.
+    """
     measured, notes = dict(recording.measured), []
     for kind, symbol in zip(KINDS, ("q", "dq", "ddq", "torques"), strict=True):
         names = [name for name in (f"{joint}_{kind}" for joint in joints) if name in recording.measured]

@@ -1,0 +1,349 @@
+"""Trajectory, parameters, set-up and noise of a recording at once.
+
+minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
+
+over spline coefficients c and parameters θ by Gauss-Newton steps. After each of them noise and smoothness follow by
+restricted maximum likelihood (`ident.estimation.restricted_likelihood`). Ordered by time the curvature is banded, but
+for a border of θ; pieces share θ alone, so that their Schur complements add.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from ident.errors import ExcitationError
+from ident.estimation.piece import Linearised, Noise, Piece, Predictor, cost, linearised
+from ident.estimation.restricted_likelihood import TINIEST, renewed
+
+ROUNDS = 60
+"""Rounds after which the iteration gives up."""
+
+SETTLED, SETTLED_NOISE, SETTLED_MOTION = 0.02, 0.02, 0.1
+"""Steps of θ, in its standard deviations, relative changes of the noise's, and steps of coefficients, in those of the
+coordinates, that end it."""
+
+COLOURED = 3
+"""Round from which noise may be correlated over time: while the fit is bad all residuals are."""
+
+SMOOTHEST = 1e8
+"""Largest λ over `h⁶ rate / σ²`: then samples of some twenty knots are averaged."""
+
+SMALLEST_STEP = 1 / 64
+"""Part of a step; where that does not lower the cost none does."""
+
+Report = Callable[[int, float], None]
+"""Is called with every round and its largest step of θ, in standard deviations."""
+
+
+class Prior(NamedTuple):
+    """What is known of θ beforehand.
+
+    Attributes:
+        mean: Mean (p,).
+        precision: Precision, zero where nothing is known (p, p).
+    """
+
+    mean: np.ndarray
+    precision: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where an iteration begins.
+
+    Attributes:
+        theta: Parameters (p,).
+        noise: Standard deviations, correlation and smoothness.
+        coefficients: Spline coefficients of every piece (size, n).
+    """
+
+    theta: np.ndarray
+    noise: Noise
+    coefficients: Sequence[np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Trajectory, parameters and noise.
+
+    Attributes:
+        measurement: What was fitted.
+        names: Names of θ.
+        selections: Which entries of θ each piece has.
+        prior: What was known of θ beforehand.
+        theta: Parameters θ = [ψ, drives, offsets, set-up] (p,).
+        shares: Precision of θ and its right side of every piece, trajectory eliminated: (p, p) and (p,).
+        free: Which parameters were fitted (p,).
+        noise: Standard deviations, correlation and smoothness.
+        coefficients: Spline coefficients of every piece (size, n).
+        pieces: What was measured.
+        trace: Largest step of θ in standard deviations of every round.
+        status: `converged`, `stopped` after so many rounds, `stuck` where no step lowers the cost, or `interrupted`.
+    """
+
+    measurement: Predictor
+    names: Sequence[str]
+    selections: Sequence[np.ndarray]
+    prior: Prior
+    theta: np.ndarray
+    shares: Sequence[tuple[np.ndarray, np.ndarray]]
+    free: np.ndarray
+    noise: Noise
+    coefficients: Sequence[np.ndarray]
+    pieces: Sequence[Piece]
+    trace: tuple[float, ...]
+    status: str
+
+    @cached_property
+    def precision(self) -> np.ndarray:
+        """Precision of θ, priors included (p, p)."""
+        return sum((schur for schur, _ in self.shares), start=self.prior.precision)
+
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """Right side of the equations at θ, zero for what was fitted (p,)."""
+        pull = -self.prior.precision @ (self.theta - self.prior.mean)
+        return sum((right for _, right in self.shares), start=pull)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance of θ from the noise, zero for what was not fitted (p, p)."""
+        return embedded(inverse_of_precision(self.precision[np.ix_(self.free, self.free)]), self.free)
+
+    def covariance_with(self, others: np.ndarray) -> np.ndarray:
+        """The same with what the priors leave open of parameters that were not fitted, zero for all others (p, p)."""
+        taken = self.free | others
+        return embedded(inverse_of_precision(self.precision[np.ix_(taken, taken)]), taken)
+
+    def scores(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far θ would go in directions that were not fitted, the others refitted, and the standard deviations.
+
+        Args:
+            directions: Directions, one in each row, zero in what was fitted (k, p).
+
+        Returns:
+            Distances and their standard deviations, infinite where nothing tells (k,).
+        """
+        free = self.free
+        inside = inverse_of_precision(self.precision[np.ix_(free, free)])
+        across = directions @ self.precision
+        regressed = across[:, free] @ inside
+        curvature = ((across - regressed @ self.precision[free]) * directions).sum(axis=1)
+        pull = directions @ self.gradient - regressed @ self.gradient[free]
+        told = curvature > 0
+        curvature = np.where(told, curvature, 1.0)
+        return np.where(told, pull / curvature, 0.0), np.where(told, 1 / np.sqrt(curvature), np.inf)
+
+
+def fit(
+    measurement: Predictor,
+    pieces: Sequence[Piece],
+    start: Start,
+    *,
+    prior: Prior,
+    free: np.ndarray,
+    names: Sequence[str] = (),
+    selections: Sequence[np.ndarray] | None = None,
+    coloured: bool = True,
+    estimate_noise: bool = True,
+    executor: Executor | None = None,
+    rounds: int = ROUNDS,
+    report: Report | None = None,
+) -> JointFit:
+    """Iterates from a start.
+
+    An interrupt (Ctrl-C) ends it with what it has.
+
+    Args:
+        measurement: Channels and parameters.
+        pieces: What was measured.
+        start: Where to begin.
+        prior: What is known of θ.
+        free: Which entries of θ to fit (p,).
+        names: Names of θ, by default those of the measurement.
+        selections: Which entries of θ each piece has as its own parameters; by default all have all.
+        coloured: Whether noise may be correlated over time.
+        estimate_noise: Whether to; otherwise that of the start is kept.
+        executor: Where pieces are worked on, by default here.
+        rounds: Rounds after which to give up.
+        report: Called with every round.
+
+    Raises:
+        ExcitationError: The motion leaves parameters undetermined.
+    """
+    every = [np.arange(len(free))] * len(pieces)
+    run = map if executor is None else executor.map
+    problem = _Problem(measurement, pieces, prior, free, names or measurement.names, selections or every, run)
+    at, trace, status, stalled = start, list[float](), "stopped", 0
+    parts = problem.linearised(at)
+    try:
+        for round_ in range(rounds):
+            step, inverse = problem.step(at, parts)
+            moves = [part.step - part.by_theta @ step for part in parts]
+            trace.append(float(np.max(np.abs(step[free]) / np.sqrt(np.diag(inverse)), initial=0)))
+            may = coloured and round_ >= COLOURED
+            noise = at.noise
+            if estimate_noise:
+                bends = problem.bends(_moved(at, 1.0, step, moves))
+                noise = renewed(at.noise, parts, embedded(inverse, free), bends, coloured=may)
+                noise = replace(noise, jerk=np.minimum(noise.jerk, problem.smoothest(noise)))
+            if (round_ > COLOURED or not coloured) and _quiet(at, trace[-1], moves, noise):
+                status = "converged"
+                break
+            size = problem.size(at, step, moves)
+            stalled = 0 if size else stalled + 1
+            if stalled > 1:
+                status = "stuck"
+                break
+            moved = _moved(at, size, step, moves)
+            at = replace(moved, noise=noise)
+            if report:
+                report(round_, trace[-1])
+            parts = problem.linearised(at)
+    except KeyboardInterrupt:
+        status = "interrupted"
+    shares = [(part.schur, part.gradient) for part in parts]
+    return JointFit(
+        measurement,
+        problem.names,
+        problem.selections,
+        prior,
+        at.theta,
+        shares,
+        free,
+        at.noise,
+        at.coefficients,
+        pieces,
+        tuple(trace),
+        status,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What is minimised."""
+
+    measurement: Predictor
+    pieces: Sequence[Piece]
+    prior: Prior
+    free: np.ndarray
+    names: Sequence[str]
+    selections: Sequence[np.ndarray]
+    run: Callable[..., Iterable[Any]]
+
+    def linearised(self, at: Start) -> list[Linearised]:
+        """Every piece, its trajectory eliminated."""
+        work = partial(_linearised, self.measurement, at.noise, len(at.theta))
+        return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta), self.selections))
+
+    def _own(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Parameters of each piece."""
+        return [theta[own] for own in self.selections]
+
+    def step(self, at: Start, parts: Sequence[Linearised]) -> tuple[np.ndarray, np.ndarray]:
+        """A Gauss-Newton step of θ (p,), and the covariance of what is fitted."""
+        free, prior = self.free, self.prior
+        precision = sum((part.schur for part in parts), start=prior.precision)
+        gradient = sum((part.gradient for part in parts), start=-prior.precision @ (at.theta - prior.mean))
+        names = [name for name, fitted in zip(self.names, free, strict=True) if fitted]
+        inverse = inverse_of_precision(precision[np.ix_(free, free)], names)
+        step = np.zeros_like(at.theta)
+        step[free] = inverse @ gradient[free]
+        return step, inverse
+
+    def bends(self, at: Start) -> np.ndarray:
+        """`∫ x⃛² dt` of each coordinate over all pieces (n,)."""
+        squares = [piece.spline.squared_jerk(c) for piece, c in zip(self.pieces, at.coefficients, strict=True)]
+        return np.sum(squares, axis=0)
+
+    def smoothest(self, noise: Noise) -> np.ndarray:
+        """The largest λ with which the equations can be solved (n,): coordinates that rest ask for infinite ones."""
+        scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in self.pieces]
+        return SMOOTHEST * min(scales) / noise.states[0] ** 2
+
+    def size(self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray]) -> float:
+        """The part of a step that lowers the cost: the whole, or a half of it as often as needed; zero for none."""
+
+        def total(size: float) -> float:
+            moved = _moved(at, size, step, moves)
+            work = partial(_cost, self.measurement, at.noise)
+            off = moved.theta - self.prior.mean
+            costs = self.run(work, self.pieces, moved.coefficients, self._own(moved.theta))
+            return float(sum(costs) + off @ self.prior.precision @ off)
+
+        size, before = 1.0, total(0.0)
+        while not total(size) <= before * (1 + 1e-12):
+            size /= 2
+            if size < SMALLEST_STEP:
+                return 0.0
+        return size
+
+
+def _cost(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> float:
+    return cost(measurement, piece, coefficients, theta=theta, noise=noise)
+
+
+def _linearised(
+    measurement: Predictor,
+    noise: Noise,
+    parameters: int,
+    piece: Piece,
+    coefficients: np.ndarray,
+    theta: np.ndarray,
+    own: np.ndarray,
+) -> Linearised:
+    """A piece, its derivatives by its own parameters put where they stand in θ."""
+    part = linearised(measurement, piece, coefficients, theta=theta, noise=noise)
+    if len(own) == parameters:
+        return part
+
+    def spread(x: np.ndarray, axes: int) -> np.ndarray:
+        out = np.zeros((*x.shape[: x.ndim - axes], *[parameters] * axes))
+        out[(..., own) if axes == 1 else (..., own[:, None], own)] = x
+        return out
+
+    streams = {
+        kind: getattr(part, kind)._replace(by_theta=spread(getattr(part, kind).by_theta, 2))
+        for kind in ("states", "channels", "penalty")
+    }
+    return part._replace(
+        schur=spread(part.schur, 2), gradient=spread(part.gradient, 1), by_theta=spread(part.by_theta, 1), **streams
+    )
+
+
+def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]) -> Start:
+    places = [c + size * move.reshape(c.shape) for c, move in zip(at.coefficients, moves, strict=True)]
+    return replace(at, theta=at.theta + size * step, coefficients=places)
+
+
+def _quiet(at: Start, step: float, moves: Sequence[np.ndarray], noise: Noise) -> bool:
+    """Whether nothing moves any more that matters."""
+    std = at.noise.states[0]
+    motion = max(float(np.max(np.abs(move.reshape(-1, len(std))) / std)) for move in moves)
+    return step < SETTLED and motion < SETTLED_MOTION and noise.change(at.noise) < SETTLED_NOISE
+
+
+def inverse_of_precision(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
+    """Inverse of a precision matrix, brought to unit diagonal first.
+
+    Raises:
+        ExcitationError: It is not positive definite; the error has the names.
+    """
+    scale = np.sqrt(np.maximum(np.diag(precision), TINIEST))
+    try:
+        factor = linalg.cho_factor(precision / np.outer(scale, scale))
+    except linalg.LinAlgError:
+        raise ExcitationError("The recording does not determine all parameters.", tuple(names)) from None
+    return linalg.cho_solve(factor, np.eye(len(scale))) / np.outer(scale, scale)
+
+
+def embedded(matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """A matrix over some entries of θ, zero elsewhere (p, p)."""
+    out = np.zeros((len(free), len(free)))
+    out[np.ix_(free, free)] = matrix
+    return out

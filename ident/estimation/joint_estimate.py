@@ -1,0 +1,268 @@
+"""The joint estimate of recordings: from their channels to parameters, set-up, trajectories and noise."""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from ident.errors import ExcitationError, InputError
+from ident.estimation import joint
+from ident.estimation.equations import Equations
+from ident.estimation.joint import JointFit, Prior, Report, Start
+from ident.estimation.measurement import Measurement
+from ident.estimation.piece import Piece
+from ident.estimation.preparation import Prepared
+from ident.estimation.setup import setup_parameters
+from ident.estimation.setup_search import Search, searched
+from ident.estimation.smoothing_start import start
+from ident.estimation.trajectory_pieces import cut, knot_distance
+from ident.parameters.prior import known_covariance
+from ident.recordings.wrench import GROUND
+
+JUMPS, DRIFTS = 0.15, 0.9
+"""Correlation from sample to sample from which a channel's residual asks for denser knots, and from which for none."""
+
+SMALLER = 0.95
+"""Part of a channel's noise that has to remain at most for denser knots to be worth it."""
+
+OWN = ("offset", "delay")
+"""What each of several recordings may have for itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint estimate.
+
+    Attributes:
+        measurement: Channels, and the parameters of one recording.
+        search: Trajectories, parameters and noise, and what of the set-up was found not to be as stated.
+        counts: Number of pieces of each recording.
+        step: Largest distance of the knots, s.
+        known: Whether a prior of the model's parameters was put in.
+    """
+
+    measurement: Measurement
+    search: Search
+    counts: tuple[int, ...]
+    step: float
+    known: bool
+
+    @property
+    def fit(self) -> JointFit:
+        """Trajectories, parameters and noise."""
+        return self.search.fit
+
+    @cached_property
+    def linear(self) -> int:
+        """Number of parameters that are not of the set-up, from the first on."""
+        return len(self.measurement.equations.names)
+
+    @property
+    def setup(self) -> dict[str, tuple[float, float]]:
+        """Set-up parameters that were found, with their standard deviations."""
+        std = np.sqrt(np.diag(self.fit.covariance))
+        found = [d.index for d in self.search.deviations]
+        return {self.fit.names[k]: (float(self.fit.theta[k]), float(std[k])) for k in found}
+
+    @cached_property
+    def is_setup(self) -> np.ndarray:
+        """Which parameters are of the set-up (p,)."""
+        return _is_setup(self.measurement, self.fit.names)
+
+    @cached_property
+    def covariance_of_setup(self) -> np.ndarray:
+        """What the priors leave open of the set-up adds to the covariance of all parameters (p, p).
+
+        To the covariance with all of the set-up fitted belongs how far that would move the parameters: it was not.
+        """
+        whole = self.fit.covariance_with(self.is_setup)
+        moves = whole @ self.fit.gradient
+        return whole - self.fit.covariance + np.outer(moves, moves)
+
+    def as_stated(self) -> "Joint":
+        """The same with the set-up as it was stated."""
+        fit = replace(self.fit, theta=np.where(self.is_setup, 0.0, self.fit.theta))
+        return replace(self, search=replace(self.search, fit=fit, deviations=()))
+
+    def _pieces(self, which: int) -> slice:
+        first = sum(self.counts[:which])
+        return slice(first, first + self.counts[which])
+
+    def parameters_of(self, which: int) -> np.ndarray:
+        """Parameters of one recording."""
+        return self.fit.theta[self.fit.selections[self._pieces(which).start]]
+
+    def places_of(self, which: int) -> list[tuple[Piece, np.ndarray]]:
+        """Pieces and spline coefficients of one recording."""
+        own = self._pieces(which)
+        return list(zip(self.fit.pieces[own], self.fit.coefficients[own], strict=True))
+
+    def offsets_beside_first(self, which: int) -> np.ndarray:
+        """By how much constant offsets of the first recording exceed those of another one (C,)."""
+        constants = self.measurement.constants
+        return constants(self.parameters_of(0)) - constants(self.parameters_of(which))
+
+
+def joint_estimate(
+    recordings: Sequence[tuple[Prepared, slice]],
+    equations: Equations,
+    *,
+    setup: Mapping[str, float] | None = None,
+    known: Mapping[str, float] | None = None,
+    own: Sequence[str] = (),
+    search: bool = True,
+    knots: float | None = None,
+    executor: Executor | None = None,
+    report: Report | None = None,
+) -> Joint:
+    """Estimates trajectories, parameters, set-up and noise of recordings that share their parameters.
+
+    Args:
+        recordings: Mechanism and recording, and the samples to take.
+        equations: Channels and columns.
+        setup: What is known of the set-up, as for `setup_parameters`.
+        known: How well φ of the model is known, as for `known_deviations`; None for not at all.
+        own: What each recording has for itself, out of `OWN`.
+        search: Whether to look for what of the set-up is not as stated.
+        knots: Distance of the trajectory's knots, s, by default what the motion asks for.
+        executor: Where pieces are worked on, by default here.
+        report: Called with every round and its step in standard deviations.
+    """
+    if unknown := [kind for kind in own if kind not in OWN]:
+        raise InputError(f"Recordings may have {' and '.join(OWN)} for themselves, got '{unknown[0]}'.")
+    first, joints = recordings[0][0], recordings[0][0].mechanism.tree.joints
+    measurement = _measurement(first, equations, setup)
+    names, selections = _shared(measurement, len(recordings), own)
+    prior, is_setup = _prior(measurement, names, known), _is_setup(measurement, names)
+
+    def estimated(step: float) -> Joint:
+        """The estimate with knots so far apart."""
+        cuts = [cut(prepared, measurement, part, step) for prepared, part in recordings]
+        pieces = [piece for own_pieces in cuts for piece in own_pieces]
+        selected = [selections[k] for k, own_pieces in enumerate(cuts) for _ in own_pieces]
+        solve = partial(
+            joint.fit,
+            measurement,
+            pieces,
+            prior=prior,
+            names=names,
+            selections=selected,
+            executor=executor,
+            report=report,
+        )
+        refit = partial(_with_positive_drives, solve, equations)
+        fit = refit(_start(measurement, pieces, prior, selections, ~is_setup), ~is_setup, joint.ROUNDS)
+        found = searched(fit, refit, is_setup, _groups(measurement, names)) if search else Search(fit, (), False)
+        return Joint(measurement, found, tuple(len(own_pieces) for own_pieces in cuts), step, known is not None)
+
+    if knots:
+        return estimated(knots)
+    step = min(knot_distance(prepared.recording, joints) for prepared, _ in recordings)
+    return _fine_enough(estimated, step, 2 / min(prepared.recording.rate for prepared, _ in recordings))
+
+
+def _fine_enough(estimated: Callable[[float], Joint], step: float, finest: float) -> Joint:
+    """Knots get denser as long as residuals are correlated, if that makes them smaller: something jumps.
+
+    Where they are correlated over long times the model is not quite right, and no trajectory should make up for that.
+    """
+
+    def asks(estimate: Joint) -> bool:
+        rho = estimate.fit.noise.channels_rho
+        return bool((rho > JUMPS).any() and (rho < DRIFTS).all())
+
+    fine = coarse = estimated(step)
+    try:
+        while asks(fine) and fine.fit.status != "interrupted" and fine.step > finest:
+            fine = estimated(max(fine.step / 2, finest))
+    except (ExcitationError, np.linalg.LinAlgError):
+        return coarse
+    smaller = (fine.fit.noise.channels < SMALLER * coarse.fit.noise.channels).any()
+    return fine if smaller else coarse
+
+
+def _start(
+    measurement: Measurement, pieces: Sequence[Piece], prior: Prior, selections: Sequence[np.ndarray], free: np.ndarray
+) -> Start:
+    """Where the fit begins: all recordings with the same parameters."""
+    p = len(measurement.names)
+    begin = start(measurement, pieces, prior.mean[:p], (prior.mean[:p], prior.precision[:p, :p]), free[:p])
+    theta = prior.mean.copy()
+    for chosen in selections:
+        theta[chosen] = begin.theta
+    return Start(theta, begin.noise, begin.coefficients)
+
+
+def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, float] | None) -> Measurement:
+    recording = prepared.recording
+    # What a mechanism was read from need not cross to another process, nor can it.
+    equations = replace(equations, mechanism=replace(equations.mechanism, source=None))
+    contacts = {name: recording.sensors[name] for name in recording.wrenches if name != GROUND}
+    held = GROUND in recording.wrenches
+    seen = (
+        np.isfinite(prepared.wrench).all(axis=0)
+        if held
+        else np.arange(6) < len(equations.channels) - len(equations.torques)
+    )
+    return Measurement(
+        equations,
+        prepared.frame if held else None,
+        tuple(np.flatnonzero(seen).tolist()),
+        contacts,
+        setup_parameters(equations, tuple(contacts), dict(setup or {})),
+        recording.base is not None,
+    )
+
+
+def _shared(measurement: Measurement, recordings: int, own: Sequence[str]) -> tuple[list[str], list[np.ndarray]]:
+    """Names of all parameters, and which of them each recording has."""
+    names, selections = list(measurement.names), [np.arange(len(measurement.names))]
+    mine = [k for k, name in enumerate(measurement.names) if name.partition("(")[0] in own]
+    for number in range(2, recordings + 1):
+        chosen = np.arange(len(measurement.names))
+        chosen[mine] = len(names) + np.arange(len(mine))
+        names += [f"{measurement.names[k]} of log {number}" for k in mine]
+        selections.append(chosen)
+    return names, selections
+
+
+def _is_setup(measurement: Measurement, names: Sequence[str]) -> np.ndarray:
+    own = {each.name for each in measurement.setup}
+    return np.array([name.partition(" of log ")[0] in own for name in names], bool)
+
+
+def _groups(measurement: Measurement, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Directions in which the axes of all joints turn alike."""
+    axes = {each.name: each.axis for each in measurement.setup if each.kind == "axis"}
+    turned = {axis: np.array([axes.get(name) == axis for name in names], float) for axis in range(3)}
+    return {f"a turn of all joint axes about {'xyz'[k]}": d for k, d in turned.items() if d.sum() > 1}
+
+
+def _prior(measurement: Measurement, names: Sequence[str], known: Mapping[str, float] | None) -> Prior:
+    """What is known of all parameters."""
+    std = {each.name: each.std for each in measurement.setup}
+    precision = np.diag(
+        [1 / std[base] ** 2 if base in std else 0.0 for base in (n.partition(" of log ")[0] for n in names)]
+    )
+    mean = np.zeros(len(names))
+    if known is not None:
+        parameters, phi = measurement.equations.parameters, measurement.equations.mechanism.known
+        mean[: parameters.rank] = parameters.regroup(phi)
+        precision[: parameters.rank, : parameters.rank] = np.linalg.inv(known_covariance(phi, parameters, known))
+    return Prior(mean, precision)
+
+
+def _with_positive_drives(
+    solve: partial[JointFit], equations: Equations, begin: Start, free: np.ndarray, rounds: int
+) -> JointFit:
+    """A fit whose friction and rotor inertias are not negative: what would be is none."""
+    first = equations.parameters.rank
+    drives = np.zeros(len(free), bool)
+    drives[first : first + len(equations.drives)] = True
+    fit = solve(begin, free=free, rounds=rounds)
+    while (negative := drives & fit.free & (fit.theta < 0)).any():
+        theta = np.where(negative, 0.0, fit.theta)
+        fit = solve(Start(theta, fit.noise, fit.coefficients), free=fit.free & ~negative, rounds=rounds)
+    return fit

@@ -1,0 +1,102 @@
+"""Noise and smoothness by restricted maximum likelihood: one update for each step of the parameters.
+
+    σ_m² <- ‖r_m‖² / (N_m - tr(H⁻¹ H_m)),      λ_j <- (rank P - λ_j tr(H⁻¹ P_j)) / c_jᵀ P c_j
+
+H_m and λ_j P_j are the parts of the curvature H that a stream of measurements and the jerk's penalty make (Wood and
+Fasiolo, Biometrics 73, 2017, doi:10.1111/biom.12666). Each stream's noise is of one size, and may be correlated as
+`x_k = ρ x_k-1 + u_k`. Then sums r_k + r_k-1 and differences r_k - r_k-1 are uncorrelated, and have variances of their
+own, v± = 2 σ² (1 ± ρ), which follow by the same update; the trajectory takes more of sums:
+
+    v± <- v± · Σ s±² / ((1 ∓ ρ) N / 2 - tr(H⁻¹ H±)),      ρ <- (v+ - v-) / (v+ + v-)
+
+with s± the halves of innovations that they make (`ident.estimation.whitening`) and H± = Σ (∂s±)ᵀ ∂s±. Were nothing
+taken, this would be Burg's estimate, with which ρ begins where it is more than chance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.estimation.piece import Linearised, Noise
+from ident.estimation.streams import Stream
+
+LEAST_LEFT = 0.05
+"""Share of a stream's samples that is left over for its noise, however many unknowns they determine."""
+
+MOST_CORRELATED = 0.99
+"""Cap of ρ; beyond it the mean of a channel is free."""
+
+CHANCE = 2.0
+"""Correlation, in standard deviations of that of white noise, up to which what seemed to be white noise stays that."""
+
+COLOURED_FLOOR = 15.0
+"""How many times higher the floor of a channel's noise is where that is wholly correlated: then the model is not quite
+right, and what the trajectory takes of the channel is no measure of its noise."""
+
+TINY, TINIEST = 1e-3, 1e-300
+"""What counts of samples and sums of squares do not fall below."""
+
+
+def renewed(
+    noise: Noise, parts: Sequence[Linearised], covariance: np.ndarray, bends: np.ndarray, *, coloured: bool
+) -> Noise:
+    """Restricted-likelihood updates of standard deviations and smoothness, and of the correlation if it is asked for.
+
+    Args:
+        noise: What it was.
+        parts: The pieces at the last iterate.
+        covariance: Covariance of θ (p, p).
+        bends: `∫ x⃛² dt` of each coordinate after the step (n,): that before it belongs to the λ before.
+        coloured: Whether to update the correlation.
+    """
+    states, channels, penalty = (
+        _summed([getattr(part, k) for part in parts]) for k in ("states", "channels", "penalty")
+    )
+    shape = noise.states.shape
+    floor = noise.floor_channels * (1 + COLOURED_FLOOR * noise.channels_rho**2)
+    by_states, by_channels = _growth(states, covariance).reshape(3, *shape), _growth(channels, covariance)
+    new = {
+        "states": np.maximum(noise.states * np.sqrt(by_states[0]), noise.floor_states),
+        "channels": np.maximum(noise.channels * np.sqrt(by_channels[0]), floor),
+        "jerk": _smoothness(penalty, covariance, bends),
+    }
+    if coloured:
+        linked = states.number[1:].sum(axis=0).reshape(shape), channels.number[1:].sum(axis=0)
+        new["states_rho"] = _correlation(noise.states_rho, by_states[1:], linked[0])
+        new["channels_rho"] = _correlation(noise.channels_rho, by_channels[1:], linked[1])
+    return replace(noise, **new)
+
+
+def _smoothness(penalty: Stream, covariance: np.ndarray, bends: np.ndarray) -> np.ndarray:
+    """λ of each coordinate (n,)."""
+    return np.maximum(penalty.number - _taken(penalty, covariance), TINY) / np.maximum(bends, TINIEST)
+
+
+def _correlation(rho: np.ndarray, growth: np.ndarray, linked: np.ndarray) -> np.ndarray:
+    """ρ from what it was, and by which factors the variances of sums and of differences change.
+
+    Args:
+        rho: What it was (…).
+        growth: These factors (2, …); the variances were as 1 + ρ to 1 - ρ.
+        linked: How many samples follow another one (…).
+    """
+    sums, differences = growth[0] * (1 + rho), growth[1] * (1 - rho)
+    new = (sums - differences) / (sums + differences)
+    white = (rho == 0) & (new < CHANCE / np.sqrt(np.maximum(linked, 1)))
+    return np.where(white, 0.0, np.clip(new, 0, MOST_CORRELATED))
+
+
+def _summed(streams: Sequence[Stream]) -> Stream:
+    return Stream(*(sum(values[1:], start=values[0]) for values in zip(*streams, strict=True)))
+
+
+def _taken(stream: Stream, covariance: np.ndarray) -> np.ndarray:
+    """Samples that trajectory and θ take of each stream (s,)."""
+    return stream.taken + np.einsum("...pq,pq->...", stream.by_theta, covariance)
+
+
+def _growth(stream: Stream, covariance: np.ndarray) -> np.ndarray:
+    """By which factors variances change (s,)."""
+    left = np.maximum(stream.number - _taken(stream, covariance), np.maximum(LEAST_LEFT * stream.number, TINY))
+    return np.where(stream.number > 0, stream.squares / left, 1.0)

@@ -1,0 +1,114 @@
+"""What of the set-up is not as stated: set-up parameters are fitted one by one, the most significant first."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from ident.errors import ExcitationError
+from ident.estimation.joint import JointFit, Start
+from ident.tolerances import SIGNIFICANT
+
+MOST_FOUND = 10
+"""Set-up parameters that are fitted at most."""
+
+ALIKE, ALIKE_SHARE = 15.0, 0.1
+"""How much less of χ², or which share of it, another candidate may explain than the best and be meant as well."""
+
+INCREDIBLE = 6.0
+"""Standard deviations of its prior from which a set-up parameter stands for something else that is wrong."""
+
+NEGLIGIBLE = 0.04
+"""Standard deviations of its prior below which a set-up parameter is not worth a word, however well it is known."""
+
+PROMISING = 2.5
+"""Standard deviations from which a set-up parameter is tried: while it is not fitted, its effect passes for noise."""
+
+SEARCH_ROUNDS = 40
+"""Rounds of each fit of the search."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A set-up parameter that is not zero.
+
+    Attributes:
+        index: Where it stands in θ.
+        alternatives: Others that would have explained about as much.
+        together: Groups of others that would have, all changed by as much.
+    """
+
+    index: int
+    alternatives: tuple[int, ...]
+    together: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What of the set-up was found.
+
+    Attributes:
+        fit: The fit with it.
+        deviations: What is not as stated, the most significant first.
+        incredible: Whether more would have been needed than any laboratory gets wrong; then nothing is changed.
+    """
+
+    fit: JointFit
+    deviations: tuple[Deviation, ...]
+    incredible: bool
+
+
+def searched(
+    first: JointFit,
+    refit: Callable[[Start, np.ndarray, int], JointFit],
+    candidates: np.ndarray,
+    groups: Mapping[str, np.ndarray],
+) -> Search:
+    """Frees set-up parameters as long as one is significant.
+
+    Args:
+        first: The fit with the set-up as stated.
+        refit: Fits from a start, with given parameters free (p,), in at most so many rounds.
+        candidates: Which parameters are of the set-up (p,).
+        groups: Directions in which several change alike, by what they are (p,) each.
+    """
+    fitted, deviations = first, list[Deviation]()
+    # All candidates together raise a false alarm as rarely as one test does.
+    threshold = float(norm.isf(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
+    known = 1 / np.sqrt(np.maximum(np.diag(first.prior.precision), 1e-300))
+    while candidates.any() and len(deviations) < MOST_FOUND and fitted.status != "interrupted":
+        left = np.flatnonzero(candidates & ~fitted.free)
+        values, spread = fitted.scores(np.eye(len(candidates))[left])
+        z = np.where(np.abs(values) > NEGLIGIBLE * known[left], np.abs(values / spread), 0.0)
+        best = int(np.argmax(z))
+        if not z[best] > PROMISING:
+            break
+        least = np.sqrt(max(z[best] ** 2 - max(ALIKE, ALIKE_SHARE * z[best] ** 2), PROMISING**2))
+        alike = sorted((k for k in np.flatnonzero(z > least) if k != best), key=lambda k: -z[k])
+        found = Deviation(int(left[best]), tuple(left[alike].tolist()), _together(fitted, groups, least))
+        theta = fitted.theta.copy()
+        theta[found.index] += values[best]
+        free = fitted.free | (np.arange(len(theta)) == found.index)
+        try:
+            # What was wrong until now has made residuals look correlated.
+            noise = replace(fitted.noise, channels_rho=0 * fitted.noise.channels_rho)
+            tried = refit(Start(theta, noise, fitted.coefficients), free, SEARCH_ROUNDS)
+        except ExcitationError:
+            return Search(first, (), True)
+        if not abs(tried.theta[found.index]) > threshold * np.sqrt(tried.covariance[found.index, found.index]):
+            break
+        if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
+            return Search(first, (), True)
+        fitted = tried
+        deviations.append(found)
+    return Search(fitted, tuple(deviations), False)
+
+
+def _together(fitted: JointFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:
+    """Groups of parameters, none of which was fitted, that are as significant."""
+    open_ = {name: direction for name, direction in groups.items() if not direction[fitted.free].any()}
+    if not open_:
+        return ()
+    values, spread = fitted.scores(np.array(list(open_.values())))
+    return tuple(name for name, z in zip(open_, np.abs(values / spread), strict=True) if z > least)

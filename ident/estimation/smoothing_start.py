@@ -1,0 +1,182 @@
+"""Where the joint estimate begins: each coordinate smoothed alone, and parameters by least squares on that."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.estimation import joint
+from ident.estimation.joint import Start
+from ident.estimation.measurement import Measurement
+from ident.estimation.piece import Noise, Piece, channel_times
+
+REWEIGHTED = 4
+"""Least-squares fits, each with the channels weighted by the residuals of the one before."""
+
+FIRST_FITS, FITS, FITS_OF_KNOWN_NOISE = 3, 40, 6
+"""Rounds of smoothing: before the noise is estimated, with it, and where it is given."""
+
+FOURTH_DIFFERENCE = np.sqrt(70)
+"""Standard deviation of the fourth difference of unit white noise, `√(1 + 16 + 36 + 16 + 1)`; motion hardly has one."""
+
+SMOOTH = 2 * np.pi
+"""Angular frequency of a motion as smooth as the first guess of λ, rad/s: its jerk is that often cubed its size."""
+
+NOTHING, LEAST = 1e-6, 1e-3
+"""Smallest noise over the spread of a coordinate, and over that of a channel."""
+
+TINY = 1e-12, 1e-9
+"""What stands in for the noise, and for the spread, of a stream that is constant."""
+
+
+@dataclass(frozen=True)
+class _Coordinates:
+    """In place of a `Measurement` where there are coordinates alone: no channels and no parameters."""
+
+    names: tuple[str, ...] = ()
+
+    @property
+    def zeros(self) -> dict[int, int]:
+        """None."""
+        return {}
+
+    def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
+        """None."""
+        return {}
+
+    def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """No channels (0, M)."""
+        return np.zeros((0, len(wrenches)))
+
+    def derivatives(
+        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """No channels (0, M), and no derivatives (0, 3, n, M), (0, 0, M)."""
+        _, M, n = states.shape
+        return np.zeros((0, M)), np.zeros((0, 3, n, M)), np.zeros((0, 0, M))
+
+
+def start(
+    measurement: Measurement,
+    pieces: Sequence[Piece],
+    theta: np.ndarray,
+    prior: tuple[np.ndarray, np.ndarray],
+    free: np.ndarray,
+) -> Start:
+    """Smoothed coordinates, and parameters by weighted least squares.
+
+    Args:
+        measurement: Channels and parameters.
+        pieces: What was measured.
+        theta: Parameters to begin with (p,).
+        prior: Mean (p,) and precision (p, p) of θ, zero where nothing is known.
+        free: Which entries of θ to fit (p,).
+    """
+    alone = smoothed(pieces)
+    theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free)
+    spread = np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0)
+    rho = np.zeros(len(channels))
+    noise = replace(alone.noise, channels=channels, channels_rho=rho, floor_channels=LEAST * spread)
+    return Start(theta, noise, alone.coefficients)
+
+
+def smoothed(pieces: Sequence[Piece], noise: Noise | None = None) -> Start:
+    """Every coordinate smoothed alone, its noise and smoothness found by restricted likelihood or given.
+
+    Args:
+        pieces: What was measured.
+        noise: The noise, if it is known.
+    """
+    none = np.zeros(0)
+    bare = [replace(p, when=none, measured=np.zeros((0, 0)), wrenches=p.wrenches[:0]) for p in pieces]
+    own = _first_noise(pieces) if noise is None else noise
+    own = replace(own, channels=none, channels_rho=none, floor_channels=none)
+    plan = [(FIRST_FITS, False), (FITS, True)] if noise is None else [(FITS_OF_KNOWN_NOISE, False)]
+    begin = Start(none, own, [_interpolated(piece) for piece in pieces])
+    for rounds, estimate in plan:
+        fit = joint.fit(
+            _Coordinates(),
+            bare,
+            begin,
+            prior=joint.Prior(none, np.zeros((0, 0))),
+            free=np.zeros(0, bool),
+            coloured=False,
+            estimate_noise=estimate,
+            rounds=rounds,
+        )
+        begin = Start(fit.theta, fit.noise, fit.coefficients)
+    return begin
+
+
+def _first_noise(pieces: Sequence[Piece]) -> Noise:
+    """A guess of the coordinates' noise and smoothness; no channels."""
+    spread = np.maximum(np.nanstd(np.concatenate([piece.states[0] for piece in pieces]), axis=0), TINY[1])
+    n, none = len(spread), np.zeros(0)
+    std = np.ones((3, n))
+    for kind in range(3):
+        every = [x for piece in pieces if (x := piece.states[kind]) is not None]
+        if every:
+            std[kind] = [_rough(columns) / FOURTH_DIFFERENCE for columns in zip(*(x.T for x in every), strict=True)]
+    floor = np.tile(NOTHING * spread, (3, 1))
+    std = np.maximum(std, np.maximum(floor, TINY[0]))
+    return Noise(std, none, 1 / (spread**2 * SMOOTH**6), np.zeros((3, n)), none, floor, none)
+
+
+def _rough(columns: Sequence[np.ndarray]) -> float:
+    """Standard deviation of the fourth differences of a coordinate in all pieces, over missing samples."""
+    fourth = np.concatenate([np.diff(x[np.isfinite(x)], 4) for x in columns])
+    return float(fourth.std()) if len(fourth) else 0.0
+
+
+def _interpolated(piece: Piece) -> np.ndarray:
+    """Coefficients near the samples: each function's is the coordinate in its middle (size, n)."""
+    middle = piece.spline.start + (np.arange(piece.spline.size) - 2) * piece.spline.step
+    columns = []
+    for x in piece.states[0].T:
+        there = np.isfinite(x)
+        columns.append(np.interp(middle, piece.time[there], x[there]))
+    return np.stack(columns, axis=1)
+
+
+def _regressed(
+    measurement: Measurement,
+    pieces: Sequence[Piece],
+    coefficients: Sequence[np.ndarray],
+    theta: np.ndarray,
+    prior: tuple[np.ndarray, np.ndarray],
+    free: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """θ by least squares on given trajectories, and the channels' residuals in standard deviations (C,)."""
+    A, b = _linear(measurement, pieces, coefficients, theta, free)
+    there = np.isfinite(b)
+    std = np.maximum(np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0), TINY[1])
+    A, b = np.where(there[..., None], A, 0), np.where(there, b, 0)
+    mean, precision = prior
+    pull = -(precision @ (theta - mean))[free]
+    step = np.zeros(A.shape[-1])
+    for _ in range(REWEIGHTED):
+        rows = (A / std[:, None]).reshape(b.size, -1)
+        normal, right = rows.T @ rows + precision[np.ix_(free, free)], rows.T @ (b / std).ravel() + pull
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
+        std = np.maximum(np.sqrt(((b - A @ step) ** 2).sum(axis=0) / there.sum(axis=0)), TINY[1])
+    out = theta.copy()
+    out[free] += step
+    return out, std
+
+
+def _linear(
+    measurement: Measurement,
+    pieces: Sequence[Piece],
+    coefficients: Sequence[np.ndarray],
+    theta: np.ndarray,
+    free: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of all pieces' channels by the free entries of θ (N, C, f), and their residuals (N, C)."""
+    rows, right = [], []
+    for piece, c in zip(pieces, coefficients, strict=True):
+        x = piece.spline.evaluate(c, channel_times(measurement, piece, theta))
+        values, _, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta)
+        rows.append(by_theta[:, free].transpose(2, 0, 1))
+        right.append(piece.measured - values.T)
+    return np.concatenate(rows), np.concatenate(right)

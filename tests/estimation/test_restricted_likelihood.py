@@ -1,0 +1,157 @@
+"""Updates of the noise against the restricted likelihood itself, dense, and its maximum."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.optimize import minimize
+
+from ident.estimation import whitening
+from ident.estimation.joint import COLOURED
+from ident.estimation.piece import Noise, Piece, linearised
+from ident.estimation.restricted_likelihood import MOST_CORRELATED, renewed
+from ident.estimation.spline import LOCAL, Spline
+
+STEP = 0.02
+SIGMA, SIGMA_CHANNEL, JERK = 0.05, 2.0, 1e-4
+
+
+class Linear:
+    """One channel `ẍ + w·θ` of one coordinate x, w being what a contact measures."""
+
+    names = ("a", "b")
+    zeros = {}  # noqa: RUF012
+
+    def of_kind(self, kind, of=""):
+        return {}
+
+    def values(self, states, wrenches, theta):
+        return (states[2, :, 0] + wrenches[:, 0, :2] @ theta)[None]
+
+    def derivatives(self, states, wrenches, theta):
+        by_states = np.zeros((1, 3, 1, len(wrenches)))
+        by_states[:, 2] = 1
+        return self.values(states, wrenches, theta), by_states, wrenches[:, 0, :2].T[None]
+
+
+def correlated(rng, number, rho):
+    """AR(1) noise of variance one, stationary from the first sample on (N,)."""
+    x = rng.normal(size=number)
+    for k in range(1, number):
+        x[k] = rho * x[k - 1] + np.sqrt(1 - rho**2) * x[k]
+    return x
+
+
+def recording(rng, rho, number=240, gap=0.0):
+    """A coordinate with correlated noise, a channel with white noise."""
+    time = STEP * np.arange(number)
+    time[number // 3 :] += gap
+    spline = Spline.over(-0.1, time[-1] + 0.1, 0.1)
+    wrenches = rng.normal(size=(number, 2, 6))
+    x = np.stack([np.sin(2 * time), 2 * np.cos(2 * time), -4 * np.sin(2 * time)])
+    measured = x[0] + SIGMA * correlated(rng, number, rho)
+    channel = x[2] + wrenches[:, 0, :2] @ [1.0, -0.5] + SIGMA_CHANNEL * rng.normal(size=number)
+    return Piece(spline, time, (measured[:, None], None, None), time, channel[:, None], wrenches)
+
+
+def noise_of(sigma, rho):
+    states, zero = np.full((3, 1), sigma), np.zeros((3, 1))
+    return Noise(states, np.array([SIGMA_CHANNEL]), np.array([JERK]), zero + rho, zero[0], zero, zero[0])
+
+
+def updated(piece, rounds=20):
+    """σ and ρ of the coordinate that updates end at, all else given, and the residuals' own correlation."""
+    noise, c, theta = noise_of(SIGMA, 0.0), np.zeros((piece.spline.size, 1)), np.zeros(2)
+    for k in range(rounds):
+        part = linearised(Linear(), piece, c, theta=theta, noise=noise)
+        covariance = np.linalg.inv(part.schur)
+        step = covariance @ part.gradient
+        c, theta = c + (part.step - part.by_theta @ step)[:, None], theta + step
+        new = renewed(noise, [part], covariance, piece.spline.squared_jerk(c), coloured=k >= COLOURED)
+        noise = replace(noise, states=new.states, states_rho=new.states_rho)
+    residual = piece.states[0][:, 0] - piece.spline.evaluate(c, piece.time)[0, :, 0]
+    return noise.states[0, 0], noise.states_rho[0, 0], residual[1:] @ residual[:-1] / (residual @ residual)
+
+
+def twice_lost(piece, sigma, rho):
+    """-2 log of the restricted likelihood, but for a constant:  log |R| + log |Jᵀ R⁻¹ J + S| + yᵀ R⁻¹ (y - J x̂)."""
+    number, spline = len(piece.time), piece.spline
+    interval, basis = spline.local(piece.time)
+    J, S = np.zeros((2 * number, spline.size + 2)), np.zeros((spline.size + 2,) * 2)
+    for k in range(number):
+        J[k, interval[k] : interval[k] + LOCAL] = basis[0, k]
+        J[number + k, interval[k] : interval[k] + LOCAL] = basis[2, k]
+    J[number:, -2:] = piece.wrenches[:, 0, :2]
+    for k in range(spline.intervals):
+        S[k : k + LOCAL, k : k + LOCAL] += JERK * spline.penalty
+    y = np.concatenate([piece.states[0][:, 0], piece.measured[:, 0]])
+    runs = np.split(np.arange(number), np.flatnonzero(np.diff(interval) > 1) + 1)
+    parts = [sigma**2 * rho ** np.abs(np.subtract.outer(run, run)) for run in runs]
+    R = block_diag(*parts, SIGMA_CHANNEL**2 * np.eye(number))
+    weighted = np.linalg.solve(R, J)
+    H = J.T @ weighted + S
+    x = np.linalg.solve(H, weighted.T @ y)
+    return np.linalg.slogdet(R)[1] + np.linalg.slogdet(H)[1] + y @ (np.linalg.solve(R, y) - weighted @ x)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.5])
+@pytest.mark.parametrize("rho", [0.3, 0.6, 0.85])
+def test_updates_end_at_the_maximum_of_the_restricted_likelihood(rho, gap, monkeypatch):
+    """But for the ends of the recording, where likelihood and updates count half a sample differently."""
+    monkeypatch.setattr(whitening, "HUBER", 100.0)
+    piece = recording(np.random.default_rng(round(100 * rho)), rho, gap=gap)
+    best = minimize(lambda x: twice_lost(piece, *x), [SIGMA, rho], method="Nelder-Mead", options={"fatol": 1e-4})
+    *found, plain = updated(piece)
+    assert twice_lost(piece, *found) - best.fun < 0.03
+    np.testing.assert_allclose(found, best.x, rtol=0.02)
+    # The trajectory has taken what is slow: residuals themselves are less correlated.
+    assert found[1] - plain > 0.05
+
+
+def test_white_noise_stays_white():
+    rho = [updated(recording(np.random.default_rng(seed), 0.0))[1] for seed in range(8)]
+    assert np.count_nonzero(rho) <= 1
+    assert max(rho) < 0.2
+
+
+def test_correlation_is_kept_unless_asked_for():
+    piece = recording(np.random.default_rng(1), 0.9)
+    noise = noise_of(SIGMA, 0.0)
+    part = linearised(Linear(), piece, np.zeros((piece.spline.size, 1)), theta=np.zeros(2), noise=noise)
+    kept, coloured = (
+        renewed(noise, [part], np.linalg.inv(part.schur), np.ones(1), coloured=asked) for asked in (False, True)
+    )
+    assert kept.states_rho[0, 0] == 0
+    assert coloured.states_rho[0, 0] > 0.9
+    assert kept.states[0, 0] == coloured.states[0, 0]
+
+
+def test_correlation_is_capped():
+    """Where residuals are all of a curve that the trajectory does not follow yet."""
+    piece = recording(np.random.default_rng(1), 0.9)
+    part = linearised(
+        Linear(), piece, np.full((piece.spline.size, 1), 9.0), theta=np.zeros(2), noise=noise_of(9.0, 0.0)
+    )
+    new = renewed(noise_of(9.0, 0.0), [part], np.linalg.inv(part.schur), np.ones(1), coloured=True)
+    assert new.states_rho[0, 0] == MOST_CORRELATED
+
+
+def test_outliers_hide_a_part_of_the_correlation_at_most():
+    rng, found = np.random.default_rng(50), []
+    for outliers in (0.0, 0.02):
+        piece = recording(np.random.default_rng(0), 0.6)
+        gross = rng.uniform(size=piece.states[0].shape) < outliers
+        piece.states[0][:] += 20 * SIGMA * gross * rng.normal(size=gross.shape)
+        found.append(updated(piece))
+    without, having = found
+    assert abs(having[1] - without[1]) < 0.3
+    assert having[0] < 1.7 * without[0]
+    assert having[2] < 0.3
+
+
+def test_the_change_of_noise_is_the_largest_of_its_parts():
+    noise = noise_of(SIGMA, 0.3)
+    assert noise.change(noise) == 0
+    assert replace(noise, channels=noise.channels * 1.1).change(noise) == pytest.approx(np.log(1.1))
+    assert replace(noise, states_rho=noise.states_rho + 0.2).change(noise) == pytest.approx(0.2)
