@@ -1,56 +1,71 @@
 """Base parameters of your own mechanism from your own recording, and whether to believe them."""
 
 import argparse
+import sys
 from pathlib import Path
+from typing import Any
 
 from experiments.cli import options
 from ident.errors import InputError
 from ident.tolerances import DRIVE, HOLDOUT
+
+PRIOR = {"auto": None, "on": True, "off": False}
+"""Whether the model's bodies count as known beforehand."""
 
 
 def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
     from experiments.output import identify_report, report
     from experiments.studies.identification import prepare
-    from ident.identification import identified
+    from ident.identification import NO_CUTOFF, identified
 
+    if args.estimator == "joint" and args.cutoff is not None:
+        raise InputError(NO_CUTOFF)
     out = _folder(args)
-    known = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
-    known |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
-    known |= {"limit": options.size_limit(args)}
-    prepared = prepare(args.model, args.log, **known)
-    other = None if args.held_out is None else prepare(args.model, args.held_out, **known)
-    result = identified(
-        prepared,
-        offsets=args.offsets,
-        weighted=not args.ordinary,
-        holdout=args.holdout,
-        other=other,
-        axes=args.axes,
-    )
-    given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
+    read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
+    read |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
+    read |= {"limit": options.size_limit(args)}
+    logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
+    fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own), "known": PRIOR[args.prior]}
+    result = identified(logs, estimator=args.estimator, judges=judges, report=_progress, **fitting)
+    given = {key: _text(value) for key, value in vars(args).items()}
     with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=_inputs(args)) as folder:
-        identify_report.write(result, folder, args.model, args.log, report.provenance(given))
+        identify_report.write(result, folder, args.model, args.logs, report.provenance(given))
     print(identify_report.text(result))
     print(f"Everything is in {out}; open report.html.")
 
 
+def _text(value: Any) -> Any:
+    """An option as JSON has it."""
+    if isinstance(value, list):
+        return [_text(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
+
+
 def _folder(args: argparse.Namespace) -> Path:
     """Folder of the results; one that holds an input is refused, so that no file of the user's is replaced."""
-    name = args.name or f"{args.model.stem}-{args.log.stem}"
+    name = args.name or f"{args.model.stem}-{args.logs[0].stem}"
     if not name.isprintable() or Path(name).name != name or name in (".", ".."):
         raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
     out = args.out / name
     for given in _inputs(args):
         if given.resolve().parent == out.resolve():
             raise InputError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
-    if args.held_out is not None and args.held_out.resolve() == args.log.resolve():
+    if {log.resolve() for log in args.held_out} & {log.resolve() for log in args.logs}:
         raise InputError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
+    if len({log.resolve() for log in args.logs}) < len(args.logs):
+        raise InputError("A log can be fitted once only, but one of them is given twice.")
     return out
 
 
+def _progress(round_: int, step: float) -> None:
+    """Says on the terminal, if there is one, how far the estimate is."""
+    if sys.stderr.isatty():
+        print(f"\rround {round_ + 1}: parameters move by {step:.2g} of their deviations ", end="", file=sys.stderr)
+
+
 def _inputs(args: argparse.Namespace) -> list[Path]:
-    return [given for given in (args.model, args.log, args.held_out, args.columns) if given is not None]
+    return [args.model, *args.logs, *args.held_out, *([args.columns] if args.columns else [])]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -58,18 +73,35 @@ def parser() -> argparse.ArgumentParser:
     out = options.command_parser("identify", __doc__)
     out.set_defaults(out=Path("results"))
     out.add_argument("model", type=Path, help="MJCF or URDF file")
-    out.add_argument("log", type=Path, help="CSV or npz file")
+    out.add_argument(
+        "logs", type=Path, nargs="+", metavar="log", help="CSV or npz file; several share their parameters"
+    )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     options.add_mechanism(out)
-    options.add_fit(out)
+    options.add_fit(out, several=True)
     out.add_argument(
-        "--cutoff", help="cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if it has any"
+        "--cutoff",
+        help="of least squares: cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if any",
     )
     out.add_argument(
         "--holdout", type=_fraction, default=HOLDOUT, help="fraction of the recording kept to judge by; 0 judges by all"
     )
-    out.add_argument("--axes", action=argparse.BooleanOptionalAction, default=True, help="look for axes that are off")
-    out.add_argument("--ordinary", action="store_true", help="ordinary least squares: no weights, outliers count fully")
+    out.add_argument(
+        "--estimator",
+        choices=("joint", "weighted", "ordinary"),
+        default="joint",
+        help="joint: trajectory, parameters, set-up and noise at once, from joint angles (default); weighted: least "
+        "squares, channels weighted by their residuals and outliers down; ordinary: the paper's",
+    )
+    out.add_argument(
+        "--own", nargs="*", choices=("offset", "delay"), default=[], help="what each of several logs has for itself"
+    )
+    out.add_argument(
+        "--prior",
+        choices=PRIOR,
+        default="auto",
+        help="whether the model's bodies, give or take, count as known beforehand; auto: where the motion is too poor",
+    )
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
     return out
 

@@ -1,7 +1,7 @@
 """Base parameters from recordings of any length, read and worked on piece by piece.
 
-They are those of `identify --ordinary --holdout 0` with the same options: weights need all residuals at once and passes
-until they settle, and a fraction to hold out the number of samples before the first is read.
+They are those of `identify --estimator ordinary --holdout 0` with the same options: other estimators need all residuals
+at once and passes until they settle, and a fraction to hold out the number of samples before the first is read.
 """
 
 import argparse

@@ -40,10 +40,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ident.errors import ExcitationError, InputError, LogError, ModelError
+    from ident.estimate import Estimate
     from ident.estimation.equations import Equations
     from ident.estimation.least_squares import least_squares
     from ident.estimation.samples import Samples
-    from ident.identification import Estimate, identify
+    from ident.identification import identify
     from ident.mechanism.axes import recover_axes
     from ident.mechanism.body import Body
     from ident.mechanism.dh import Frame, tree_from_mdh
@@ -94,7 +95,7 @@ _MODULES = {
     "BaseParameters": "ident.parameters.base_parameters",
     "Body": "ident.mechanism.body",
     "Equations": "ident.estimation.equations",
-    "Estimate": "ident.identification",
+    "Estimate": "ident.estimate",
     "ExcitationError": "ident.errors",
     "Frame": "ident.mechanism.dh",
     "InputError": "ident.errors",

@@ -1,364 +1,358 @@
-"""From a mechanism and a recording to base parameters, how well they predict, and whether to believe them."""
+"""From a mechanism and recordings to base parameters: what is fitted, what is judged by, and by which estimator."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ident.errors import ExcitationError, InputError
+from ident.estimate import Estimate, HeldOut
 from ident.estimation.accumulator import accumulate, triangle_of
+from ident.estimation.corrected import as_fit, corrected
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import blamed
+from ident.estimation.joint import Report
+from ident.estimation.joint_estimate import Joint, joint_estimate
 from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, prepared
-from ident.estimation.robust import robust_fit, separable, spread
+from ident.estimation.robust import robust_fit, separable
 from ident.estimation.samples import Samples
-from ident.geometry.inertia import PARAMETERS
-from ident.judgement.checks import Checks, checked
-from ident.judgement.comparison import Comparison, compared
-from ident.judgement.diagnosis import correlation_time
-from ident.judgement.verdict import Finding, findings, verdict
+from ident.judgement.checks import gross_checks
+from ident.judgement.halves import DISAGREE, disagreement, without
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import Motion
-from ident.parameters.base_parameters import BaseParameters
-from ident.parameters.consistency import ConsistentParameters, consistent_parameters
+from ident.mechanism.motion import joined
+from ident.parameters.prior import KNOWN, known_covariance
 from ident.recordings.recording import Recording
-from ident.tolerances import HOLDOUT, UNEXPLAINED
+from ident.tolerances import HOLDOUT
+
+ESTIMATORS = ("joint", "weighted", "ordinary")
+
+NO_CUTOFF = "The joint estimate filters nothing: --cutoff belongs to --estimator weighted or ordinary."
 
 LEAST_HELD_OUT = 2
 """Samples that a held-out part needs: a signal's standard deviation takes two."""
 
-SHOWN = 30
-"""Base parameters that `print` shows at most."""
-
 CONDITION_LIMIT = 1e4
 """Condition number of the unit-norm columns from which parameters are not separated."""
 
+FAR_LESS = 30.0
+"""Standard deviations from the data, over those of what is known beforehand, from which the latter is put in."""
 
-@dataclass(frozen=True, eq=False)
-class HeldOut:
-    """Samples that are judged by, and what a fit leaves of them.
-
-    Attributes:
-        time: Sample times, s (M,).
-        samples: The samples.
-        fit: The fit.
-    """
-
-    time: np.ndarray
-    samples: Samples
-    fit: Fit
-
-    @cached_property
-    def residual(self) -> np.ndarray:
-        """Measured minus predicted (M, C)."""
-        return self.fit.residual(self.samples)
-
-    @property
-    def ratio(self) -> np.ndarray:
-        """RMS residual over the signal's standard deviation, of each channel (C,)."""
-        return self._ratio(self.residual)
-
-    def ratio_with(self, psi: np.ndarray) -> np.ndarray:
-        """The same with other base parameters (r,)."""
-        values = self.fit.values.copy()
-        values[: len(psi)] = psi
-        return self._ratio(replace(self.fit, values=values).residual(self.samples))
-
-    def _ratio(self, residual: np.ndarray) -> np.ndarray:
-        return np.sqrt((residual**2).mean(axis=0)) / np.maximum(self.samples.measured.std(axis=0), 1e-300)
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """Base parameters of a mechanism from a recording.
-
-    Attributes:
-        prepared: What was fitted.
-        fit: The fit on the first part of the recording.
-        offsets: Constant offset of each channel where it can be told, fitted or not, with its standard deviation.
-        part: Samples that were fitted.
-        held_out: Those that are judged by: the end of the recording, or another one, or the fitted ones themselves.
-        singular_values: Of the unit-norm columns of base parameters and drives, each channel weighted.
-        axes: Whether joint axes that are off are looked for.
-    """
-
-    prepared: Prepared
-    fit: Fit
-    offsets: dict[str, tuple[float, float]]
-    part: slice
-    held_out: HeldOut
-    singular_values: np.ndarray
-    axes: bool = True
-
-    @property
-    def base(self) -> BaseParameters:
-        """The regrouping."""
-        return self.fit.parameters
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of all coefficients: base parameters, drives, offsets."""
-        return self.fit.names
-
-    @property
-    def psi(self) -> np.ndarray:
-        """Base parameters (r,)."""
-        return self.fit.psi
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """Covariance of the base parameters (r, r)."""
-        return self.fit.covariance[: self.base.rank, : self.base.rank]
-
-    @property
-    def std(self) -> np.ndarray:
-        """Standard deviations of the base parameters (r,)."""
-        return self.fit.std[: self.base.rank]
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the measured channels."""
-        return self.fit.equations.channels
-
-    @property
-    def inseparable(self) -> tuple[str, ...]:
-        """Channels whose constant offset cannot be told from parameters."""
-        return tuple(channel for channel in self.channels if channel not in self.offsets)
-
-    @property
-    def condition_number(self) -> float:
-        """Condition number of the unit-norm, weighted columns."""
-        return float(self.singular_values[0] / self.singular_values[-1])
-
-    @property
-    def unexplained(self) -> tuple[str, ...]:
-        """Channels that this motion and model do not explain."""
-        return tuple(c for c, r in zip(self.channels, self.held_out.ratio, strict=True) if r > UNEXPLAINED)
-
-    @cached_property
-    def residual(self) -> np.ndarray:
-        """Measured minus predicted channels of the fitted part (N, C)."""
-        return self.fit.residual(self.prepared.samples[self.part])
-
-    @property
-    def scale(self) -> np.ndarray:
-        """Standard deviation of each channel's residual, outliers left aside (C,)."""
-        return spread(self.residual)
-
-    @property
-    def correlation(self) -> np.ndarray:
-        """Correlation time of each channel's residual, s (C,)."""
-        return correlation_time(self.residual, self.prepared.recording.rate)
-
-    def predict(self, motion: Motion) -> np.ndarray:
-        """Channels that the estimate predicts for a motion, in N and N m (N, C).
-
-        Raises:
-            InputError: The motion does not fit the mechanism.
-        """
-        return self.fit.predicted(motion.checked(self.prepared.mechanism.tree))
-
-    def compare(self, other: "Estimate") -> Comparison:
-        """The difference from an estimate of another recording of the same mechanism, and whether it is noise.
-
-        Raises:
-            InputError: The other one has other base parameters.
-        """
-        return compared(self.fit, other.fit)
-
-    @cached_property
-    def _consistent(self) -> ConsistentParameters:
-        arm = self.prepared.mechanism
-        return consistent_parameters(self.psi, self.covariance, self.base, arm.known, bodies=arm.bodies)
-
-    def consistent(self) -> ConsistentParameters:
-        """The physical bodies that are as close to the mechanism's prior as the estimate lets them be."""
-        return self._consistent
-
-    @cached_property
-    def findings(self) -> list[Finding]:
-        """What speaks against the estimate, and what else its reader should know, the doubts first."""
-        return findings(self)
-
-    def verdict(self) -> str:
-        """One sentence on whether to believe it."""
-        return verdict(self, self.findings)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything for scripts, in JSON's types."""
-        held, full = self.held_out, self.consistent()
-        rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
-        numbers = zip(self.channels, rms.tolist(), signal.tolist(), held.ratio.tolist(), strict=True)
-        bodies = zip(self.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
-        return {
-            "verdict": self.verdict(),
-            "findings": [{"text": finding.text, "doubt": finding.doubt} for finding in self.findings],
-            "columns": list(self.names),
-            "values": self.fit.values.tolist(),
-            "std": self.fit.std.tolist(),
-            "covariance": self.fit.covariance.tolist(),
-            "regrouping": dict(zip(self.base.names, self.base.expressions(12), strict=True)),
-            "condition_number": self.condition_number,
-            "cutoff_hz": self.prepared.cutoff,
-            "held_out": {c: {"residual_rms": r, "signal_std": s, "ratio": q} for c, r, s, q in numbers},
-            "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in self.offsets.items()},
-            "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
-        }
-
-    def __str__(self) -> str:
-        prior, rank = self.base.regroup(self.prepared.mechanism.known), self.base.rank
-        rows = zip(self.base.names, self.psi, self.std, prior, self.base.expressions(4), strict=True)
-        lines = [
-            f"{name:<8} {value:12.4f} ± {std:<10.2g} {before:12.4f}  {regrouping:.60}"
-            for name, value, std, before, regrouping in rows
-        ][:SHOWN]
-        more = [f"… and {rank - SHOWN} more" for _ in range(rank > SHOWN)]
-        ratios = ", ".join(f"{c} {r:.2f}" for c, r in zip(self.channels, self.held_out.ratio, strict=True))
-        return "\n".join(
-            [
-                f"{rank} base parameters, SI units, from {self.fit.samples} samples",
-                f"{'':<8} {'estimate':>12}   {'s.d.':<10} {'model':>12}  regrouping",
-                *lines,
-                *more,
-                f"Residual over signal: {ratios}; condition number {self.condition_number:.3g}.",
-                self.verdict(),
-            ]
-        )
-
-    @cached_property
-    def checks(self) -> Checks:
-        """All that can be checked."""
-        return checked(self.prepared, self.fit, self.part, axes=self.axes)
+UNSETTLED, ENOUGH = 0.3, 6.0
+"""Seconds at either end of a held-out part that are not judged, where accelerations follow from angles on one side
+alone; of parts of so many seconds or more."""
 
 
 def identify(
     mechanism: Mechanism,
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     *,
+    estimator: str = "joint",
     cutoff: str | float | None = None,
     drive: Sequence[str] = (),
     offsets: bool = True,
-    weighted: bool = True,
     holdout: float = HOLDOUT,
-    held_out: Recording | None = None,
-    axes: bool = True,
+    held_out: Recording | Sequence[Recording] = (),
+    own: Sequence[str] = (),
+    setup: Mapping[str, float] | None = None,
+    known: Mapping[str, float] | bool | None = None,
 ) -> Estimate:
-    """Base parameters of a mechanism from a recording, judged on a part of it that was not fitted.
+    """Base parameters of a mechanism from recordings, judged on what was not fitted.
 
     Args:
         mechanism: The mechanism, with a prior, as `sim.mechanism` reads it.
-        recording: Joint states and wrenches, as `read_log` reads them or `sim.simulate` makes them.
-        cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities and accelerations.
-        drive: Columns of friction and rotor inertia for joint torques: `viscous`, `coulomb`, `rotor`.
-        offsets: As for `identified`, also `weighted`, `holdout` and `axes`.
-        held_out: Another recording to judge by.
+        recording: Joint states and wrenches, as `read_log` reads them or `sim.simulate` makes them: one recording, or
+            several that share their parameters.
+        estimator: As for `identified`, also `offsets`, `holdout`, `own`, `setup` and `known`.
+        cutoff: Of least squares the cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities
+            and accelerations. The joint estimate has none, and takes joint coordinates alone.
+        drive: Columns of friction and rotor inertia for joint torques: `viscous`, `coulomb`, `rotor`, `stribeck`.
+        held_out: Other recordings to judge by.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
         ExcitationError: The motion does not separate the base parameters.
     """
-    other = None if held_out is None else prepared(mechanism, held_out, cutoff=cutoff, drive=drive)
-    ready = prepared(mechanism, recording, cutoff=cutoff, drive=drive)
-    return identified(ready, offsets=offsets, weighted=weighted, holdout=holdout, other=other, axes=axes)
+    if estimator == "joint" and cutoff is not None:
+        raise InputError(NO_CUTOFF)
+    logs, judges = (
+        [prepared(mechanism, each, cutoff=cutoff, drive=drive) for each in ([x] if isinstance(x, Recording) else x)]
+        for x in (recording, held_out)
+    )
+    options = {"offsets": offsets, "holdout": holdout, "own": own, "setup": setup, "known": known}
+    return identified(logs, estimator=estimator, judges=judges, **options)  # type: ignore[arg-type]
 
 
 def identified(
-    prepared: Prepared,
+    logs: Prepared | Sequence[Prepared],
     *,
+    estimator: str = "joint",
     offsets: bool = True,
-    weighted: bool = True,
     holdout: float = HOLDOUT,
-    other: Prepared | None = None,
-    axes: bool = True,
+    judges: Sequence[Prepared] = (),
+    own: Sequence[str] = (),
+    setup: Mapping[str, float] | None = None,
+    known: Mapping[str, float] | bool | None = None,
+    executor: Executor | None = None,
+    report: Report | None = None,
 ) -> Estimate:
-    """Fits one part of a recording, and holds the rest to judge the fit by.
+    """Fits recordings, and holds something back to judge the fit by.
 
     Args:
-        prepared: Mechanism and recording.
+        logs: Mechanism and recording, one or several.
+        estimator: `joint` for trajectory, parameters, set-up and noise at once, from joint angles; `weighted` for least
+            squares at states taken for exact, channels weighted by their residuals and outliers down; `ordinary` for
+            the paper's.
         offsets: Whether to fit a constant offset of every channel that can be told from the parameters.
-        weighted: Whether to weight channels by their residuals and outliers down; else ordinary least squares.
-        holdout: Fraction of the recording, its end, that is not fitted; with zero the fit is judged on what was fitted.
-        other: Another recording of the same channels to judge by, of any length; then the whole one is fitted.
-        axes: Whether to look for joint axes that are off.
+        holdout: Fraction of each recording, its end, that is not fitted; with zero the fit is judged on what was
+            fitted. Of three recordings or more the joint estimate fits the whole, and predicts each from the others.
+        judges: Other recordings of the same channels to judge by, of any length; then all logs are fitted whole.
+        own: What each recording has for itself in the joint estimate: `offset`, `delay`.
+        setup: For the joint estimate, what is known of the set-up, as for `setup_parameters`; by default what the
+            recording says.
+        known: For the joint estimate, how well φ of the model is known, as for `known_deviations`: True for the
+            default, False for not at all, None for the default where the motion does not separate all parameters.
+        executor: Where the joint estimate works on its pieces.
+        report: Called with every round of the joint estimate, and its step in standard deviations.
 
     Raises:
         ExcitationError: The motion does not separate the base parameters.
-        InputError: The recording is too short, or the other one has other channels.
+        InputError: A recording is too short, or has other channels than the first.
     """
-    part, judged = _parts(prepared, holdout, other)
-    fitted, equations = prepared.samples[part], prepared.equations
-    signal = np.maximum(prepared.samples.measured.std(axis=0), 1e-300)
-    singular_values = _separated(equations, fitted, signal)
-    with_offsets = separable(equations.with_offsets(range(len(equations.channels))), fitted)
-    full = robust_fit(with_offsets, fitted, weighted=weighted)
-    fit = full if offsets else robust_fit(equations, fitted, weighted=weighted)
-    source = other or prepared
+    if estimator not in ESTIMATORS:
+        raise InputError(f"An estimator is one of {', '.join(ESTIMATORS)}, got '{estimator}'.")
+    logs = [logs] if isinstance(logs, Prepared) else list(logs)
+    if not logs:
+        raise InputError("An identification needs at least one recording, got none.")
+    if estimator != "joint":
+        if own:
+            raise InputError(f"Only the joint estimate gives recordings {' and '.join(own)} of their own.")
+        return _least_squares(_divided(logs, holdout, judges), estimator == "weighted", offsets)
+    # Nothing is filtered, therefore nothing has to settle.
+    logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
+    divided = _divided(logs, 0.0 if len(logs) > 2 and not judges else holdout, judges)
+    told = logs[0].recording
+    prior = {**KNOWN, **told.known, **(known if isinstance(known, Mapping) else {})}
+    options = {"own": own, "setup": {**told.setup, **(setup or {})}, "executor": executor, "report": report}
+    return _joint(divided, offsets, prior, None if known is None else bool(known), **options)
+
+
+@dataclass(frozen=True)
+class _Divided:
+    """What is fitted, and what is judged by.
+
+    Attributes:
+        fitted: Recordings and the samples of each to fit.
+        judged: Recordings and the samples of each to judge by.
+        apart: Whether the latter are recordings of their own.
+    """
+
+    fitted: list[tuple[Prepared, slice]]
+    judged: list[tuple[Prepared, slice]]
+    apart: bool
+
+    @property
+    def equations(self) -> Equations:
+        """Channels and columns, without offsets."""
+        return self.fitted[0][0].equations
+
+    @property
+    def samples(self) -> Samples:
+        """All samples to fit."""
+        return _joined([log.samples[part] for log, part in self.fitted])
+
+    def with_logs(self, logs: Sequence[Prepared], judges: Sequence[Prepared]) -> "_Divided":
+        """The same parts of other versions of the recordings."""
+        fitted = [(log, part) for log, (_, part) in zip(logs, self.fitted, strict=True)]
+        return replace(
+            self, fitted=fitted, judged=[(log, part) for log, (_, part) in zip(judges, self.judged, strict=True)]
+        )
+
+    def held_out(self, fits: Sequence[Fit]) -> HeldOut:
+        """What fits leave of the samples to judge by, one for all recordings or one for each."""
+        samples = [log.samples[part] for log, part in self.judged]
+        each = list(fits) * len(samples) if len(fits) == 1 else fits
+        residual = np.concatenate([fit.residual(x) for fit, x in zip(each, samples, strict=True)])
+        time = np.concatenate([log.recording.time[part] for log, part in self.judged])
+        return HeldOut(time, _joined(samples), fits[0], residual)
+
+
+def _joined(samples: Sequence[Samples]) -> Samples:
+    return Samples(joined([x.motion for x in samples]), np.concatenate([x.measured for x in samples]))
+
+
+def _least_squares(divided: _Divided, weighted: bool, offsets: bool) -> Estimate:
+    """Least squares at states taken for exact."""
+    equations, samples = divided.equations, divided.samples
+    singular_values, poor = _excited(equations, samples)
+    if poor:
+        raise poor
+    with_offsets = separable(equations.with_offsets(range(len(equations.channels))), samples)
+    full = robust_fit(with_offsets, samples, weighted=weighted)
+    fit = full if offsets else robust_fit(equations, samples, weighted=weighted)
+    return Estimate(divided.fitted, fit, full.offsets, divided.held_out([fit]), singular_values)
+
+
+def _joint(
+    divided: _Divided, offsets: bool, prior: Mapping[str, float], wanted: bool | None, **options: Any
+) -> Estimate:
+    """Trajectories, parameters, set-up and noise at once."""
+    equations, samples = divided.equations, divided.samples
+    singular_values, poor = _excited(equations, samples)
+    still = samples.motion.base is None and not np.ptp(samples.motion.q, axis=0).any()
+    if poor and (still or wanted is False):
+        raise poor
+    known = prior if wanted or poor else None
+    with_offsets = separable(equations.with_offsets(range(len(equations.channels))), samples)
+    suspicious = any(check.suspicious for log, _ in divided.fitted for check in gross_checks(log))
+    columns = with_offsets if offsets else equations
+    estimate = partial(joint_estimate, divided.fitted, columns, search=not suspicious, **options)
+    joint = _known_enough(estimate, known, prior if wanted is None else known)
+    rms = disagreement(joint)
+    widening = rms if rms is not None and rms > DISAGREE else 1.0
+    mended = _corrected(divided, joint)
+    fit = as_fit(joint, mended.samples, mended.equations, widening)
+    fits = [fit]
+    if not divided.apart and len(divided.fitted) > 2:
+        values = (without(joint, k) for k in range(len(divided.fitted)))
+        fits = [replace(fit, values=x[: len(fit.values)]) for x in values]
     return Estimate(
-        prepared=prepared,
+        logs=mended.fitted,
         fit=fit,
-        offsets=full.offsets,
-        part=part,
-        held_out=HeldOut(source.recording.time[judged], source.samples[judged], fit),
+        offsets=fit.offsets,
+        held_out=mended.held_out(fits),
         singular_values=singular_values,
-        axes=axes,
+        joint=joint,
+        rivals={} if poor else _rivals(divided, with_offsets, joint),
+        disagreement=rms,
+        widening=widening,
     )
 
 
-def _parts(prepared: Prepared, holdout: float, other: Prepared | None) -> tuple[slice, slice]:
-    """Samples to fit, and those of the same or the other recording to judge by."""
-    equations, samples, edge = prepared.equations, len(prepared.samples), prepared.edge
-    if 2 * edge >= samples:
-        raise InputError(
-            f"A cut-off of {prepared.cutoff:g} Hz settles in {edge} samples at either end, more than half of the "
-            f"{samples} recorded; take a higher one."
-        )
-    if other is None:
-        split = round((1 - holdout) * samples) if holdout else samples - edge
-        part, judged = slice(edge, split), slice(split if holdout else edge, samples - edge)
+def _known_enough(
+    estimate: Callable[..., Joint], known: Mapping[str, float] | None, prior: Mapping[str, float] | None
+) -> Joint:
+    """The estimate, with a prior if without one the data know far less: noise can make a motion look richer than it is.
+
+    Args:
+        estimate: What estimates with how well φ is known.
+        known: How well it is taken to be known, None for not at all.
+        prior: How well it may be.
+    """
+    try:
+        joint = estimate(known=known)
+    except ExcitationError:
+        if known or prior is None:
+            raise
+        return estimate(known=prior)
+    if known or prior is None:
+        return joint
+    equations = joint.measurement.equations
+    beforehand = np.diag(known_covariance(equations.mechanism.known, equations.parameters, prior))
+    far_less = np.diag(joint.fit.covariance)[: equations.parameters.rank] > FAR_LESS**2 * beforehand
+    return estimate(known=prior) if far_less.any() else joint
+
+
+def _corrected(divided: _Divided, joint: Joint) -> _Divided:
+    """Recordings with the set-up of a joint estimate, their motion smoothed; what is judged by from angles alone."""
+    logs = [corrected(log, joint, k, part) for k, (log, part) in enumerate(divided.fitted)]
+    if divided.apart:
+        judges = [corrected(log, joint, None) for log, _ in divided.judged]
+    elif len(divided.fitted) > 2:
+        judges = [corrected(log, joint, k) for k, (log, _) in enumerate(divided.judged)]
     else:
-        part, judged = slice(edge, samples - edge), slice(other.edge, len(other.samples) - other.edge)
-        if other.equations.channels != equations.channels:
-            raise InputError(
-                f"The log to judge by needs the channels {', '.join(equations.channels)}; "
-                f"it has {', '.join(other.equations.channels)}."
-            )
-        if judged.stop - judged.start < LEAST_HELD_OUT:
-            raise InputError(
-                f"The log to judge by has {len(other.samples)} samples; with {other.edge} left out at either end, "
-                "where the filter settles, nothing remains."
-            )
-    if not np.ptp(prepared.samples.measured[part], axis=0).any():
-        raise InputError("Every measured channel is constant; there is nothing to fit.")
-    needed = len(equations.names) + len(equations.channels)
-    if part.stop - part.start < needed or judged.stop - judged.start < LEAST_HELD_OUT:
-        raise InputError(
-            f"{samples} samples, {edge} left out at either end and {holdout:.0%} held out, are too few for "
-            f"{len(equations.names)} parameters."
-        )
-    return part, judged
+        judges = logs
+    return divided.with_logs(logs, judges)
 
 
-def _separated(equations: Equations, samples: Samples, signal: np.ndarray) -> np.ndarray:
-    """Singular values of the unit-norm columns, each channel divided by its signal (C,).
+def _rivals(divided: _Divided, equations: Equations, joint: Joint) -> dict[str, np.ndarray]:
+    """What the model as it came, and ordinary least squares, leave of what is judged by, with the set-up as stated."""
+    fit = robust_fit(equations, divided.samples, weighted=False)
+    prior = equations.parameters.regroup(equations.mechanism.known)
+    stated = _corrected(divided, joint.as_stated())
+    model = replace(fit, values=np.r_[prior, np.zeros(len(fit.values) - len(prior))])
+    offsets = model.residual(stated.samples).mean(axis=0)[list(equations.offsets)]
+    model = replace(model, values=np.r_[model.values[: len(fit.values) - len(offsets)], offsets])
+    return {"model": stated.held_out([model]).ratio, "least squares": stated.held_out([fit]).ratio}
+
+
+def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared]) -> _Divided:
+    """Samples to fit, and those of the same or of other recordings to judge by.
 
     Raises:
-        ExcitationError: The motion leaves one of them at rounding; it names the parameters.
+        InputError: There are too few, or channels differ.
     """
+    first = logs[0].equations
+    for other, role in [
+        *((log, "A log to fit besides the first") for log in logs[1:]),
+        *((j, "A log to judge by") for j in judges),
+    ]:
+        if other.equations.channels != first.channels:
+            raise InputError(
+                f"{role} needs the channels {', '.join(first.channels)}; it has {', '.join(other.equations.channels)}."
+            )
+    whole, ends = zip(*(_split(log, 0.0 if judges else holdout) for log in logs), strict=True)
+    if not any(np.ptp(log.samples.measured[part], axis=0).any() for log, part in zip(logs, whole, strict=True)):
+        raise InputError("Every measured channel is constant; there is nothing to fit.")
+    if judges:
+        ends = tuple(slice(judge.edge, len(judge.samples) - judge.edge) for judge in judges)
+        for judge, end in zip(judges, ends, strict=True):
+            if end.stop - end.start < LEAST_HELD_OUT:
+                raise InputError(
+                    f"The log to judge by has {len(judge.samples)} samples; with {judge.edge} left out at either end, "
+                    "where the filter settles, nothing remains."
+                )
+    needed = len(first.names) + len(first.channels)
+    rows, judged = (sum(part.stop - part.start for part in parts) for parts in (whole, ends))
+    if rows < needed or judged < LEAST_HELD_OUT:
+        raise InputError(
+            f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
+            f"{holdout:.0%} held out, are too few for {len(first.names)} parameters."
+        )
+    fitted = list(zip(logs, whole, strict=True))
+    return _Divided(fitted, [(j, _settled(j, end)) for j, end in zip(judges or logs, ends, strict=True)], bool(judges))
+
+
+def _split(log: Prepared, holdout: float) -> tuple[slice, slice]:
+    """Samples of a recording to fit, and to judge by; the same where nothing is held out."""
+    edge, samples = log.edge, len(log.samples)
+    if 2 * edge >= samples:
+        raise InputError(
+            f"A cut-off of {log.cutoff:g} Hz settles in {edge} samples at either end, more than half of the "
+            f"{samples} recorded; take a higher one."
+        )
+    split = round((1 - holdout) * samples) if holdout else samples - edge
+    return slice(edge, split), slice(split if holdout else edge, samples - edge)
+
+
+def _settled(log: Prepared, part: slice) -> slice:
+    """A part to judge by without its ends, if it is long enough."""
+    rate = log.recording.rate
+    edge = round(UNSETTLED * rate) if log.cutoff is None and part.stop - part.start > ENOUGH * rate else 0
+    return slice(part.start + edge, part.stop - edge)
+
+
+def _excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, ExcitationError | None]:
+    """Singular values of the unit-norm columns, each channel divided by its signal, and what speaks against them.
+
+    The error names the parameters of which the motion leaves a combination at rounding.
+    """
+    signal = np.maximum(samples.measured.std(axis=0), 1e-300)
     weights = np.broadcast_to(1 / signal, samples.measured.shape)
     columns = accumulate(equations, samples, factors=weights).root[:, : len(equations.names)]
     norms = np.linalg.norm(columns, axis=0)
     # Of a triangle the decomposition is quicker, and fails to converge less easily, than of all rows.
     _, s, directions = np.linalg.svd(triangle_of(columns / np.where(norms > 0, norms, 1)))
     hidden = directions[s <= s[0] / CONDITION_LIMIT]
-    if len(hidden):
-        names = blamed(hidden, equations.names)
-        raise ExcitationError(
-            f"In {', '.join(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
-            f"parameters; it does not separate {', '.join(names)}. Move the joints further (experiments.excite "
-            "designs a motion), or measure more.",
-            names,
-        )
-    return s
+    if not len(hidden):
+        return s, None
+    names = blamed(hidden, equations.names)
+    return s, ExcitationError(
+        f"In {', '.join(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
+        f"parameters; it does not separate {', '.join(names)}. Move the joints further (experiments.excite "
+        "designs a motion), measure more, or put in what the model knows (--prior on).",
+        names,
+    )

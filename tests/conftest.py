@@ -24,6 +24,14 @@ def undrawn(monkeypatch):
 
 
 @pytest.fixture
+def no_joint(monkeypatch):
+    """The truth in place of joint estimates, which take most of a study's time."""
+    from truth import told
+
+    told(monkeypatch)
+
+
+@pytest.fixture
 def here(monkeypatch):
     """Commands do all work in this process, where a test is not about others, which take seconds to start."""
     from fuzz.here import Here

@@ -51,7 +51,7 @@ import sim
 
 
 def differs(arm: ident.Mechanism, one: ident.Recording, other: ident.Recording) -> float:
-    first, second = ident.identify(arm, one), ident.identify(arm, other, weighted=False, holdout=0.0)
+    first, second = ident.identify(arm, one), ident.identify(arm, other, estimator="ordinary", holdout=0.0)
     return first.compare(second).p_value
 
 

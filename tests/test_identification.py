@@ -23,7 +23,7 @@ def simulated(excitation, **changes):
 @pytest.mark.parametrize("offsets", [False, True])
 def test_the_wrench_of_another_motion_is_mujocos(offsets):
     arm = sim.mechanism(scenes.load("double_pendulum"), base="base")
-    estimate = ident.identify(arm, simulated(DOUBLE_PENDULUM), offsets=offsets, holdout=0, axes=False)
+    estimate = ident.identify(arm, simulated(DOUBLE_PENDULUM), offsets=offsets, holdout=0, estimator="weighted")
     other = simulated(DOUBLE_PENDULUM, phase=DOUBLE_PENDULUM.phase + 1, frequency=1.3 * DOUBLE_PENDULUM.frequency)
     predicted = estimate.predict(ident.Motion(*other.joint_states(arm.tree.joints)))
     # Without noise Fx rests at zero in the pendulum's plane, and is no channel.
@@ -60,7 +60,7 @@ def test_channels_are_the_sensors_own(felt):
         return recording, ident.Motion(*states), np.hstack([wrench[:, there], torques[:, -len(felt) :]])
 
     recording, _, _ = recorded(0)
-    estimate = ident.identify(arm, recording, drive=("rotor", "viscous"), holdout=0, axes=False)
+    estimate = ident.identify(arm, recording, drive=("rotor", "viscous"), holdout=0, estimator="weighted")
     assert estimate.channels == ("Fx", "Fz", "Mx", "My", "Mz", *felt)
     _, motion, expected = recorded(1)
     predicted = estimate.predict(motion)

@@ -43,18 +43,17 @@ def assert_the_same(answers):
 def test_commands_and_python_agree(tmp_path, files, offsets, other):
     log, model, held_out = tmp_path / "run.csv", tmp_path / "arm.xml", tmp_path / "other.csv"
     files += ["--offsets" if offsets else "--no-offsets", *(["--held-out", str(held_out)] if other else [])]
-    ordinary = ["--ordinary", "--holdout", "0", "--no-axes", "--name", "whole"]
+    ordinary = ["--estimator", "ordinary", "--holdout", "0", "--name", "whole"]
     assert identify.main([*files, *ordinary]) == stream.main([*files, "--piece", "77"]) == 0
     by_identify, by_stream = written(tmp_path / "out" / "whole"), written(tmp_path / "out")
     arm = sim.mechanism(model, base="base")
     estimate = ident.identify(
         arm,
         ident.read_log(log, arm),
-        weighted=False,
+        estimator="ordinary",
         offsets=offsets,
         holdout=0,
-        held_out=ident.read_log(held_out, arm) if other else None,
-        axes=False,
+        held_out=[ident.read_log(held_out, arm)] if other else [],
     )
     rank = len(estimate.psi)
     answers = [(by_identify["values"][:rank], by_identify["std"][:rank]), (by_stream["psi"], by_stream["std"])]
@@ -71,7 +70,7 @@ def test_commands_and_python_agree(tmp_path, files, offsets, other):
 
 def test_pieces_agree_in_python(tmp_path, files):
     log, arm = tmp_path / "run.csv", sim.mechanism(files[0], base="base")
-    estimate = ident.identify(arm, ident.read_log(log, arm), weighted=False, offsets=False, holdout=0, axes=False)
+    estimate = ident.identify(arm, ident.read_log(log, arm), estimator="ordinary", offsets=False, holdout=0)
     first = ident.least_squares(ident.Equations.of_wrench(arm), ident.Recording.chunks(log, samples=50))
     fit = huber_white(first, ident.Recording.chunks(log, samples=130), steady=True)
     assert_the_same([(estimate.psi, estimate.std), (fit.psi, fit.std)])
@@ -86,7 +85,7 @@ def test_memory_is_that_of_the_channels():
         channels = {name: np.concatenate([x] * copies) for name, x in short.measured.items()}
         recording = ident.Recording(np.arange(500 * copies) / 100, channels)
         tracemalloc.start()
-        ident.identify(arm, recording, axes=False)
+        ident.identify(arm, recording, estimator="ordinary")
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert (peaks[1] - peaks[0]) / (500 * 40) < 8 * 150

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from experiments.cli.defaults import FORMATS, REDRAWN
+from experiments.cli.defaults import FORMATS, JOINT_TRIALS, REDRAWN
 from experiments.studies import paper
 from ident.errors import InputError
 
@@ -65,6 +65,12 @@ def add_trials(parser: argparse.ArgumentParser) -> None:
     """Adds the options of Monte Carlo runs."""
     several = parser.add_argument_group("Monte Carlo")
     several.add_argument("--trials", type=whole_number(2, also=0), default=0, help="trials with noise drawn anew")
+    several.add_argument(
+        "--joint-trials",
+        type=whole_number(2, also=0),
+        default=JOINT_TRIALS,
+        help="how many of the trials, at most, the joint estimate is made of too; it takes a second for each",
+    )
     several.add_argument(
         "--redraw",
         choices=REDRAWN,
@@ -121,10 +127,17 @@ def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
     return coordinates
 
 
-def add_fit(parser: argparse.ArgumentParser) -> None:
-    """Adds how a user's recordings are read, fitted and judged; `size_limit` gives `--max-size` in bytes."""
+def add_fit(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """Adds how a user's recordings are read, fitted and judged; `size_limit` gives `--max-size` in bytes.
+
+    Args:
+        parser: Where to.
+        several: Whether several logs can judge.
+    """
     parser.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
-    parser.add_argument("--held-out", type=Path, help="another log to judge by, which is not fitted")
+    held_out = parser.add_argument("--held-out", type=Path, help="another log to judge by, which is not fitted")
+    if several:
+        held_out.nargs, held_out.default = "+", []
     parser.add_argument("--offsets", action=argparse.BooleanOptionalAction, default=True, help="fit constant offsets")
     parser.add_argument(
         "--max-size",

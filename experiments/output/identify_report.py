@@ -1,5 +1,6 @@
 """What an identification leaves behind: tables, figures, a page, numbers for scripts, and the updated model."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,11 @@ from matplotlib.ticker import NullFormatter
 from experiments.output import escape, figures, report
 from experiments.output.page import rendered
 from experiments.output.results import Results
+from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS
-from ident.identification import Estimate
 from ident.judgement.diagnosis import amplitude_spectrum
 from ident.parameters.base_parameters import separating_sensors
-from ident.tolerances import SIGNIFICANT
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
@@ -30,14 +30,22 @@ def parameters_table(result: Estimate) -> report.Table:
     """Base parameters with their uncertainty beside the model's own."""
     base, fit = result.base, result.fit
     prior = base.regroup(result.prepared.mechanism.known)
-    priors = [*prior, *[None] * (len(result.names) - base.rank)]
+    priors = [*prior.tolist(), *[None] * (len(result.names) - base.rank)]
     regroupings = [*base.expressions(digits=4), *[""] * (len(result.names) - base.rank)]
-    rows = tuple(
-        (name, float(value), float(std), _relative(value, std), None if p is None else float(p), expression)
-        for name, value, std, p, expression in zip(result.names, fit.values, fit.std, priors, regroupings, strict=True)
-    )
-    columns = ("parameter", "estimate", "std", "std_relative", "model", "regrouping")
-    return report.Table("Base parameters, SI units", columns, rows)
+    wider = np.sqrt(np.diag(result.covariance_setup))
+    columns = {
+        "parameter": result.names,
+        "estimate": fit.values.tolist(),
+        "std": fit.std.tolist(),
+        "std_setup": wider.tolist(),
+        "relative": [_relative(*each) for each in zip(fit.values, wider, strict=True)],
+        "model": priors,
+        "regrouping": regroupings,
+    }
+    if result.joint is not None and result.joint.known:
+        moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.names) - base.rank)]
+        columns |= {"moved_from_model_std": moved}
+    return report.Table("Base parameters, SI units", *report.columns(**columns))
 
 
 def _relative(value: float, std: float) -> str:
@@ -48,20 +56,23 @@ def _relative(value: float, std: float) -> str:
 def quality_table(result: Estimate) -> report.Table:
     """How well each channel is predicted on the part that was held out."""
     held = result.held_out
+    rivals = [result.rivals.get(name, np.full(len(result.channels), np.nan)) for name in ("model", "least squares")]
     rows = tuple(
-        (channel, float(signal), float(residual), float(ratio), float(updated), float(time), note)
-        for channel, signal, residual, ratio, updated, time, note in zip(
+        (channel, *(None if np.isnan(x) else float(x) for x in numbers), note)
+        for channel, *numbers, note in zip(
             result.channels,
             held.samples.measured.std(axis=0),
             np.sqrt((held.residual**2).mean(axis=0)),
             held.ratio,
+            *rivals,
             held.ratio_with(result.consistent().psi),
             result.correlation,
             ["not explained by this motion" if c in result.unexplained else "" for c in result.channels],
             strict=True,
         )
     )
-    columns = ("channel", "signal_std", "residual_rms", "ratio", "ratio_updated_model", "correlation_s", "note")
+    ratios = ("ratio", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
+    columns = ("channel", "signal_std", "residual_rms", *ratios, "correlation_s", "note")
     return report.Table("Prediction of the held-out part", columns, rows)
 
 
@@ -84,12 +95,17 @@ def data_lines(result: Estimate) -> list[str]:
     prepared, base, checks = result.prepared, result.base, result.checks
     samples, singular = len(prepared.samples), result.singular_values
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
+    if result.joint is not None:
+        fit = result.joint.fit
+        filtered = (
+            f"trajectory by splines with knots {result.joint.step:.2g} s apart, {fit.status} in {len(fit.trace)} rounds"
+        )
     lines = [
         f"{samples} samples at {prepared.recording.rate:.4g} Hz, {filtered}; "
         f"{result.part.stop - result.part.start} fitted, {len(result.held_out.time)} held out.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
-        f"Excitation: condition number {result.condition_number:.1f} of the unit-norm columns, singular values "
+        f"Excitation: condition number {result.condition_number:.3g} of the unit-norm columns, singular values "
         f"{singular[0]:.2g} to {singular[-1]:.2g}.",
     ]
     if (weight := checks.weight) is not None:
@@ -100,9 +116,6 @@ def data_lines(result: Estimate) -> list[str]:
     for name, check in checks.frames.items():
         lines.append(f"Wrench '{name}' against the model's prediction: relative error {check.error:.2f}.")
     lines.append(f"Residuals: alike over {result.correlation.min():.2g} to {result.correlation.max():.2g} s.")
-    if (axes := checks.misalignment) is not None:
-        chance = ", no more than by chance" if axes.chance > SIGNIFICANT else ""
-        lines.append(f"Axes: tilted ones would explain {axes.explained:.0%} of the residuals{chance}.")
     for what, gained in separating_sensors(prepared.mechanism, prepared.sensors).items():
         if gained:
             lines.append(f"More would be seen {what}: {', '.join(gained)}.")
@@ -249,14 +262,14 @@ def results(result: Estimate, provenance: dict[str, Any]) -> Results:
     )
 
 
-def write(result: Estimate, folder: Path, model: Path, log: Path, provenance: dict[str, Any]) -> None:
+def write(result: Estimate, folder: Path, model: Path, logs: Sequence[Path], provenance: dict[str, Any]) -> None:
     """Writes everything into a folder: tables, figures, a page, and the model file updated.
 
     Args:
         result: The identification.
         folder: Where to.
         model: The model file that is updated.
-        log: The log it was identified from.
+        logs: The logs it was identified from.
         provenance: Where the results come from.
     """
     shown, formats = results(result, provenance), ("pdf", "png")
@@ -268,7 +281,7 @@ def write(result: Estimate, folder: Path, model: Path, log: Path, provenance: di
         folder,
         {"": shown},
         formats,
-        title=f"{model.name}, identified from {log.name}",
+        title=f"{model.name}, identified from {', '.join(log.name for log in logs)}",
         verdict=result.verdict(),
         findings=[finding.text for finding in result.findings],
         lines=data_lines(result),

@@ -1,4 +1,4 @@
-"""What can be checked of a fitted recording: weight, signs and axes of wrenches, contacts left out, joint axes."""
+"""What can be checked of a fitted recording: weight, signs and axes of wrenches, and contacts left out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,11 +10,9 @@ from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, predicted_channels
-from ident.estimation.robust import spread
 from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
-from ident.judgement.diagnosis import ContactCheck, FrameCheck
-from ident.judgement.misalignment import Misalignment, estimate_misalignment
+from ident.judgement.diagnosis import BaseCheck, ContactCheck, FrameCheck
 from ident.recordings.wrench import GROUND
 
 Found = TypeVar("Found")
@@ -46,29 +44,28 @@ class Checks:
     Attributes:
         weight: Static check; None where it cannot be made.
         frames: Check of each wrench's sign and axes by its name.
+        base: Where else on resting bodies the ground's wrench may be measured; None where there is no choice.
         contact: What an unmeasured contact would explain, None where not all six components are there.
-        misalignment: Tilts of the axes, None where no joint turns or no wrench is there, or they were not looked for.
         unchecked: Sentences on what could not be checked, and why.
     """
 
     weight: Weight | None
     frames: dict[str, FrameCheck]
+    base: BaseCheck | None
     contact: ContactCheck | None
-    misalignment: Misalignment | None
     unchecked: tuple[str, ...]
 
 
-def checked(prepared: Prepared, fit: Fit, part: slice, *, axes: bool = True) -> Checks:
+def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
     """Makes all checks that can be made.
 
     Args:
         prepared: The recording.
         fit: What was fitted to a part of it.
         part: That part.
-        axes: Whether to look for joint axes that are off.
     """
     residual = fit.residual(prepared.samples[part])
-    unchecked: list[str] = [] if axes else ["Joint axes were not checked (--no-axes)."]
+    unchecked: list[str] = []
 
     def attempt(what: str, check: Callable[[], Found]) -> Found | None:
         """What a check finds; if it cannot be made, None and a sentence more."""
@@ -79,10 +76,9 @@ def checked(prepared: Prepared, fit: Fit, part: slice, *, axes: bool = True) -> 
             return None
 
     weight = attempt("The weight", lambda: _weight(prepared, residual, part))
-    frames = _frames(prepared)
+    frames, base = frame_checks(prepared), base_check(prepared)
     contact = attempt("A contact left out", lambda: _contact(prepared, residual, part))
-    tilted = attempt("Joint axes", lambda: _misalignment(prepared, residual, part)) if axes else None
-    return Checks(weight, frames, contact, tilted, tuple(unchecked))
+    return Checks(weight, frames, base, contact, tuple(unchecked))
 
 
 def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
@@ -107,7 +103,7 @@ def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
     return Weight(float(along.mean()), mechanism.mass, float(slope * len(beyond)))
 
 
-def _frames(prepared: Prepared) -> dict[str, FrameCheck]:
+def frame_checks(prepared: Prepared) -> dict[str, FrameCheck]:
     """Sign and axes of each wrench against what the model's own φ predicts, the other wrenches given."""
     if not np.isfinite(prepared.wrench).any():
         return {}
@@ -132,6 +128,22 @@ def _frames(prepared: Prepared) -> dict[str, FrameCheck]:
     return checks
 
 
+def gross_checks(prepared: Prepared) -> list[FrameCheck | BaseCheck]:
+    """Checks of what is grossly wrong with a wrench, where no search for small faults of the set-up makes sense."""
+    base = base_check(prepared)
+    return [*frame_checks(prepared).values(), *([base] if base else [])]
+
+
+def base_check(prepared: Prepared) -> BaseCheck | None:
+    """Whether the ground's wrench looks as if it were measured in the frame of another resting body."""
+    if GROUND not in prepared.recording.wrenches or not np.isfinite(prepared.wrench).any():
+        return None
+    motion, mechanism = prepared.samples.motion, prepared.mechanism
+    by_name = predicted_channels(mechanism, motion, prepared.frame)
+    predicted = np.stack([by_name[c] for c in COMPONENTS], axis=1)
+    return diagnosis.check_base(mechanism.tree, motion.q[0], prepared.frame, prepared.wrench, predicted)
+
+
 def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCheck | None:
     known = np.isfinite(prepared.wrench).all(axis=0)
     if not known.any():
@@ -140,14 +152,3 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
         raise _NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not measured here")
     in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
     return diagnosis.check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base)
-
-
-def _misalignment(prepared: Prepared, residual: np.ndarray, part: slice) -> Misalignment | None:
-    known = np.isfinite(prepared.wrench).all(axis=0)
-    tree = prepared.mechanism.tree
-    if not known.any() or not any(tree.bodies[i].turns for i in tree.moving):
-        return None
-    scale = np.full(6, np.inf)
-    scale[known] = spread(residual)[: known.sum()]
-    motion = prepared.samples.motion[part]
-    return estimate_misalignment(prepared.mechanism, motion, prepared.wrench[part], scale, frame=prepared.frame)

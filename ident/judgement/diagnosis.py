@@ -7,7 +7,8 @@ import numpy as np
 from scipy import linalg, signal
 
 from ident.estimation.noise import autocovariance
-from ident.geometry.se3 import hat
+from ident.geometry.se3 import coAd, hat, inverse
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 
 TIE = 1.25
@@ -35,6 +36,26 @@ class FrameCheck:
         """Whether another sign or other axes fit far better."""
         turned = self.sign < 0 or not np.array_equal(self.rotation, np.eye(3))
         return bool(turned and self.error_turned < 0.5 * self.error)
+
+
+@dataclass(frozen=True)
+class BaseCheck:
+    """Where on the resting bodies the ground's wrench looks as if it were measured.
+
+    Attributes:
+        body: Name of the body in whose frame it fits best.
+        error: Relative error of the wrench as it was stated, over that of the prediction.
+        error_there: The same in the frame of that body.
+    """
+
+    body: str
+    error: float
+    error_there: float
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether that fits far better."""
+        return self.error_there < 0.5 * self.error
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +92,7 @@ def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarra
 
 
 def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, rotation: np.ndarray) -> FrameCheck:
-    size = np.linalg.norm(predicted.reshape(-1, 2, 3), axis=(0, 2))
-    scale = np.repeat(np.maximum(size, 1e-3 * size.max(initial=1e-12)), 3)
+    scale = _scale(predicted)
 
     def error(sign: int, R: np.ndarray) -> float:
         turned = sign * (measured.reshape(-1, 2, 3) @ R.T).reshape(-1, 6)
@@ -87,6 +107,46 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
     best = next(k for k, found in enumerate(errors) if found <= TIE * min(errors))
     sign, R = turns[best]
     return FrameCheck(sign, R, errors[0], errors[best])
+
+
+def _scale(predicted: np.ndarray) -> np.ndarray:
+    """Size of forces and of moments, for each component (6,)."""
+    size = np.linalg.norm(predicted.reshape(-1, 2, 3), axis=(0, 2))
+    return np.repeat(np.maximum(size, 1e-3 * size.max(initial=1e-12)), 3)
+
+
+def check_base(
+    tree: Tree, q: np.ndarray, frame: np.ndarray, measured: np.ndarray, predicted: np.ndarray
+) -> BaseCheck | None:
+    """Tries the frames of all bodies that rest in the base frame, instead of that, for the one a sensor is in.
+
+    Args:
+        tree: The mechanism.
+        q: Joint coordinates of one sample (n_q,).
+        frame: Pose of the sensor's frame as it was stated, in the base frame (4, 4).
+        measured: Wrench in the sensor's frame, NaN in channels that are not measured (N, 6).
+        predicted: What the prior model predicts there (N, 6).
+
+    Returns:
+        The best of them; None if there is none besides the base frame.
+    """
+    known = np.isfinite(measured).all(axis=0)
+    poses, rest = tree.poses(q[None])[0], list[int]()
+    for i, body in enumerate(tree.bodies):
+        rest += [i] if not body.moves and (body.parent < 0 or body.parent in rest) else []
+    in_base = predicted @ coAd(frame).T
+    scale = _scale(predicted)
+
+    def error(T: np.ndarray) -> float:
+        there = in_base @ coAd(inverse(T @ frame)).T
+        return float(np.linalg.norm(((measured - there) / scale)[:, known]) / np.sqrt(known.sum() / 3))
+
+    places = {tree.names[i]: poses[i] for i in rest}
+    errors = {name: error(T) for name, T in places.items() if not np.allclose(T, np.eye(4), atol=1e-6)}
+    if not errors:
+        return None
+    best = min(errors, key=lambda name: errors[name])
+    return BaseCheck(best, error(np.eye(4)), errors[best])
 
 
 def right_angled_rotations() -> list[np.ndarray]:
@@ -134,6 +194,28 @@ def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
         below = np.flatnonzero(correlation < correlation[0] / np.e) if correlation[0] > 0 else np.zeros(1, int)
         times.append((below[0] if len(below) else len(x)) / rate)
     return np.array(times)
+
+
+def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
+    """Share of each residual's variance that a quadratic function of q, q̇ and q̈ explains, beyond chance (C,).
+
+    Args:
+        residual: Residuals (N, C).
+        motion: The motion.
+    """
+    x = np.hstack([np.sin(motion.q), np.cos(motion.q), motion.dq, motion.ddq])
+    x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-12)
+    first, second = np.triu_indices(x.shape[1])
+    rows = np.hstack([np.ones((len(x), 1)), x, x[:, first] * x[:, second]])
+    if rows.shape[1] > len(x) / 4:
+        rows = rows[:, : 1 + x.shape[1]]
+    basis = np.linalg.svd(rows, full_matrices=False)[0]
+    r = residual - residual.mean(axis=0)
+    explained = ((basis.T @ r) ** 2).sum(axis=0) / np.maximum((r**2).sum(axis=0), 1e-300)
+    # Of residuals that are alike for some samples there are fewer than samples.
+    lag = np.clip((r[1:] * r[:-1]).sum(axis=0) / np.maximum((r**2).sum(axis=0), 1e-300), 0, 0.99)
+    chance = basis.shape[1] / (len(r) * (1 - lag) / (1 + lag))
+    return np.maximum(0, explained - np.minimum(chance, 1))
 
 
 def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:

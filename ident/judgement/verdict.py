@@ -10,18 +10,12 @@ from ident.estimation.equations import COMPONENTS
 from ident.judgement.checks import Weight
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 from ident.parameters.consistency import ConsistentParameters
-from ident.tolerances import LEFT, POOR, SIGNIFICANT, UNEXPLAINED
+from ident.tolerances import LEFT, POOR, UNEXPLAINED
 
 if TYPE_CHECKING:
-    from ident.identification import Estimate
+    from ident.estimate import Estimate
 
-TILT = np.radians(0.5)
-"""Tilts of axes below this are not worth a warning."""
-
-GAIN = 0.1
-"""Fraction of the residual that tilted axes have to explain before they are blamed."""
-
-THROUGH_A_POINT = 0.6
+THROUGH_A_POINT = 0.5
 """Fraction of the residual moment that forces through one point have to explain before a contact is suspected."""
 
 LARGE = 0.3
@@ -49,6 +43,26 @@ DRIFT = 0.02
 """Drift of the weighed mass worth a remark, of the model's."""
 
 
+RESTLESS = 0.3
+"""Last step of the joint estimate, in standard deviations, from which it is a doubt that it did not settle."""
+
+OF_THE_MOTION, WORTH_IT = 0.5, 0.02
+"""Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
+residual is more than so much of the signal."""
+
+BEYOND, RARELY = 0.05, 0.01
+"""How far beyond a joint's range, of the range, and for which share of the samples a posture is not worth a word."""
+
+NOTABLY = 1.1
+"""Ratio of two residuals from which one prediction is better than another."""
+
+PRECISIONS = 0.1, 0.2, 0.5
+"""Standard deviations, of the values, up to which parameters are counted as known."""
+
+WIDER = 2.0
+"""How many times the deviation from the noise is to be that with the set-up to be worth a word."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """One thing that speaks against the estimate, or that its reader should know.
@@ -68,8 +82,34 @@ class Finding:
 
 
 def verdict(result: "Estimate", findings: list[Finding]) -> str:
-    """One sentence."""
-    return sentence(_ratios(result), findings, "held-out")
+    """Whether to believe it, and what for."""
+    first = sentence(_ratios(result), findings, "held-out")
+    return first if first.startswith("Do not use") else f"{first} {' '.join(uses(result))}"
+
+
+def uses(result: "Estimate") -> Iterator[str]:
+    """What the numbers are good for: prediction beside the model's own, and parameters to some precision."""
+    if "model" in result.rivals:
+        own, model = result.held_out.ratio, result.rivals["model"]
+        explained = [c not in result.unexplained for c in result.channels]
+        channels = [(c, a, b) for c, a, b, e in zip(result.channels, own, model, explained, strict=True) if e]
+        better = [c for c, a, b in channels if a * NOTABLY < b]
+        worse = [c for c, a, b in channels if b * NOTABLY < a]
+        alike = [c for c, *_ in channels if c not in (*better, *worse)]
+        told = ((better, "better than"), (alike, "as well as"), (worse, "worse than"))
+        parts = [f"{how} the model as it came in {', '.join(which)}" for which, how in told if which]
+        yield f"It predicts {', '.join(parts)}."
+    std = result.std_setup
+    known = [int((std <= share * np.abs(result.psi)).sum()) for share in PRECISIONS]
+    counts = ", ".join(f"{n} within {share:.0%}" for n, share in zip(known, PRECISIONS, strict=True))
+    yield f"Of {len(std)} base parameters it knows {counts}."
+    wider = [name for name, a, b in zip(result.base.names, result.std, std, strict=True) if b > WIDER * a]
+    if wider:
+        yield f"What is not known of the set-up more than doubles the deviations of {_listed(wider)}."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
 def _ratios(result: "Estimate") -> dict[str, float]:
@@ -78,26 +118,29 @@ def _ratios(result: "Estimate") -> dict[str, float]:
 
 def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str) -> str:
     """The verdict on channels whose residuals on some part have these ratios to their signals."""
-    explained = [ratio for ratio in ratios.values() if ratio <= UNEXPLAINED]
+    explained = {channel: ratio for channel, ratio in ratios.items() if ratio <= POOR}
     if not explained:
         return f"Do not use it: the model predicts none of the channels on the {part} part."
     doubts = [finding for finding in findings if finding.doubt]
     if doubts:
         count = "one finding below speaks" if len(doubts) == 1 else f"{len(doubts)} findings below speak"
         return f"Do not use it as it is: {count} against it."
-    names = ", ".join(channel for channel, ratio in ratios.items() if ratio <= UNEXPLAINED)
-    return f"Usable: {part} residuals are at most {max(explained):.2f} of the signal in {names}."
+    names = ", ".join(explained)
+    return f"Usable: {part} residuals are at most {max(explained.values()):.2f} of the signal in {names}."
 
 
 def findings(result: "Estimate") -> list[Finding]:
     """All findings on the fit, the doubts first, and then those on the updated model."""
     on_fit = [
         *_frames(result),
-        *_axes(result),
+        *_base(result),
         *_contact(result),
         *weight_findings(result.checks.weight),
         *_offsets(result),
         *quality_findings(_ratios(result), "held-out"),
+        *_setup(result),
+        *_fit(result),
+        *_posture(result),
         *inseparable_findings(result.inseparable),
         *_stuck(result),
         *(Finding(sentence, False) for sentence in result.checks.unchecked),
@@ -127,28 +170,20 @@ def _frames(result: "Estimate") -> Iterator[Finding]:
         )
 
 
+def _base(result: "Estimate") -> Iterator[Finding]:
+    check = result.checks.base
+    if check is not None and check.suspicious and not any(f.suspicious for f in result.checks.frames.values()):
+        yield Finding(
+            f"The wrench 'ground' looks as if it were measured in the frame of '{check.body}': --base is probably "
+            f"'{check.body}', not what it is now. Against the model's own prediction its relative error would fall "
+            f"from {check.error:.2f} to {check.error_there:.2f}.",
+            True,
+        )
+
+
 def _axis(direction: np.ndarray) -> str:
     k = int(np.argmax(np.abs(direction)))
     return ("-" if direction[k] < 0 else "") + "xyz"[k]
-
-
-def _axes(result: "Estimate") -> Iterator[Finding]:
-    check = result.checks.misalignment
-    if check is None or check.explained < GAIN or check.chance > SIGNIFICANT:
-        return
-    off = [
-        f"that of {joint} by {np.degrees(angle):.2f}° ± {np.degrees(std):.2f}°"
-        for joint, angle, std, p, bound in zip(
-            check.joints, check.angle, check.std, check.p_value, check.at_bound, strict=True
-        )
-        if p < SIGNIFICANT and angle > max(TILT, 3 * std) and not bound
-    ]
-    if off:
-        yield Finding(
-            f"Joint axes are probably off: {', '.join(off)}; axes tilted so would explain {check.explained:.0%} of the "
-            "residual. Condition number and residual alone do not show this.",
-            True,
-        )
 
 
 def _contact(result: "Estimate") -> Iterator[Finding]:
@@ -244,7 +279,7 @@ def quality_findings(ratios: Mapping[str, float], part: str) -> Iterator[Finding
     kinds = (
         (more, LEFT, np.inf, True),
         ("Not explained by this motion", UNEXPLAINED, LEFT, False),
-        ("Predicted poorly", POOR, UNEXPLAINED, True),
+        ("Predicted poorly", POOR, UNEXPLAINED, False),
     )
     for what, low, high, doubt in kinds:
         if listed := ", ".join(f"{channel} ({ratio:.3g})" for channel, ratio in ratios.items() if low < ratio <= high):
@@ -271,7 +306,67 @@ def _stuck(result: "Estimate") -> Iterator[Finding]:
         )
 
 
+def _setup(result: "Estimate") -> Iterator[Finding]:
+    """What of the set-up is not as stated."""
+    for each in result.setup:
+        yield Finding(each.text, False)
+    if result.joint is not None and result.joint.search.incredible:
+        yield Finding(
+            "No set-up near the one that was stated explains the recording, though something is wrong beyond noise: a "
+            "contact, a frame, a unit, or the model; the set-up was taken as stated.",
+            True,
+        )
+
+
+def _fit(result: "Estimate") -> Iterator[Finding]:
+    """How the joint estimate went."""
+    if result.joint is None:
+        return
+    fit = result.joint.fit
+    if fit.status == "interrupted" or (fit.status != "converged" and fit.trace[-1] > RESTLESS):
+        how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(fit.status, "did not settle")
+        yield Finding(f"The joint estimate {how} after {len(fit.trace)} rounds; its last iterate is given.", True)
+    if result.widening > 1:
+        yield Finding(
+            f"Two halves of the data differ by {result.disagreement:.1f} of their standard deviations from the noise "
+            "(root mean square): model or set-up are not quite right, and those deviations are widened by as much.",
+            False,
+        )
+    if result.joint.known:
+        yield Finding(
+            "The motion does not separate all base parameters; what the model says of its bodies, give or take, was "
+            "put in, and those that the data hardly see stay near it.",
+            False,
+        )
+    shares = zip(result.channels, result.model_error, result.held_out.ratio, strict=True)
+    if correlated := [c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > WORTH_IT]:
+        yield Finding(
+            f"Residuals of {', '.join(correlated)} go with the motion: the model is not quite that of the mechanism.",
+            True,
+        )
+
+
+def _posture(result: "Estimate") -> Iterator[Finding]:
+    """Joints that were recorded beyond the model's ranges."""
+    mechanism = result.prepared.mechanism
+    beyond = []
+    for joint, q in zip(mechanism.tree.joints, result.prepared.samples.motion.q.T, strict=False):
+        if joint in mechanism.ranges:
+            low, high = mechanism.ranges[joint]
+            slack = BEYOND * (high - low)
+            share = float(((q < low - slack) | (q > high + slack)).mean())
+            beyond += [f"{joint} ({share:.0%} of the samples)"] if share > RARELY else []
+    if beyond:
+        yield Finding(
+            f"Joints are recorded beyond the model's ranges: {', '.join(beyond)}; a zero, a sign or a unit may be "
+            "wrong.",
+            True,
+        )
+
+
 def _caveats(result: "Estimate") -> Iterator[Finding]:
+    if result.joint is not None:
+        return
     if result.prepared.cutoff is None:
         yield Finding(
             "Velocities and accelerations are the log's own and the wrenches are not filtered: if the log's were, "

@@ -196,7 +196,9 @@ class _Maker:
             "--holdout": ["0.4", "0.05"],
             "--held-out": [self.file("log", f"{name}.csv", "other.csv")],
             "--no-offsets": [],
-            "--ordinary": [],
+            "--estimator": ["ordinary", "weighted", "joint"],
+            "--prior": ["auto", "on", "off"],
+            "--own": ["offset", "delay"],
         }
         wrong = {
             "--base": ["link1", "link2", "world", "$", ""],
@@ -204,7 +206,7 @@ class _Maker:
             "--cutoff": ["0", "nan", "49", "1e-9", "1e9", "x"],
             "--holdout": ["0.9", "2", "nan"],
             "--held-out": [files[0], files[1], "absent.csv", "."],
-            "--drive": ["viscous", "coulomb", "rotor", "x"],
+            "--drive": ["viscous", "coulomb", "rotor", "stribeck", "x"],
             "--ignore": ["grip", "x", "$"],
             "--name": ["..", "a/b", "", "$", "\u202e", "x" * 300],
         }

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from commands import refusal
+from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 import scenes
@@ -101,7 +102,16 @@ def bowing(tmp_path):
 @needs_data
 @pytest.mark.parametrize("model", ["three_link_human.xml", "threeLinkHuman_subject1_sensorExt.urdf"])
 def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
-    arguments = [str(DATA / model), str(DATA / "bowing.csv"), "--columns", str(bowing), "--cutoff", "3"]
+    arguments = [
+        str(DATA / model),
+        str(DATA / "bowing.csv"),
+        "--columns",
+        str(bowing),
+        "--cutoff",
+        "3",
+        "--estimator",
+        "weighted",
+    ]
     assert identify.main([*arguments, "--name", "bow", "--out", str(tmp_path)]) == 0
     printed, estimate = capsys.readouterr().out, json.loads((tmp_path / "bow" / "estimate.json").read_text())
     held_out = {channel: numbers["ratio"] for channel, numbers in estimate["held_out"].items()}
@@ -121,11 +131,31 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
     }
 
 
+@needs_data
+def test_a_bow_from_angles_alone_without_any_choice(bowing):
+    """A real person: the model is not quite right, and the answer has to be said to be as good as that."""
+    result = identified(prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing))
+    low_pass = butter(2, 3.0, fs=100, output="sos")
+    residual, measured = (
+        sosfiltfilt(low_pass, x, axis=0) for x in (result.held_out.residual, result.held_out.samples.measured)
+    )
+    ratio = dict(zip(result.channels, np.sqrt((residual**2).mean(axis=0)) / measured.std(axis=0), strict=True))
+    assert ratio["Fx"] <= 0.30 and ratio["Fz"] <= 0.42 and ratio["My"] <= 0.22
+    model = result.base.regroup(result.prepared.mechanism.known)
+    z = dict(zip(result.base.names, (result.psi - model) / result.std_setup, strict=True))
+    assert abs(z["Iyy2"]) < 2 and abs(z["Iyy3"]) < 2
+    assert result.widening > 2 and any("Two halves of the data differ" in f.text for f in result.findings)
+    assert any("'ground' is turned by" in each.text for each in result.setup)
+
+
 @pytest.mark.usefixtures("undrawn")
 @needs_data
 def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, tmp_path):
     arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
-    assert identify.main([*arguments, "--cutoff", "3", "--no-offsets", "--out", str(tmp_path)]) == 0
+    assert (
+        identify.main([*arguments, "--cutoff", "3", "--estimator", "weighted", "--no-offsets", "--out", str(tmp_path)])
+        == 0
+    )
     assert (
         "Constant offsets are in the measurements and were not fitted (--offsets does): Fx 4.5"
         in capsys.readouterr().out
@@ -138,7 +168,7 @@ def test_the_plates_own_frame_is_named(bowing):
     text = bowing.read_text(encoding="utf-8").replace("foot_", "plate_")
     bowing.write_text(text, encoding="utf-8")
     prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
-    result = identified(prepared)
+    result = identified(prepared, estimator="weighted")
     text = " ".join(finding.text for finding in result.findings)
     assert "'ground' looks as if it had a frame that is turned (its axes look like x -> -y, y -> -x, z -> -z)" in text
 
@@ -156,10 +186,14 @@ def test_the_other_sign_of_the_bow_is_named_as_such(bowing):
 @needs_data
 def test_full_parameters_of_the_human_are_physical_and_predict_as_well(bowing, tmp_path):
     arguments = [str(DATA / "three_link_human.xml"), str(DATA / "bowing.csv"), "--columns", str(bowing)]
-    assert identify.main([*arguments, "--cutoff", "3", "--name", "bow", "--out", str(tmp_path)]) == 0
+    assert (
+        identify.main([*arguments, "--cutoff", "3", "--estimator", "weighted", "--name", "bow", "--out", str(tmp_path)])
+        == 0
+    )
     phi = parameters_from_model(tmp_path / "bow" / "model.xml")
     assert (np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))) > 0).all()
-    result = identified(prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0))
+    prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
+    result = identified(prepared, estimator="weighted")
     assert_predicts_as_well(result, phi)
 
 
@@ -179,11 +213,16 @@ def test_the_aligned_scene_is_usable(tmp_path):
     assert abs(result.psi - truth).max() < 0.15
 
 
-def test_tilted_axes_are_named_with_their_angle(tmp_path):
+def test_tilted_axes_are_found_and_taken_into_account(tmp_path):
     doubts, result = found(tmp_path, recording(tilt_deg=5.0))
-    assert "Joint axes are probably off: that of joint1 by" in doubts
-    assert (abs(np.degrees(result.checks.misalignment.angle) - 5) < 0.5).all()
-    assert result.condition_number < 100
+    assert not doubts
+    tilts = {each.name: np.degrees(each.value) for each in result.setup}
+    # About z either the plate is turned or both axes are; about y the axes are.
+    assert tilts["rotation_z(ground)"] == pytest.approx(2.5, abs=0.1)
+    assert tilts["axis_y(joint1)"] == pytest.approx(-4.33, abs=0.1) == tilts["axis_y(joint2)"]
+    assert any("a turn of all joint axes about z" in each.alternatives for each in result.setup)
+    truth = result.base.regroup(result.prepared.mechanism.known)
+    assert (abs(result.psi - truth) < 2 * result.std_setup).all()
 
 
 def test_a_flipped_wrench_is_named(tmp_path):
@@ -244,13 +283,13 @@ def test_another_log_judges(tmp_path):
     recording().save(path)
     simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=7).save(other)
     prepared = [prepare(PENDULUM, p, base="base") for p in (path, other)]
-    result = identified(prepared[0], other=prepared[1])
+    result = identified(prepared[0], judges=[prepared[1]])
     assert result.part.stop == len(result.prepared.recording.time)
     assert result.held_out.ratio[2] < 0.1
 
 
 def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
-    _, result = found(tmp_path, recording(), offsets=False, weighted=False, holdout=0.05)
+    _, result = found(tmp_path, recording(), offsets=False, estimator="ordinary", holdout=0.05)
     samples, mechanism = result.prepared.samples[result.part], result.prepared.mechanism
     Y = base_wrench_regressor(mechanism.tree, *samples.motion.states, gravity=mechanism.gravity)
     rows = result.base.reduce(Y).reshape(-1, result.base.rank)
@@ -303,8 +342,15 @@ def test_a_model_that_is_not_contradicted_keeps_its_bodies_and_others_are_named(
         ([str(PENDULUM), "missing.csv", "--base", "base"], "missing.csv"),
         (["missing.xml", "missing.csv"], "file that exists, got 'missing.xml'"),
         ([str(PENDULUM), "LOG", "--base", "foot"], "no body named 'foot'; its bodies are base, link1, link2"),
-        ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "90"], "from 0 to 50 Hz, half the sampling rate"),
-        ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "fast"], "'auto' or from 0 to 50 Hz"),
+        (
+            [str(PENDULUM), "LOG", "--base", "base", "--estimator", "ordinary", "--cutoff", "90"],
+            "from 0 to 50 Hz, half the sampling rate",
+        ),
+        (
+            [str(PENDULUM), "LOG", "--base", "base", "--estimator", "ordinary", "--cutoff", "fast"],
+            "'auto' or from 0 to 50 Hz",
+        ),
+        ([str(PENDULUM), "LOG", "--base", "base", "--cutoff", "3"], "filters nothing: --cutoff belongs to --estimator"),
         ([str(PENDULUM), "LOG", "--base", "base", "--holdout", "2"], "needs a number from 0.05 to 0.9, or 0, got '2'"),
         ([str(PENDULUM), "SHORT", "--base", "base"], "too few"),
         ([str(PENDULUM), "STILL", "--base", "base"], "excites .* parameters; it does not separate"),
@@ -331,10 +377,10 @@ def test_a_name_that_is_no_text_is_written_as_escapes(tmp_path):
     log, other = tmp_path / "log.csv", tmp_path / os.fsdecode(b"a\xff.csv")
     for path in (log, other):
         recording().save(path)
-    arguments = [str(PENDULUM), str(log), "--base", "base", "--held-out", str(other), "--no-axes"]
+    arguments = [str(PENDULUM), str(log), "--base", "base", "--held-out", str(other)]
     assert identify.main([*arguments, "--out", str(tmp_path), "--name", "r"]) == 0
     origin = json.loads((tmp_path / "r" / "provenance.json").read_text(encoding="utf-8"))
-    assert origin["options"]["held_out"] == str(other)
+    assert origin["options"]["held_out"] == [str(other)]
     assert r"a\udcff.csv" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 
@@ -395,7 +441,9 @@ def test_nothing_is_left_where_nothing_was_found(tmp_path, capsys):
     replace(log, time=log.time[:15], measured=short, true={}, noise={}).save(path)
     log.save(other)
     arguments = [str(PENDULUM), str(other), "--base", "base", "--held-out", str(path), "--out", str(tmp_path / "out")]
-    assert "log to judge by has 15 samples" in refusal(identify.main, [*arguments, "--cutoff", "1"], capsys)
+    assert "log to judge by has 15 samples" in refusal(
+        identify.main, [*arguments, "--estimator", "weighted", "--cutoff", "1"], capsys
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -420,12 +468,12 @@ def remarks(result):
 
 def test_the_weight_takes_the_vertical_force_alone_and_says_where_it_is_missing(tmp_path):
     log = recording()
-    _, result = found(tmp_path, log, board(Fx="", Fy=""), axes=False)
+    _, result = found(tmp_path, log, board(Fx="", Fy=""))
     assert abs(result.checks.weight.measured - 20.99) < 0.1 and abs(result.checks.weight.drift) < 0.1
-    _, result = found(tmp_path, log, board(Fz=""), axes=False)
+    _, result = found(tmp_path, log, board(Fz=""))
     assert result.checks.weight is None
     assert "The weight could not be checked: it shows in Fz of the sensor, not measured here." in remarks(result)
-    _, result = found(tmp_path, log, board(Fx="", Fy="", Fz=""), axes=False)
+    _, result = found(tmp_path, log, board(Fx="", Fy="", Fz=""))
     assert "The weight could not be checked: no force is measured." in remarks(result)
 
 
@@ -434,9 +482,9 @@ def test_the_weight_in_a_turned_sensor_takes_all_axes_that_carry_it(tmp_path):
     log = recording()
     turned = with_channels(log, **{name: log.measured[name] @ R for name in ("ground_force", "ground_torque")})
     quaternion = f"quaternion = {Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()}\n"
-    _, result = found(tmp_path, turned, board(Fy="") + quaternion, axes=False)
+    _, result = found(tmp_path, turned, board(Fy="") + quaternion)
     assert abs(result.checks.weight.measured - 20.99) < 0.1
-    _, result = found(tmp_path, turned, board(Fx="") + quaternion, axes=False)
+    _, result = found(tmp_path, turned, board(Fx="") + quaternion)
     assert "it shows in Fx of the sensor, not measured here" in remarks(result)
 
 
@@ -447,7 +495,7 @@ def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
     spec.compile()
     model.write_text(spec.to_xml(), encoding="utf-8")
     recording().save(path)
-    result = identified(prepare(model, path, base="base"), axes=False)
+    result = identified(prepare(model, path, base="base"))
     assert "The weight could not be checked: the model has no gravity." in remarks(result)
     doubts = " ".join(finding.text for finding in result.findings if finding.doubt)
     assert "Constant offsets are large beside the model's weight" in doubts and "Fz 206 ±" in doubts
@@ -458,7 +506,7 @@ def test_a_model_without_gravity_is_not_believed_to_explain_a_weight(tmp_path):
 def test_an_offset_of_a_tenth_of_the_weight_is_a_doubt(tmp_path, size, doubted):
     log = recording()
     shifted = with_channels(log, ground_force=log.measured["ground_force"] + [0, size, 0])
-    doubts, result = found(tmp_path, shifted, axes=False)
+    doubts, result = found(tmp_path, shifted)
     assert ("Constant offsets are large" in doubts) == doubted
     assert "Constant offsets were found and taken out: Fy" in remarks(result)
 
@@ -467,7 +515,7 @@ def test_a_sensor_that_dies_is_a_doubt(tmp_path):
     log = recording()
     force = log.measured["ground_force"].copy()
     force[500:, 2] = 200
-    doubts, _ = found(tmp_path, with_channels(log, ground_force=force), axes=False)
+    doubts, _ = found(tmp_path, with_channels(log, ground_force=force))
     assert "More is left over than the channel varies, as of a constant offset or a sensor that died" in doubts
     assert "Fz (" in doubts and len(doubts) < 1000
 
@@ -479,11 +527,11 @@ def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
     force[:, 2] = 0
     path = tmp_path / "log.csv"
     with_channels(log, ground_force=force).save(path)
-    arguments = [str(PENDULUM), str(path), "--base", "base", "--no-axes", "--name", "stuck", "--out", str(tmp_path)]
+    arguments = [str(PENDULUM), str(path), "--base", "base", "--name", "stuck", "--out", str(tmp_path)]
     assert identify.main(arguments) == 0
     printed = capsys.readouterr().out
     assert "Stuck at one value over the whole log" in printed and "Fz (0)" in printed
-    assert "channels Fx, Fy, Mx, My, Mz." in printed and "Joint axes were not checked (--no-axes)." in printed
+    assert "channels Fx, Fy, Mx, My, Mz." in printed
     assert "The weight could not be checked: it shows in Fz of the sensor" in printed
     constant = {name: 0 * log.measured[name] + 7 for name in ("ground_force", "ground_torque")}
     with_channels(log, **constant).save(path)
@@ -498,30 +546,12 @@ def test_a_few_samples_are_enough_to_judge_by(tmp_path):
     short = {name: x[100:110] for name, x in log.measured.items()}
     replace(log, time=log.time[:10], measured=short, true={}, noise={}).save(path)
     log.save(other)
-    result = identified(prepare(PENDULUM, other, base="base"), other=prepare(PENDULUM, path, base="base"), axes=False)
+    result = identified(
+        prepare(PENDULUM, other, base="base"), judges=[prepare(PENDULUM, path, base="base")], estimator="weighted"
+    )
     assert len(result.held_out.time) == 10 and result.part.stop == len(log.time)
     rms = np.sqrt((result.held_out.residual**2).mean(axis=0))
     assert (rms < 3 * result.scale).all()
-
-
-def test_axes_that_cannot_be_checked_do_not_end_the_command(tmp_path, monkeypatch):
-    def fails(*_, **__):
-        raise np.linalg.LinAlgError("SVD did not converge")
-
-    monkeypatch.setattr("ident.judgement.checks.estimate_misalignment", fails)
-    doubts, result = found(tmp_path, recording())
-    assert not doubts and result.checks.misalignment is None
-    assert "Joint axes could not be checked: SVD did not converge." in remarks(result)
-    assert not identify.parser().parse_args(["model", "log", "--no-axes"]).axes
-
-
-def test_axes_are_blamed_only_for_more_than_chance_and_within_the_search(tmp_path):
-    _, result = found(tmp_path, recording(tilt_deg=5.0))
-    assert "Joint axes are probably off" in " ".join(f.text for f in result.findings)
-    for change in ({"chance": 0.01}, {"at_bound": np.array([True, True])}):
-        other = replace(result)
-        vars(other)["checks"] = replace(result.checks, misalignment=replace(result.checks.misalignment, **change))
-        assert "axes" not in " ".join(f.text for f in other.findings if f.doubt)
 
 
 def test_a_log_with_nothing_to_fit_gets_the_lines_that_map_it(tmp_path, capsys):

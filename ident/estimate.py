@@ -1,0 +1,275 @@
+"""Base parameters from recordings, how well they predict, and whether to believe them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ident.estimation.joint_estimate import Joint
+from ident.estimation.least_squares import Fit
+from ident.estimation.preparation import Prepared
+from ident.estimation.robust import spread
+from ident.estimation.samples import Samples
+from ident.geometry.inertia import PARAMETERS
+from ident.judgement.checks import Checks, checked
+from ident.judgement.comparison import Comparison, compared
+from ident.judgement.diagnosis import correlation_time, explained_by_motion
+from ident.judgement.setup_findings import SetupFinding, setup_findings
+from ident.judgement.verdict import Finding, findings, verdict
+from ident.mechanism.motion import Motion
+from ident.parameters.base_parameters import BaseParameters
+from ident.parameters.consistency import ConsistentParameters, consistent_parameters
+from ident.parameters.prior import KNOWN, known_covariance
+from ident.tolerances import UNEXPLAINED
+
+SHOWN = 30
+"""Base parameters that `print` shows at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Samples that are judged by, and what a fit leaves of them.
+
+    Attributes:
+        time: Sample times, s (M,).
+        samples: The samples.
+        fit: The fit.
+        residual: Measured minus predicted (M, C).
+    """
+
+    time: np.ndarray
+    samples: Samples
+    fit: Fit
+    residual: np.ndarray
+
+    @property
+    def ratio(self) -> np.ndarray:
+        """RMS residual over the signal's standard deviation, of each channel (C,)."""
+        return self._ratio(self.residual)
+
+    def ratio_with(self, psi: np.ndarray) -> np.ndarray:
+        """The same with other base parameters (r,), drives and offsets as they are likeliest beside them."""
+        values, r, covariance = self.fit.values.copy(), len(psi), self.fit.covariance
+        values[r:] += covariance[r:, :r] @ np.linalg.pinv(covariance[:r, :r], hermitian=True) @ (psi - values[:r])
+        values[:r] = psi
+        return self._ratio(replace(self.fit, values=values).residual(self.samples))
+
+    def _ratio(self, residual: np.ndarray) -> np.ndarray:
+        return np.sqrt((residual**2).mean(axis=0)) / np.maximum(self.samples.measured.std(axis=0), 1e-300)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Base parameters of a mechanism from recordings.
+
+    Attributes:
+        logs: What was fitted: each recording, and the samples of it.
+        fit: The fit.
+        offsets: Constant offset of each channel where it can be told, fitted or not, with its standard deviation.
+        held_out: Samples that are judged by: ends of the recordings, or others, each of them predicted from the
+            rest, or the fitted ones themselves.
+        singular_values: Of the unit-norm columns of base parameters and drives, each channel weighted.
+        joint: The joint estimate of trajectory, parameters, set-up and noise, where that was made.
+        rivals: Ratios of residual to signal that other candidates leave of the same samples (C,), by what they are.
+        disagreement: Root mean square z of the differences between two halves, where there are two.
+        widening: What the standard deviations from the noise were multiplied by because of that.
+    """
+
+    logs: Sequence[tuple[Prepared, slice]]
+    fit: Fit
+    offsets: dict[str, tuple[float, float]]
+    held_out: HeldOut
+    singular_values: np.ndarray
+    joint: Joint | None = None
+    rivals: Mapping[str, np.ndarray] = field(default_factory=dict)
+    disagreement: float | None = None
+    widening: float = 1.0
+
+    @property
+    def prepared(self) -> Prepared:
+        """The first recording."""
+        return self.logs[0][0]
+
+    @property
+    def part(self) -> slice:
+        """Samples of it that were fitted."""
+        return self.logs[0][1]
+
+    @property
+    def base(self) -> BaseParameters:
+        """The regrouping."""
+        return self.fit.parameters
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all coefficients: base parameters, drives, offsets."""
+        return self.fit.names
+
+    @property
+    def psi(self) -> np.ndarray:
+        """Base parameters (r,)."""
+        return self.fit.psi
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the base parameters (r, r)."""
+        return self.fit.covariance[: self.base.rank, : self.base.rank]
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the base parameters (r,)."""
+        return self.fit.std[: self.base.rank]
+
+    @property
+    def std_setup(self) -> np.ndarray:
+        """Standard deviations with what is left open of the set-up, where that was estimated; else `std` (r,)."""
+        return np.sqrt(np.diag(self.covariance_setup))[: self.base.rank]
+
+    @cached_property
+    def covariance_setup(self) -> np.ndarray:
+        """Covariance of all coefficients with what is left open of the set-up (m, m)."""
+        if self.joint is None:
+            return self.fit.covariance
+        m = len(self.names)
+        return self.fit.covariance + np.maximum(self.joint.covariance_of_setup[:m, :m], 0)
+
+    @property
+    def moved_from_prior(self) -> np.ndarray:
+        """How far the data moved ψ from the model's, in standard deviations of what is known beforehand (r,)."""
+        mechanism = self.prepared.mechanism
+        known = {**KNOWN, **self.prepared.recording.known}
+        std = np.sqrt(np.diag(known_covariance(mechanism.known, self.base, known)))
+        return (self.psi - self.base.regroup(mechanism.known)) / std
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the measured channels."""
+        return self.fit.equations.channels
+
+    @property
+    def inseparable(self) -> tuple[str, ...]:
+        """Channels whose constant offset cannot be told from parameters."""
+        return tuple(channel for channel in self.channels if channel not in self.offsets)
+
+    @property
+    def condition_number(self) -> float:
+        """Condition number of the unit-norm, weighted columns."""
+        return float(self.singular_values[0] / self.singular_values[-1])
+
+    @property
+    def unexplained(self) -> tuple[str, ...]:
+        """Channels that this motion and model do not explain."""
+        return tuple(c for c, r in zip(self.channels, self.held_out.ratio, strict=True) if r > UNEXPLAINED)
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Measured minus predicted channels of the fitted parts (N, C)."""
+        return np.concatenate([self.fit.residual(prepared.samples[part]) for prepared, part in self.logs])
+
+    @cached_property
+    def model_error(self) -> np.ndarray:
+        """Share of each channel's held-out residual that the motion explains, beyond chance (C,)."""
+        return explained_by_motion(self.held_out.residual, self.held_out.samples.motion)
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Standard deviation of each channel's residual, outliers left aside (C,)."""
+        return spread(self.residual)
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation time of each channel's residual in the first recording, s (C,)."""
+        residual = self.fit.residual(self.prepared.samples[self.part])
+        return correlation_time(residual, self.prepared.recording.rate)
+
+    def predict(self, motion: Motion) -> np.ndarray:
+        """Channels that the estimate predicts for a motion, in N and N m (N, C).
+
+        Raises:
+            InputError: The motion does not fit the mechanism.
+        """
+        return self.fit.predicted(motion.checked(self.prepared.mechanism.tree))
+
+    def compare(self, other: "Estimate") -> Comparison:
+        """The difference from an estimate of another recording of the same mechanism, and whether it is noise.
+
+        Raises:
+            InputError: The other one has other base parameters.
+        """
+        return compared(self.fit, other.fit)
+
+    @cached_property
+    def _consistent(self) -> ConsistentParameters:
+        arm = self.prepared.mechanism
+        return consistent_parameters(self.psi, self.covariance, self.base, arm.known, bodies=arm.bodies)
+
+    def consistent(self) -> ConsistentParameters:
+        """The physical bodies that are as close to the mechanism's prior as the estimate lets them be."""
+        return self._consistent
+
+    @cached_property
+    def setup(self) -> list[SetupFinding]:
+        """What of the set-up was found not to be as stated; the estimate includes it."""
+        return [] if self.joint is None else setup_findings(self.joint)
+
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """What speaks against the estimate, and what else its reader should know, the doubts first."""
+        return findings(self)
+
+    def verdict(self) -> str:
+        """One sentence on whether to believe it."""
+        return verdict(self, self.findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything for scripts, in JSON's types."""
+        held, full = self.held_out, self.consistent()
+        rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
+        numbers = zip(self.channels, rms.tolist(), signal.tolist(), held.ratio.tolist(), strict=True)
+        bodies = zip(self.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
+        return {
+            "verdict": self.verdict(),
+            "findings": [{"text": finding.text, "doubt": finding.doubt} for finding in self.findings],
+            "columns": list(self.names),
+            "values": self.fit.values.tolist(),
+            "std": self.fit.std.tolist(),
+            "std_setup": np.sqrt(np.diag(self.covariance_setup)).tolist(),
+            "covariance": self.fit.covariance.tolist(),
+            "regrouping": dict(zip(self.base.names, self.base.expressions(12), strict=True)),
+            "condition_number": self.condition_number,
+            "cutoff_hz": self.prepared.cutoff,
+            "held_out": {c: {"residual_rms": r, "signal_std": s, "ratio": q} for c, r, s, q in numbers},
+            "candidates": {name: dict(zip(self.channels, x.tolist(), strict=True)) for name, x in self.rivals.items()},
+            "setup": [each.to_dict() for each in self.setup],
+            "halves": {"rms_z": self.disagreement, "widening": self.widening},
+            "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in self.offsets.items()},
+            "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
+        }
+
+    def __str__(self) -> str:
+        prior, rank = self.base.regroup(self.prepared.mechanism.known), self.base.rank
+        expressions = self.base.expressions(4)
+        rows = zip(self.base.names, self.psi, self.std, self.std_setup, prior, expressions, strict=True)
+        lines = [
+            f"{name:<8} {value:12.4f} ± {std:<9.2g} {wider:<9.2g} {before:10.4f}  {regrouping:.56}"
+            for name, value, std, wider, before, regrouping in rows
+        ][:SHOWN]
+        more = [f"… and {rank - SHOWN} more" for _ in range(rank > SHOWN)]
+        ratios = ", ".join(f"{c} {r:.2f}" for c, r in zip(self.channels, self.held_out.ratio, strict=True))
+        return "\n".join(
+            [
+                f"{rank} base parameters, SI units, from {self.fit.samples} samples",
+                f"{'':<8} {'estimate':>12}   {'s.d.':<9} {'set-up':<9} {'model':>10}  regrouping",
+                *lines,
+                *more,
+                f"Residual over signal: {ratios}; condition number {self.condition_number:.3g}.",
+                self.verdict(),
+            ]
+        )
+
+    @cached_property
+    def checks(self) -> Checks:
+        """All that can be checked."""
+        return checked(self.prepared, self.fit, self.part)

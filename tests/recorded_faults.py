@@ -1,0 +1,52 @@
+"""Recordings of the paper's pendulum as a laboratory has them: angles and a ground wrench, something a little wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import ident
+import scenes
+import sim
+from sim.motion.excitation import DOUBLE_PENDULUM
+
+PENDULUM = sim.mechanism(scenes.load("double_pendulum"), base="base")
+JOINTS = PENDULUM.tree.joints
+TRUTH = ident.find_base_parameters(PENDULUM).regroup(PENDULUM.known)
+
+
+def angles_and_wrench(time, q, wrench, **told):
+    channels = {f"{joint}_position": x for joint, x in zip(JOINTS, q.T, strict=True)}
+    return ident.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}, **told)
+
+
+def faulty(seed=0, *, delay=0.0, fast=0.0, origin=(0, 0, 0), turn=(0, 0, 0), gains=(1,) * 6, zero=(0, 0), gravity=0.0):
+    """A recording of 943 samples at 100 Hz with the scene's noise.
+
+    The wrench comes so many seconds late from a clock that is fast, a frame that is elsewhere (m) and turned (degrees),
+    with gains; joints read too much and gravity is tilted about x (degrees).
+    """
+    recording = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=seed)
+    true, t = recording.noise_free, recording.time
+    wrench = wrench_of(true)
+    noise = wrench_of(recording) - wrench
+    if gravity:
+        tilted = Rotation.from_euler("x", gravity, degrees=True).apply(PENDULUM.gravity)
+        wrench = ident.base_wrench_regressor(PENDULUM.tree, *true.joint_states(JOINTS), gravity=tilted) @ PENDULUM.known
+    when = t[0] + (t - t[0]) * (1 - fast) - delay
+    wrench = np.stack([np.interp(when, t, x) for x in wrench.T], axis=1)
+    moment = wrench[:, 3:] - np.cross(origin, wrench[:, :3])
+    R = Rotation.from_euler("xyz", turn, degrees=True).as_matrix()
+    wrench = np.hstack([wrench[:, :3] @ R, moment @ R]) * gains + noise
+    q = recording.of_joints(JOINTS, "position") + np.radians(zero)
+    known = slice(round(100 * delay), None)  # Before the first sample nothing is known that could come late.
+    return angles_and_wrench(t[known], q[known], wrench[known])
+
+
+def wrench_of(recording):
+    return np.hstack([recording["ground_force"], recording["ground_torque"]])
+
+
+def shortened(recording, samples):
+    channels = {name: x[:samples] for name, x in recording.measured.items()}
+    return replace(recording, time=recording.time[:samples], measured=channels)

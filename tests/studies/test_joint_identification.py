@@ -1,0 +1,239 @@
+"""What `identify` says of recordings with noisy joints and a set-up that is a little wrong."""
+
+import json
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import refusal
+from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened
+
+import ident
+import scenes
+import sim
+from experiments import identify
+from ident.estimation.preparation import prepared
+from ident.identification import identified
+from ident.recordings.smoothing import smoothed
+from sim.motion.excitation import DOUBLE_PENDULUM
+
+MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"
+
+
+def by_command(tmp_path, recordings, *options, columns=""):
+    """What `estimate.json` says of recordings that were saved as CSV files."""
+    logs = [str(tmp_path / f"log{k}.csv") for k in range(len(recordings))]
+    for log, recording in zip(logs, recordings, strict=True):
+        recording.save(log)
+    if columns:
+        (tmp_path / "columns.toml").write_text(columns, encoding="utf-8")
+        options = (*options, "--columns", str(tmp_path / "columns.toml"))
+    assert identify.main([str(MODEL), *logs, *options, "--name", "out", "--out", str(tmp_path)]) == 0
+    return json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+
+
+def distances(estimate, std):
+    """How far base parameters are from the truth, in one of the two kinds of standard deviations."""
+    return np.abs(np.array(estimate["values"][: len(TRUTH)]) - TRUTH) / estimate[std][: len(TRUTH)]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_clean_recordings_are_usable_and_nothing_is_found(tmp_path):
+    beyond = []
+    for seed in range(4):
+        estimate = by_command(tmp_path, [faulty(seed)], "--base", "base")
+        assert estimate["setup"] == [] and estimate["verdict"].startswith("Usable")
+        assert estimate["std"][estimate["columns"].index("Ixx2")] <= 0.03
+        assert (np.array(estimate["std_setup"]) >= estimate["std"]).all()
+        beyond += (distances(estimate, "std") > 1.96).tolist()
+    assert np.mean(beyond) <= 0.15
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("fault", "name", "value", "words"),
+    [
+        ({"delay": 0.03}, "delay(ground)", 0.03, "ms late"),
+        ({"delay": 0.12}, "delay(ground)", 0.12, "ms late"),
+        ({"fast": 0.005}, "clock(ground)", -0.005, "% fast"),
+        ({"origin": (0, 0, 0.05)}, "origin_z(ground)", 0.05, "mm further along +z"),
+        ({"turn": (0, 0, 3)}, "rotation_z(ground)", np.radians(3), "a turn of all joint axes about z"),
+        ({"gravity": 2}, "gravity_x", np.radians(2), "Gravity is tilted by"),
+        ({"zero": (3, 0)}, "zero(joint1)", np.radians(3), "The joint 'joint1' reads"),
+        ({"gains": (1, 1, 1.1, 1, 1, 1)}, "gain(Fz)", 0.1, "The channel Fz reads"),
+    ],
+)
+def test_a_fault_of_the_set_up_is_found_and_taken_out(tmp_path, fault, name, value, words):
+    estimate = by_command(tmp_path, [faulty(3, **fault)], "--base", "base")
+    (found,) = estimate["setup"]
+    assert found["name"] == name and words in found["text"]
+    assert abs(found["value"] - value) < 3 * found["std"]
+    assert (distances(estimate, "std") < 4).all() and (distances(estimate, "std_setup") < 2).all()
+    assert estimate["verdict"].startswith("Usable")
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("fault", [{"origin": (0.05, 0, 0)}, {"zero": (0, 3)}, {"gains": (1, 1, 1, 1, 1.1, 1)}])
+def test_what_cannot_be_told_is_in_the_second_interval(tmp_path, fault):
+    estimate = by_command(tmp_path, [faulty(3, **fault)], "--base", "base")
+    assert (distances(estimate, "std_setup") < 4).all()
+    if not estimate["setup"]:
+        assert (distances(estimate, "std") > 10).any()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_forgotten_base_is_named(tmp_path, capsys):
+    estimate = by_command(tmp_path, [faulty()])
+    assert estimate["verdict"].startswith("Do not use it as it is")
+    assert "--base is probably 'base', not what it is now" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_columns_file_says_what_is_known_of_the_set_up(tmp_path, capsys):
+    recording = faulty(3, delay=0.03)
+    arguments = (tmp_path, [recording], "--base", "base")
+    assert by_command(*arguments)["setup"][0]["name"] == "delay(ground)"
+    without = by_command(*arguments, columns="[setup]\ndelay = 0\nclock = false\n")
+    assert "delay(ground)" not in [each["name"] for each in without["setup"]]
+    given = [str(MODEL), str(tmp_path / "log0.csv"), "--columns", str(tmp_path / "columns.toml"), "--base", "base"]
+    for wrong, message in (
+        ("[setup]\nlag = 1", "[setup] has no entry 'lag'; valid are delay, clock, origin, gain, rotation_deg"),
+        ("[setup]\ndelay = -1", "setup.delay needs a standard deviation, zero or false, got -1"),
+        ("[known]\nmass = true", "known.mass needs a standard deviation"),
+    ):
+        (tmp_path / "columns.toml").write_text(wrong, encoding="utf-8")
+        assert message in refusal(identify.main, [*given, "--out", str(tmp_path / "none")], capsys)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_several_logs_share_parameters_and_have_delays_of_their_own(tmp_path):
+    delays = (0.0, 0.02, 0.05)
+    logs = [shortened(faulty(seed, delay=delay), 400) for seed, delay in enumerate(delays)]
+    estimate = by_command(tmp_path, logs, "--base", "base", "--own", "delay", "offset")
+    found = {each["name"]: each for each in estimate["setup"]}
+    assert set(found) == {"delay(ground) of log 2", "delay(ground) of log 3"}
+    for number, delay in enumerate(delays[1:], start=2):
+        each = found[f"delay(ground) of log {number}"]
+        assert abs(each["value"] - delay) < 3 * each["std"] and f"in log {number}" in each["text"]
+    assert (distances(estimate, "std") < 4).all()
+    alone = ident.identify(PENDULUM, logs[0])
+    together = ident.identify(PENDULUM, logs, own=("delay", "offset"))
+    assert np.median(together.std / alone.std) < 0.8
+    # Each log is predicted from the others, and as a whole.
+    assert len(together.held_out.time) == 3 * 400
+    assert (together.held_out.ratio[1:] < 0.5).all()
+
+
+def test_logs_are_given_once_and_have_the_same_channels(tmp_path, capsys):
+    path, planar = tmp_path / "log.csv", tmp_path / "planar.csv"
+    recording = shortened(faulty(), 300)
+    recording.save(path)
+    force = recording["ground_force"].copy()
+    force[:, 1] = 7
+    replace(recording, measured={**recording.measured, "ground_force": force}).save(planar)
+    given = [str(MODEL), "--base", "base", "--out", str(tmp_path / "out")]
+    assert "one of them is given twice" in refusal(identify.main, [*given, str(path), str(path)], capsys)
+    said = refusal(identify.main, [*given, str(path), str(planar)], capsys)
+    assert "A log to fit besides the first needs the channels Fx, Fy, Fz" in said
+    with pytest.raises(ident.InputError, match="offset and delay for themselves, got 'clock'"):
+        ident.identify(PENDULUM, [recording, recording], own=["clock"])
+    with pytest.raises(ident.InputError, match="Only the joint estimate"):
+        ident.identify(PENDULUM, recording, estimator="ordinary", own=["delay"])
+    with pytest.raises(ident.InputError, match="at least one recording"):
+        ident.identify(PENDULUM, [])
+
+
+def one_joint_moves(seed=0):
+    """The first joint stands, so that some parameters cannot be separated; the model's links are 15 % off."""
+    rng = np.random.default_rng(seed)
+    true = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=seed, samples=600)
+    q, dq, ddq = (x * [0, 1] for x in true.noise_free.joint_states(JOINTS))
+    wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
+    wrench += rng.normal(size=wrench.shape) * np.repeat([0.5, 0.05], 3)
+    wrong = replace(PENDULUM, prior=PENDULUM.known * np.repeat([1, 1.15, 1 / 1.15], 10))
+    return wrong, angles_and_wrench(true.time, q + 0.003 * rng.normal(size=q.shape), wrench)
+
+
+def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_knows():
+    mechanism, recording = one_joint_moves()
+    estimate = ident.identify(mechanism, recording)
+    assert estimate.joint.known
+    assert any("does not separate all base parameters" in finding.text for finding in estimate.findings)
+    assert (np.abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
+    explained = estimate.rivals["model"] > 0.1 if estimate.rivals else np.arange(6) > 0
+    assert (estimate.held_out.ratio[1:] < 0.1).all() and explained.any()
+    masses = estimate.consistent().phi[::10] / PENDULUM.known[::10]
+    assert (masses > 0.5).all() and (masses < 2).all()
+    assert np.abs(estimate.moved_from_prior).max() > 0.3
+    without = ident.identify(mechanism, recording, known=False)
+    assert without.std.max() > 100 and not without.joint.known
+
+
+def test_an_interrupt_leaves_the_last_iterate():
+    def interrupt(round_, step):
+        if round_ == 2:
+            raise KeyboardInterrupt
+
+    estimate = identified(prepared(PENDULUM, faulty()), report=interrupt)
+    assert estimate.joint.fit.status == "interrupted"
+    assert any("was interrupted after 3 rounds" in finding.text and finding.doubt for finding in estimate.findings)
+    assert (np.abs(estimate.psi - TRUTH) < 10 * estimate.std).all()
+
+
+def test_pieces_may_be_worked_on_elsewhere():
+    ready = prepared(PENDULUM, shortened(faulty(), 400))
+    here = identified(ready)
+    with ProcessPoolExecutor(2) as executor:
+        there = identified(ready, executor=executor)
+    np.testing.assert_array_equal(here.psi, there.psi)
+
+
+def arm_log(seed=0):
+    """An arm like the Panda, whose link-side torques have friction and rotors: 21 s of a slow motion."""
+    rng, t = np.random.default_rng(seed), np.arange(2100) / 100
+    rows = [(0, 0, 0.333), (0, -1, 0), (0, 1, 0.316), (0.0825, 1, 0), (-0.0825, -1, 0.384), (0, 1, 0), (0.088, 1, 0)]
+    tree = ident.tree_from_mdh(
+        [
+            ident.Frame(f"link{k}", f"link{k - 1}" if k else None, "revolute", np.pi / 2 * turn, d, 0, r)
+            for k, (d, turn, r) in enumerate(rows)
+        ]
+    )
+    phi = np.concatenate([body(rng, mass) for mass in (4.9, 0.65, 3.2, 3.6, 1.2, 1.7, 0.74)])
+    order = np.arange(1, 7)
+    size, phase = rng.uniform(0.1, 0.3, (7, 6)) / order**0.8, rng.uniform(0, 2 * np.pi, (7, 6))
+    rate = 2 * np.pi * 0.1 * order
+    angle = rate * t[:, None, None] + phase
+    q = (size * np.sin(angle)).sum(axis=2) + np.array([0, 0, 0, -1.5, 0, 1.8, 0])
+    dq, ddq = (size * rate * np.cos(angle)).sum(axis=2), -(size * rate**2 * np.sin(angle)).sum(axis=2)
+    torque = ident.joint_torque_regressor(tree, q, dq, ddq, gravity=np.array([0, 0, -9.81])) @ phi
+    torque += np.linspace(0.3, 0.05, 7) * ddq + np.linspace(0.8, 0.2, 7) * dq + np.linspace(0.6, 0.2, 7) * np.sign(dq)
+    q_m, torque_m = q + 3e-4 * rng.normal(size=q.shape), torque + 0.05 * rng.normal(size=q.shape)
+    channels = {f"{joint}_position": x for joint, x in zip(tree.joints, q_m.T, strict=True)}
+    channels |= {f"{joint}_torque": x for joint, x in zip(tree.joints, torque_m.T, strict=True)}
+    mechanism = ident.Mechanism(tree, np.array([0, 0, -9.81]), 1.1 * phi)
+    return mechanism, ident.Recording(t, channels), torque_m
+
+
+def body(rng, mass):
+    c = rng.uniform(-0.08, 0.08, 3)
+    inertia = mass * (0.01 * np.diag([1, 1, 0.5]) + c @ c * np.eye(3) - np.outer(c, c))
+    return [mass, *(mass * c), *np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+
+
+def test_an_arm_with_friction_is_predicted_as_well_as_with_the_best_filter_found_by_hand():
+    mechanism, recording, torque = arm_log()
+    drive = ("rotor", "viscous", "coulomb")
+    estimate = ident.identify(mechanism, recording, drive=drive)
+    held_out = slice(1260 + 30, 2100 - 30)
+    size = torque[held_out].std(axis=0)
+    best = np.full(7, np.inf)
+    for cutoff in (2.0, 4.0, 8.0):
+        fit = ident.identify(mechanism, recording, estimator="weighted", cutoff=cutoff, drive=drive).fit
+        states = smoothed(recording.of_joints(mechanism.tree.joints, "position"), recording.rate, cutoff)
+        residual = torque - fit.predicted(ident.Motion(*states))
+        best = np.minimum(best, np.sqrt((residual[held_out] ** 2).mean(axis=0)) / size)
+    assert (estimate.held_out.ratio < 1.06 * best).all()
+    drives = estimate.fit.values[estimate.base.rank :][: len(estimate.fit.equations.drives)]
+    assert (drives >= 0).all()
