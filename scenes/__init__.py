@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-NAMES = ("double_pendulum", "humanoid")
+NAMES = ("double_pendulum", "bowing", "humanoid")
 """Names that `load` knows, one for each mechanism's MJCF file in this package."""
 
 VARIED = ("double_pendulum",)

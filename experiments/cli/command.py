@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import experiments.__main__
 import experiments.benchmark.__main__
-from experiments import derive, excite, identify, mechanism, misaligned, multicontact, readme, stream, sweep
+from experiments import derive, excite, identify, mechanism, misaligned, multicontact, noise, readme, stream, sweep
 from experiments.cli import options
 
 COMMANDS = {
@@ -16,6 +16,7 @@ COMMANDS = {
     "mechanism": mechanism,
     "misaligned": misaligned,
     "multicontact": multicontact,
+    "noise": noise,
     "sweep": sweep,
     "identify": identify,
     "stream": stream,

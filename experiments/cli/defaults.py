@@ -13,6 +13,9 @@ REDRAWN = {
 }
 """Which noise is drawn anew for each trial."""
 
+JOINT_TRIALS = 100
+"""Trials that the joint estimate is made of at most: enough to see a bias of half a standard deviation."""
+
 AZIMUTH_DEG = 120.0
 """Direction of the tilt, which the paper does not print: the one that fits its Table III."""
 

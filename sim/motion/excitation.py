@@ -92,3 +92,11 @@ DOUBLE_PENDULUM = Excitation(
 )
 """Excitation of the paper's double pendulum. The paper prints none; these values were fitted to its two condition
 numbers and to the simplified column of Table III, and rounded. The level of the acceleration noise is our choice."""
+
+BOWING = Excitation(
+    offset=np.array([-0.05, 0.45]),
+    amplitude=np.array([[0.35, 0.50], [1.20, 1.60]]),
+    frequency=np.array([[0.23, 0.41], [0.31, 0.57]]),
+    phase=np.array([[0.30, 1.90], [2.50, 0.70]]),
+)
+"""Excitation of the person who bows at ankle and hip: slow, by some 25° and 50°."""

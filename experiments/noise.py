@@ -1,0 +1,26 @@
+"""What noise on the joint sensors does to each estimator: biases, spreads, and how often intervals hold the truth."""
+
+import argparse
+
+from experiments.cli import options
+
+
+def run(args: argparse.Namespace) -> None:
+    """Runs the study and writes and prints its results."""
+    from experiments.output import noise_report
+
+    noise_report.run(args)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.output_parser("noise", __doc__)
+    out.add_argument("--seed", type=options.whole_number(0), default=0, help="seed of all noise")
+    out.add_argument(
+        "--recordings", type=options.whole_number(2, 100_000), default=5, help="recordings of each kind of noise"
+    )
+    options.add_workers(out)
+    return out
+
+
+main = options.main(__name__, run, parser)

@@ -1,0 +1,53 @@
+"""Errors of estimates over many recordings, beside what each estimate said of itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+HALF_WIDTH = 1.959964
+"""Half the width of a 95 % interval, in standard deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of base parameters over many recordings.
+
+    Attributes:
+        names: Names of the parameters.
+        errors: Error in each recording (recordings, parameters).
+        predicted: Standard deviations that each estimate predicted from its recording (recordings, parameters).
+    """
+
+    names: tuple[str, ...]
+    errors: np.ndarray
+    predicted: np.ndarray
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean error: the bias of the estimates."""
+        return self.errors.mean(axis=0)
+
+    @property
+    def std(self) -> np.ndarray:
+        """Spread of the errors."""
+        return self.errors.std(axis=0, ddof=1)
+
+    @property
+    def interval(self) -> np.ndarray:
+        """Limits of the central 95 % of the errors (2, parameters)."""
+        return np.percentile(self.errors, [2.5, 97.5], axis=0)
+
+    @property
+    def predicted_std(self) -> np.ndarray:
+        """Root mean square of the predicted standard deviations."""
+        return np.sqrt(np.mean(self.predicted**2, axis=0))
+
+    @property
+    def covered(self) -> np.ndarray:
+        """Whether each recording's own 95 % interval holds the truth (recordings, parameters)."""
+        return np.abs(self.errors) <= HALF_WIDTH * self.predicted
+
+    @property
+    def coverage(self) -> np.ndarray:
+        """Fraction of recordings whose own 95 % interval holds the truth."""
+        return np.mean(self.covered, axis=0)

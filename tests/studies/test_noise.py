@@ -1,0 +1,207 @@
+"""The study of noisy joint sensors: its recordings, its competitors' formulas, and that the joint estimate is right."""
+
+import csv
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from commands import refusal
+
+from experiments.noise import main
+from experiments.output import noise_report
+from experiments.studies import competitors, noise
+from experiments.studies.errors import Errors
+from experiments.studies.noisy_recordings import CONDITIONS, SUBJECTS, Condition, autoregressive, noisy_recording
+from ident.errors import InputError
+from ident.estimation.in_order import in_order
+from ident.mechanism.motion import Motion
+from ident.model.regressor import base_wrench_regressor
+
+PERSON, PENDULUM = SUBJECTS["person"], SUBJECTS["pendulum"]
+IXX2 = PERSON.parameters.names.index("Ixx2")
+
+
+@pytest.fixture(scope="module")
+def exact_person():
+    return noisy_recording(CONDITIONS["person_half_degree"], 0, 0).noise_free
+
+
+def states(who, recording):
+    return Motion(*recording.joint_states(who.mechanism.tree.joints))
+
+
+def found(condition, estimator, recordings):
+    """Errors of Ixx2, in standard deviations that the estimator says it has (recordings,)."""
+    who = SUBJECTS[condition.subject]
+    out = []
+    for number in range(recordings):
+        psi, std = noise.ESTIMATORS[condition.subject][estimator](who, noisy_recording(condition, 0, number))
+        out.append(((psi - who.true) / std)[IXX2])
+    return np.array(out)
+
+
+def test_the_joint_estimate_is_right_where_least_squares_is_off_by_several_of_its_own():
+    condition = CONDITIONS["pendulum_x3"]
+    assert found(condition, "ordinary", 4).mean() < -5
+    assert abs(found(condition, "joint", 4).mean()) < 0.5
+
+
+def test_a_person_as_well():
+    condition = CONDITIONS["person_half_degree"]
+    assert found(condition, "usual_filter", 1)[0] < -20
+    assert abs(found(condition, "joint", 1)[0]) < 3
+
+
+def test_exact_states_give_the_truth_whatever_the_instruments():
+    recording = noisy_recording(CONDITIONS["pendulum_x1"], 0, 0).noise_free
+    who, motion = PENDULUM, states(PENDULUM, recording)
+    for instruments in (None, who.commanded, Motion(*(x + 0.1 for x in motion.states))):
+        psi, _ = competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, instruments)
+        np.testing.assert_allclose(psi, who.true, atol=2e-3)
+
+
+def test_with_its_own_instruments_it_is_weighted_least_squares():
+    recording = noisy_recording(CONDITIONS["pendulum_x3"], 0, 0)
+    who, motion = PENDULUM, states(PENDULUM, recording)
+    psi, _ = competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=10)
+    Y = base_wrench_regressor(who.mechanism.tree, *motion.states, gravity=who.mechanism.gravity)
+    weights = np.repeat([1 / recording.noise["ground_force"], 1 / recording.noise["ground_torque"]], 3)[:, None]
+    rows = (Y[10:-10][..., list(who.parameters.kept)] * weights).reshape(-1, len(who.true))
+    expected = np.linalg.lstsq(rows, (recording.wrench("ground").values[10:-10] * weights.T).ravel(), rcond=None)[0]
+    np.testing.assert_allclose(psi, expected, rtol=1e-8, atol=1e-10)
+
+
+def test_instruments_take_away_the_bias_and_say_how_well():
+    condition = CONDITIONS["pendulum_x3"]
+    ratio = found(condition, "instruments", 25)
+    assert abs(ratio.mean()) < 0.5
+    assert 0.7 < ratio.std() < 1.4
+
+
+def test_filters_and_splines_are_unbiased_without_noise(exact_person):
+    who, some = PERSON, slice(0, 1000)
+    part = {name: x[some] for name, x in exact_person.measured.items()}
+    recording = replace(exact_person, time=exact_person.time[some], measured=part, true={})
+    filtered = competitors.low_passed(who.mechanism, recording, competitors.USUAL)
+    assert filtered[1] == 25
+    for motion, edge in (filtered, competitors.splined(who.mechanism, recording)):
+        psi, _ = competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=edge)
+        np.testing.assert_allclose(psi[IXX2], who.true[IXX2], rtol=2e-3)
+
+
+def test_noise_is_as_large_and_as_correlated_as_it_says():
+    x = autoregressive(np.random.default_rng(0), 200_000, 0.95)
+    assert x.std() == pytest.approx(1, abs=0.03)
+    assert (x[1:] * x[:-1]).mean() == pytest.approx(0.95, abs=0.03)
+    for condition, decay in ((Condition("person", ""), 0.0), (Condition("person", "", scale=2, decay=0.9), 0.9)):
+        recording = noisy_recording(condition, 0, 0)
+        error = recording["hip_position"] - recording.true["hip_position"]
+        level = np.radians(0.5) * condition.scale
+        assert error.std() == pytest.approx(level, rel=0.2)
+        assert (error[1:] * error[:-1]).mean() / level**2 == pytest.approx(decay, abs=0.2)
+
+
+def test_a_number_is_one_motion_and_a_condition_its_sensors():
+    plain, scaled = (noisy_recording(CONDITIONS[f"pendulum_x{k}"], 0, 1) for k in (1, 10))
+    np.testing.assert_array_equal(plain.true["joint1_position"], scaled.true["joint1_position"])
+    np.testing.assert_array_equal(plain["ground_force"], scaled["ground_force"])
+    for kind in ("position", "velocity", "acceleration"):
+        errors = [each[f"joint2_{kind}"] - each.true[f"joint2_{kind}"] for each in (plain, scaled)]
+        np.testing.assert_allclose(errors[1], 10 * errors[0], atol=1e-12)
+    again, other = (noisy_recording(CONDITIONS["pendulum_x1"], 0, number) for number in (1, 2))
+    np.testing.assert_array_equal(again["joint1_position"], plain["joint1_position"])
+    assert (other.true["joint1_position"] != plain.true["joint1_position"]).any()
+
+
+def test_samples_are_missing_and_wrong():
+    missing = noisy_recording(CONDITIONS["pendulum_missing"], 0, 0)
+    assert 0.92 < len(missing.time) / 943 < 0.98
+    plain, wrong = (noisy_recording(CONDITIONS[f"pendulum_{kind}"], 0, 0) for kind in ("x1", "outliers"))
+    for name in ("joint1_position", "ground_force"):
+        assert 0.003 < (plain[name] != wrong[name]).mean() < 0.02
+    np.testing.assert_array_equal(plain["joint1_velocity"], wrong["joint1_velocity"])
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Half a minute of work in a second: others that are quick stand for the joint estimate."""
+    kinds = ("pendulum_x1", "pendulum_x3", "person_half_degree")
+    some = {name: CONDITIONS[name] for name in kinds}
+    cheap = {
+        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": noise.commanded_instruments},
+        "person": {"usual_filter": noise.usual_filter, "joint": noise.usual_filter},
+    }
+    for module in (noise, noise_report):
+        monkeypatch.setattr(module, "CONDITIONS", some)
+        monkeypatch.setattr(module, "ESTIMATORS", cheap)
+
+
+@pytest.mark.usefixtures("short", "here")
+def test_the_command_writes_tables_and_a_figure(tmp_path, capsys):
+    command = ["--out", str(tmp_path), "--formats", "png", "--recordings", "3"]
+    assert main(command) == 0
+    assert "instrumental variables" not in capsys.readouterr().out
+    rows = list(csv.DictReader((tmp_path / "table_pendulum.csv").read_text().splitlines()))
+    assert [(row["noise"], row["estimator"]) for row in rows] == [
+        (f"noise ×{k}", label) for k in (1, 3) for label in ("ordinary least squares", "joint estimate")
+    ]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    errors = summary["pendulum_x3"]["ordinary"]
+    true = PENDULUM.true[IXX2]
+    assert float(rows[2]["bias"]) == pytest.approx(100 * errors["bias"]["Ixx2"] / true)
+    assert float(rows[2]["predicted"]) == pytest.approx(100 * errors["predicted_std"]["Ixx2"] / true)
+    assert (tmp_path / "table_coverage.tex").exists()
+    assert (tmp_path / "figure_noise.png").stat().st_size > 20_000
+    assert json.loads((tmp_path / "provenance.json").read_text())["options"]["recordings"] == 3
+
+
+@pytest.mark.usefixtures("short", "here", "undrawn")
+def test_more_recordings_may_follow_than_were_asked_for_at_first(tmp_path, capsys):
+    command = ["--recordings", "2", "--out"]
+    assert main([*command, str(tmp_path / "part")]) == 0
+    assert main(["--recordings", "3", "--out", str(tmp_path / "part"), "--resume"]) == 0
+    assert main(["--recordings", "3", "--out", str(tmp_path / "whole")]) == 0
+    tables = [(tmp_path / name / "table_person.csv").read_bytes() for name in ("part", "whole")]
+    assert tables[0] == tables[1]
+    assert "seed differ" in refusal(main, [*command, str(tmp_path / "part"), "--seed", "1", "--resume"], capsys)
+
+
+@pytest.mark.usefixtures("short", "here", "undrawn")
+def test_what_an_estimator_refuses_is_counted(tmp_path, monkeypatch, capsys):
+    asked = []
+
+    def refuses(who, recording):
+        asked.append(recording)
+        if len(asked) % 3 == 0:
+            raise InputError("No.")
+        return who.true + recording["ground_force"][0, 0], np.ones_like(who.true)
+
+    monkeypatch.setitem(noise.ESTIMATORS, "pendulum", {"joint": refuses})
+    command = ["--out", str(tmp_path), "--recordings", "6"]
+    assert main(command) == 0
+    assert "Refused 2 times: pendulum_x1, joint estimate: No." in capsys.readouterr().err
+    first = next(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
+    assert (first["recordings"], first["refused"]) == ("4", "2")
+
+
+def test_nothing_is_made_of_refusals_alone():
+    with pytest.raises(InputError, match="The joint estimate refuses nearly every recording"):
+        noise.study([{"joint": {"refused": "No."}}] * len(CONDITIONS), 1)
+
+
+@pytest.mark.usefixtures("short")
+def test_any_number_of_workers_gives_the_same_numbers():
+    todo = noise.tasks(1)
+    here = [noise.fits(0, task) for task in todo]
+    with ThreadPoolExecutor(2) as executor:
+        assert list(in_order(executor, partial(noise.fits, 0), reversed(todo))) == here[::-1]
+
+
+def test_errors_know_their_coverage():
+    errors = Errors(("a", "b"), np.array([[0.0, 3.0], [1.0, 1.0]]), np.ones((2, 2)))
+    np.testing.assert_array_equal(errors.coverage, [1, 0.5])
+    np.testing.assert_array_equal(errors.covered, [[True, False], [True, True]])
+    np.testing.assert_allclose(replace(errors, predicted=2 * np.ones((2, 2))).predicted_std, 2)
