@@ -12,7 +12,8 @@ from experiments.cli.defaults import SCENE
 from experiments.output import figures, report
 from experiments.output.results import Results
 from experiments.studies import monte_carlo, paper
-from experiments.studies.contacts import Study, cells, problem, study, total, trial
+from experiments.studies.contacts import Study, cells, joint_trial, problem, study, total, trial
+from experiments.studies.fitting import ESTIMATORS
 
 DIFFERS = frozenset({"Ixx2", "Ixx3", "Ixz3"})
 """Entries of Table IV that no rigid body can have."""
@@ -29,13 +30,16 @@ CONTACT_LINES = (figures.Line("tab:green"), figures.Line("tab:orange"))
 def table_4(result: Study) -> report.Table:
     """Errors with all contacts' wrenches, beside the paper's."""
     return report.Table(
-        f"Base parameters with {'several contacts' if result.several else 'a contact'}, kg, kg m and kg m²",
+        f"Base parameters with {'several contacts' if result.several else 'a contact'}, kg, kg m and kg m²; joint: "
+        + ESTIMATORS["joint"],
         *report.columns(
             parameter=result.fit.base.names,
             true_paper=[paper.TABLE_4[name][0] for name in result.fit.base.names],
             true_scene=result.fit.psi_true,
             error=result.fit.error,
             paper_error=[paper.TABLE_4[name][1] for name in result.fit.base.names],
+            joint_error=result.joint.error,
+            joint_std=result.joint.std,
         ),
         marked=DIFFERS,
         footnote=FOOTNOTE,
@@ -53,9 +57,10 @@ def table_4_ignoring(result: Study) -> report.Table:
     without = {"estimated_ignoring": alone.estimate.psi, "error_ignoring": alone.error}
     if result.several:
         without = {f"error_ignoring_{name}": fit.error for name, fit in result.ignoring.items()}
+    without["joint_error_ignoring" + "_all" * result.several] = result.joint_ignoring.error
     return report.Table(
         f"Ordinary and weighted least squares, and the contact{'s' * result.several} ignored, kg, kg m and kg m²; "
-        f"std of wrench noise, {result.fit.estimate.noise}",
+        f"std of wrench noise, {result.fit.estimate.noise}; joint: {ESTIMATORS['joint']}",
         *report.columns(
             parameter=result.fit.base.names,
             true=result.fit.psi_true,
@@ -148,6 +153,19 @@ def summary(result: Study) -> dict[str, Any]:
     }
 
 
+def joint_summary(result: Study) -> dict[str, float | None]:
+    """Key numbers of the joint estimate, which takes longer than all the rest."""
+    return {
+        "largest_error": result.joint.largest_error,
+        "largest_error_ignoring": result.joint_ignoring.largest_error,
+        "rms_z": result.joint.rms_z,
+    }
+
+
+def _shown(error: float | None) -> str:
+    return "not determined" if error is None else report.number(error)
+
+
 def _touches(result: Study) -> dict[str, float]:
     """When each contact touches, and how much; how often all do, and none does."""
     number = np.sum(list(result.touching.values()), axis=0)
@@ -179,6 +197,8 @@ def report_text(result: Study) -> str:
         f"Condition number: {numbers['condition_number']:.1f} at {numbers['rows']}x{numbers['rank']} "
         f"(paper: {paper.CONDITION_NUMBER_MULTICONTACT} at {rows}x{columns})",
         f"Largest error: {numbers['largest_error']:.3f} with all contacts; {errors}",
+        f"  of the joint estimate: {_shown(result.joint.largest_error)} with all contacts; "
+        f"ignoring all {_shown(result.joint_ignoring.largest_error)}",
         f"All contacts touch in {numbers['fraction_all_touch']:.0%} of the samples, "
         f"none in {numbers['fraction_none_touches']:.0%}",
     ]
@@ -196,7 +216,7 @@ def results(result: Study) -> Results:
             ),
             "figure_5": (figure_5(result), "Measured total wrench less the predicted one."),
         },
-        numbers={"summary": summary(result)},
+        numbers={"summary": summary(result) | {"joint": joint_summary(result)}},
     )
     if not result.several:
         return shown
@@ -218,5 +238,7 @@ def run(args: argparse.Namespace) -> Results:
         analyse=partial(trial, problem(contact)),
         names=names,
         published={"multicontact": [paper.TABLE_4[name][1] for name in names]},
+        joint=partial(joint_trial, problem(contact)),
+        joint_model="multicontact",
     )
     return monte_carlo.conclude(args, choices, result.recording, plan, results(result), report_text(result))

@@ -14,16 +14,16 @@ from ident.recordings.atomic import replacing
 
 
 def table_3(result: tilted_axes.Study) -> report.Table:
-    """Table III with our errors beside the paper's."""
-    rows = tilted_axes_report.table_3(result).rows
-    name, _, simplified, paper_simplified, _, full, paper_full = zip(*rows, strict=True)
-    columns = {
-        "parameter": name,
-        "simplified, paper": paper_simplified,
-        "simplified, ours": simplified,
-        "full, paper": paper_full,
-        "full, ours": full,
-    }
+    """Table III with our errors beside the paper's, by least squares and by the joint estimate."""
+    shown = tilted_axes_report.table_3(result)
+    by_name = dict(zip(shown.columns, zip(*shown.rows, strict=True), strict=True))
+    columns = {"parameter": by_name["parameter"]}
+    for model in ("simplified", "full"):
+        columns |= {
+            f"{model}, paper": by_name[f"paper_error_{model}"],
+            f"{model}, ours": by_name[f"error_{model}"],
+            f"{model}, joint": by_name[f"joint_error_{model}"],
+        }
     return report.Table("", *report.columns(**columns), decimals=2)
 
 
@@ -40,14 +40,15 @@ def table_wrench_errors(result: tilted_axes.Study) -> report.Table:
 
 
 def table_4(result: contacts.Study) -> report.Table:
-    """Table IV with our errors beside the paper's."""
-    name, true_paper, true_scene, error, paper_error = zip(*contacts_report.table_4(result).rows, strict=True)
+    """Table IV with our errors beside the paper's, by least squares and by the joint estimate."""
+    name, true_paper, true_scene, error, paper_error, joint, _ = zip(*contacts_report.table_4(result).rows, strict=True)
     columns = {
         "parameter": name,
         "true, paper": true_paper,
         "true, scene": true_scene,
         "error, paper": paper_error,
         "error, ours": error,
+        "error, joint": joint,
     }
     footnote = contacts_report.FOOTNOTE
     rows = report.columns(**columns)

@@ -4,6 +4,7 @@ import csv
 import importlib.metadata
 import io
 import json
+import math
 import os
 import platform
 import re
@@ -116,7 +117,7 @@ UNITS = ("deg", "rad", "N", "s")
 
 _HEADINGS = {
     rf"_({'|'.join(UNITS)})$": r" (\1)",
-    r"_(simplified|full|paper|scene|weighted|ignoring|relative|updated_model)$": r", \1",
+    r"_(simplified|full|joint|paper|scene|weighted|ignoring|relative|updated_model)$": r", \1",
     "^paper_": "paper's ",
     r"(?<![^_])std(?![^_, ])": "s.d.",
     r"(?<![^_])rms(?![^_, ])": "RMS",
@@ -306,6 +307,12 @@ def _git_commit() -> str | None:
 
 
 def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], tuple[tuple[Cell, ...], ...]]:
-    """Column names and rows of a `Table` from its columns."""
-    rows = tuple(tuple(c if isinstance(c, str) else float(c) for c in row) for row in zip(*named.values(), strict=True))
+    """Column names and rows of a `Table` from its columns; NaN becomes an empty cell."""
+    rows = tuple(tuple(map(_cell, row)) for row in zip(*named.values(), strict=True))
     return tuple(named), rows
+
+
+def _cell(value: Cell) -> Cell:
+    if value is None or isinstance(value, str):
+        return value
+    return None if math.isnan(value) else float(value)

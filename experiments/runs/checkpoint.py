@@ -54,6 +54,11 @@ class Checkpoint:
             )
         return outcomes
 
+    def set_aside(self) -> None:
+        """Renames the file of an earlier run, if there is one."""
+        if self.file.exists():
+            self.file.replace(self.file.with_stem(f"{self.file.stem}_before"))
+
     def collect(
         self, batches: Iterable[Sequence[Any]], total: int, done: Sequence[np.ndarray] = ()
     ) -> list[np.ndarray]:
@@ -67,8 +72,8 @@ class Checkpoint:
         Raises:
             OSError: They could not be saved; the file has those of the last save.
         """
-        if not done and self.file.exists():
-            self.file.replace(self.file.with_stem(f"{self.file.stem}_before"))
+        if not done:
+            self.set_aside()
         outcomes = list(done)
         try:
             try:

@@ -2,14 +2,16 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 import scenes
 from experiments.cli.defaults import SCENE
 from experiments.studies import paper, trials
-from experiments.studies.fitting import Trial, fit
+from experiments.studies.fitting import JointTrial, Trial, fit, joint_fit, joint_fit_if_determined, without
 from ident.mechanism.mechanism import Mechanism
+from ident.parameters.base_parameters import structural_base_parameters
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import Sensor, TotalWrench
 from sim.models.mechanism import mechanism
@@ -39,6 +41,17 @@ class Study:
     fit: Trial
     weighted: Trial
     ignoring: Mapping[str, Trial]
+
+    @cached_property
+    def joint(self) -> JointTrial:
+        """Joint estimate from all wrenches."""
+        return joint_fit_if_determined(self.known, with_cells(self.known, self.recording), self.fit.base)
+
+    @cached_property
+    def joint_ignoring(self) -> JointTrial:
+        """The same as if there were no contact."""
+        channels = [f"{site}_{kind}" for site in cells(self.known).values() for kind in ("force", "torque")]
+        return joint_fit_if_determined(self.known, without(self.recording, channels), self.fit.base)
 
     @property
     def several(self) -> bool:
@@ -102,11 +115,21 @@ def cells(pendulum: Mechanism) -> dict[str, str]:
 
 def total(pendulum: Mechanism, recording: Recording, ignored: Collection[str] = ()) -> TotalWrench:
     """Eq. 17 on a recording: what the ground gives less what the links pass on to all contacts that are not ignored."""
-    sites = cells(pendulum)
-    sensors = {site: Sensor(*pendulum.sites[name], applied_to_link=False) for name, site in sites.items()}
-    return recording.with_sensors(sensors).total_wrench(pendulum.tree, [sites[name] for name in ignored])
+    return with_cells(pendulum, recording).total_wrench(pendulum.tree, [cells(pendulum)[name] for name in ignored])
+
+
+def with_cells(pendulum: Mechanism, recording: Recording) -> Recording:
+    """A recording, and where its load cells are."""
+    sites = cells(pendulum).items()
+    return recording.with_sensors({site: Sensor(*pendulum.sites[name], applied_to_link=False) for name, site in sites})
 
 
 def trial(pendulum: Mechanism, recording: Recording) -> trials.Outcome:
     """Errors from one recording, with all contacts' wrenches."""
     return trials.outcome(fit(pendulum, recording, wrench=total(pendulum, recording).values))
+
+
+def joint_trial(pendulum: Mechanism, recording: Recording) -> trials.Outcome:
+    """Errors of the joint estimate from one recording, with all contacts' wrenches."""
+    base = structural_base_parameters(pendulum)
+    return trials.outcome(joint_fit(pendulum, with_cells(pendulum, recording), base))

@@ -22,7 +22,7 @@ from sim.motion.excitation_design import Limits
 from sim.motion.fourier import FourierTrajectory
 from sim.simulation.simulate import LONGEST, RATE
 
-BASES = {SCENE: "base", "humanoid": "pelvis"}
+BASES = {SCENE: "base", "bowing": "foot", "humanoid": "pelvis"}
 """Body whose frame is {0} in the scenes."""
 
 PER_PERIOD = 10

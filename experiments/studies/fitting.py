@@ -1,19 +1,29 @@
-"""One model identified from one recording."""
+"""One model identified from one recording, by the paper's estimator and by the joint one."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, huber_white, least_squares
+from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
+from ident.estimation.setup import PRIORS
+from ident.identification import identified
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
-from ident.recordings.recording import Recording
+from ident.recordings.recording import STATES, Recording
+
+ESTIMATORS = {
+    "ordinary": "the paper's least squares, at measured joint angles, velocities and accelerations",
+    "joint": "parameters and trajectory at once, from joint angles and wrenches alone; set-up as stated, no offsets",
+}
+"""What the studies identify with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +49,41 @@ class Trial:
     def error(self) -> np.ndarray:
         """Estimated minus true base parameters."""
         return self.estimate.psi - self.psi_true
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations that noise on the wrenches causes (r,)."""
+        return self.estimate.std
+
+
+@dataclass(frozen=True, eq=False)
+class JointTrial:
+    """A model's base parameters by the joint estimate, and what the true φ gives by the same regrouping.
+
+    Attributes:
+        psi: Base parameters, NaN where angles and wrenches do not determine them (r,).
+        std: Their standard deviations (r,).
+        psi_true: True base parameters (r,).
+    """
+
+    psi: np.ndarray
+    std: np.ndarray
+    psi_true: np.ndarray
+
+    @property
+    def error(self) -> np.ndarray:
+        """Estimated minus true base parameters."""
+        return self.psi - self.psi_true
+
+    @property
+    def largest_error(self) -> float | None:
+        """The largest error, None where there is no estimate."""
+        return float(np.abs(self.error).max()) if np.isfinite(self.psi).all() else None
+
+    @property
+    def rms_z(self) -> float | None:
+        """Root mean square of the errors over their standard deviations, None where there is no estimate."""
+        return float(np.sqrt(np.mean((self.error / self.std) ** 2))) if np.isfinite(self.psi).all() else None
 
 
 def fit(
@@ -70,6 +115,44 @@ def fit(
     noise = recording.joint_noise(joints)
     estimate = least_squares(Equations(mechanism, base), samples, state_noise=noise)
     return Trial(huber_white(estimate, samples), base.regroup(mechanism.known), estimate.predicted(motion))
+
+
+def joint_fit(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> JointTrial:
+    """Base parameters of one model from joint angles and wrenches alone, as if no rates had been measured.
+
+    Nothing is known of φ, and the set-up is as stated.
+
+    Args:
+        mechanism: The model's mechanism, with the true φ.
+        recording: Measured joint angles, ground wrench, and contact wrenches with their sensors.
+        base: The regrouping.
+
+    Raises:
+        ExcitationError: The motion does not separate the base parameters.
+    """
+    angles_alone = without(recording, [f"{joint}_{rate}" for joint in mechanism.tree.joints for rate in STATES[1:]])
+    log = prepared(mechanism, angles_alone)
+    log = replace(log, equations=replace(log.equations, parameters=base))
+    estimate = identified(log, offsets=False, holdout=0, setup=dict.fromkeys(PRIORS, 0.0), known=False)
+    return JointTrial(estimate.psi, estimate.std, base.regroup(mechanism.known))
+
+
+def joint_fit_if_determined(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> JointTrial:
+    """The same, or NaN: a few samples of accelerations may be enough where as many angles are not."""
+    try:
+        return joint_fit(mechanism, recording, base)
+    except (ExcitationError, np.linalg.LinAlgError):
+        unknown = np.full(base.rank, np.nan)
+        return JointTrial(unknown, unknown, base.regroup(mechanism.known))
+
+
+def without(recording: Recording, channels: Collection[str]) -> Recording:
+    """The recording as if some of its channels had not been measured."""
+    measured, true = (
+        {name: x for name, x in values.items() if name not in channels}
+        for values in (recording.measured, recording.true)
+    )
+    return replace(recording, measured=measured, true=true)
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:

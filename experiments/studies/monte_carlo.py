@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,50 +13,33 @@ from experiments.cli.defaults import REDRAWN
 from experiments.output import figures, report
 from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
-from experiments.studies.trials import FILE, Draw, Outcome, run_trials, trials_done
+from experiments.studies.errors import Errors
+from experiments.studies.fitting import ESTIMATORS
+from experiments.studies.trials import (
+    FILE,
+    JOINT_FILE,
+    Draw,
+    Outcome,
+    joint_trials_done,
+    joint_trials_kept,
+    run_trials,
+    trials_done,
+)
 from ident.recordings.recording import Recording
+
+JOINT = "_joint"
+"""What the name of a model ends with where it is identified by the joint estimate."""
 
 
 @dataclass(frozen=True, eq=False)
-class Distribution:
-    """Errors of one model's base parameters over the trials.
+class Distribution(Errors):
+    """Errors of one model's base parameters over the trials, and the paper's.
 
     Attributes:
-        names: Names of the parameters.
-        errors: Error of each trial (trials, parameters).
-        predicted: Standard deviations that each trial predicted from itself (trials, parameters).
         published: The paper's errors (parameters,).
     """
 
-    names: tuple[str, ...]
-    errors: np.ndarray
-    predicted: np.ndarray
     published: np.ndarray
-
-    @property
-    def mean(self) -> np.ndarray:
-        """Mean error: the bias of the estimates."""
-        return self.errors.mean(axis=0)
-
-    @property
-    def std(self) -> np.ndarray:
-        """Spread of the errors."""
-        return self.errors.std(axis=0, ddof=1)
-
-    @property
-    def interval(self) -> np.ndarray:
-        """Limits of the central 95 % of the errors (2, parameters)."""
-        return np.percentile(self.errors, [2.5, 97.5], axis=0)
-
-    @property
-    def predicted_std(self) -> np.ndarray:
-        """Root mean square of the predicted standard deviations."""
-        return np.sqrt(np.mean(self.predicted**2, axis=0))
-
-    @property
-    def coverage(self) -> np.ndarray:
-        """Fraction of trials whose own 95 % interval holds the truth."""
-        return np.mean(np.abs(self.errors) <= 1.959964 * self.predicted, axis=0)
 
     @property
     def percentile(self) -> np.ndarray:
@@ -67,8 +51,10 @@ class Distribution:
 def table(model: str, found: Distribution) -> report.Table:
     """Mean, spread and interval of the errors beside the prediction and the paper's single run."""
     low, high = found.interval
+    joint = f"joint estimate ({ESTIMATORS['joint']})"
+    whose = f"{model.removesuffix(JOINT)} model" + (f"'s {joint}" if model.endswith(JOINT) else "")
     return report.Table(
-        f"Errors of the {model} model over {len(found.errors)} trials, kg, kg m and kg m²",
+        f"Errors of the {whose} over {len(found.errors)} trials, kg, kg m and kg m²",
         *report.columns(
             parameter=found.names,
             mean_error=found.mean,
@@ -87,7 +73,7 @@ def table(model: str, found: Distribution) -> report.Table:
 def chart(found: Mapping[str, Distribution]) -> Figure:
     """All parameters at a glance, a panel for each model: interval, mean, prediction and the paper's error."""
     with figures.paper_style():
-        figure = Figure(figsize=(3.5, 3.2))
+        figure = Figure(figsize=(3.5 if len(found) < 3 else 7.16, 3.2))
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
         for ax, (model, d) in zip(panels, found.items(), strict=True):
             rows = np.arange(len(d.names))
@@ -97,20 +83,24 @@ def chart(found: Mapping[str, Distribution]) -> Figure:
             ax.hlines(rows, *d.interval, color="tab:blue", lw=1.2, label="95 % of trials")
             ax.plot(d.mean, rows, "o", color="tab:blue", ms=2.5, label="mean")
             ax.plot(d.published, rows, "x", color="tab:red", ms=4, mew=0.9, label="paper")
-            ax.set_title(model)
+            ax.set_title(report.heading(model))
             # Linear within ±0.01, logarithmic beyond, so that parameters known to grams stand beside wrong ones.
             ax.set_xscale("symlog", linthresh=0.01, linscale=1.0)
             ticks = [-1, -0.1, -0.01, 0, 0.01, 0.1, 1]
             ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks], rotation=60)
-            ax.set_xlim(
-                -3 if min(d.interval.min(), d.published.min()) < -0.5 else -0.3, 1 if d.mean.max() > 0.2 else 0.3
-            )
+            shown = np.concatenate([d.interval.ravel(), d.published])
+            ax.set_xlim(-_limit(-shown.min()), _limit(shown.max()))
             ax.set_xlabel("Error (kg, kg m, kg m²)")
             ax.set_yticks(rows, [figures.parameter_symbol(name) for name in d.names])
         panels[0].invert_yaxis()
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=2)
+        figure.legend(handles, labels, loc="outside upper center", ncols=2 if len(found) < 3 else 4)
     return figure
+
+
+def _limit(error: float) -> float:
+    """A limit of the abscissa that an error does not reach."""
+    return next((limit for limit in (0.3, 1.0, 3.0, 10.0) if error < 0.9 * limit), 100.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,12 +112,18 @@ class Plan:
         analyse: What becomes of a recording.
         names: Names of the base parameters.
         published: The paper's errors of each model, in the order of the outcomes.
+        joint: What becomes of a recording by the joint estimate of one of these models.
+        joint_model: Name of that model.
+        remark: What else must be known of the predicted standard deviations.
     """
 
     scene: Mapping[str, Any]
     analyse: Callable[[Recording], Outcome]
     names: tuple[str, ...]
     published: Mapping[str, Sequence[float]]
+    joint: Callable[[Recording], Outcome]
+    joint_model: str
+    remark: str = ""
 
 
 def conclude(
@@ -152,56 +148,74 @@ def conclude(
         All that was written, by the trials too.
     """
     draw = Draw.of(args, plan.scene, recording)
-    done = trials_done(draw, args)
+    done = trials_done(draw, args), joint_trials_done(draw, args)
     origin = report.provenance({**choices, "formats": args.formats}, recording.provenance)
+    origin["estimators"] = ESTIMATORS
     written = results | Results(numbers={"provenance": origin})
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
         written.write(folder, args.formats)
     print(text)
     if args.trials:
-        written |= _run(draw, done, plan, args)
+        written |= _run(draw, *done, plan, args)
     print(f"Tables, figures, summary and provenance are in {args.out}.")
     return written
 
 
-def _run(draw: Draw, done: Sequence[Outcome], plan: Plan, args: argparse.Namespace) -> Results:
+def _run(
+    draw: Draw, done: Sequence[Outcome], joint_done: Sequence[Outcome], plan: Plan, args: argparse.Namespace
+) -> Results:
     """Runs the trials, and writes and prints how their errors are distributed."""
-    left = args.trials - len(done)
-    with worker_pool(max(1, min(args.workers, left)), args.scheduler, args.tls) as pool:
-        outcomes = run_trials(
-            draw,
-            plan.analyse,
-            args.trials,
-            executor=pool.executor,
-            ahead=pool.ahead,
-            threads=pool.threads,
-            file=args.out / FILE,
-            done=done,
-        )
-    found = {
-        model: Distribution(plan.names, outcomes[:, k, 0], outcomes[:, k, 1], np.array(errors))
-        for k, (model, errors) in enumerate(plan.published.items())
-    }
-    results = _results(found, draw)
+    found = _distributions(draw, done, joint_done, plan, args)
+    results = _results(found, draw, plan.remark)
     with report.results_folder(args.out) as folder:
         results.write(folder, args.formats)
     for model, d in found.items():
         print(results.tables[f"monte_carlo_{model}"].text())
-        biased = np.flatnonzero(np.abs(d.mean) > 4 * d.std / np.sqrt(len(outcomes)))
+        biased = np.flatnonzero(np.abs(d.mean) > 4 * d.std / np.sqrt(len(d.errors)))
         if len(biased):
             print("Biased beyond chance: " + ", ".join(f"{d.names[k]} by {d.mean[k]:+.3f}" for k in biased) + "\n")
     print(
-        "A bias comes from a wrong model or from noise on the joint states, which is in the regressor (errors in\n"
-        "variables); the predicted standard deviations know the wrenches' noise only and do not show it.\n"
+        "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
+        "regressor (errors in variables); its predicted standard deviations know the wrenches' noise only and do not\n"
+        f"show it. Those of the joint estimate know the angles' noise too.\n{plan.remark}\n"
     )
     return results
 
 
-def _results(found: Mapping[str, Distribution], draw: Draw) -> Results:
+def _distributions(
+    draw: Draw, done: Sequence[Outcome], joint_done: Sequence[Outcome], plan: Plan, args: argparse.Namespace
+) -> dict[str, Distribution]:
+    """Runs the trials, and the first of them once more for the joint estimate."""
+    joint_trials = min(args.trials, args.joint_trials)
+    if not args.resume:
+        joint_trials_kept(draw, args).set_aside()
+    left = max(args.trials - len(done), joint_trials - len(joint_done))
+    with worker_pool(max(1, min(args.workers, left)), args.scheduler, args.tls) as pool:
+        run = partial(run_trials, draw, executor=pool.executor, ahead=pool.ahead, threads=pool.threads)
+        outcomes = run(plan.analyse, args.trials, file=args.out / FILE, done=done)
+        found = {
+            model: Distribution(plan.names, outcomes[:, k, 0], outcomes[:, k, 1], np.array(errors))
+            for k, (model, errors) in enumerate(plan.published.items())
+        }
+        if joint_trials:
+            (file, what), published = (args.out / JOINT_FILE, "joint trials"), found[plan.joint_model].published
+            outcomes = run(plan.joint, joint_trials, file=file, done=joint_done, what=what)
+            joint = Distribution(plan.names, outcomes[:, 0, 0], outcomes[:, 0, 1], published)
+            found[plan.joint_model + JOINT] = joint
+    return found
+
+
+def _results(found: Mapping[str, Distribution], draw: Draw, remark: str) -> Results:
     """A table for each model, a chart and key numbers."""
     caption = (
         f"Errors over {max(len(d.errors) for d in found.values())} trials beside the predicted interval and the "
         f"paper's single run. Drawn anew: {REDRAWN[draw.redrawn]}."
+    )
+    caption += remark and f" {remark}"
+    caption += "".join(
+        f" Joint: {ESTIMATORS['joint']}; over the first {len(d.errors)} trials."
+        for model, d in found.items()
+        if model.endswith(JOINT)
     )
     return Results(
         tables={f"monte_carlo_{model}": table(model, d) for model, d in found.items()},
@@ -214,6 +228,8 @@ def _numbers(found: Mapping[str, Distribution]) -> dict[str, Any]:
     """Key numbers for scripts."""
     numbers: dict[str, Any] = {"trials": max(len(d.errors) for d in found.values())}
     for model, d in found.items():
+        if model.endswith(JOINT):
+            numbers["joint_trials"] = len(d.errors)
         columns = {
             "std_over_predicted": d.std / d.predicted_std,
             "coverage_95": d.coverage,

@@ -2,18 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 import scenes
 from experiments.cli.defaults import AZIMUTH_DEG, SCENE
 from experiments.studies import paper, trials
-from experiments.studies.fitting import Trial, fit, measured_poses
+from experiments.studies.fitting import JointTrial, Trial, fit, joint_fit, joint_fit_if_determined, measured_poses
 from ident.errors import InputError
 from ident.mechanism.axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.base_parameters import find_base_parameters, structural_base_parameters
 from ident.recordings.recording import Recording
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import tree_from_model
@@ -42,6 +43,16 @@ class Study:
     recovered: RecoveredAxes
     axis_error: np.ndarray
     rank_apart: int
+
+    @cached_property
+    def joint(self) -> dict[str, JointTrial]:
+        """Joint estimates of the simplified and of the full model on the simplified one's parameters."""
+        pendulum = design()
+        models = {"simplified": (pendulum.tree, self.simplified), "full": (self.recovered.tree, self.full_on_table)}
+        return {
+            name: joint_fit_if_determined(replace(pendulum, tree=tree), self.recording, model.base)
+            for name, (tree, model) in models.items()
+        }
 
 
 def study(
@@ -86,6 +97,14 @@ def trial(pendulum: Mechanism, recording: Recording) -> trials.Outcome:
     """Errors of both models from one recording, the axes always recovered as one direction."""
     _, simplified, full = _both_models(pendulum, recording, significance=0)
     return trials.outcome(simplified, full)
+
+
+def joint_trial(pendulum: Mechanism, recording: Recording) -> trials.Outcome:
+    """Errors of the full model's joint estimate from one recording, the axes always recovered as one direction."""
+    recovered = recover_axes(pendulum.tree, measured_poses(pendulum.tree, recording), significance=0)
+    full = replace(pendulum, tree=recovered.tree)
+    names = structural_base_parameters(pendulum).names
+    return trials.outcome(joint_fit(full, recording, structural_base_parameters(full, kept=names)))
 
 
 def _both_models(pendulum: Mechanism, recording: Recording, significance: float) -> tuple[RecoveredAxes, Trial, Trial]:

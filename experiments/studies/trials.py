@@ -13,15 +13,15 @@ import numpy as np
 
 import scenes
 from experiments.runs.checkpoint import Checkpoint
-from experiments.studies.fitting import Trial
+from experiments.studies.fitting import JointTrial, Trial
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 from ident.recordings.recording import Recording
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate_many, with_noise
 
-FILE = "trials.npz"
-"""File in the output folder that keeps every trial's outcome."""
+FILE, JOINT_FILE = "trials.npz", "trials_joint.npz"
+"""Files in the output folder that keep every trial's outcome, by least squares and by the joint estimate."""
 
 BATCH = 8
 """Most trials that a worker does at once: half a second's work if all noise is drawn anew."""
@@ -30,9 +30,9 @@ Outcome = np.ndarray
 """Errors and predicted standard deviations of every model's base parameters (models, 2, parameters)."""
 
 
-def outcome(*fits: Trial) -> Outcome:
+def outcome(*fits: Trial | JointTrial) -> Outcome:
     """What a trial keeps of its fits."""
-    return np.array([[fit.error, fit.estimate.std] for fit in fits])
+    return np.array([[fit.error, fit.std] for fit in fits])
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +99,7 @@ def run_trials(
     threads: int = 1,
     file: Path,
     done: Sequence[Outcome] = (),
+    what: str = "trials",
 ) -> np.ndarray:
     """Outcomes of all trials (trials, models, 2, parameters), the same with any executor.
 
@@ -112,6 +113,7 @@ def run_trials(
         threads: Number of threads in which each worker simulates.
         file: Where the trials done are kept.
         done: Outcomes of the first trials, from an interrupted run.
+        what: What the progress bar calls them.
 
     Raises:
         InputError: A trial failed.
@@ -123,7 +125,7 @@ def run_trials(
     batches = (left[k : k + size] for k in range(0, len(left), size))
     work = partial(_outcomes, draw, analyse, threads)
     with closing(in_order(executor, work, batches, ahead=ahead)) as found:
-        outcomes = _kept(draw, file).collect(found, trials, done)
+        outcomes = Checkpoint(what, file, draw.identity).collect(found, trials, done)
     return np.array(outcomes[:trials])
 
 
@@ -137,11 +139,18 @@ def trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
         return []
     if not args.trials:
         raise InputError("--resume needs --trials, the number of trials to reach.")
-    return _kept(draw, args.out / FILE).done()
+    return Checkpoint("trials", args.out / FILE, draw.identity).done()
 
 
-def _kept(draw: Draw, file: Path) -> Checkpoint:
-    return Checkpoint("trials", file, draw.identity)
+def joint_trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
+    """The same of the joint estimate's trials; none where the run was interrupted before them."""
+    kept = joint_trials_kept(draw, args)
+    return kept.done() if args.resume and kept.file.exists() else []
+
+
+def joint_trials_kept(draw: Draw, args: argparse.Namespace) -> Checkpoint:
+    """Where the joint estimate's trials are kept."""
+    return Checkpoint("joint trials", args.out / JOINT_FILE, draw.identity)
 
 
 def _outcomes(

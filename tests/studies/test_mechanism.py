@@ -7,6 +7,7 @@ import pytest
 from fuzz.cases import not_drawn
 from fuzz.here import Here
 from mechanisms import double_pendulum
+from truth import told
 
 from experiments.__main__ import main as everything
 from experiments.mechanism import main
@@ -15,7 +16,7 @@ from experiments.runs import workers
 from experiments.studies import mechanism, paper
 from ident.geometry.se3 import exp
 
-OPTIONS = ["--formats", "svg", "--trials", "4", "--redraw", "sensors"]
+OPTIONS = ["--formats", "svg", "--trials", "4", "--joint-trials", "2", "--redraw", "sensors"]
 STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts")
 
 
@@ -64,6 +65,7 @@ def out(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(figures, "save", not_drawn)
         patched.setattr(workers, "Processes", Here)
+        told(patched)
         assert everything([*OPTIONS, "--out", str(folder)]) == 0
     return folder
 
@@ -93,10 +95,13 @@ def test_everything_on_one_page(out):
     assert "scene_sha256" in page
     assert 'name="viewport"' in page and "@media print" in page and "prefers-color-scheme: dark" in page
     assert "<var>m</var><sub>2</sub><var>r</var><sub>z,2</sub>" in page and "m2rz2" not in page
-    assert "true, simplified" in page and "kg m². The entries" in page
+    for column in ("joint error, simplified", "joint error, full", "joint s.d.", "joint error ignoring all"):
+        assert f'<th scope="col">{column}</th>' in page
+    assert page.count("from joint angles and wrenches alone") > 6
+    assert "true, simplified" in page and "no offsets. The entries" in page
 
 
-@pytest.mark.usefixtures("undrawn", "here")
+@pytest.mark.usefixtures("undrawn", "no_joint", "here")
 def test_everything_resumes_what_was_interrupted(out, tmp_path):
     again = shutil.copytree(out, tmp_path / "results")
     (again / "multicontact" / "trials.npz").unlink()

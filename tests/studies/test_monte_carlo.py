@@ -12,7 +12,7 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import misaligned, multicontact
 from experiments.cli import defaults, options
-from experiments.output import figures
+from experiments.output import contacts_report, figures
 from experiments.runs.workers import worker_pool
 from experiments.studies import monte_carlo, trials
 from experiments.studies.contacts import problem, study, trial
@@ -88,9 +88,9 @@ def test_trials_of_another_run_are_not_resumed(tmp_path):
         resumed(draw(tmp_path, "--redraw", "sensors"), 0, tmp_path)
 
 
-@pytest.mark.usefixtures("undrawn", "here")
+@pytest.mark.usefixtures("undrawn", "no_joint", "here")
 def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
-    command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors"]
+    command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors", "--joint-trials", "0"]
     assert multicontact.main([*command, "--trials", "6"]) == 0
     before = (tmp_path / trials.FILE).read_bytes()
     assert multicontact.main([*command, "--trials", "2"]) == 0
@@ -172,28 +172,60 @@ def test_statistics():
     }
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "no_joint")
 @pytest.mark.parametrize("study_module", [misaligned, multicontact])
 def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, study_module):
-    options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--redraw", "sensors"]
+    options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--joint-trials", "2"]
+    options_ += ["--redraw", "sensors"]
     assert study_module.main(options_) == 0
-    models = {"misaligned": ("simplified", "full"), "multicontact": ("multicontact",)}[
-        study_module.__name__.rpartition(".")[2]
-    ]
+    models = {
+        "misaligned": ("simplified", "full", "full_joint"),
+        "multicontact": ("multicontact", "multicontact_joint"),
+    }[study_module.__name__.rpartition(".")[2]]
     for model in models:
         rows = list(csv.DictReader((tmp_path / f"monte_carlo_{model}.csv").read_text().splitlines()))
         assert len(rows) == 13
     assert (tmp_path / "figure_monte_carlo.png").exists()
     assert json.loads((tmp_path / "monte_carlo.json").read_text())["trials"] == 6
+    assert json.loads((tmp_path / "monte_carlo.json").read_text())["joint_trials"] == 2
+    assert "over 2 trials" in (tmp_path / f"monte_carlo_{models[-1]}.md").read_text()
     captured = capsys.readouterr()
-    assert "errors in\nvariables" in captured.out
-    assert "6/6" in captured.err
+    assert "(errors in variables)" in captured.out
+    assert "6/6" in captured.err and "2/2" in captured.err
     before = (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes()
     assert study_module.main([*options_, "--resume"]) == 0
     assert (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes() == before
 
 
-@pytest.mark.usefixtures("undrawn", "here")
+@pytest.mark.usefixtures("undrawn", "no_joint", "here")
+def test_joint_trials_are_resumed_as_well(tmp_path, monkeypatch):
+    # Least squares in place of the joint estimate: its trials then are the others' first.
+    monkeypatch.setattr(contacts_report, "joint_trial", trial)
+    command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors", "--trials", "20"]
+    work, calls = trials.in_order, []
+
+    def interrupted(*args, **more):
+        calls.append(args)
+        for k, outcomes in enumerate(work(*args, **more)):
+            if len(calls) == 2 and k == 5:
+                raise KeyboardInterrupt
+            yield outcomes
+
+    with monkeypatch.context() as patched:
+        patched.setattr(trials, "in_order", interrupted)
+        assert multicontact.main([*command, "--joint-trials", "15"]) == 130
+    assert not (tmp_path / "monte_carlo.json").exists()
+    assert multicontact.main([*command, "--joint-trials", "15", "--resume"]) == 0
+    with np.load(tmp_path / trials.JOINT_FILE) as data:
+        np.testing.assert_array_equal(data["outcomes"], kept(tmp_path)[:15])
+    # A run that ends before its joint trials does not leave those of the run before to be resumed.
+    assert multicontact.main([*command, "--seed", "1", "--joint-trials", "0"]) == 0
+    assert multicontact.main([*command, "--seed", "1", "--joint-trials", "3", "--resume"]) == 0
+    with np.load(tmp_path / trials.JOINT_FILE) as data:
+        np.testing.assert_array_equal(data["outcomes"], kept(tmp_path)[:3])
+
+
+@pytest.mark.usefixtures("undrawn", "no_joint", "here")
 def test_a_command_interrupted_before_any_trial_promises_nothing(tmp_path, capsys, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
@@ -209,17 +241,20 @@ def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
     names = ("m1", "m1rx1", "Ixx2")
     found = {
         name: monte_carlo.Distribution(names, rng.normal(size=(50, 3)), np.ones((50, 3)), np.zeros(3))
-        for name in ("simplified", "full")
+        for name in ("simplified", "full", "full_joint")
     }
     figure = monte_carlo.chart(found)
-    assert [ax.get_title() for ax in figure.axes] == ["simplified", "full"]
+    assert [ax.get_title() for ax in figure.axes] == ["simplified", "full", "full, joint"]
+    for ax, d in zip(figure.axes, found.values(), strict=True):
+        low, high = ax.get_xlim()
+        assert low < d.interval.min() and d.interval.max() < high
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["$m_{1}$", "$m_{1}r_{x,1}$", "$I_{xx,2}$"]
     figures.save(figure, tmp_path, "chart", ["png"])
     assert (tmp_path / "chart.png").stat().st_size > 10_000
 
 
 def test_options_are_shared():
-    for name in ("--trials", "--workers", "--scheduler", "--redraw", "--resume"):
+    for name in ("--trials", "--joint-trials", "--workers", "--scheduler", "--redraw", "--resume"):
         assert name in options.study_parser("any", "").format_help()
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import refusal
+from truth import told
 
 import scenes
 from experiments import multicontact
@@ -32,8 +33,11 @@ def result(contact):
 @pytest.fixture(scope="module")
 def results(contact, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
-    # In any order: what is recorded is the scene's.
-    assert multicontact.main(["--out", str(folder), "--contact", *reversed(contact.split()), "--formats", "png"]) == 0
+    with pytest.MonkeyPatch.context() as patched:
+        told(patched)
+        # In any order: what is recorded is the scene's.
+        command = ["--out", str(folder), "--contact", *reversed(contact.split()), "--formats", "png"]
+        assert multicontact.main(command) == 0
     return folder
 
 
@@ -107,7 +111,16 @@ def test_command_line_writes_everything(results, contact, result):
     expected = {*tables, *charts, "summary.json", "provenance.json"}
     assert {file.name for file in results.iterdir()} == expected
     rows = list(csv.DictReader((results / "table_4.csv").read_text().splitlines()))
-    assert list(rows[0]) == ["parameter", "true_paper", "true_scene", "error", "paper_error"]
+    assert list(rows[0]) == [
+        "parameter",
+        "true_paper",
+        "true_scene",
+        "error",
+        "paper_error",
+        "joint_error",
+        "joint_std",
+    ]
+    assert f"joint_error_ignoring{'_all' * result.several}" in (results / "table_4_ignoring.csv").read_text()
     np.testing.assert_array_equal([float(row["error"]) for row in rows], result.fit.error)
     assert "Ixx3*" in (results / "table_4.md").read_text()
     assert "parallel-axis terms" in (results / "table_4.md").read_text()
@@ -131,6 +144,23 @@ def test_command_line_writes_everything(results, contact, result):
     assert json.loads((results / "provenance.json").read_text())["options"]["contact"] == contact
 
 
+@pytest.mark.parametrize("contact", ["handle"], indirect=True)
+def test_the_joint_estimate_takes_contacts_too(result):
+    k = result.fit.base.names.index("Ixx2")
+    assert abs(result.joint.error[k]) < 4 * result.joint.std[k]
+    assert abs(result.joint.error[k]) < abs(result.fit.error[k])
+    assert abs(result.joint.error / result.joint.std).max() < 4
+    rows = contacts_report.table_4(result).rows
+    np.testing.assert_array_equal([row[-2:] for row in rows], np.transpose([result.joint.error, result.joint.std]))
+    assert abs(result.joint_ignoring.error).max() > 10
+
+
+@pytest.mark.parametrize("contact", ["pad"], indirect=True)
+def test_the_joint_estimate_follows_accelerations_that_jump_with_denser_knots(result):
+    assert abs(result.joint.error / result.joint.std).max() < 4
+
+
+@pytest.mark.usefixtures("no_joint")
 @pytest.mark.parametrize("contact", ["pad handle"], indirect=True)
 def test_the_same_seed_gives_the_same_bytes(results, contact, tmp_path):
     assert multicontact.main(["--out", str(tmp_path), "--contact", *contact.split(), "--formats", "png"]) == 0
@@ -183,6 +213,7 @@ def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result
             assert all(together[(recording.time >= e.x0) & (recording.time <= e.x1)].all() for e in edges)
 
 
+@pytest.mark.usefixtures("no_joint")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

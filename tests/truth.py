@@ -1,0 +1,18 @@
+"""The truth in place of joint estimates, which take most of a study's time, for tests that are not about them."""
+
+import numpy as np
+
+from experiments.studies import contacts, tilted_axes
+from experiments.studies.fitting import JointTrial
+
+
+def truth(mechanism, recording, base):
+    psi = base.regroup(mechanism.known)
+    return JointTrial(psi, np.ones_like(psi), psi)
+
+
+def told(patched):
+    """Tells the studies the truth while a monkeypatch lasts."""
+    for module in (contacts, tilted_axes):
+        for name in ("joint_fit", "joint_fit_if_determined"):
+            patched.setattr(module, name, truth)
