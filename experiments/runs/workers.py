@@ -97,7 +97,9 @@ class Processes(ThreadPoolExecutor):
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """As every executor; `BrokenExecutor` is the result when the process died."""
-        return super().submit(self._sent, (function, args, kwargs))
+        # A request to end in the middle of this would leave a lock of the threads' closed for good.
+        with held_back():
+            return super().submit(self._sent, (function, args, kwargs))
 
     def kill(self) -> None:
         """Ends the processes in the middle of their work."""
