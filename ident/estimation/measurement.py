@@ -17,7 +17,7 @@ from ident.estimation import loads
 from ident.estimation.equations import Equations
 from ident.estimation.setup import SetupParameter
 from ident.geometry.quaternion import small_rotation, turning
-from ident.geometry.se3 import coAd, inverse, pose
+from ident.geometry.se3 import coAd, hat, inverse, pose
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form
@@ -194,7 +194,7 @@ class Measurement:
             if body.joint and self.of_kind("axis", body.joint):
                 v, w = body.twist[:3], body.twist[3:]
                 axis = small_rotation(self._vector("axis", body.joint, theta)) @ w
-                bodies[i] = replace(body, twist=np.concatenate([np.cross(np.cross(w, v), axis) + (v @ w) * axis, axis]))
+                bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
         return Tree(tuple(bodies))
 
     def _root(
