@@ -54,16 +54,19 @@ def _places(
     """Pieces of a recording at its common times, and the trajectories of its streams that run through them."""
     measurement, whole = estimate.measurement, slice(0, len(prepared.samples))
     parts = [whole] if part is None else [slice(0, part.start), slice(part.stop, whole.stop)]
-    parts = [own for own in parts if own.stop - own.start > 1]
-    pieces = [piece for own in parts for piece in cut(prepared, measurement, own, estimate.step)]
+    asked = [(own, 1) for own in parts if own.stop - own.start > 1]
+
+    def pieces_of(recording: Prepared) -> list[Piece]:
+        return [p for own, least in asked for p in cut(recording, measurement, own, estimate.step, least=least)]
+
+    pieces = pieces_of(prepared)
     smooth = smoothed(pieces, estimate.fit.noise).coefficients if pieces else []
     trajectories = [(piece.spline, c) for piece, c in zip(pieces, smooth, strict=True)]
     if which is not None and part is not None:
-        parts.append(part)
+        asked.append((part, 2))
         trajectories += [(piece.spline, c) for piece, c in estimate.places_of(which)]
-    common = replace(prepared, recording=prepared.recording.without_streams)
-    pieces = [piece for own in parts for piece in cut(common, measurement, own, estimate.step)]
-    places = [(piece, *trajectory) for piece, trajectory in zip(pieces, trajectories, strict=True)]
+    common = pieces_of(replace(prepared, recording=prepared.recording.without_streams))
+    places = [(piece, *trajectory) for piece, trajectory in zip(common, trajectories, strict=True)]
     return sorted(places, key=lambda place: place[0].time[0])
 
 

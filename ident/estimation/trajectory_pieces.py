@@ -59,7 +59,7 @@ def _positions_and_quaternions(poses: np.ndarray) -> np.ndarray:
     return out
 
 
-def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float) -> list[Piece]:
+def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, *, least: int = 2) -> list[Piece]:
     """A part of a recording as two pieces or more, so that halves can be compared; streams at times of their own.
 
     Args:
@@ -67,6 +67,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float) 
         measurement: Its channels.
         part: Which of the samples at common times, from whose first to whose last one it is.
         step: Largest distance of the knots, s.
+        least: How many pieces at least; at a cut accelerations follow from one side alone.
 
     Raises:
         InputError: In one of the pieces a coordinate has hardly any samples.
@@ -75,7 +76,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float) 
     states, time = coordinates(recording, prepared.mechanism.tree.joints), recording.time
     channels, wrenches = _channels(prepared, measurement)
     first, last = part.start, part.stop
-    number = max(2, int(np.ceil(max((time[last - 1] - time[first]) / LONGEST, (last - first) / MOST))))
+    number = max(least, int(np.ceil(max((time[last - 1] - time[first]) / LONGEST, (last - first) / MOST))))
     borders = np.linspace(first, last, number + 1).round().astype(int)
     ends = np.append(time, np.nextafter(time[-1], np.inf))
     pieces = []
