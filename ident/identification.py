@@ -20,7 +20,7 @@ from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, prepared
 from ident.estimation.robust import robust_fit, separable
 from ident.estimation.samples import Samples
-from ident.judgement.checks import gross_checks
+from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, without
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import joined
@@ -207,7 +207,7 @@ def _joint(
         raise poor
     known = prior if wanted or poor else None
     with_offsets = separable(equations.with_offsets(range(len(equations.channels))), samples)
-    suspicious = any(check.suspicious for log, _ in divided.fitted for check in gross_checks(log))
+    suspicious = any(_grossly_wrong(log) for log, _ in divided.fitted)
     columns = with_offsets if offsets else equations
     estimate = partial(joint_estimate, divided.fitted, columns, search=not suspicious, **options)
     joint = _known_enough(estimate, known, prior if wanted is None else known)
@@ -230,6 +230,12 @@ def _joint(
         disagreement=rms,
         widening=widening,
     )
+
+
+def _grossly_wrong(log: Prepared) -> bool:
+    """Whether a wrench is so wrong that a search for small faults of the set-up makes no sense."""
+    frames, base = wrench_checks(log)
+    return any(check.suspicious for check in frames.values()) or (base is not None and base.suspicious)
 
 
 def _known_enough(

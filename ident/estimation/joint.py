@@ -72,7 +72,6 @@ class JointFit:
     """Trajectory, parameters and noise.
 
     Attributes:
-        measurement: What was fitted.
         names: Names of θ.
         selections: Which entries of θ each piece has.
         prior: What was known of θ beforehand.
@@ -86,7 +85,6 @@ class JointFit:
         status: `converged`, `stopped` after so many rounds, `stuck` where no step lowers the cost, or `interrupted`.
     """
 
-    measurement: Predictor
     names: Sequence[str]
     selections: Sequence[np.ndarray]
     prior: Prior
@@ -209,7 +207,6 @@ def fit(
         status = "interrupted"
     shares = [(part.schur, part.gradient) for part in parts]
     return JointFit(
-        measurement,
         problem.names,
         problem.selections,
         prior,

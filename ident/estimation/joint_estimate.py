@@ -55,18 +55,6 @@ class Joint:
         return self.search.fit
 
     @cached_property
-    def linear(self) -> int:
-        """Number of parameters that are not of the set-up, from the first on."""
-        return len(self.measurement.equations.names)
-
-    @property
-    def setup(self) -> dict[str, tuple[float, float]]:
-        """Set-up parameters that were found, with their standard deviations."""
-        std = np.sqrt(np.diag(self.fit.covariance))
-        found = [d.index for d in self.search.deviations]
-        return {self.fit.names[k]: (float(self.fit.theta[k]), float(std[k])) for k in found}
-
-    @cached_property
     def is_setup(self) -> np.ndarray:
         """Which parameters are of the set-up (p,)."""
         return _is_setup(self.measurement, self.fit.names)

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError, LogError
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.robust import separable
 from ident.estimation.samples import Samples
+from ident.geometry.quaternion import continuous_quaternions
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
@@ -165,11 +165,7 @@ def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> 
         rate: Samples per second.
         cutoff: Cut-off of the low-pass, Hz; without it `chosen_cutoff` of the positions and quaternions.
     """
-    quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True)
-    # Of the two quaternions of each rotation the one near the sample's before.
-    flips = np.cumprod(np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1)))
-    quaternion[1:] *= flips[:, None]
-    x = np.hstack([T[:, :3, 3], quaternion])
+    x = np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
     x, dx, ddx = smoothed(x, rate, cutoff or chosen_cutoff(x, rate))
     size = np.linalg.norm(x[:, 3:], axis=1, keepdims=True)
     turns, rates, accelerations = (part[:, 3:] / size for part in (x, dx, ddx))

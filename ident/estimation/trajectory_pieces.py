@@ -4,13 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.piece import Piece
 from ident.estimation.preparation import Prepared
 from ident.estimation.spline import ORDER, Spline
+from ident.geometry.quaternion import continuous_quaternions
 from ident.recordings.recording import Recording
 from ident.recordings.sampled import Sampled, between_samples, interpolated, side_by_side
 from ident.recordings.smoothing import chosen_cutoff
@@ -51,11 +51,8 @@ def coordinates(recording: Recording, joints: tuple[str, ...]) -> Sampled:
 def _positions_and_quaternions(poses: np.ndarray) -> np.ndarray:
     """Of poses (N, 4, 4), quaternions without jumps of sign; NaN where a pose is missing (N, 7)."""
     there = np.isfinite(poses).all(axis=(1, 2))
-    quaternion = Rotation.from_matrix(poses[there, :3, :3]).as_quat(scalar_first=True)
-    flips = np.cumprod(np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1)))
-    quaternion[1:] *= flips[:, None]
     out = np.full((len(poses), 7), np.nan)
-    out[there] = np.hstack([poses[there, :3, 3], quaternion])
+    out[there] = np.hstack([poses[there, :3, 3], continuous_quaternions(poses[there, :3, :3])])
     return out
 
 

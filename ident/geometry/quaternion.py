@@ -1,6 +1,7 @@
 """Rotations by small vectors, and angular rates of quaternions, for numbers and for signals of a tape."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.geometry.se3 import rotation
 
@@ -8,6 +9,14 @@ from ident.geometry.se3 import rotation
 def small_rotation(vector: np.ndarray) -> np.ndarray:
     """A rotation by a rotation vector, to third order (3, 3); exactly one where the vector is zero."""
     return rotation(np.concatenate([[1.0], vector / 2]))
+
+
+def continuous_quaternions(rotations: np.ndarray) -> np.ndarray:
+    """Quaternions `w, x, y, z` of rotations (N, 3, 3), of the two of each the one near the sample's before (N, 4)."""
+    quaternion = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
+    flips = np.cumprod(np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1)))
+    quaternion[1:] *= flips[:, None]
+    return quaternion
 
 
 def turning(quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -76,7 +76,7 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
             return None
 
     weight = attempt("The weight", lambda: _weight(prepared, residual, part))
-    frames, base = frame_checks(prepared), base_check(prepared)
+    frames, base = wrench_checks(prepared)
     contact = attempt("A contact left out", lambda: _contact(prepared, residual, part))
     return Checks(weight, frames, base, contact, tuple(unchecked))
 
@@ -103,14 +103,26 @@ def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
     return Weight(float(along.mean()), mechanism.mass, float(slope * len(beyond)))
 
 
-def frame_checks(prepared: Prepared) -> dict[str, FrameCheck]:
-    """Sign and axes of each wrench against what the model's own φ predicts, the other wrenches given."""
+def wrench_checks(prepared: Prepared) -> tuple[dict[str, FrameCheck], BaseCheck | None]:
+    """What is grossly wrong with wrenches, against what the model's own φ predicts.
+
+    Returns:
+        Sign and axes of each wrench by its name, the other wrenches given; and whether the ground's looks as if it were
+        measured in the frame of another resting body, None where there is no choice.
+    """
     if not np.isfinite(prepared.wrench).any():
-        return {}
+        return {}, None
     mechanism, motion = prepared.mechanism, prepared.samples.motion
     by_name = predicted_channels(mechanism, motion, prepared.frame)
     predicted = np.stack([by_name[c] for c in COMPONENTS], axis=1)
-    poses = mechanism.tree.poses(motion.q)
+    base = None
+    if GROUND in prepared.recording.wrenches:
+        base = diagnosis.check_base(mechanism.tree, motion.q[0], prepared.frame, prepared.wrench, predicted)
+    return _frames(prepared, predicted), base
+
+
+def _frames(prepared: Prepared, predicted: np.ndarray) -> dict[str, FrameCheck]:
+    poses, names = prepared.mechanism.tree.poses(prepared.samples.motion.q), prepared.mechanism.tree.names
     checks = {}
     for name in prepared.recording.wrenches:
         wrench = prepared.recording.wrench(name)
@@ -119,29 +131,13 @@ def frame_checks(prepared: Prepared) -> dict[str, FrameCheck]:
             missing = predicted - np.nan_to_num(others)
             checks[name] = diagnosis.check_frame(wrench.on_mechanism, missing, wrench.pose[:3, :3])
             continue
-        pose = poses[:, mechanism.tree.names.index(str(wrench.body))] @ wrench.pose
+        pose = poses[:, names.index(str(wrench.body))] @ wrench.pose
         in_frame = coAd(inverse(prepared.frame)) @ coAd(pose)
         others = prepared.wrench - (in_frame @ wrench.on_mechanism[..., None])[..., 0]
         if np.isfinite(others).all():
             missing = (np.linalg.inv(in_frame) @ (predicted - others)[..., None])[..., 0]
             checks[name] = diagnosis.check_frame(wrench.on_mechanism, missing, wrench.pose[:3, :3])
     return checks
-
-
-def gross_checks(prepared: Prepared) -> list[FrameCheck | BaseCheck]:
-    """Checks of what is grossly wrong with a wrench, where no search for small faults of the set-up makes sense."""
-    base = base_check(prepared)
-    return [*frame_checks(prepared).values(), *([base] if base else [])]
-
-
-def base_check(prepared: Prepared) -> BaseCheck | None:
-    """Whether the ground's wrench looks as if it were measured in the frame of another resting body."""
-    if GROUND not in prepared.recording.wrenches or not np.isfinite(prepared.wrench).any():
-        return None
-    motion, mechanism = prepared.samples.motion, prepared.mechanism
-    by_name = predicted_channels(mechanism, motion, prepared.frame)
-    predicted = np.stack([by_name[c] for c in COMPONENTS], axis=1)
-    return diagnosis.check_base(mechanism.tree, motion.q[0], prepared.frame, prepared.wrench, predicted)
 
 
 def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCheck | None:

@@ -15,17 +15,12 @@ DISAGREE = 2.0
 """Root mean square z of the differences between halves from which standard deviations are too small."""
 
 
-def disagreement(joint: Joint, *, setup: bool = False) -> float | None:
+def disagreement(joint: Joint) -> float | None:
     """Root mean square z of the base parameters' differences between two halves, of the recordings if there are more.
 
     Each half is taken with half of what is known beforehand. None if a half does not determine what it is fitted to.
-
-    Args:
-        joint: The joint estimate.
-        setup: Whether each half has a set-up of its own.
     """
     fit, counts = joint.fit, joint.counts
-    fitted = fit.free | joint.is_setup if setup else fit.free
     pieces = len(fit.shares)
     first = sum(counts[: len(counts) // 2]) if len(counts) > 1 else pieces // 2
     rank = joint.measurement.equations.parameters.rank
@@ -34,7 +29,7 @@ def disagreement(joint: Joint, *, setup: bool = False) -> float | None:
         precision = sum((schur for schur, _ in part), start=fit.prior.precision / 2)
         right = sum((g for _, g in part), start=-fit.prior.precision @ (fit.theta - fit.prior.mean) / 2)
         # What only the other half has, as an offset of its own, is not fitted.
-        free = fitted & (np.diag(precision) > 0)
+        free = fit.free & (np.diag(precision) > 0)
         try:
             covariance = inverse_of_precision(precision[np.ix_(free, free)])
         except ExcitationError:

@@ -60,7 +60,7 @@ def setup_findings(joint: Joint) -> list[SetupFinding]:
 def sentence(each: SetupParameter, value: float, std: float, where: str = "") -> str:
     """What a set-up parameter says; the estimate includes it."""
     of, axis = each.of, "" if each.axis is None else "xyz"[each.axis]
-    size = f"{_with_std(abs(value), std, each)}"
+    size = _with_std(abs(value), std, each)
     along = f"{'+' if value > 0 else '-'}{axis}"
     kinds = {
         "delay": f"The wrench '{of}' is {size} {'late' if value > 0 else 'early'}",

@@ -28,7 +28,8 @@ below it, are zero but for rounding."""
 
 COEFFICIENTS = 1e5, 1e3
 """Largest coefficients between unit-norm columns. With the first no column is lost to rounding; where the first
-independent columns need larger ones, as along chains of many joints in general position, the second."""
+independent columns need larger ones, as along chains of many joints in general position, or times the rounding of the
+dependencies they would be wrong, the second."""
 
 NEGLIGIBLE = 1e-11
 """Parts of a unit column that a regrouping may leave out."""
@@ -177,7 +178,7 @@ def _of_regressor(
     s = np.linalg.svd(unit, compute_uv=False)
     rank = _rank(s)
     gap = (float(s[rank - 1]) if rank else 0.0, float(s[rank]) if rank < len(s) else 0.0)
-    chosen, passed = _first_independent(unit, rank)
+    chosen, passed = _first_independent(unit, rank, gap[1])
     if kept is not None:
         chosen, passed = _basis(kept, names, unit, chosen), []
     others = [k for k in range(len(names)) if k not in chosen]
@@ -253,16 +254,22 @@ def _rank(singular_values: np.ndarray) -> int:
     return int(np.sum(singular_values > DEPENDENT * singular_values.max(initial=0)))
 
 
-def _first_independent(unit: np.ndarray, rank: int) -> tuple[list[int], list[int]]:
+def _first_independent(unit: np.ndarray, rank: int, rounding: float) -> tuple[list[int], list[int]]:
     """Indices of the first `rank` independent ones of unit (or zero) columns, left to right, and of those passed over.
 
     The columns that a pivoted QR takes are exchanged, each for the first that can be: column j for a kept one further
     right that it is made of. Without a bound on the coefficients this ends at the first independent columns.
+
+    Args:
+        unit: The columns (…, P).
+        rank: Their rank r.
+        rounding: Largest singular value that is zero but for rounding.
     """
     triangle, order = linalg.qr(unit, mode="r", pivoting=True)
     made = np.empty((rank, len(order)))
     made[:, order] = linalg.solve_triangular(triangle[:rank, :rank], triangle[:rank])
-    for largest in COEFFICIENTS:
+    bounds = COEFFICIENTS if COEFFICIENTS[0] * rounding < WRONG else COEFFICIENTS[1:]
+    for largest in bounds:
         kept, passed = _exchanged(order[:rank], made, largest)
         if not passed:
             break

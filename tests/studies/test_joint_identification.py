@@ -167,8 +167,13 @@ def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_know
     masses = estimate.consistent().phi[::10] / PENDULUM.known[::10]
     assert (masses > 0.5).all() and (masses < 2).all()
     assert np.abs(estimate.moved_from_prior).max() > 0.3
-    without = ident.identify(mechanism, recording, known=False)
-    assert without.std.max() > 100 and not without.joint.known
+    # What moves next to nothing is left open by far, or by so much that rounding decides: then it is refused.
+    try:
+        without = ident.identify(mechanism, recording, known=False)
+    except ident.ExcitationError as error:
+        assert "does not determine all parameters" in str(error)
+    else:
+        assert without.std.max() > 100 and not without.joint.known
 
 
 def test_an_interrupt_leaves_the_last_iterate():
