@@ -26,7 +26,8 @@ def run(args: argparse.Namespace) -> None:
     read |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
     read |= {"limit": options.size_limit(args)}
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
-    fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own), "known": PRIOR[args.prior]}
+    fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
+    fitting |= {"known": PRIOR[args.prior], "physical": args.physical}
     result = identified(logs, estimator=args.estimator, judges=judges, report=_progress, **fitting)
     given = {key: _text(value) for key, value in vars(args).items()}
     with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=_inputs(args)) as folder:
@@ -101,6 +102,9 @@ def parser() -> argparse.ArgumentParser:
         choices=PRIOR,
         default="auto",
         help="whether the model's bodies, give or take, count as known beforehand; auto: where the motion is too poor",
+    )
+    out.add_argument(
+        "--physical", action="store_true", help="fit physical bodies, as close to the model's as the logs let them be"
     )
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
     return out

@@ -166,7 +166,8 @@ class Estimate:
     @cached_property
     def residual(self) -> np.ndarray:
         """Measured minus predicted channels of the fitted parts (N, C)."""
-        return np.concatenate([self.fit.residual(prepared.samples[part]) for prepared, part in self.logs])
+        samples = (prepared.samples[prepared.taken(part)] for prepared, part in self.logs)
+        return np.concatenate([self.fit.residual(each) for each in samples])
 
     @cached_property
     def model_error(self) -> np.ndarray:
@@ -181,7 +182,7 @@ class Estimate:
     @property
     def correlation(self) -> np.ndarray:
         """Correlation time of each channel's residual in the first recording, s (C,)."""
-        residual = self.fit.residual(self.prepared.samples[self.part])
+        residual = self.fit.residual(self.prepared.samples[self.prepared.taken(self.part)])
         return correlation_time(residual, self.prepared.recording.rate)
 
     def predict(self, motion: Motion) -> np.ndarray:

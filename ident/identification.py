@@ -22,6 +22,7 @@ from ident.estimation.robust import robust_fit, separable
 from ident.estimation.samples import Samples
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, without
+from ident.judgement.unmeasured import without_unmeasured
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import joined
 from ident.parameters.prior import KNOWN, known_covariance
@@ -59,6 +60,7 @@ def identify(
     own: Sequence[str] = (),
     setup: Mapping[str, float] | None = None,
     known: Mapping[str, float] | bool | None = None,
+    physical: bool = False,
 ) -> Estimate:
     """Base parameters of a mechanism from recordings, judged on what was not fitted.
 
@@ -66,7 +68,8 @@ def identify(
         mechanism: The mechanism, with a prior, as `sim.mechanism` reads it.
         recording: Joint states and wrenches, as `read_log` reads them or `sim.simulate` makes them: one recording, or
             several that share their parameters.
-        estimator: As for `identified`, also `offsets`, `holdout`, `own`, `setup` and `known`.
+        estimator: As for `identified`, also `offsets`, `holdout`, `own`, `setup`, `known` and
+            `physical`.
         cutoff: Of least squares the cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities
             and accelerations. The joint estimate has none, and takes joint coordinates alone.
         drive: Columns of friction and rotor inertia for joint torques: `viscous`, `coulomb`, `rotor`, `stribeck`.
@@ -82,8 +85,17 @@ def identify(
         [prepared(mechanism, each, cutoff=cutoff, drive=drive) for each in ([x] if isinstance(x, Recording) else x)]
         for x in (recording, held_out)
     )
-    options = {"offsets": offsets, "holdout": holdout, "own": own, "setup": setup, "known": known}
-    return identified(logs, estimator=estimator, judges=judges, **options)  # type: ignore[arg-type]
+    return identified(
+        logs,
+        estimator=estimator,
+        offsets=offsets,
+        holdout=holdout,
+        judges=judges,
+        own=own,
+        setup=setup,
+        known=known,
+        physical=physical,
+    )
 
 
 def identified(
@@ -96,6 +108,7 @@ def identified(
     own: Sequence[str] = (),
     setup: Mapping[str, float] | None = None,
     known: Mapping[str, float] | bool | None = None,
+    physical: bool = False,
     executor: Executor | None = None,
     report: Report | None = None,
 ) -> Estimate:
@@ -115,6 +128,8 @@ def identified(
             recording says.
         known: For the joint estimate, how well φ of the model is known, as for `known_deviations`: True for the
             default, False for not at all, None for the default where the motion does not separate all parameters.
+        physical: Whether the joint estimate's bodies have to be physical, as close to the model's as the recordings
+            let them be; by default they are made so afterwards, for `Estimate.consistent` alone.
         executor: Where the joint estimate works on its pieces.
         report: Called with every round of the joint estimate, and its step in standard deviations.
 
@@ -127,16 +142,20 @@ def identified(
     logs = [logs] if isinstance(logs, Prepared) else list(logs)
     if not logs:
         raise InputError("An identification needs at least one recording, got none.")
+    logs, judges = ([without_unmeasured(log) for log in several] for several in (logs, judges))
     if estimator != "joint":
         if own:
             raise InputError(f"Only the joint estimate gives recordings {' and '.join(own)} of their own.")
+        if physical:
+            raise InputError("Only the joint estimate can be held to physical bodies.")
         return _least_squares(_divided(logs, holdout, judges), estimator == "weighted", offsets)
     # Nothing is filtered, therefore nothing has to settle.
     logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
     divided = _divided(logs, 0.0 if len(logs) > 2 and not judges else holdout, judges)
     told = logs[0].recording
     prior = {**KNOWN, **told.known, **(known if isinstance(known, Mapping) else {})}
-    options = {"own": own, "setup": {**told.setup, **(setup or {})}, "executor": executor, "report": report}
+    stated = {**told.setup, **(setup or {})}
+    options = {"own": own, "setup": stated, "physical": physical, "executor": executor, "report": report}
     return _joint(divided, offsets, prior, None if known is None else bool(known), **options)
 
 
@@ -162,7 +181,7 @@ class _Divided:
     @property
     def samples(self) -> Samples:
         """All samples to fit."""
-        return _joined([log.samples[part] for log, part in self.fitted])
+        return _joined([log.samples[log.taken(part)] for log, part in self.fitted])
 
     def with_logs(self, logs: Sequence[Prepared], judges: Sequence[Prepared]) -> "_Divided":
         """The same parts of other versions of the recordings."""
@@ -173,10 +192,10 @@ class _Divided:
 
     def held_out(self, fits: Sequence[Fit]) -> HeldOut:
         """What fits leave of the samples to judge by, one for all recordings or one for each."""
-        samples = [log.samples[part] for log, part in self.judged]
+        samples = [log.samples[log.taken(part)] for log, part in self.judged]
         each = list(fits) * len(samples) if len(fits) == 1 else fits
         residual = np.concatenate([fit.residual(x) for fit, x in zip(each, samples, strict=True)])
-        time = np.concatenate([log.recording.time[part] for log, part in self.judged])
+        time = np.concatenate([log.recording.time[log.taken(part)] for log, part in self.judged])
         return HeldOut(time, _joined(samples), fits[0], residual)
 
 
@@ -312,7 +331,8 @@ def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared
                     "where the filter settles, nothing remains."
                 )
     needed = len(first.names) + len(first.channels)
-    rows, judged = (sum(part.stop - part.start for part in parts) for parts in (whole, ends))
+    rows = sum(len(log.taken(part)) for log, part in zip(logs, whole, strict=True))
+    judged = sum(len(log.taken(part)) for log, part in zip(judges or logs, ends, strict=True))
     if rows < needed or judged < LEAST_HELD_OUT:
         raise InputError(
             f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
@@ -330,8 +350,11 @@ def _split(log: Prepared, holdout: float) -> tuple[slice, slice]:
             f"A cut-off of {log.cutoff:g} Hz settles in {edge} samples at either end, more than half of the "
             f"{samples} recorded; take a higher one."
         )
-    split = round((1 - holdout) * samples) if holdout else samples - edge
-    return slice(edge, split), slice(split if holdout else edge, samples - edge)
+    if not holdout:
+        return slice(edge, samples - edge), slice(edge, samples - edge)
+    usable = log.taken(slice(0, samples))
+    split = int(usable[round((1 - holdout) * len(usable))])
+    return slice(edge, split), slice(split, samples - edge)
 
 
 def _settled(log: Prepared, part: slice) -> slice:

@@ -20,6 +20,25 @@ def angles_and_wrench(time, q, wrench, **told):
     return ident.Recording(time, channels | {"ground_force": wrench[:, :3], "ground_torque": wrench[:, 3:]}, **told)
 
 
+def leaning(spans, force, body="link2", point=(0, 0, 0.1), **told):
+    """A recording while a body leans on something that is not measured, which pushes with a force in the base's axes.
+
+    Args:
+        spans: First and last times, s; the force grows and fades within 60 ms.
+        force: Force, N (3,).
+        body: Which body.
+        point: Where, in the body's frame, m (3,).
+        told: As for `faulty`.
+    """
+    recording = faulty(**told)
+    t, q = recording.time, recording.of_joints(JOINTS, "position")
+    share = sum(np.clip(np.minimum(t - first, last - t) / 0.06, 0, 1) for first, last in spans)
+    pose = PENDULUM.tree.poses(q)[:, PENDULUM.tree.names.index(body)]
+    at = pose[:, :3, 3] + pose[:, :3, :3] @ np.array(point)
+    carried = share[:, None] * np.hstack([np.broadcast_to(force, at.shape), np.cross(at, force)])
+    return angles_and_wrench(t, q, wrench_of(recording) - carried)
+
+
 def faulty(seed=0, *, delay=0.0, fast=0.0, origin=(0, 0, 0), turn=(0, 0, 0), gains=(1,) * 6, zero=(0, 0), gravity=0.0):
     """A recording of 943 samples at 100 Hz with the scene's noise.
 

@@ -12,6 +12,7 @@ from ident.estimation import joint
 from ident.estimation.equations import Equations
 from ident.estimation.joint import JointFit, Prior, Report, Start
 from ident.estimation.measurement import Measurement
+from ident.estimation.physical import physical_fit
 from ident.estimation.piece import Piece
 from ident.estimation.preparation import Prepared
 from ident.estimation.setup import setup_parameters
@@ -66,7 +67,7 @@ class Joint:
         To the covariance with all of the set-up fitted belongs how far that would move the parameters: it was not.
         """
         whole = self.fit.covariance_with(self.is_setup)
-        moves = whole @ self.fit.gradient
+        moves = whole @ np.where(self.is_setup, self.fit.gradient, 0)
         return whole - self.fit.covariance + np.outer(moves, moves)
 
     def as_stated(self) -> "Joint":
@@ -101,6 +102,7 @@ def joint_estimate(
     known: Mapping[str, float] | None = None,
     own: Sequence[str] = (),
     search: bool = True,
+    physical: bool = False,
     knots: float | None = None,
     executor: Executor | None = None,
     report: Report | None = None,
@@ -114,6 +116,7 @@ def joint_estimate(
         known: How well φ of the model is known, as for `known_deviations`; None for not at all.
         own: What each recording has for itself, out of `OWN`.
         search: Whether to look for what of the set-up is not as stated.
+        physical: Whether the bodies have to be physical.
         knots: Distance of the trajectory's knots, s, by default what the motion asks for.
         executor: Where pieces are worked on, by default here.
         report: Called with every round and its step in standard deviations.
@@ -143,6 +146,8 @@ def joint_estimate(
         refit = partial(_with_positive_drives, solve, equations)
         fit = refit(_start(measurement, pieces, prior, selections, ~is_setup), ~is_setup, joint.ROUNDS)
         found = searched(fit, refit, is_setup, _groups(measurement, names)) if search else Search(fit, (), False)
+        if physical:
+            found = replace(found, fit=physical_fit(found.fit, refit, equations, joint.ROUNDS))
         return Joint(measurement, found, tuple(len(own_pieces) for own_pieces in cuts), step, known is not None)
 
     if knots:

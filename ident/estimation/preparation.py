@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,20 @@ from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.wrench import GROUND, total_wrench
 
 
+class LeftOut(NamedTuple):
+    """A span of a recording whose samples are not to be used.
+
+    Attributes:
+        start: Time of the first, s.
+        end: Time of the last, s.
+        why: A sentence on it.
+    """
+
+    start: float
+    end: float
+    why: str
+
+
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A recording ready to be fitted.
@@ -41,6 +55,7 @@ class Prepared:
         cutoff: Cut-off of the low-pass, Hz; None where the recording's own derivatives were taken.
         notes: What was detected and done.
         stuck: Channels left out because they never change, though the model says that they do, with their values.
+        left_out: Spans whose samples are not to be used.
     """
 
     mechanism: Mechanism
@@ -53,6 +68,17 @@ class Prepared:
     cutoff: float | None
     notes: tuple[str, ...]
     stuck: tuple[str, ...]
+    left_out: tuple[LeftOut, ...] = ()
+
+    def usable(self, time: np.ndarray) -> np.ndarray:
+        """Whether samples at some times are not left out (N,)."""
+        return np.all(
+            [(time < each.start) | (time > each.end) for each in self.left_out] or [np.isfinite(time)], axis=0
+        )
+
+    def taken(self, part: slice) -> np.ndarray:
+        """Indices of the samples of a part that are not left out."""
+        return np.arange(len(self.samples))[part][self.usable(self.recording.time[part])]
 
     @property
     def edge(self) -> int:

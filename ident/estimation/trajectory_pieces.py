@@ -115,7 +115,7 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
     parts += [recording.as_measured(joints[k]) for k in measurement.equations.torques]
     time, values = side_by_side(parts)
     there = [between_samples(contact, time, _reach(contact)) for contact in contacts]
-    values = np.where(np.all(there, axis=0)[:, None], values, np.nan) if there else values
+    values = np.where(np.all([prepared.usable(time), *there], axis=0)[:, None], values, np.nan)
     wrenches = np.hstack([np.zeros((len(time), 0)), *(interpolated(contact, time) for contact in contacts)])
     rate = (len(time) - 1) / (time[-1] - time[0])
     averages = average_of_neighbours(wrenches, max(1, round(AVERAGED * rate)))

@@ -18,7 +18,7 @@ from ident.recordings.wrench import GROUND
 Found = TypeVar("Found")
 
 
-class _NotCheckedError(Exception):
+class NotCheckedError(Exception):
     """Something cannot be checked; the message says why."""
 
 
@@ -64,14 +64,14 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
         fit: What was fitted to a part of it.
         part: That part.
     """
-    residual = fit.residual(prepared.samples[part])
+    residual = fit.residual(prepared.samples[prepared.taken(part)])
     unchecked: list[str] = []
 
     def attempt(what: str, check: Callable[[], Found]) -> Found | None:
         """What a check finds; if it cannot be made, None and a sentence more."""
         try:
             return check()
-        except (_NotCheckedError, InputError, np.linalg.LinAlgError) as error:
+        except (NotCheckedError, InputError, np.linalg.LinAlgError) as error:
             unchecked.append(f"{what} could not be checked: {error}.")
             return None
 
@@ -82,25 +82,40 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
 
 
 def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
-    """Mass that the forces along gravity carry; the sensor's other axes may be missing."""
+    """Mass that the forces along gravity carry."""
+    g = float(np.linalg.norm(prepared.mechanism.gravity))
+    up, known = upward(prepared)
+    taken = prepared.taken(part)
+    along = (prepared.wrench[taken, :3] * up[taken])[:, known].sum(axis=1) / g
+    beyond = (residual[:, : known.sum()] * up[taken][:, known]).sum(axis=1) / g
+    time = np.arange(len(beyond)) - (len(beyond) - 1) / 2
+    slope = (time @ beyond) / (time @ time)
+    return Weight(float(along.mean()), prepared.mechanism.mass, float(slope * len(beyond)))
+
+
+def upward(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
+    """Direction against gravity in the ground sensor's axes, and which of them are measured.
+
+    Returns:
+        Unit vectors (N, 3), and a mask (3,); axes that are not measured may be level ones only.
+
+    Raises:
+        NotCheckedError: There is no gravity, or what is measured does not show it.
+    """
     mechanism, base, force = prepared.mechanism, prepared.samples.motion.base, prepared.wrench[:, :3]
     g = float(np.linalg.norm(mechanism.gravity))
     known = np.isfinite(force).all(axis=0)
     if g == 0:
-        raise _NotCheckedError("the model has no gravity")
+        raise NotCheckedError("the model has no gravity")
     if not known.any():
-        raise _NotCheckedError("no force is measured")
+        raise NotCheckedError("no force is measured")
     in_base = mechanism.gravity if base is None else mechanism.gravity @ base.T[:, :3, :3]
-    down = np.broadcast_to(in_base @ prepared.frame[:3, :3], force.shape)
-    most = np.abs(down).max(axis=0)
-    missing = [c for c, k, d in zip(COMPONENTS[:3], known, most, strict=True) if d > 0.1 * g and not k]
+    up = np.broadcast_to(-in_base @ prepared.frame[:3, :3] / g, force.shape)
+    most = np.abs(up).max(axis=0)
+    missing = [c for c, k, d in zip(COMPONENTS[:3], known, most, strict=True) if d > 0.1 and not k]
     if missing:
-        raise _NotCheckedError(f"it shows in {', '.join(missing)} of the sensor, not measured here")
-    along = -(force * down)[:, known].sum(axis=1) / g**2
-    beyond = -(residual[:, : known.sum()] * down[part][:, known]).sum(axis=1) / g**2
-    time = np.arange(len(beyond)) - (len(beyond) - 1) / 2
-    slope = (time @ beyond) / (time @ time)
-    return Weight(float(along.mean()), mechanism.mass, float(slope * len(beyond)))
+        raise NotCheckedError(f"it shows in {', '.join(missing)} of the sensor, not measured here")
+    return up, known
 
 
 def wrench_checks(prepared: Prepared) -> tuple[dict[str, FrameCheck], BaseCheck | None]:
@@ -145,6 +160,6 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
     if not known.any():
         return None
     if not known.all():
-        raise _NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not measured here")
+        raise NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not measured here")
     in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
-    return diagnosis.check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base)
+    return diagnosis.check_contact(prepared.mechanism.tree, prepared.samples.motion.q[prepared.taken(part)], in_base)

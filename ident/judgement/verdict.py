@@ -134,6 +134,7 @@ def findings(result: "Estimate") -> list[Finding]:
     on_fit = [
         *_frames(result),
         *_base(result),
+        *(Finding(each.why, False) for log, _ in result.logs for each in log.left_out),
         *_contact(result),
         *weight_findings(result.checks.weight),
         *_offsets(result),

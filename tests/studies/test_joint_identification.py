@@ -15,6 +15,7 @@ import scenes
 import sim
 from experiments import identify
 from ident.estimation.preparation import prepared
+from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
 from ident.recordings.smoothing import smoothed
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -174,6 +175,21 @@ def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_know
         assert "does not determine all parameters" in str(error)
     else:
         assert without.std.max() > 100 and not without.joint.known
+
+
+def test_bodies_are_physical_where_that_is_asked_for():
+    """The model's links are 15 % off: they move as far as the recording says, and no further than bodies can be."""
+    wrong = replace(PENDULUM, prior=PENDULUM.known * np.repeat([1, 1.15, 1 / 1.15], 10))
+    free = ident.identify(wrong, faulty())
+    held = ident.identify(wrong, faulty(), physical=True)
+    full = held.consistent()
+    assert full.attainable and full.distance < 0.1
+    assert free.consistent().distance > 10 * full.distance
+    assert (np.linalg.eigvalsh(pseudo_inertia(full.phi.reshape(-1, 10))) > 0).all()
+    assert (np.abs(held.psi - TRUTH) < 3 * held.std).all()
+    assert (held.held_out.ratio < 1.05 * free.held_out.ratio).all()
+    with pytest.raises(ident.InputError, match="Only the joint estimate can be held to physical bodies"):
+        ident.identify(wrong, faulty(), estimator="ordinary", physical=True)
 
 
 def test_an_interrupt_leaves_the_last_iterate():

@@ -1,0 +1,53 @@
+"""A joint fit whose bodies are physical.
+
+Around a fit the cost is quadratic in ψ, everything else eliminated: minimised by ψ* with a covariance C. The physical
+bodies that are nearest to it (`ident.parameters.consistency`) have a ψ that is then held, while the trajectory, the
+set-up and the noise are fitted anew; that moves ψ* in turn, until ψ rests.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ident.estimation.equations import Equations
+from ident.estimation.joint import JointFit, Start, inverse_of_precision
+from ident.parameters.consistency import consistent_parameters
+
+TURNS = 8
+"""Turns after which ψ is taken as it is."""
+
+RESTS = 0.05
+"""Step of ψ, in standard deviations, from which it rests."""
+
+
+def physical_fit(
+    fit: JointFit, refit: Callable[[Start, np.ndarray, int], JointFit], equations: Equations, rounds: int
+) -> JointFit:
+    """A joint fit with ψ of physical bodies, which are as close to the model's as the recordings let them be.
+
+    Args:
+        fit: The fit without that condition.
+        refit: Fits from a start, with given parameters free (p,), in at most so many rounds.
+        equations: Base parameters, and the mechanism with its prior.
+        rounds: Rounds of each fit.
+
+    Returns:
+        The fit; its covariances are those without the condition, which says little where noise alone violates it.
+    """
+    mechanism, rank = equations.mechanism, equations.parameters.rank
+    is_psi = np.arange(len(fit.theta)) < rank
+    held = fit
+    for _ in range(TURNS):
+        inverse = inverse_of_precision(held.precision[np.ix_(fit.free, fit.free)])
+        wanted = held.theta[fit.free] + inverse @ held.gradient[fit.free]
+        known = mechanism.known
+        bodies = consistent_parameters(
+            wanted[:rank], inverse[:rank, :rank], equations.parameters, known, bodies=mechanism.bodies
+        )
+        step = np.abs(bodies.psi - held.theta[:rank]) / np.sqrt(np.diag(inverse)[:rank])
+        theta = np.r_[bodies.psi, held.theta[rank:]]
+        held = refit(Start(theta, held.noise, held.coefficients), fit.free & ~is_psi, rounds)
+        if step.max() < RESTS or held.status == "interrupted":
+            break
+    return replace(held, free=fit.free, trace=(*fit.trace, *held.trace))

@@ -1,0 +1,143 @@
+"""Spans of a recording in which something that nobody measures carries a part of the weight.
+
+A foot beside the force plate, a chair, a hand on a table: they only push, so that what is measured falls short of the
+weight and of what the motion needs, and never exceeds it. A model that is not quite right, a delay or noise err to both
+sides, since over a motion accelerations come to nothing.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from ident.estimation.equations import COMPONENTS
+from ident.estimation.preparation import LeftOut, Prepared, predicted_channels
+from ident.geometry.se3 import coAd
+from ident.judgement.checks import NotCheckedError, upward
+from ident.judgement.diagnosis import ContactCheck, check_contact
+
+SHARE = 0.06
+"""Part of the weight from which something else may carry it: what is less is the model's own error."""
+
+ONE_SIDED, SPREAD = 2.0, 6.0
+"""How many times what is missing has to be what is too much elsewhere, and the standard deviation of what is
+neither."""
+
+TAIL = 1 / 3
+"""Part of that from which a span begins and ends: contacts are loaded gradually."""
+
+SHORTEST = 0.03
+"""Shortest span, and what is left out beside each, s."""
+
+THROUGH_A_POINT = 0.8
+"""Fraction of the missing moment that a force on a body has to explain before that is named."""
+
+HEAVIEST, AGREEING, CLOSE = 1.6, 0.15, 2.0
+"""Factor by which a mechanism may be heavier or lighter than its model, part of the samples that have to agree on it,
+and how closely, beside those that agree most."""
+
+
+@dataclass(frozen=True)
+class Unmeasured:
+    """A contact that is not measured.
+
+    Attributes:
+        start: When it begins to carry, s.
+        end: When it has ended, s.
+        carries: The most that it carries, of the weight.
+        contact: Where it may act; None where not all six components of the wrench are measured.
+    """
+
+    start: float
+    end: float
+    carries: float
+    contact: ContactCheck | None
+
+    @property
+    def sentence(self) -> str:
+        """What was found, and done about it."""
+        on = f", as on '{self.contact.body}'" if self.contact and self.contact.explained > THROUGH_A_POINT else ""
+        return (
+            f"From {self.start:.2f} to {self.end:.2f} s something that is not measured carries up to "
+            f"{self.carries:.0%} of the weight{on}; these samples are left out."
+        )
+
+
+def without_unmeasured(prepared: Prepared) -> Prepared:
+    """A recording without the samples in which a contact is not measured."""
+    contacts = unmeasured_contacts(prepared)
+    return replace(prepared, left_out=tuple(LeftOut(each.start, each.end, each.sentence) for each in contacts))
+
+
+def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
+    """Contacts that are not measured, by the support that the model misses; none where the weight is not measured."""
+    try:
+        up, known = upward(prepared)
+    except NotCheckedError:
+        return ()
+    by_name = predicted_channels(prepared.mechanism, prepared.samples.motion, prepared.frame)
+    predicted = np.stack([by_name[c] for c in COMPONENTS], axis=1)
+    needed, carried = ((wrench[:, :3] * up)[:, known].sum(axis=1) for wrench in (predicted, prepared.wrench))
+    weight = prepared.mechanism.mass * float(np.linalg.norm(prepared.mechanism.gravity))
+    heavier = _heavier(needed, carried, weight)
+    if heavier is None:
+        return ()
+    reach = max(1, round(SHORTEST * prepared.recording.rate))
+    missing = ndimage.median_filter(heavier * needed - carried, reach, mode="nearest")
+    time, found = prepared.recording.time, []
+    for first, last in _spans(missing, SHARE * heavier * weight, reach):
+        span = slice(max(0, first - reach), last + reach)
+        residual = prepared.wrench[first:last] - heavier * predicted[first:last]
+        found.append(
+            Unmeasured(
+                float(time[span][0]),
+                float(time[span][-1]),
+                float(missing[first:last].max() / (heavier * weight)),
+                _contact(prepared, slice(first, last), residual),
+            )
+        )
+    return tuple(found)
+
+
+def _heavier(needed: np.ndarray, carried: np.ndarray, weight: float) -> float | None:
+    """How many times heavier the mechanism is than its model: what samples agree on; None where they do not.
+
+    Args:
+        needed: Support that the model needs (N,).
+        carried: Support that is measured, N (N,).
+        weight: The model's weight, N.
+    """
+    standing = needed > weight / 2
+    ratio = np.sort(carried[standing] / needed[standing])
+    ratio = ratio[(ratio > 1 / HEAVIEST) & (ratio < HEAVIEST)]
+    together = int(np.ceil(AGREEING * len(needed)))
+    if len(ratio) <= together:
+        return None
+    # Of the short intervals that hold so many of them the highest: support is missing, and never too large.
+    widths = ratio[together:] - ratio[:-together]
+    first = int(np.flatnonzero(widths <= CLOSE * widths.min())[-1])
+    middle, reach = ratio[first + together // 2], CLOSE * widths[first]
+    return float(np.median(ratio[np.abs(ratio - middle) <= reach]))
+
+
+def _spans(missing: np.ndarray, least: float, shortest: int) -> list[tuple[int, int]]:
+    """First samples and ends of spans in which support is missing.
+
+    Args:
+        missing: Support that is missing, N (N,).
+        least: The least that counts, N.
+        shortest: Samples of the shortest span.
+    """
+    neither = np.abs(missing) < least
+    spread = float(missing[neither].std()) if neither.any() else 0.0
+    limit = max(least, SPREAD * spread, ONE_SIDED * float(-missing.min()))
+    labels, count = ndimage.label(missing > TAIL * limit)
+    spans = [s for (s,) in ndimage.find_objects(labels, count) if missing[s].max() > limit]
+    return [(s.start, s.stop) for s in spans if s.stop - s.start >= shortest]
+
+
+def _contact(prepared: Prepared, part: slice, residual: np.ndarray) -> ContactCheck | None:
+    if not np.isfinite(residual).all():
+        return None
+    in_base = (coAd(prepared.frame) @ residual[..., None])[..., 0]
+    return check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base)

@@ -1,0 +1,69 @@
+"""Contacts that nobody measures: found by the weight that they carry, named, and left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, leaning, wrench_of
+
+import ident
+from ident.estimation.preparation import prepared
+from ident.judgement.unmeasured import unmeasured_contacts
+
+FORCE = 10, 0, 60
+WEIGHT = PENDULUM.mass * 9.81
+
+
+@pytest.mark.parametrize("spans", [[(1, 2.5)], [(2, 3), (6, 9)], [(0.5, 6)]])
+@pytest.mark.parametrize("heavier", [0.8, 1, 1.25])
+def test_they_are_found_where_they_are(spans, heavier):
+    """Also by a model that is too light or too heavy."""
+    model = replace(PENDULUM, prior=heavier * PENDULUM.known)
+    contacts = unmeasured_contacts(prepared(model, leaning(spans, FORCE)))
+    assert len(contacts) == len(spans)
+    for contact, (first, last) in zip(contacts, spans, strict=True):
+        assert first - 0.2 < contact.start <= first + 0.03 and last - 0.03 <= contact.end < last + 0.2
+        np.testing.assert_allclose(contact.carries, FORCE[2] / WEIGHT, atol=0.05)
+        assert contact.contact.body == "link2" and contact.contact.explained > 0.99
+        np.testing.assert_allclose(contact.contact.point, (0, 0, 0.1), atol=0.05)
+
+
+FAULTS = [
+    {},
+    {"delay": 0.12},
+    {"fast": 0.005},
+    {"origin": (0.05, 0, 0.05)},
+    {"turn": (3, 3, 3)},
+    {"gains": (1, 1, 1.1, 1, 1, 1)},
+    {"zero": (3, 10)},
+    {"gravity": 5.0},
+]
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=str)
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_found_where_the_set_up_is_wrong_only(fault, seed):
+    assert not unmeasured_contacts(prepared(PENDULUM, faulty(seed, **fault)))
+
+
+def test_nothing_is_found_where_the_weight_is_not_measured():
+    recording = leaning([(1, 2.5)], FORCE)
+    wrench = wrench_of(recording)
+    wrench[:, 2] = np.nan
+    level = angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), wrench)
+    assert not unmeasured_contacts(prepared(PENDULUM, level))
+
+
+@pytest.mark.parametrize("estimator", ["joint", "weighted"])
+def test_an_identification_says_so_and_does_without_these_samples(estimator):
+    estimate = ident.identify(PENDULUM, leaning([(2, 3), (6, 9)], FORCE, seed=1), estimator=estimator)
+    said = [f.text for f in estimate.findings if "something that is not measured carries" in f.text]
+    assert len(said) == 2 and all("% of the weight, as on 'link2';" in text for text in said)
+    # Of what is left 60 % are fitted, in time before the rest.
+    samples = len(estimate.prepared.samples)
+    usable = estimate.prepared.taken(slice(0, samples))
+    assert len(usable) < samples - 400
+    assert len(estimate.residual) == pytest.approx(0.6 * len(usable), abs=2)
+    if estimator == "joint":
+        assert (np.abs(estimate.psi - TRUTH) < 4 * estimate.std_setup).all()
+        assert estimate.verdict().startswith("Usable")
