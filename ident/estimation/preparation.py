@@ -8,9 +8,10 @@ import numpy as np
 
 from ident.errors import InputError, LogError
 from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.measurement import joint_states
 from ident.estimation.robust import separable
 from ident.estimation.samples import Samples
-from ident.geometry.quaternion import continuous_quaternions
+from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
@@ -108,9 +109,9 @@ def prepared(
     """
     tree, rate = mechanism.tree, recording.rate
     recording, notes = _without_spikes(recording, tree.joints)
-    recording, constant = _without_constant(recording, tree.joints)
+    recording, constant = _without_constant(recording, tree)
     cutoff = _cutoff(recording, tree.joints, cutoff)
-    states = _states(recording, tree.joints, cutoff)
+    states = _states(recording, tree, cutoff)
     motion = Motion(*states, None if recording.base is None else base_motion_from_poses(recording.base, rate, cutoff))
     frame, wrench = _wrench(tree, recording, motion.q, rate, cutoff)
     torques = recording.torques(tree.joints)
@@ -215,6 +216,7 @@ def _without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Record
     measured, notes = dict(recording.measured), []
     for kind, symbol in zip(KINDS, ("q", "dq", "ddq", "torques"), strict=True):
         names = [name for name in (f"{joint}_{kind}" for joint in joints) if name in recording.measured]
+        names = [name for name in names if recording[name].ndim == 1]
         values, counts = despiked(np.reshape([recording[name] for name in names], (len(names), len(recording.time))).T)
         measured |= zip(names, values.T, strict=True)
         if counts.any():
@@ -228,7 +230,7 @@ def _without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Record
     return replace(recording, measured=measured), notes
 
 
-def _without_constant(recording: Recording, joints: Sequence[str]) -> tuple[Recording, dict[str, float]]:
+def _without_constant(recording: Recording, tree: Tree) -> tuple[Recording, dict[str, float]]:
     """The recording without the ground's components and the joints' torques that never change, and their values.
 
     The noise of such a channel, by which others would be weighted, is zero.
@@ -245,9 +247,9 @@ def _without_constant(recording: Recording, joints: Sequence[str]) -> tuple[Reco
     if GROUND in recording.wrenches:
         leave_out(f"{GROUND}_force", COMPONENTS[:3])
         leave_out(f"{GROUND}_torque", COMPONENTS[3:])
-    for joint in joints:
-        if f"{joint}_torque" in recording.measured:
-            leave_out(f"{joint}_torque", (joint,))
+    for body in tree.bodies:
+        if f"{body.joint}_torque" in recording.measured:
+            leave_out(f"{body.joint}_torque", body.freedoms)
     return replace(recording, measured=measured), constant
 
 
@@ -288,7 +290,7 @@ def _cutoff(recording: Recording, joints: Sequence[str], cutoff: str | float | N
     if cutoff is None or cutoff == "auto":
         if not joints:
             raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
-        return chosen_cutoff(recording.of_joints(joints, "position"), recording.rate)
+        return chosen_cutoff(_coordinates(recording, joints), recording.rate)
     try:
         value = float(cutoff)
     except ValueError:
@@ -300,12 +302,16 @@ def _cutoff(recording: Recording, joints: Sequence[str], cutoff: str | float | N
     return value
 
 
-def _states(
-    recording: Recording, joints: Sequence[str], cutoff: float | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if cutoff is not None:
-        return smoothed(recording.of_joints(joints, "position"), recording.rate, cutoff)
-    return recording.joint_states(joints)
+def _states(recording: Recording, tree: Tree, cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    if cutoff is None:
+        return recording.joint_states(tree.joints)
+    return joint_states(tree, np.stack(smoothed(_coordinates(recording, tree.joints), recording.rate, cutoff)))
+
+
+def _coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:
+    """Joint coordinates, quaternions without jumps of sign (N, n_q)."""
+    columns = [recording[f"{joint}_position"] for joint in joints]
+    return np.hstack([without_jumps(x) if x.ndim == 2 else x[:, None] for x in columns])
 
 
 def _wrench(

@@ -10,7 +10,7 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.piece import Piece
 from ident.estimation.preparation import Prepared
 from ident.estimation.spline import ORDER, Spline
-from ident.geometry.quaternion import continuous_quaternions
+from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.recordings.recording import Recording
 from ident.recordings.sampled import Sampled, between_samples, interpolated, side_by_side
 from ident.recordings.smoothing import chosen_cutoff
@@ -42,6 +42,7 @@ def knot_distance(recording: Recording, joints: tuple[str, ...]) -> float:
 def coordinates(recording: Recording, joints: tuple[str, ...]) -> Sampled:
     """Measured coordinates: position and quaternion of a moving base, then those of the joints (N, n)."""
     parts = [recording.as_measured(f"{joint}_position") for joint in joints]
+    parts = [Sampled(t, without_jumps(x)) if x.ndim == 2 else Sampled(t, x) for t, x in parts]
     if recording.base is not None:
         time, poses = recording.as_measured(BASE)
         parts.insert(0, Sampled(time, _positions_and_quaternions(poses.reshape(-1, 4, 4))))
@@ -111,8 +112,10 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
         # Nothing holds the base: all wrenches come to zero, as often as the slowest contact says.
         time = min((contact.time for contact in contacts), key=len, default=recording.time)
         parts = [Sampled(time, np.zeros((len(time), len(measurement.components))))]
-    joints = [f"{joint}_torque" for joint in prepared.mechanism.tree.joints]
-    parts += [recording.as_measured(joints[k]) for k in measurement.equations.torques]
+    freedoms = [(body.joint, k) for body in prepared.mechanism.tree.bodies for k in range(len(body.freedoms))]
+    for joint, component in (freedoms[k] for k in measurement.equations.torques):
+        stream = recording.as_measured(f"{joint}_torque")
+        parts.append(Sampled(stream.time, stream.columns[:, component]))
     time, values = side_by_side(parts)
     there = [between_samples(contact, time, _reach(contact)) for contact in contacts]
     values = np.where(np.all([prepared.usable(time), *there], axis=0)[:, None], values, np.nan)

@@ -13,10 +13,17 @@ def small_rotation(vector: np.ndarray) -> np.ndarray:
 
 def continuous_quaternions(rotations: np.ndarray) -> np.ndarray:
     """Quaternions `w, x, y, z` of rotations (N, 3, 3), of the two of each the one near the sample's before (N, 4)."""
-    quaternion = Rotation.from_matrix(rotations).as_quat(scalar_first=True)
-    flips = np.cumprod(np.sign((quaternion[1:] * quaternion[:-1]).sum(axis=1)))
-    quaternion[1:] *= flips[:, None]
-    return quaternion
+    return without_jumps(Rotation.from_matrix(rotations).as_quat(scalar_first=True))
+
+
+def without_jumps(quaternion: np.ndarray) -> np.ndarray:
+    """Quaternions of which each has the sign that is next to the one before; those with NaN stay as they are (N, 4)."""
+    out = np.array(quaternion, float)
+    there = np.isfinite(out).all(axis=1)
+    some = out[there]
+    turned = (some[1:] * some[:-1]).sum(axis=1) < 0
+    out[there] = some * np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)[: len(some), None]
+    return out
 
 
 def turning(quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -351,8 +351,9 @@ def _posture(result: "Estimate") -> Iterator[Finding]:
     """Joints that were recorded beyond the model's ranges."""
     mechanism = result.prepared.mechanism
     beyond = []
-    for joint, q in zip(mechanism.tree.joints, result.prepared.samples.motion.q.T, strict=False):
-        if joint in mechanism.ranges:
+    coordinates = mechanism.tree.body_coordinates(result.prepared.samples.motion.q)
+    for joint, q in zip((body.joint for body in mechanism.tree.bodies), coordinates, strict=True):
+        if joint in mechanism.ranges and q.shape[1] == 1:
             low, high = mechanism.ranges[joint]
             slack = BEYOND * (high - low)
             share = float(((q < low - slack) | (q > high + slack)).mean())

@@ -80,6 +80,12 @@ class Body:
         return self.twist.reshape(6, -1)[:, : None if self.moves else 0]
 
     @property
+    def freedoms(self) -> tuple[str, ...]:
+        """Names of the joint's entries of q̇: its own, with `.x`, `.y` and `.z` for a ball."""
+        suffixes = {0: (), 1: ("",), 3: (".x", ".y", ".z")}
+        return tuple(self.joint + suffix for suffix in suffixes[self.motions.shape[1]])
+
+    @property
     def coordinates(self) -> int:
         """Entries of q that belong to the joint: 1, or 4 for the quaternion `w, x, y, z` of a ball."""
         return 4 if self.is_ball else self.motions.shape[1]

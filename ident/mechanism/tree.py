@@ -87,8 +87,7 @@ class Tree:
     @property
     def freedoms(self) -> tuple[str, ...]:
         """Names of the n entries of q̇: the joints', with `.x`, `.y` and `.z` for a ball."""
-        suffixes = {0: (), 1: ("",), 3: (".x", ".y", ".z")}
-        return tuple(body.joint + suffix for body in self.bodies for suffix in suffixes[body.motions.shape[1]])
+        return tuple(freedom for body in self.bodies for freedom in body.freedoms)
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all bodies on it."""

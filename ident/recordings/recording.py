@@ -27,8 +27,9 @@ STATES = ("position", "velocity", "acceleration")
 class Recording:
     """Channels sampled at the same instants, simulated or measured, and as they were measured where that was at others.
 
-    Joints are found by the names `JOINT_position`, `JOINT_velocity`, `JOINT_acceleration` and `JOINT_torque`, wrenches
-    by `NAME_force` and `NAME_torque`, poses of bodies in the base frame by `BODY_position` and `BODY_orientation` (a
+    Joints are found by the names `JOINT_position`, `JOINT_velocity`, `JOINT_acceleration` and `JOINT_torque`, those of
+    a ball with a quaternion `w, x, y, z` (N, 4) and with three components in the body's frame (N, 3); wrenches by
+    `NAME_force` and `NAME_torque`, poses of bodies in the base frame by `BODY_position` and `BODY_orientation` (a
     quaternion). What a channel holds is finite, or NaN throughout a column that was not measured.
 
     Attributes:
@@ -148,24 +149,28 @@ class Recording:
         return self.measured[channel]
 
     def joint_states(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """q in rad, q̇ in rad/s and q̈ in rad/s² of the named joints, each (N, n)."""
+        """q in rad or quaternions (N, n_q), q̇ in rad/s and q̈ in rad/s² of the named joints, both (N, n)."""
         q, dq, ddq = (self.of_joints(joints, kind) for kind in STATES)
         return q, dq, ddq
 
     def of_joints(self, joints: Sequence[str], kind: str) -> np.ndarray:
         """One quantity of the named joints, `position`, `velocity`, `acceleration` or `torque` (N, n)."""
-        columns = [self[f"{joint}_{kind}"] for joint in joints]
-        return np.stack(columns, axis=-1) if columns else np.empty((len(self.time), 0))
+        samples = len(self.time)
+        return np.hstack([np.empty((samples, 0)), *(self[f"{j}_{kind}"].reshape(samples, -1) for j in joints)])
 
     def torques(self, joints: Sequence[str]) -> np.ndarray | None:
         """Torques of the named joints, NaN in the columns of those without (N, n); None without any."""
         if not any(f"{joint}_torque" in self.measured for joint in joints):
             return None
-        missing = np.full(len(self.time), np.nan)
-        return np.stack([self.measured.get(f"{joint}_torque", missing) for joint in joints], axis=-1)
+        columns = []
+        for joint in joints:
+            freedoms = 1 if self[f"{joint}_position"].ndim == 1 else 3
+            missing = np.full((len(self.time), freedoms), np.nan)
+            columns.append(self.measured.get(f"{joint}_torque", missing).reshape(missing.shape))
+        return np.hstack(columns)
 
     def joint_noise(self, joints: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Standard deviations of the channels of `joint_states`, zero where unknown, each (n,)."""
+        """Standard deviations of the channels of hinges and slides, zero where unknown, each (n,)."""
         q, dq, ddq = (np.array([self.noise.get(f"{joint}_{kind}", 0.0) for joint in joints]) for kind in STATES)
         return q, dq, ddq
 
