@@ -178,17 +178,18 @@ def fit(
     run = map if executor is None else executor.map
     problem = _Problem(measurement, pieces, prior, free, names or measurement.names, selections or every, run)
     at, trace, status, stalled = start, list[float](), "stopped", 0
-    parts = problem.linearised(at)
+    fitted = np.flatnonzero(free)
+    parts = problem.linearised(at, fitted)
     try:
         for round_ in range(rounds):
             step, inverse = problem.step(at, parts)
-            moves = [part.step - part.by_theta @ step for part in parts]
+            moves = [part.step - part.by_theta @ step[fitted] for part in parts]
             trace.append(float(np.max(np.abs(step[free]) / np.sqrt(np.diag(inverse)), initial=0)))
             may = coloured and round_ >= COLOURED
             noise = at.noise
             if estimate_noise:
                 bends = problem.bends(_moved(at, 1.0, step, moves))
-                noise = renewed(at.noise, parts, embedded(inverse, free), bends, coloured=may)
+                noise = renewed(at.noise, parts, inverse, bends, coloured=may)
                 noise = replace(noise, jerk=np.minimum(noise.jerk, problem.smoothest(noise)))
             if (round_ > COLOURED or not coloured) and _quiet(at, trace[-1], moves, noise):
                 status = "converged"
@@ -202,10 +203,11 @@ def fit(
             at = replace(moved, noise=noise)
             if report:
                 report(round_, trace[-1])
-            parts = problem.linearised(at)
+            parts = problem.linearised(at, fitted)
     except KeyboardInterrupt:
         status = "interrupted"
-    shares = [(part.schur, part.gradient) for part in parts]
+    # What was held is told of as well: by how much it would go if it were not.
+    shares = [(part.schur, part.gradient) for part in problem.linearised(at, np.arange(len(free)))]
     return JointFit(
         problem.names,
         problem.selections,
@@ -233,9 +235,9 @@ class _Problem:
     selections: Sequence[np.ndarray]
     run: Callable[..., Iterable[Any]]
 
-    def linearised(self, at: Start) -> list[Linearised]:
-        """Every piece, its trajectory eliminated."""
-        work = partial(_linearised, self.measurement, at.noise, len(at.theta))
+    def linearised(self, at: Start, wanted: np.ndarray) -> list[Linearised]:
+        """Every piece, its trajectory eliminated, as a function of some entries of θ, the others held."""
+        work = partial(_linearised, self.measurement, at.noise, wanted)
         return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta), self.selections))
 
     def _own(self, theta: np.ndarray) -> list[np.ndarray]:
@@ -245,12 +247,13 @@ class _Problem:
     def step(self, at: Start, parts: Sequence[Linearised]) -> tuple[np.ndarray, np.ndarray]:
         """A Gauss-Newton step of θ (p,), and the covariance of what is fitted."""
         free, prior = self.free, self.prior
-        precision = sum((part.schur for part in parts), start=prior.precision)
-        gradient = sum((part.gradient for part in parts), start=-prior.precision @ (at.theta - prior.mean))
+        pull = -prior.precision @ (at.theta - prior.mean)
+        precision = sum((part.schur for part in parts), start=prior.precision[np.ix_(free, free)])
+        gradient = sum((part.gradient for part in parts), start=pull[free])
         names = [name for name, fitted in zip(self.names, free, strict=True) if fitted]
-        inverse = inverse_of_precision(precision[np.ix_(free, free)], names)
+        inverse = inverse_of_precision(precision, names)
         step = np.zeros_like(at.theta)
-        step[free] = inverse @ gradient[free]
+        step[free] = inverse @ gradient
         return step, inverse
 
     def bends(self, at: Start) -> np.ndarray:
@@ -288,20 +291,22 @@ def _cost(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.n
 def _linearised(
     measurement: Predictor,
     noise: Noise,
-    parameters: int,
+    wanted: np.ndarray,
     piece: Piece,
     coefficients: np.ndarray,
     theta: np.ndarray,
     own: np.ndarray,
 ) -> Linearised:
-    """A piece, its derivatives by its own parameters put where they stand in θ."""
-    part = linearised(measurement, piece, coefficients, theta=theta, noise=noise)
-    if len(own) == parameters:
+    """A piece, its derivatives by its own parameters put where they stand among those that are wanted."""
+    columns = np.flatnonzero(np.isin(own, wanted))
+    part = linearised(measurement, piece, coefficients, theta=theta, noise=noise, columns=columns)
+    if len(columns) == len(wanted):
         return part
+    place = np.searchsorted(wanted, own[columns])
 
     def spread(x: np.ndarray, axes: int) -> np.ndarray:
-        out = np.zeros((*x.shape[: x.ndim - axes], *[parameters] * axes))
-        out[(..., own) if axes == 1 else (..., own[:, None], own)] = x
+        out = np.zeros((*x.shape[: x.ndim - axes], *[len(wanted)] * axes))
+        out[(..., place) if axes == 1 else (..., place[:, None], place)] = x
         return out
 
     streams = {

@@ -140,7 +140,13 @@ def cost(measurement: Predictor, piece: Piece, coefficients: np.ndarray, *, thet
 
 
 def linearised(
-    measurement: Predictor, piece: Piece, coefficients: np.ndarray, *, theta: np.ndarray, noise: Noise
+    measurement: Predictor,
+    piece: Piece,
+    coefficients: np.ndarray,
+    *,
+    theta: np.ndarray,
+    noise: Noise,
+    columns: np.ndarray | None = None,
 ) -> Linearised:
     """The normal equations of a piece at a trajectory and at θ, the trajectory eliminated.
 
@@ -150,15 +156,17 @@ def linearised(
         coefficients: Spline coefficients (size, n).
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness.
+        columns: Entries of θ that are not held, ascending (k,); by default all are free. What is said of θ is of these.
 
     Raises:
         numpy.linalg.LinAlgError: The trajectory is not determined.
     """
-    arrow = Arrow(piece.spline, coefficients.shape[1], len(theta))
-    channels = _channel_rows(measurement, piece, coefficients, theta, noise)
+    columns = np.arange(len(theta)) if columns is None else columns
+    arrow = Arrow(piece.spline, coefficients.shape[1], len(columns))
+    channels = _channel_rows(measurement, piece, coefficients, theta, noise, columns)
     arrow.add(channels)
     states = {
-        kind: _state_rows(measurement, piece, own, kind)
+        kind: _state_rows(measurement, piece, own, kind, columns)
         for kind, own in _states(measurement, piece, coefficients, theta, noise).items()
     }
     for rows in states.values():
@@ -187,9 +195,14 @@ def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np
 
 
 def _channel_rows(
-    measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
+    measurement: Predictor,
+    piece: Piece,
+    coefficients: np.ndarray,
+    theta: np.ndarray,
+    noise: Noise,
+    columns: np.ndarray,
 ) -> Rows:
-    """Rows of the channels, which see all coordinates and all of θ."""
+    """Rows of the channels, which see all coordinates and all of θ that is not held."""
     when = channel_times(measurement, piece, theta)
     local = piece.spline.local(when)
     x = local.combined(coefficients)
@@ -205,8 +218,8 @@ def _channel_rows(
     # A delay or another clock may put samples beyond the trajectory's end.
     residual = np.where(piece.spline.holds(when)[:, None], piece.measured - values.T, np.nan)
     new = innovations(residual, local.interval, noise.channels, noise.channels_rho)
-    columns = np.arange(len(theta))
-    return whitened(new, local.interval, piece.spline.intervals, windows=windows, border=by_theta, columns=columns)
+    border, every = by_theta[..., columns], np.arange(len(columns))
+    return whitened(new, local.interval, piece.spline.intervals, windows=windows, border=border, columns=every)
 
 
 def _states(
@@ -227,14 +240,14 @@ def _states(
     }
 
 
-def _state_rows(measurement: Predictor, piece: Piece, states: _States, kind: int) -> Rows:
-    """Rows of the coordinates or of a derivative, which see one coordinate each, and its zero."""
+def _state_rows(measurement: Predictor, piece: Piece, states: _States, kind: int, columns: np.ndarray) -> Rows:
+    """Rows of the coordinates or of a derivative, which see one coordinate each, and its zero unless that is held."""
     interval, basis = states.local
     N, n = states.new.values.shape
     windows = np.zeros((N, n, WINDOW, 1))
     windows[:, :, 1:, 0] = basis[kind][:, None]
-    zeros = measurement.zeros if kind == 0 else {}
+    zeros = {j: at for j, at in measurement.zeros.items() if kind == 0 and at in columns}
     border = np.zeros((N, n, len(zeros)))
     border[:, list(zeros), np.arange(len(zeros))] = 1
-    columns = np.array(list(zeros.values()), int)
-    return whitened(states.new, interval, piece.spline.intervals, windows=windows, border=border, columns=columns)
+    seen = np.searchsorted(columns, list(zeros.values())).astype(int)
+    return whitened(states.new, interval, piece.spline.intervals, windows=windows, border=border, columns=seen)
