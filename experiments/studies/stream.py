@@ -141,7 +141,8 @@ class Reading:
 
     def _samples(self, recording: Recording) -> Samples:
         tree, recording = self.equations.mechanism.tree, recording.with_sensors(self.sensors)
-        names = sorted({GROUND, *self.sensors, *recording.wrenches}.difference(self.without))
+        ground = {GROUND} if recording.is_held(tree) else set[str]()
+        names = sorted({*ground, *self.sensors, *recording.wrenches}.difference(self.without))
         unknown = [name for name in names if name not in (GROUND, *recording.sensors)]
         if unknown:
             raise LogError(

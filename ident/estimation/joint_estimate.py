@@ -193,6 +193,7 @@ def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, f
     # What a mechanism was read from need not cross to another process, nor can it.
     equations = replace(equations, mechanism=replace(equations.mechanism, source=None))
     contacts = {name: recording.sensors[name] for name in recording.wrenches if name != GROUND}
+    plates = dict.fromkeys(sensor.plate or name for name, sensor in contacts.items())
     held = GROUND in recording.wrenches
     seen = (
         np.isfinite(prepared.wrench).all(axis=0)
@@ -204,7 +205,7 @@ def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, f
         prepared.frame if held else None,
         tuple(np.flatnonzero(seen).tolist()),
         contacts,
-        setup_parameters(equations, tuple(contacts), dict(setup or {})),
+        setup_parameters(equations, tuple(plates), dict(setup or {}), held=held),
         recording.base is not None,
     )
 

@@ -1,6 +1,7 @@
 """What sensors read of a trajectory: the channels of `Equations` as functions of states, parameters and set-up.
 
     wrench   (1 + gain) coAd(T_sensor)⁻¹ [Y(q, q̇, q̈) ψ - Σ contacts] + offset
+    nothing  (1 + gain) Y(q, q̇, q̈) ψ - Σ contacts + offset, where nothing holds the base: contacts alone (Eq. 3)
     torque   (1 + gain) [Y_τ(q, q̇, q̈) ψ - Σ contacts + drives] + offset
 
 The parameters ψ are put in first, so that inverse dynamics is differentiated, not its regressor. Measured contacts are
@@ -24,7 +25,7 @@ from ident.model import closed_form
 from ident.model.adjoint import Value, gradient
 from ident.model.regressor import CHUNK
 from ident.model.tape import Program, Signal, Tape
-from ident.recordings.wrench import GROUND, Sensor
+from ident.recordings.wrench import GROUND, Sensor, pose_in_base
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,20 +134,26 @@ class Measurement:
     def _channels(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> list[Value]:
         """The channels on a tape: states (3, n), wrenches (2, k, 6), θ (p,)."""
         equations, tree = self.equations, self.tilted(theta)
-        root, R, (q, dq, ddq) = self._root(states, theta)
-        motions = closed_form.body_motions(tree, root, q, dq, ddq)
-        felt = self._less_contacts(motions, loads.inertial_wrenches(equations, motions, theta), wrenches[0], theta)
-        drives = loads.drive_torques(equations, dq, ddq, theta) if equations.torques else []
-        read = self._read(tree, motions, felt, drives, R, theta)
-        out = [gain * value for value, gain in zip(read, self.gains(theta), strict=True)]
+        root, base, (q, dq, ddq) = self._root(states, theta)
+        motions, gains = closed_form.body_motions(tree, root, q, dq, ddq), self.gains(theta)
+        inertial, drives = loads.inertial_wrenches(equations, motions, theta), list[Value]()
+        if equations.torques:
+            drives = loads.drive_torques(equations, dq, ddq, theta)
+        own = self._read(tree, motions, inertial, drives, base, theta)
+        out = [gain * value for value, gain in zip(own, gains, strict=True)]
         offsets = theta[equations.parameters.rank + len(equations.drives) :]
         for k, offset in zip(equations.offsets, offsets, strict=False):
             out[k] = out[k] + offset
         if not self.contacts:
             return out
-        stated, nothing = theta * 0, [np.zeros(6)] * len(tree.bodies)
-        noise = self._less_contacts(motions, nothing, wrenches[1], stated)
-        return [a + b for a, b in zip(out, self._read(tree, motions, noise, [], R, stated), strict=True)]
+        for k in range(len(self.components) if self.frame is None else 0):
+            # Gains are those of the contacts, which read so much of what the mechanism needs.
+            gains[k] = 1.0
+        touch = self._less_contacts(motions, base, wrenches[0], theta)
+        noise = self._less_contacts(motions, base, wrenches[1], theta * 0)
+        of_touch = self._read(tree, motions, touch, [], base, theta)
+        of_noise = self._read(tree, motions, noise, [], base, theta * 0)
+        return [a + g * b + c for a, g, b, c in zip(out, gains, of_touch, of_noise, strict=True)]
 
     def _read(
         self,
@@ -154,11 +161,11 @@ class Measurement:
         motions: list[closed_form.BodyMotion],
         felt: list[np.ndarray],
         drives: list[Value],
-        R: np.ndarray,
+        base: np.ndarray,
         theta: np.ndarray,
     ) -> list[Value]:
         """What sensors without gains and offsets read of wrenches on the bodies (6,) and of drives' torques."""
-        wrench = self._in_sensor(np.sum(felt, axis=0), R, theta)
+        wrench = self._in_sensor(np.sum(felt, axis=0), base, theta)
         torques = loads.joint_torques(tree, motions, felt) if self.equations.torques else []
         return [*wrench, *(torques[k] + drives[k] if drives else torques[k] for k in self.equations.torques)]
 
@@ -200,39 +207,35 @@ class Measurement:
     def _root(
         self, states: np.ndarray, theta: np.ndarray
     ) -> tuple[closed_form.BodyMotion, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Motion of the base, its axes in the world's, and joint coordinates, velocities and accelerations."""
+        """Motion of the base, its pose in the world, and joint coordinates, velocities and accelerations."""
         gravity = self.gravity(theta)
         base, joints = (states[:, :7], states[:, 7:]) if self.moving else (None, states)
         q, dq, ddq = joint_states(self.tree, joints)
         if base is None:
-            return closed_form.base_motion(np.zeros(3), np.zeros(3), -gravity), np.eye(3), (q, dq, ddq)
+            return closed_form.base_motion(np.zeros(3), np.zeros(3), -gravity), np.eye(4), (q, dq, ddq)
         motion = base_motion(base)
         V, dV = motion.V, motion.dV
         a = dV[:3] + np.cross(V[3:], V[:3]) - motion.T[:3, :3].T @ gravity
         root = closed_form.base_motion(V[3:], dV[3:], a)
-        return root, motion.T[:3, :3], (q, dq, ddq)
+        return root, motion.T, (q, dq, ddq)
 
     def _less_contacts(
-        self,
-        motions: list[closed_form.BodyMotion],
-        felt: list[np.ndarray],
-        wrenches: np.ndarray,
-        theta: np.ndarray,
+        self, motions: list[closed_form.BodyMotion], base: np.ndarray, wrenches: np.ndarray, theta: np.ndarray
     ) -> list[np.ndarray]:
-        """What contacts (k, 6) leave of the wrenches on the bodies (6,) to joints and ground, in the base frame."""
-        felt = list(felt)
+        """What contacts (k, 6) take of the wrenches on the bodies (6,) from joints and ground, in the base frame."""
+        felt, world = [np.zeros(6)] * len(motions), base if self.moving else None
         for (name, sensor), wrench in zip(self.contacts.items(), wrenches, strict=True):
             i = self.tree.names.index(str(sensor.body))
-            place = pose(motions[i].R, motions[i].p) @ sensor.pose @ self.displacement(name, theta)
-            felt[i] = felt[i] - coAd(place) @ wrench
+            place = pose_in_base(sensor, pose(motions[i].R, motions[i].p), world)
+            felt[i] = felt[i] - coAd(place @ self.displacement(sensor.plate or name, theta)) @ wrench
         return felt
 
-    def _in_sensor(self, total: np.ndarray, R: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    def _in_sensor(self, total: np.ndarray, base: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """The measured components of the wrench that is left for the ground."""
         if not self.components:
             return np.zeros(0)
         if self.frame is None:
-            return np.concatenate([R @ total[:3], R @ total[3:]])
+            return np.concatenate([base[:3, :3] @ total[:3], base[:3, :3] @ total[3:]])
         to_sensor = coAd(inverse(self.displacement(GROUND, theta))) @ coAd(inverse(self.frame))
         return (to_sensor @ total)[list(self.components)]
 

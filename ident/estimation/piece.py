@@ -10,7 +10,6 @@ from ident.estimation.block_tridiagonal import WINDOW
 from ident.estimation.spline import Local, Spline
 from ident.estimation.streams import Stream, channel_streams, penalty_streams, state_streams
 from ident.estimation.whitening import Innovations, Rows, innovations, whitened
-from ident.recordings.wrench import GROUND
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,9 +186,9 @@ def linearised(
 def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np.ndarray:
     """When the channels were what their samples say: delays and the clock's rate taken out, s (M,)."""
     when = piece.when
-    for at in measurement.of_kind("clock", GROUND).values():
+    for at in measurement.of_kind("clock").values():
         when = when + theta[at] * (piece.when - piece.origin)
-    for at in measurement.of_kind("delay", GROUND).values():
+    for at in measurement.of_kind("delay").values():
         when = when - theta[at]
     return when
 
@@ -209,9 +208,9 @@ def _channel_rows(
     values, by_states, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta)
     by_states, by_theta = by_states.transpose(3, 0, 1, 2), by_theta.transpose(2, 0, 1)
     rate = np.einsum("mcdj,dmj->mc", by_states, x[1:])
-    for at in measurement.of_kind("clock", GROUND).values():
+    for at in measurement.of_kind("clock").values():
         by_theta[..., at] = rate * (piece.when - piece.origin)[:, None]
-    for at in measurement.of_kind("delay", GROUND).values():
+    for at in measurement.of_kind("delay").values():
         by_theta[..., at] = -rate
     windows = np.zeros((*rate.shape, WINDOW, coefficients.shape[1]))
     windows[:, :, 1:] = local.basis[:3].transpose(1, 2, 0)[:, None] @ by_states

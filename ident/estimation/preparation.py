@@ -24,7 +24,7 @@ from ident.recordings.mapping import KINDS
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import chosen_cutoff, low_pass, settling, smoothed
 from ident.recordings.suggestion import suggested_mapping
-from ident.recordings.wrench import GROUND, total_wrench
+from ident.recordings.wrench import GROUND
 
 
 class LeftOut(NamedTuple):
@@ -113,7 +113,7 @@ def prepared(
     cutoff = _cutoff(recording, tree.joints, cutoff)
     states = _states(recording, tree, cutoff)
     motion = Motion(*states, None if recording.base is None else base_motion_from_poses(recording.base, rate, cutoff))
-    frame, wrench = _wrench(tree, recording, motion.q, rate, cutoff)
+    frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
     torques = recording.torques(tree.joints)
     torques = torques if torques is None or cutoff is None else low_pass(torques, rate, cutoff)
     channels = _channels(mechanism, frame, wrench, torques)
@@ -315,14 +315,18 @@ def _coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:
 
 
 def _wrench(
-    tree: Tree, recording: Recording, q: np.ndarray, rate: float, cutoff: float | None
+    tree: Tree, recording: Recording, motion: Motion, cutoff: float | None, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the ground sensor's frame, and the total wrench in it (Eq. 17); on a moving base of contacts alone."""
-    ground = recording.wrench(GROUND) if GROUND in recording.wrenches else None
-    contacts = [recording.wrench(name) for name in recording.wrenches if name != GROUND]
-    if ground is None and recording.base is None and not contacts:
-        return np.eye(4), np.full((len(q), 6), np.nan)
-    if ground is None and recording.base is None:
-        raise LogError("On a base at rest the wrench 'ground' has to be measured besides the contacts'.")
-    total = total_wrench(tree, q, ground, contacts)
-    return total.frame, total.values if cutoff is None else low_pass(total.values, rate, cutoff)
+    """Pose of the ground sensor's frame, and the total wrench in it (Eq. 17); of contacts alone on a base not held."""
+    wrenches = recording.wrenches
+    if not wrenches and recording.base is None:
+        return np.eye(4), np.full((len(motion), 6), np.nan)
+    if GROUND not in wrenches and recording.is_held(tree):
+        raise LogError(
+            "Where something holds the base the wrench 'ground' has to be measured besides the contacts'; where "
+            "nothing does, because joints carry the mechanism freely, say so: held = false under [base]."
+        )
+    if GROUND not in wrenches and recording.base is None:
+        notes.append(f"Nothing holds the base: {', '.join(wrenches)} make up the total wrench alone (Eq. 3).")
+    total = recording.total_wrench(tree, motion=motion)
+    return total.frame, total.values if cutoff is None else low_pass(total.values, recording.rate, cutoff)

@@ -46,22 +46,26 @@ class SetupParameter:
 
 
 def setup_parameters(
-    equations: Equations, contacts: Sequence[str], priors: dict[str, float] | None = None
+    equations: Equations, contacts: Sequence[str], priors: dict[str, float] | None = None, *, held: bool = True
 ) -> tuple[SetupParameter, ...]:
     """All that the channels of a recording leave open.
 
     Args:
         equations: What is fitted.
-        contacts: Names of the wrenches besides the ground's.
+        contacts: Names of the wrenches besides the ground's, those of bodies that take turns on a plate once.
         priors: Standard deviations that replace those of `PRIORS`; a kind at zero is left out.
+        held: Whether there is a ground wrench; without one all contacts together have a delay and a clock.
     """
     std = PRIORS | (priors or {})
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
-    wrenches = ([GROUND] if len(equations.channels) > len(equations.torques) else []) + list(contacts)
+    felt = len(equations.channels) > len(equations.torques)
+    ground = [GROUND] if felt and held else []
+    wrenches, together = [*ground, *contacts], [" + ".join(contacts)] if felt and contacts else []
     hinges = [body for body in tree.bodies if body.moves and body.turns]
     rows: list[tuple[str, str, int | None]] = []
+    for wrench in ground if held else together:
+        rows += [("delay", wrench, None), ("clock", wrench, None)]
     for wrench in wrenches:
-        rows += [("delay", wrench, None), ("clock", wrench, None)] if wrench == GROUND else []
         rows += [(kind, wrench, axis) for kind in ("origin", "rotation") for axis in range(3)]
     rows += [("gain", channel, None) for channel in equations.channels]
     rows += [("gravity", "", axis) for axis in across(gravity)] if np.any(gravity) else []

@@ -13,7 +13,7 @@ from ident.estimation.preparation import Prepared, predicted_channels
 from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import BaseCheck, ContactCheck, FrameCheck
-from ident.recordings.wrench import GROUND
+from ident.recordings.wrench import GROUND, pose_in_base
 
 Found = TypeVar("Found")
 
@@ -137,7 +137,8 @@ def wrench_checks(prepared: Prepared) -> tuple[dict[str, FrameCheck], BaseCheck 
 
 
 def _frames(prepared: Prepared, predicted: np.ndarray) -> dict[str, FrameCheck]:
-    poses, names = prepared.mechanism.tree.poses(prepared.samples.motion.q), prepared.mechanism.tree.names
+    motion, names = prepared.samples.motion, prepared.mechanism.tree.names
+    poses, base = prepared.mechanism.tree.poses(motion.q), motion.base_poses
     checks = {}
     for name in prepared.recording.wrenches:
         wrench = prepared.recording.wrench(name)
@@ -146,7 +147,7 @@ def _frames(prepared: Prepared, predicted: np.ndarray) -> dict[str, FrameCheck]:
             missing = predicted - np.nan_to_num(others)
             checks[name] = diagnosis.check_frame(wrench.on_mechanism, missing, wrench.pose[:3, :3])
             continue
-        pose = poses[:, names.index(str(wrench.body))] @ wrench.pose
+        pose = pose_in_base(wrench, poses[:, names.index(str(wrench.body))], base)
         in_frame = coAd(inverse(prepared.frame)) @ coAd(pose)
         others = prepared.wrench - (in_frame @ wrench.on_mechanism[..., None])[..., 0]
         if np.isfinite(others).all():

@@ -22,6 +22,7 @@ class Mechanism:
         sites: Named places where sensors sit, each the name of a body and a pose in its frame (4, 4).
         ranges: Limits of joint coordinates by the joints' names, rad or m.
         source: What it was read from, for those who write it back.
+        pose: Pose of the base frame in the model's world, for a base that rests (4, 4).
     """
 
     tree: Tree
@@ -30,6 +31,7 @@ class Mechanism:
     sites: Mapping[str, tuple[str, np.ndarray]] = field(default_factory=dict)
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     source: Any = None
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))

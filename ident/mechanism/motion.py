@@ -89,6 +89,11 @@ class Motion:
         return Motion(self.q[which], self.dq[which], self.ddq[which], self.base and self.base[which])
 
     @property
+    def base_poses(self) -> np.ndarray | None:
+        """Poses of a base that does not rest in an inertial frame (N, 4, 4), None of one at rest."""
+        return None if self.base is None else self.base.T
+
+    @property
     def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q, q̇ and q̈."""
         return self.q, self.dq, self.ddq

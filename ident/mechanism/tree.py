@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -88,6 +89,20 @@ class Tree:
     def freedoms(self) -> tuple[str, ...]:
         """Names of the n entries of q̇: the joints', with `.x`, `.y` and `.z` for a ball."""
         return tuple(freedom for body in self.bodies for freedom in body.freedoms)
+
+    @cached_property
+    def floats(self) -> bool:
+        """Whether the joints of one body, the only one on the base, let it move in all six directions."""
+        chain, parent = list[int](), BASE
+        while not chain or self.bodies[parent].massless:
+            on_it = [i for i, body in enumerate(self.bodies) if body.parent == parent]
+            if len(on_it) != 1:
+                return False
+            chain, parent = chain + on_it, on_it[0]
+        # Where no axes happen to be parallel.
+        poses = self.poses(np.linspace(0.3, 0.9, sum(body.coordinates for body in self.bodies)))
+        screws = [se3.Ad(poses[i]) @ self.bodies[i].motions for i in chain]
+        return bool(np.linalg.matrix_rank(np.hstack(screws).astype(float)) == 6)
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all bodies on it."""

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
 from ident.mechanism.body import is_rigid
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings import saved
 from ident.recordings.npz import LIMIT
@@ -43,6 +44,7 @@ class Recording:
         sensors: Where wrenches are measured, by their names. That of the ground sits in the base frame unless this
             says otherwise, and measures what the ground exerts on the mechanism.
         base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base that rests.
+        held: Whether something holds the base, whose wrench is the ground's; None for what the mechanism suggests.
         setup: What is known of the set-up, as far as it is not the usual: standard deviations in SI units and radians,
             by the kinds of `ident.estimation.setup.PRIORS`; zero for what is exactly as stated.
         known: How well the model's bodies are known, as far as it is not the usual: by the kinds of
@@ -67,6 +69,7 @@ class Recording:
     notes: Sequence[str] = ()
     unused: Sequence[str] = ()
     streams: Mapping[str, Sampled] = field(default_factory=dict)
+    held: bool | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", checked_channel("time", self.time, None))
@@ -195,14 +198,29 @@ class Recording:
             )
         levels = [self.noise.get(channel) for channel in channels]
         covariance = None if None in levels else np.diag(np.repeat(np.array(levels, float), 3) ** 2)
-        return Wrench(values, **vars(self.sensors.get(name, Sensor())), covariance=covariance, time=self.time)
+        sensor = self.sensors.get(name, Sensor())
+        return Wrench(
+            values, sensor.body, sensor.pose, sensor.applied_to_link, covariance, time=self.time, frame=sensor.frame
+        )
 
-    def total_wrench(self, tree: Tree, without: Iterable[str] = ()) -> TotalWrench:
-        """Eq. 17: the total wrench of all wrenches but those named, at the recorded joint positions."""
+    def is_held(self, tree: Tree) -> bool:
+        """Whether something holds the base: it rests, and no joints carry the mechanism freely, unless it is stated."""
+        return (self.base is None and not tree.floats) if self.held is None else self.held
+
+    def total_wrench(self, tree: Tree, without: Iterable[str] = (), *, motion: Motion | None = None) -> TotalWrench:
+        """Eq. 17: the total wrench of all wrenches but those named; where nothing holds the base, of contacts alone.
+
+        Args:
+            tree: The mechanism.
+            without: Names of wrenches to leave out.
+            motion: How mechanism and base move, by default joint positions and poses as they were recorded.
+        """
         names = [name for name in self.wrenches if name not in without]
-        ground = self.wrench(GROUND) if GROUND in names or self.base is None else None
+        ground = self.wrench(GROUND) if GROUND in names or self.is_held(tree) else None
         contacts = [self.wrench(name) for name in names if name != GROUND]
-        return total_wrench(tree, self.of_joints(tree.joints, "position"), ground, contacts)
+        if motion is None:
+            return total_wrench(tree, self.of_joints(tree.joints, "position"), ground, contacts, base=self.base)
+        return total_wrench(tree, motion.q, ground, contacts, base=motion.base_poses)
 
     def poses(self, body: str) -> np.ndarray:
         """Pose of a body in the base frame (N, 4, 4)."""

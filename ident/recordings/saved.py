@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.recordings.files import read_tables, write_channels
-from ident.recordings.table import BASE, METADATA, TRUE, is_number
+from ident.recordings.table import BASE, METADATA, TRUE, is_number, short
 from ident.recordings.wrench import sensors_told
 
 
@@ -33,6 +33,7 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
     metadata = {name: fields[name] for name in ("units", "noise", "provenance")}
     sensors = {name: vars(sensor) | {"pose": sensor.pose.tolist()} for name, sensor in fields["sensors"].items()}
     told = {"sensors": sensors, "notes": list(fields["notes"]), "unused": list(fields["unused"])}
+    told["stated"] = {} if fields["held"] is None else {"held": fields["held"]}
     write_channels(path, channels, metadata | {name: content for name, content in told.items() if content})
 
 
@@ -69,6 +70,10 @@ def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dic
     told = {name: metadata[name] for name in METADATA if name in metadata}
     if "sensors" in told:
         told["sensors"] = sensors_told(told["sensors"])
+    held = told.pop("stated", {}).get("held")
+    if not isinstance(held, bool | None):
+        raise LogError(f"'held' of 'stated' needs true or false, got {short(held)}.")
+    told["held"] = held
     if base is not None and base.shape[1:] == (16,):
         base = base.reshape(-1, 4, 4)
     return {"time": time, "measured": measured, "true": true, "base": base} | told

@@ -17,7 +17,10 @@ TRUE = "true:"
 BASE = "base:pose"
 """Columns of a file that hold the poses of a moving base, row by row."""
 
-METADATA = {"units": dict, "noise": dict, "provenance": dict, "sensors": dict, "notes": list, "unused": list}
+METADATA = {
+    **dict.fromkeys(("units", "noise", "provenance", "sensors", "stated"), dict),
+    **dict.fromkeys(("notes", "unused"), list),
+}
 """What a file says about its columns, as JSON has it."""
 
 

@@ -15,6 +15,9 @@ from ident.mechanism.tree import Tree
 GROUND = "ground"
 """Name of the wrench at the base; all others are contacts."""
 
+FRAMES = ("body", "world")
+"""What a sensor's frame moves with: the link that it is on, or nothing, as a force plate's."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
@@ -22,14 +25,23 @@ class Sensor:
 
     Attributes:
         body: Name of the link that touches something; None for the ground wrench.
-        pose: Pose of the sensor's frame in the link's frame, for the ground wrench in the base frame (4, 4).
+        pose: Pose of the sensor's frame in the link's frame, for the ground wrench in the base frame (4, 4). Of one in
+            the world in the frame that the poses of a moving base are in, which is the base frame of a base at rest.
         applied_to_link: Whether readings are what the surroundings exert on the mechanism; otherwise they are what the
             link exerts on its surroundings, Γ_E of Eq. 15.
+        frame: What the sensor's frame moves with, one of `FRAMES`.
+        plate: Name of the plate where several bodies take turns on one: each has a wrench of its own, zero while it
+            does not stand there, and where the plate is concerns them all. Empty for a wrench that is on its own.
     """
 
     body: str | None = None
     pose: np.ndarray = field(default_factory=lambda: np.eye(4))
     applied_to_link: bool = True
+    frame: str = "body"
+    plate: str = ""
+
+    def __post_init__(self) -> None:
+        _check_frame(f"The sensor on '{self.body}'", self.frame, self.body)
 
 
 def sensors_told(told: Mapping[str, Any]) -> dict[str, Sensor]:
@@ -41,9 +53,11 @@ def sensors_told(told: Mapping[str, Any]) -> dict[str, Sensor]:
     sensors = {}
     for name, content in told.items():
         try:
-            sensor = Sensor(content["body"], np.array(content["pose"], float), content["applied_to_link"])
+            place = content["body"], np.array(content["pose"], float), content["applied_to_link"]
+            sensor = Sensor(*place, content.get("frame", "body"), content.get("plate", ""))
             told_well = isinstance(sensor.body, str | None) and isinstance(sensor.applied_to_link, bool)
-        except (KeyError, TypeError, ValueError):
+            told_well = told_well and isinstance(sensor.plate, str)
+        except (AttributeError, KeyError, TypeError, ValueError):
             told_well = False
         if not told_well or sensor.pose.shape != (4, 4) or not is_rigid(sensor.pose):
             raise LogError(f"the sensor '{name}' needs a body, a pose (4, 4) and applied_to_link, true or false.")
@@ -62,6 +76,7 @@ class Wrench:
         applied_to_link: Which way round, as for `Sensor`.
         covariance: Covariance of the values (6, 6); None if unknown.
         time: Sample times, s (N,), to be checked against other wrenches' if both are given.
+        frame: What the sensor's frame moves with, as for `Sensor`.
     """
 
     values: np.ndarray
@@ -70,9 +85,11 @@ class Wrench:
     applied_to_link: bool = True
     covariance: np.ndarray | None = None
     time: np.ndarray | None = None
+    frame: str = "body"
 
     def __post_init__(self) -> None:
         who = "The ground wrench" if self.body is None else f"The contact on '{self.body}'"
+        _check_frame(who, self.frame, self.body)
         values, pose = np.asarray(self.values, float), np.asarray(self.pose, float)
         if values.ndim != 2 or values.shape[1] != 6 or not (np.isfinite(values) | np.isnan(values).all(axis=0)).all():
             raise InputError(
@@ -148,7 +165,30 @@ def transform_covariance(T_ab: np.ndarray, covariance: np.ndarray) -> np.ndarray
     return A @ covariance @ np.swapaxes(A, -1, -2)
 
 
-def total_wrench(tree: Tree, q: np.ndarray, ground: Wrench | None, contacts: Sequence[Wrench]) -> TotalWrench:
+def pose_in_base(sensor: Sensor | Wrench, body: np.ndarray, base: np.ndarray | None) -> np.ndarray:
+    """Pose of a contact's sensor in the base frame: of one in the world it takes no posture, but where the base is.
+
+    Args:
+        sensor: The sensor, or what it measured.
+        body: Pose of its body in the base frame (…, 4, 4).
+        base: Pose of a moving base in the world (…, 4, 4); None for one at rest, whose frame the world's then is.
+
+    Returns:
+        Poses (…, 4, 4), or one for all samples.
+    """
+    if sensor.frame == "body":
+        return body @ sensor.pose
+    return np.asarray(sensor.pose) if base is None else inverse(base) @ sensor.pose
+
+
+def total_wrench(
+    tree: Tree,
+    q: np.ndarray,
+    ground: Wrench | None,
+    contacts: Sequence[Wrench],
+    *,
+    base: np.ndarray | None = None,
+) -> TotalWrench:
     """Eq. 17: `Γ = Γ_0 - Σ coAd(T_0E) Γ_E`, the wrench that the mechanism's own motion and weight need.
 
     Where nothing holds the base there is no Γ_0, and the contacts alone make up Γ (Eq. 3).
@@ -159,6 +199,7 @@ def total_wrench(tree: Tree, q: np.ndarray, ground: Wrench | None, contacts: Seq
         ground: What the ground and the base exert on each other, perhaps without some of its components; None where
             nothing holds the base.
         contacts: Any number of contacts on any bodies, each with all components.
+        base: Poses of a moving base in the world, for wrenches whose frames rest there (N, 4, 4).
 
     Returns:
         The total wrench in the frame of the ground's sensor, without a ground in the base frame; the sensors'
@@ -174,14 +215,23 @@ def total_wrench(tree: Tree, q: np.ndarray, ground: Wrench | None, contacts: Seq
     if not np.isfinite(poses).all():
         raise InputError("The total wrench needs finite joint states.")
     _check(tree, len(poses), ground, contacts)
+    if base is not None and np.shape(base) != (len(poses), 4, 4):
+        raise InputError(f"{len(poses)} joint states need poses of a moving base, got shape {np.shape(base)}.")
     frame = np.eye(4) if ground is None else ground.pose
     values = np.zeros((len(poses), 6)) if ground is None else ground.on_mechanism.copy()
     parts = [] if ground is None else [(np.eye(4), ground.covariance)]
     for contact in contacts:
-        pose = inverse(frame) @ poses[:, tree.names.index(str(contact.body))] @ contact.pose
+        body = poses[:, tree.names.index(str(contact.body))]
+        pose = inverse(frame) @ pose_in_base(contact, body, base)
         values += transform_wrench(pose, contact.on_mechanism)
         parts.append((pose, contact.covariance))
     return TotalWrench(values, frame, parts)
+
+
+def _check_frame(who: str, frame: str, body: str | None) -> None:
+    """Refuses a frame that is none, or a ground wrench in the world, which is where the base is."""
+    if frame not in FRAMES or (body is None and frame != "body"):
+        raise InputError(f"{who} needs a frame out of {', '.join(FRAMES)}, for the ground 'body', got {frame!r}.")
 
 
 def _check(tree: Tree, samples: int, ground: Wrench | None, contacts: Sequence[Wrench]) -> None:

@@ -14,6 +14,7 @@ from ident.mechanism.tree import Tree
 from sim.models.mujoco_model import (
     BEYOND,
     Source,
+    base_pose,
     compiled,
     gravity_in_base,
     mechanism_bodies,
@@ -80,7 +81,8 @@ def mechanism(
         sites = {name: _on_carrier(kept, tree, *site) for name, site in sites.items()}
     text = None if isinstance(source, mujoco.MjModel) else source
     origin = Origin(model, text, base, tuple(beyond))
-    return Mechanism(tree, gravity_in_base(model, base), prior, sites, _ranges(model, tree), origin)
+    gravity, pose = gravity_in_base(model, base), base_pose(model, base)
+    return Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose)
 
 
 def _sites(model: mujoco.MjModel, members: Sequence[int]) -> dict[str, tuple[str, np.ndarray]]:

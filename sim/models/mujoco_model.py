@@ -191,14 +191,19 @@ def gravity_of(model: mujoco.MjModel) -> np.ndarray:
 def gravity_in_base(source: Source, base: str | None = None) -> np.ndarray:
     """Acceleration of gravity in the axes of a base at rest; for one that moves, in the world's, m/s² (3,)."""
     model = compiled(source)
-    R = np.eye(3)
+    return gravity_of(model) @ base_pose(model, base)[:3, :3]
+
+
+def base_pose(source: Source, base: str | None = None) -> np.ndarray:
+    """Pose of a base at rest in the world; for one that moves the identity, its poses being in the world (4, 4)."""
+    model, T = compiled(source), np.eye(4)
     b = 0 if base is None else body_id(model, base)
     while b != 0:
         if model.body_jntnum[b]:
-            return gravity_of(model)
-        R = _rotation(model.body_quat[b]) @ R
+            return np.eye(4)
+        T = _pose(model.body_pos[b], model.body_quat[b]) @ T
         b = model.body_parentid[b]
-    return R.T @ gravity_of(model)
+    return T
 
 
 def place_of_site(model: mujoco.MjModel, s: int, members: Sequence[int]) -> tuple[str, np.ndarray] | None:
