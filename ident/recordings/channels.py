@@ -85,8 +85,11 @@ def read_channels(
     channels = {
         key: _read(table, key, columns, notes, gaps and not key.startswith("base."))
         for key, columns in mapping.columns.items()
-        if key != "time"
+        if key != "time" and not key.endswith(".point")
     }
+    for key in (key for key in mapping.columns if key.endswith(".point")):
+        # Where no force acts there is none, or a quotient of noise: nothing to talk about.
+        channels[key] = _read(_tame(table, mapping.columns[key].names), key, mapping.columns[key], [], True)
     others = [n for n in table.cells if n not in mapping.used and re.fullmatch(r".+_(force\.[xyz]|f[xyz])", n)]
     if others:
         notes.append(
@@ -110,6 +113,23 @@ def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool
             elif missing.any():
                 notes.append(f"Column '{name}' ({key}) is empty in {missing.sum()} of {len(x)} samples. {AS_MEASURED}")
     return x * columns.factor
+
+
+def _tame(table: Table, names: Sequence[str]) -> Table:
+    """A table in whose columns of these names infinite and huge numbers are missing."""
+
+    def tame(cell: str) -> str:
+        try:
+            return cell if abs(float(cell.replace(",", "."))) <= HUGE else ""
+        except ValueError:
+            return cell
+
+    cells = {name: table.cells[name] for name in filter(None, names)}
+    for name, own in cells.items():
+        cells[name] = (
+            np.where(np.abs(own) <= HUGE, own, np.nan) if isinstance(own, np.ndarray) else [tame(cell) for cell in own]
+        )
+    return replace(table, cells={**table.cells, **cells})
 
 
 def _continuous(table: Table, quaternion: np.ndarray) -> np.ndarray:

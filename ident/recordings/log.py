@@ -16,6 +16,7 @@ from ident.recordings.npz import LIMIT
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
+from ident.recordings.standing import about_origins, placed
 from ident.recordings.table import BASE, TRUE
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
 
@@ -92,11 +93,13 @@ def _pieces(
                 mapping = with_names(mapping, table, joints)
                 clock = Clock(mapping.columns["time"], gaps)
             channels = read_channels(table, mapping, notes if first else [], gaps=gaps)
+            channels = about_origins(table, channels, mapping.plates, notes if first else [], gaps=gaps)
             repaired = clock.repaired(table, channels, notes)
             if not len(repaired.time):
                 continue
             unused = [name for name in table.cells if name not in mapping.used]
             recording = _without_incomplete(_recording(repaired, mapping), joints, notes if first else [])
+            recording = placed(recording, mechanism, mapping.plates, notes if first else [])
             if first:
                 check_angles(recording, mapping, hinges)
                 check_rates(recording, hinges)
@@ -148,6 +151,7 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         setup=mapping.setup,
         known=mapping.known,
         streams=streams,
+        held=mapping.held,
     )
 
 

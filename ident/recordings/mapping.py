@@ -7,10 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
 from ident.mechanism.tree import Tree
+from ident.recordings import plates
+from ident.recordings.entries import check_keys as _check_keys
+from ident.recordings.entries import pose as _pose
+from ident.recordings.entries import table as _entry
+from ident.recordings.plates import Plate
 from ident.recordings.table import short
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
@@ -79,6 +83,8 @@ class ColumnMapping:
         columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, and
             `base.position` and `base.quaternion`, or `base.pose`.
         sensors: Sensors of the wrenches by name.
+        plates: Those of them that rest in the world, by name.
+        held: Whether something holds the base, as for `Recording`.
         setup: Standard deviations of what is known of the set-up, as for `Recording`.
         known: How well φ of the model is known, as for `Recording`.
     """
@@ -87,6 +93,8 @@ class ColumnMapping:
     sensors: dict[str, Sensor] = field(default_factory=dict)
     setup: dict[str, float] = field(default_factory=dict)
     known: dict[str, float] = field(default_factory=dict)
+    plates: dict[str, Plate] = field(default_factory=dict)
+    held: bool | None = None
 
     @property
     def has_base(self) -> bool:
@@ -157,13 +165,19 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
             mapping.columns[key] = _single(key, entry, f"{joints[joint]} {kind}")
     for name, entry in _entry("wrenches", entries.get("wrenches", {})).items():
         mapping.columns |= _wrench_columns(f"wrenches.{name}", _entry(f"wrenches.{name}", entry))
-        mapping.sensors[name] = _sensor(name, entry, bodies)
+        if plate := plates.plate(name, entry, bodies):
+            mapping.plates[name] = plate
+        mapping.sensors[name] = _sensor(name, entry, bodies, plate)
     if "base" in entries:
         entry = _entry("base", entries["base"])
-        _check_keys("[base]", entry, ("position", "quaternion", "unit"))
-        length = _factor("base", entry, "unit", "length")
-        mapping.columns["base.position"] = _several("base.position", entry.get("position"), 3, *length)
-        mapping.columns["base.quaternion"] = _several("base.quaternion", entry.get("quaternion"), 4)
+        _check_keys("[base]", entry, ("position", "quaternion", "unit", "held"))
+        mapping.held = entry.get("held")
+        if not isinstance(mapping.held, bool | None):
+            raise LogError(f"base.held needs true or false, got {short(mapping.held)}.")
+        if entry.keys() != {"held"}:
+            length = _factor("base", entry, "unit", "length")
+            mapping.columns["base.position"] = _several("base.position", entry.get("position"), 3, *length)
+            mapping.columns["base.quaternion"] = _several("base.quaternion", entry.get("quaternion"), 4)
     check_no_column_twice(mapping.columns)
     return mapping
 
@@ -180,48 +194,32 @@ def _deviations(table: str, entries: Mapping[str, Any], factors: Mapping[str, fl
 
 def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
     keys = ("force", "torque", "unit", "torque_unit", "position", "quaternion", "rpy_deg", "body", "applied_to_link")
-    _check_keys(f"[{where}]", entry, keys)
+    _check_keys(f"[{where}]", entry, (*keys, *plates.KEYS))
     columns = {
         key: _several(key, entry.get(kind, ["", "", ""]), 3, *_factor(where, entry, unit, kind), gaps=True)
         for key, kind, unit in ((f"{where}.force", "force", "unit"), (f"{where}.torque", "torque", "torque_unit"))
     }
+    if "point" in entry:
+        length, point = _factor(where, entry, "point_unit", "length"), plates.columns_of_point(where, entry)
+        columns[f"{where}.point"] = _several(f"{where}.point", point, 3, *length, gaps=True)
+    if "free_moment" in entry:
+        moment, key = _factor(where, entry, "torque_unit", "torque"), f"{where}.free_moment"
+        columns[key] = _several(key, entry["free_moment"], 3, *moment, gaps=True)
     if not any(name for several in columns.values() for name in several.names):
         raise LogError(f"[{where}] needs at least one column under force or torque.")
     return columns
 
 
-def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Sensor:
+def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: Plate | None) -> Sensor:
     where, body = f"wrenches.{name}", entry.get("body")
     if name == GROUND and body is not None:
         raise LogError(f"[{where}] needs no body: the ground acts at the base; got {short(body)}.")
-    if name != GROUND and body not in bodies:
+    if name != GROUND and plate is None and body not in bodies:
         raise LogError(f"[{where}] needs a body, one of {', '.join(bodies)}; got {short(body)}.")
     applied = entry.get("applied_to_link", True)
     if not isinstance(applied, bool):
         raise LogError(f"{where}.applied_to_link needs true or false, got {short(applied)}.")
-    return Sensor(body, _pose(where, entry), applied)
-
-
-def _pose(where: str, entry: Mapping[str, Any]) -> np.ndarray:
-    if "quaternion" in entry and "rpy_deg" in entry:
-        raise LogError(f"[{where}] needs a quaternion or rpy_deg, got both.")
-    T = np.eye(4)
-    T[:3, 3] = _vector(f"{where}.position", entry.get("position", [0, 0, 0]), 3)
-    if "rpy_deg" in entry:
-        T[:3, :3] = Rotation.from_euler("xyz", _vector(f"{where}.rpy_deg", entry["rpy_deg"], 3), True).as_matrix()
-        return T
-    quaternion = _vector(f"{where}.quaternion", entry.get("quaternion", [1, 0, 0, 0]), 4)
-    if not 0.99 < np.linalg.norm(quaternion) < 1.01:
-        raise LogError(f"{where}.quaternion needs four numbers w, x, y, z of norm 1, got {quaternion.tolist()}.")
-    T[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-    return T
-
-
-def _vector(where: str, value: Any, size: int) -> np.ndarray:
-    numbers = isinstance(value, list) and all(type(x) in (int, float) and abs(x) < HUGE for x in value)
-    if not numbers or len(value) != size:
-        raise LogError(f"{where} needs a list of {size} numbers, got {short(value)}.")
-    return np.array(value, float)
+    return Sensor(body, _pose(where, entry), applied) if plate is None else plate.sensor(applied)
 
 
 def _single(where: str, entry: Any, quantity: str) -> Columns:
@@ -251,15 +249,3 @@ def _factor(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tu
     if not isinstance(entry[key], str) or entry[key] not in choices:
         raise LogError(f"{where}.{key} needs one of {', '.join(choices)}; got {short(entry[key])}.")
     return choices[entry[key]], next(iter(choices))
-
-
-def _entry(where: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise LogError(f"{where} needs a table of entries, got {short(value)}.")
-    return value
-
-
-def _check_keys(where: str, entry: Mapping[str, Any], choices: Sequence[str]) -> None:
-    for key in entry:
-        if key not in choices:
-            raise LogError(f"{where} has no entry '{short(key)}'; valid are {', '.join(choices) or 'none'}.")

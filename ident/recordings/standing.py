@@ -1,0 +1,181 @@
+"""What plates measure, as wrenches: about the frame's origin, while somebody stands there, and who does."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import label
+
+from ident.errors import LogError
+from ident.geometry.se3 import inverse
+from ident.mechanism.mechanism import Mechanism
+from ident.recordings.plates import Plate
+from ident.recordings.recording import Recording
+from ident.recordings.sampled import Sampled
+from ident.recordings.table import Table
+from ident.recordings.wrench import Sensor, pose_in_base
+
+CLOSE = 1.5
+"""Distances of two bodies from a force within this factor leave open whose it is."""
+
+TOLD = 4
+"""Episodes on a plate that a note lists."""
+
+
+def about_origins(
+    table: Table, channels: Mapping[str, np.ndarray], plates: Mapping[str, Plate], notes: list[str], *, gaps: bool
+) -> dict[str, np.ndarray]:
+    """Channels with moments about the plates' origins in place of points of application: `M = M_free + p × F`.
+
+    Where the force is no larger than the threshold, nothing acts.
+
+    Args:
+        table: The file, for messages.
+        channels: What was measured, by key of the mapping, in SI units (N, k).
+        plates: Plates by the names of their wrenches.
+        notes: Sentences on what was done; more are appended.
+        gaps: Whether samples may be missing.
+
+    Raises:
+        LogError: A point of application is missing while a force acts.
+    """
+    out = dict(channels)
+    for name, plate in plates.items():
+        force, torque = (f"wrenches.{name}.{kind}" for kind in ("force", "torque"))
+        quiet = _is_quiet(out[force], plate.threshold)
+        if plate.point is not None:
+            out[torque] = _moment(table, f"wrenches.{name}", out, plate, quiet, gaps)
+        elif not plate.threshold:
+            continue
+        for key in (force, torque):
+            measured = ~np.isnan(out[key]).all(axis=0)
+            out[key] = np.where(quiet[:, None] & measured, 0.0, out[key])
+        if quiet.any():
+            unused = "" if plate.point is None else ", nor is its point of application used"
+            notes.append(
+                f"The wrench '{name}' counts as nothing in {quiet.sum()} of {len(quiet)} samples, whose force is at "
+                f"most {plate.threshold:g} N{unused}."
+            )
+    return out
+
+
+def _is_quiet(force: np.ndarray, threshold: float) -> np.ndarray:
+    """Samples of a force whose measured components are no larger than a threshold in all; missing ones are not (N,)."""
+    known = ~np.isnan(force).all(axis=0)
+    return np.linalg.norm(force[:, known], axis=1) <= (threshold if known.any() else -1.0)
+
+
+def _moment(
+    table: Table, where: str, channels: dict[str, np.ndarray], plate: Plate, quiet: np.ndarray, gaps: bool
+) -> np.ndarray:
+    """Moment about the frame's origin of a force at a point, which is taken out of the channels (N, 3)."""
+    measured, free, force = (
+        channels.pop(f"{where}.point"),
+        channels.pop(f"{where}.free_moment"),
+        channels[f"{where}.force"],
+    )
+    assert plate.point is not None
+    point = np.where(quiet[:, None], 0.0, np.where(np.isnan(plate.point), measured, plate.point))
+    lost = np.isnan(point).any(axis=1) & np.isfinite(force).all(axis=1)
+    if lost.any() and not gaps:
+        raise LogError(
+            f"{table.row(int(lost.argmax()))}, {where}.point is missing, as in {lost.sum()} of {len(lost)} samples "
+            f"with more than {plate.threshold:g} N; with a higher 'threshold' their force counts as nothing."
+        )
+    known = ~np.isnan(free).all(axis=0)
+    return np.where(known, free, 0.0) + np.cross(point, force)
+
+
+def placed(recording: Recording, mechanism: Mechanism, plates: Mapping[str, Plate], notes: list[str]) -> Recording:
+    """The recording with its plates where the mechanism's base is, and a wrench for each body on a plate.
+
+    Args:
+        recording: The recording, its plates in the model's world.
+        mechanism: The mechanism, in whose base frame they are put if the base rests.
+        plates: Plates by the names of their wrenches.
+        notes: Sentences on who stands where; more are appended.
+
+    Raises:
+        LogError: The ground rests in the world while the base moves, or who stands on a plate cannot be found.
+    """
+    for name, plate in plates.items():
+        sensor = recording.sensors[name]
+        if recording.base is None:
+            sensor = replace(sensor, pose=inverse(mechanism.pose) @ sensor.pose)
+        elif sensor.body is None:
+            raise LogError(
+                f"[wrenches.{name}] rests in the world while the base moves: give it another name, and the body that "
+                "is 'on' it."
+            )
+        recording = recording.with_sensors({name: sensor})
+        if len(plate.bodies) > 1:
+            recording = _taking_turns(recording, mechanism, name, plate, notes)
+    return recording
+
+
+def _taking_turns(recording: Recording, mechanism: Mechanism, name: str, plate: Plate, notes: list[str]) -> Recording:
+    """The recording with a wrench of its own for each body that may be on a plate, zero while it is not."""
+    sensor = recording.sensors[name]
+    who, close = _standing(recording, mechanism, sensor, name, plate)
+    notes.append(_told(recording.time, who, close, name, plate.bodies))
+    sensors = {key: x for key, x in recording.sensors.items() if key != name}
+    measured, streams, units = dict(recording.measured), dict(recording.streams), dict(recording.units)
+    for kind in ("force", "torque"):
+        channel = f"{name}_{kind}"
+        values, stream, unit = measured.pop(channel), streams.pop(channel, None), units.pop(channel, None)
+        for k, body in enumerate(plate.bodies):
+            own = f"{body} on {name}"
+            sensors[own] = replace(sensor, body=body, plate=name)
+            measured[f"{own}_{kind}"] = np.where((who == k)[:, None], values, 0.0)
+            units |= {} if unit is None else {f"{own}_{kind}": unit}
+            if stream is not None:
+                at_stream = who[_nearest(recording.time, stream.time)] == k
+                streams[f"{own}_{kind}"] = Sampled(stream.time, np.where(at_stream[:, None], stream.values, 0.0))
+    return replace(recording, measured=measured, streams=streams, units=units, sensors=sensors)
+
+
+def _standing(
+    recording: Recording, mechanism: Mechanism, sensor: Sensor, name: str, plate: Plate
+) -> tuple[np.ndarray, list[tuple[int, str]]]:
+    """Which of its bodies is on a plate, -1 for none (N,), and where another one is nearly as near.
+
+    In every episode of force it is the body whose origin is nearest to the line along which the force acts, on average
+    over the force: |(M - p × F) × F| / F². On the plate that line is at the centre of pressure.
+    """
+    tree = mechanism.tree
+    force, torque = recording[f"{name}_force"], recording[f"{name}_torque"]
+    if not np.isfinite(np.hstack([force, torque])).all():
+        raise LogError(f"[wrenches.{name}] needs all six components to find who is on it.")
+    poses = tree.poses(recording.of_joints(tree.joints, "position"))[:, [tree.names.index(b) for b in plate.bodies]]
+    to_sensor = inverse(pose_in_base(sensor, np.eye(4), recording.base))
+    origins = (to_sensor.reshape(-1, 1, 4, 4) @ poses)[..., :3, 3]
+    size = np.linalg.norm(force, axis=1)
+    arms = np.cross(torque[:, None] - np.cross(origins, force[:, None]), force[:, None])
+    weighted = np.linalg.norm(arms, axis=2) / np.maximum(size, 1e-12)[:, None]
+    who, close = np.full(len(size), -1), []
+    episodes, count = label(size > plate.threshold)
+    for episode in range(1, count + 1):
+        during = episodes == episode
+        distances = weighted[during].sum(axis=0) / size[during].sum()
+        order = np.argsort(distances, kind="stable")
+        who[during] = order[0]
+        if distances[order[1]] < CLOSE * distances[order[0]]:
+            close.append((int(during.argmax()), plate.bodies[order[1]]))
+    return who, close
+
+
+def _told(time: np.ndarray, who: np.ndarray, close: Sequence[tuple[int, str]], name: str, bodies: Sequence[str]) -> str:
+    """A note on who was found on a plate, and when."""
+    borders = np.flatnonzero(np.diff(who, prepend=-1, append=-1))
+    spans = [(a, b - 1) for a, b in pairwise(borders) if who[a] >= 0]
+    listed = [f"{bodies[who[a]]} from {time[a]:.2f} to {time[b]:.2f} s" for a, b in spans[:TOLD]]
+    more = f", and {len(spans) - TOLD} times more" if len(spans) > TOLD else ""
+    doubt = "".join(f" From {time[a]:.2f} s on {body} is nearly as near." for a, body in close[:TOLD])
+    return f"By its force, on '{name}' is {', '.join(listed) or 'nobody'}{more}.{doubt}"
+
+
+def _nearest(time: np.ndarray, asked: np.ndarray) -> np.ndarray:
+    """Indices of the times next to those asked for."""
+    after = np.clip(np.searchsorted(time, asked), 1, len(time) - 1)
+    return np.where(asked - time[after - 1] <= time[after] - asked, after - 1, after)

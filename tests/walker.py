@@ -1,0 +1,115 @@
+"""A person of six bodies who stands on two plates and holds a rail: truth by MuJoCo's inverse dynamics."""
+
+from functools import cache
+
+import mujoco
+import numpy as np
+
+import sim
+from ident.geometry.se3 import inverse, pose
+from ident.recordings.wrench import transform_wrench
+
+ROOT = ("tx", "ty", "tz", "yaw", "lean", "tilt")
+MODEL = """
+<mujoco>
+  <option gravity="0 0 -9.81"/>
+  <worldbody>
+    <body name="pelvis" pos="0 0 1">
+      {root}
+      <geom type="ellipsoid" size="0.1 0.16 0.25" pos="0.02 0 0.2" density="1100"/>
+      <body name="thigh_r" pos="0 -0.1 0"><joint name="hip_r" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0.02 0 -0.42" size="0.06"/>
+        <body name="foot_r" pos="0 0 -0.45"><joint name="knee_r" axis="0.1 1 0"/>
+          <geom type="capsule" fromto="0 0 0 0 0.01 -0.42" size="0.04"/></body></body>
+      <body name="thigh_l" pos="0 0.1 0"><joint name="hip_l" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0.02 0 -0.42" size="0.06"/>
+        <body name="foot_l" pos="0 0 -0.45"><joint name="knee_l" axis="-0.1 1 0"/>
+          <geom type="capsule" fromto="0 0 0 0 0.01 -0.42" size="0.04"/></body></body>
+      <body name="arm" pos="0 -0.2 0.4"><joint name="shoulder" axis="0.3 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0.1 0 -0.5" size="0.03"/></body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+AXES = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")
+SLIDES = "".join(
+    f'<joint name="{name}" type="{"slide" if k < 3 else "hinge"}" axis="{axis}"/>'
+    for k, (name, axis) in enumerate(zip(ROOT, AXES, strict=True))
+)
+JOINTED = MODEL.format(root=SLIDES)
+FREE = MODEL.format(root="<freejoint/>")
+TAKEN = {"right": "foot_r", "left": "foot_l", "rail": "arm"}
+"""The body that each plate and the rail carries."""
+
+
+@cache
+def mechanism():
+    """With the pelvis's coordinates as joints from the world."""
+    return sim.mechanism(mujoco.MjSpec.from_string(JOINTED))
+
+
+@cache
+def motion(samples=600, rate=100.0):
+    """Times, q, q̇ and q̈ of all joints, sums of sines."""
+    rng, time = np.random.default_rng(0), np.arange(samples) / rate
+    sizes = np.array([0.1, 0.1, 0.06, 0.3, 0.2, 0.2, 0.5, 0.4, 0.5, 0.4, 0.6])[:, None]
+    size, phase = sizes * rng.uniform(0.2, 0.6, (11, 3)), rng.uniform(0, 6, (11, 3))
+    w = rng.uniform(2, 8, (11, 3))
+    angle = time[:, None, None] * w + phase
+    return time, *((size * x).sum(axis=2) for x in (np.sin(angle), w * np.cos(angle), -w * w * np.sin(angle)))
+
+
+@cache
+def truth():
+    """Total wrench on the person about the world's origin (N, 6) and poses of bodies (N, 4, 4)."""
+    model = mujoco.MjModel.from_xml_string(JOINTED)
+    data, (time, q, dq, ddq) = mujoco.MjData(model), motion()
+    total, places = np.empty((len(time), 6)), {model.body(b).name: np.empty((len(time), 4, 4)) for b in range(1, 7)}
+    for k in range(len(time)):
+        data.qpos, data.qvel, data.qacc = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        screws = np.array(
+            [[*axis, 0, 0, 0] if j < 3 else [*np.cross(at, axis), *axis]
+             for j, (axis, at) in enumerate(zip(data.xaxis[:6], data.xanchor[:6], strict=True))]
+        )  # fmt: skip
+        total[k] = np.linalg.solve(screws, data.qfrc_inverse[:6])
+        for name, poses in places.items():
+            body = data.body(name)
+            poses[k] = pose(body.xmat.reshape(3, 3), body.xpos)
+    return total, places
+
+
+def shares():
+    """What each plate and the rail take of the total wrench; the right plate's share is zero at times, or all."""
+    time = motion()[0]
+    rail = 0.1 + 0.05 * np.sin(3 * time)
+    right = (1 - rail) * np.clip(0.5 + 0.9 * np.sin(2.2 * time + 0.3), 0, 1)
+    return {"right": right, "left": 1 - rail - right, "rail": rail}
+
+
+def wrenches():
+    """What plates and rail exert on the person, about the world's origin (N, 6) each."""
+    total, _ = truth()
+    return {name: share[:, None] * total for name, share in shares().items()}
+
+
+def columns():
+    """The log of the joints."""
+    time, q, dq, ddq = motion()
+    out = {"time": time}
+    for k, joint in enumerate(mechanism().tree.joints):
+        out |= {f"q_{joint}": q[:, k], f"dq_{joint}": dq[:, k], f"ddq_{joint}": ddq[:, k]}
+    return out
+
+
+def in_frame(T, wrench):
+    """A wrench about the world's origin in another frame."""
+    return transform_wrench(inverse(T), wrench)
+
+
+def centre_of_pressure(wrench):
+    """Point on the surface z = 0 and moment about z of wrenches in a plate's frame; garbage where no force acts."""
+    F, M = wrench[:, :3], wrench[:, 3:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        point = np.stack([-M[:, 1] / F[:, 2], M[:, 0] / F[:, 2]], axis=1)
+    return point, np.where(F[:, 2] == 0, 0, M[:, 2] - point[:, 0] * F[:, 1] + point[:, 1] * F[:, 0])
