@@ -179,6 +179,7 @@ VALUES = st.recursive(
         st.integers(),
         st.floats(),
         st.sampled_from(["time", "q_ankle", "q_hip", "ground_fx", "ground_fy", "deg", "ms", "kN", "leg", "", "no"]),
+        st.sampled_from(["plate", "world", "auto", [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]]),
     ),
     lambda inner: st.one_of(
         st.lists(inner, max_size=4),
@@ -204,7 +205,9 @@ def mappings(draw):
     content = "".join(f"{key} = {toml(draw(VALUES))}\n" for key in draw(st.lists(entries, max_size=2, unique=True)))
     if draw(st.booleans()):
         content += f"[wrenches.ground]\nforce = {toml(draw(force))}\n"
-        keys = draw(st.lists(st.sampled_from(["unit", "position", "quaternion", "rpy_deg", "body"]), unique=True))
+        plate = ("frame", "corners", "origin", "on", "among", "point", "free_moment", "threshold")
+        plain = ("unit", "position", "quaternion", "rpy_deg", "body")
+        keys = draw(st.lists(st.sampled_from([*plain, *plate]), unique=True))
         content += "".join(f"{key} = {toml(draw(VALUES))}\n" for key in keys)
     if content and draw(st.booleans()):
         i = draw(st.integers(0, len(content) - 1))

@@ -3,16 +3,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from measurements import at, random_inputs, random_measurement
-from mechanisms import JOINTS, SCREWS, moved_states, random_tree, unhat
+from mechanisms import JOINTS, SCREWS, moved_states, random_pose, random_tree, unhat
 from scipy.spatial.transform import Rotation
 
 from ident.estimation.loads import SLIP
 from ident.estimation.measurement import base_motion, joint_states
-from ident.estimation.setup import PRIORS
+from ident.estimation.setup import PRIORS, setup_parameters
 from ident.geometry.se3 import Ad, coAd, inverse, pose
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.recordings.wrench import Sensor
 from ident.tolerances import STRIBECK
 
 SMALL = 1e-4
@@ -78,12 +79,65 @@ def test_where_nothing_holds_the_base_wrenches_are_in_the_worlds_axes():
     np.testing.assert_allclose(free, turned, atol=1e-12 * abs(turned).max())
 
 
+def with_plate(m):
+    """The same with its first contact resting in the world."""
+    name, hand = next(iter(m.contacts.items()))
+    return replace(m, contacts={**m.contacts, name: replace(hand, frame="world")})
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_plate_in_the_world_is_what_the_body_feels_wherever_it_is(seed):
+    """A wrench carried over to the body's frame, sample by sample, by poses of base and body."""
+    rng = np.random.default_rng(seed)
+    m = random_measurement(rng, moving=bool(seed % 2), contacts=2, setup=False)
+    m = replace(m, frame=None if seed > 2 else m.frame)
+    states, wrenches, theta = random_inputs(rng, m)
+    plate = with_plate(m)
+    (hand, sensor), first = next(iter(m.contacts.items())), 7 if m.moving else 0
+    base = base_motion(states[..., :first]).T if m.moving else np.eye(4)
+    body = m.tree.poses(joint_states(m.tree, states[..., first:])[0])[:, m.tree.names.index(sensor.body)]
+    to_body = coAd(inverse(base @ body @ sensor.pose) @ plate.contacts[hand].pose)
+    felt = wrenches.copy()
+    felt[:, :, :6] = np.einsum("nij,nkj->nki", to_body, wrenches[:, :, :6])
+    expected = m.values(states, felt, theta)
+    np.testing.assert_allclose(plate.values(states, wrenches, theta), expected, atol=1e-11 * abs(expected).max())
+
+
+def test_bodies_that_take_turns_on_a_plate_share_where_it_is():
+    rng = np.random.default_rng(2)
+    m = random_measurement(rng, moving=True, contacts=0, torques=False)
+    place, two = random_pose(rng), [str(name) for name in rng.choice(m.tree.names, 2, replace=False)]
+    turns = {f"{body} on plate": Sensor(body, place, frame="world", plate="plate") for body in two}
+    m = replace(m, frame=None, contacts=turns, setup=setup_parameters(m.equations, ["plate"], held=False))
+    states, wrenches, theta = random_inputs(rng, m)
+    other = replace(m, contacts={"plate": Sensor(two[0], place, frame="world")})
+    # Without joint torques it does not matter who stands there.
+    expected = other.values(states, wrenches[..., :6] + wrenches[..., 6:], theta)
+    np.testing.assert_allclose(m.values(states, wrenches, theta), expected, atol=1e-11 * abs(expected).max())
+
+
+def test_where_nothing_holds_the_base_gains_are_those_of_the_contacts():
+    """1 + gain times what the mechanism needs is what they read: zero left over."""
+    rng = np.random.default_rng(3)
+    m = random_measurement(rng, moving=True, torques=False)
+    m = replace(m, frame=None, equations=m.equations.with_offsets(()))
+    states, wrenches, theta = random_inputs(rng, m, setup=0)
+    gains = 0.1 * rng.normal(size=6)
+    named = {f"gain({name})": x for name, x in zip(m.equations.channels, gains, strict=True)}
+    own, before = changed(m, states, 0 * wrenches, theta, **named)
+    np.testing.assert_allclose(own, before * (1 + gains), rtol=1e-12)
+    touched, untouched = (m.values(states, w, theta) for w in (wrenches, 0 * wrenches))
+    with_gains = changed(m, states, wrenches, theta, **named)[0] - own
+    np.testing.assert_allclose(with_gains, (touched - untouched).T, atol=1e-11 * abs(touched).max())
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_derivatives_are_central_differences(seed):
     """Of states and every kind of parameter, the set-up's included."""
     rng = np.random.default_rng(seed)
     kinds = (*SCREWS, "revolute", "ball")
     m = random_measurement(rng, 3, kinds, moving=bool(seed % 2), torques=seed > 1, contacts=1)
+    m = with_plate(replace(m, frame=None if seed > 3 else m.frame)) if seed % 3 else m
     states, wrenches, theta = random_inputs(rng, m, samples=2)
     values, by_states, by_theta = m.derivatives(states, wrenches, theta)
     np.testing.assert_allclose(values, m.values(states, wrenches, theta), atol=1e-12 * abs(values).max())

@@ -21,6 +21,17 @@ def test_all_that_a_laboratory_leaves_open():
     assert {"delay(ground)", "origin_x(ground)", "rotation_z(hand)", "gain(Fz)", "zero(j1)"} <= {s.name for s in own}
 
 
+def test_where_nothing_holds_the_base_contacts_have_one_delay_and_one_clock():
+    m = random_measurement(np.random.default_rng(0), 3, ("revolute",), contacts=0)
+    own = {each.name for each in setup_parameters(m.equations, ["right", "left"], held=False)}
+    assert {"delay(right + left)", "clock(right + left)", "origin_x(right)", "rotation_z(left)", "gain(Fx)"} <= own
+    assert not any("ground" in name for name in own)
+    torques = random_measurement(np.random.default_rng(0), 3, ("revolute",), wrench=False)
+    for held in (True, False):
+        kinds = {each.kind for each in setup_parameters(torques.equations, ["right"], held=held)}
+        assert not {"delay", "clock"} & kinds and "origin" in kinds
+
+
 def test_a_kind_is_left_out_or_given_another_prior():
     m = random_measurement(np.random.default_rng(0), 3, ("revolute",))
     kinds = {each.kind: each.std for each in setup_parameters(m.equations, [], {"gain": 0.0, "delay": 0.01})}

@@ -7,7 +7,7 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_pose, random
 
 from ident.errors import InputError, ModelError
 from ident.geometry import se3
-from ident.mechanism.body import BASE, Body
+from ident.mechanism.body import BASE, Body, ball_twist, free_joint
 from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
@@ -193,3 +193,20 @@ def test_what_cannot_be_fixed_is_refused():
     }.items():
         with pytest.raises(InputError, match=message):
             tree.fixed({coordinates: [1, 2]})
+
+
+def test_a_mechanism_floats_where_the_joints_of_its_first_body_leave_it_free():
+    pelvis, tree = (
+        Body("pelvis", 2, np.eye(4), ball_twist(np.ones(3)), "turn"),
+        random_tree(np.random.default_rng(0), 3),
+    )
+    slides = free_joint("root", "pelvis", -1, 0)[:3]
+    free = Tree((*slides, pelvis, Body("foot", 3, np.eye(4), np.eye(6)[3], "hip")))
+    assert free.floats and Tree(free_joint("root", "pelvis", -1, 0)).floats
+    # Twice the same direction, a massive link in between, a second body on the base, a joint that stands still.
+    twice = replace(slides[2], twist=np.eye(6)[0])
+    assert not Tree((*slides[:2], twice, pelvis)).floats
+    assert not Tree((slides[0], replace(slides[1], massless=False), slides[2], pelvis)).floats
+    assert not Tree((*free.bodies, Body("chair", -1, np.eye(4), np.zeros(6)))).floats
+    assert not free.fixed({"root:x": [0.0]}).floats
+    assert not tree.floats and not double_pendulum().floats

@@ -125,6 +125,29 @@ def test_without_a_ground_wrench_the_contacts_are_all_there_is(rng, known):
         assert found.covariance is None
 
 
+def test_what_rests_in_the_world_reaches_the_base_without_any_posture(rng):
+    """The same wrenches felt by the bodies, whose poses differ from sample to sample, and their covariances."""
+    tree = random_tree(rng)
+    q, base = random_states(rng, tree, 3)[0], np.array([random_pose(rng) for _ in range(3)])
+    bodies, wrenches, poses = random_contacts(rng, tree, 3)
+    C = np.diag(rng.uniform(1, 2, 6))
+    for at in (base, None):
+        world = [
+            Wrench(w, str(body), pose, covariance=C, frame="world")
+            for body, w, pose in zip(bodies, wrenches, poses, strict=True)
+        ]
+        in_base = [pose if at is None else se3.inverse(at) @ pose for pose in poses]
+        there = [tree.poses(q)[:, tree.names.index(str(body))] for body in bodies]
+        felt = [
+            Wrench(w, str(body), se3.inverse(T) @ pose, covariance=C)
+            for body, w, T, pose in zip(bodies, wrenches, there, in_base, strict=True)
+        ]
+        ground = Wrench(rng.normal(size=(3, 6)), pose=random_pose(rng), covariance=C)
+        own, expected = (total_wrench(tree, q, ground, contacts, base=at) for contacts in (world, felt))
+        np.testing.assert_allclose(own.values, expected.values, atol=1e-11 * abs(expected.values).max())
+        np.testing.assert_allclose(own.covariance, expected.covariance, rtol=1e-9, atol=1e-9)
+
+
 def test_in_free_flight_the_total_wrench_is_known_to_be_zero():
     found = total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [])
     np.testing.assert_array_equal(found.values, np.zeros((4, 6)))
@@ -157,6 +180,7 @@ WRENCH = np.zeros((4, 6))
         ),
         ({"time": np.full(4, np.nan)}, "'b1' needs the other wrenches' sample times"),
         ({"time": np.arange(9.0)}, r"'b1' needs 4 sample times, got shape \(9,\)"),
+        ({"frame": "lab"}, "'b1' needs a frame out of body, world, for the ground 'body', got 'lab'"),
     ],
 )
 def test_contacts_that_do_not_fit_are_refused(contact, message):
@@ -170,6 +194,7 @@ def test_contacts_that_do_not_fit_are_refused(contact, message):
     [
         ({"values": WRENCH[:3]}, r"4 joint states need ground wrenches \(4, 6\), got \(3, 6\)"),
         ({"time": np.arange(3.0)}, r"ground wrench needs 4 sample times, got shape \(3,\)"),
+        ({"frame": "world"}, "ground wrench needs a frame out of body, world, for the ground 'body', got 'world'"),
         ({"covariance": np.eye(3)}, r"ground wrench needs a symmetric covariance \(6, 6\), got shape \(3, 3\)"),
     ],
 )
@@ -182,6 +207,11 @@ def test_ground_wrenches_must_fit(ground, message):
 def test_joint_states_must_be_finite(ground):
     with pytest.raises(ValueError, match="total wrench needs finite joint states"):
         total_wrench(TREE, np.full((4, len(TREE.moving)), np.nan), ground, [])
+
+
+def test_poses_of_the_base_must_fit():
+    with pytest.raises(ValueError, match=r"4 joint states need poses of a moving base, got shape \(3, 4, 4\)"):
+        total_wrench(TREE, np.zeros((4, len(TREE.moving))), None, [], base=np.tile(np.eye(4), (3, 1, 1)))
 
 
 def test_the_measured_arrays_stay_as_they_are_and_times_agree_to_a_nanosecond(rng):
