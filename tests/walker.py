@@ -17,35 +17,35 @@ MODEL = """
     <body name="pelvis" pos="0 0 1">
       {root}
       <geom type="ellipsoid" size="0.1 0.16 0.25" pos="0.02 0 0.2" density="1100"/>
-      <body name="thigh_r" pos="0 -0.1 0"><joint name="hip_r" axis="0 1 0"/>
+      {limbs}
+    </body>
+  </worldbody>
+</mujoco>
+"""
+LEGS = """<body name="thigh_r" pos="0 -0.1 0"><joint name="hip_r" axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0 0.02 0 -0.42" size="0.06"/>
         <body name="foot_r" pos="0 0 -0.45"><joint name="knee_r" axis="0.1 1 0"/>
           <geom type="capsule" fromto="0 0 0 0 0.01 -0.42" size="0.04"/></body></body>
       <body name="thigh_l" pos="0 0.1 0"><joint name="hip_l" axis="0 1 0"/>
         <geom type="capsule" fromto="0 0 0 0.02 0 -0.42" size="0.06"/>
         <body name="foot_l" pos="0 0 -0.45"><joint name="knee_l" axis="-0.1 1 0"/>
-          <geom type="capsule" fromto="0 0 0 0 0.01 -0.42" size="0.04"/></body></body>
-      <body name="arm" pos="0 -0.2 0.4"><joint name="shoulder" axis="0.3 1 0"/>
-        <geom type="capsule" fromto="0 0 0 0.1 0 -0.5" size="0.03"/></body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
+          <geom type="capsule" fromto="0 0 0 0 0.01 -0.42" size="0.04"/></body></body>"""
+ARM = """<body name="arm" pos="0 -0.2 0.4"><joint name="shoulder" axis="0.3 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0.1 0 -0.5" size="0.03"/></body>"""
 AXES = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")
 SLIDES = "".join(
     f'<joint name="{name}" type="{"slide" if k < 3 else "hinge"}" axis="{axis}"/>'
     for k, (name, axis) in enumerate(zip(ROOT, AXES, strict=True))
 )
-JOINTED = MODEL.format(root=SLIDES)
-FREE = MODEL.format(root="<freejoint/>")
+JOINTED, SMALL = (MODEL.format(root=SLIDES, limbs=limbs) for limbs in (LEGS + ARM, ARM))
 TAKEN = {"right": "foot_r", "left": "foot_l", "rail": "arm"}
 """The body that each plate and the rail carries."""
 
 
 @cache
-def mechanism():
+def mechanism(model=JOINTED):
     """With the pelvis's coordinates as joints from the world."""
-    return sim.mechanism(mujoco.MjSpec.from_string(JOINTED))
+    return sim.mechanism(mujoco.MjSpec.from_string(model))
 
 
 @cache
@@ -60,18 +60,19 @@ def motion(samples=600, rate=100.0):
 
 
 @cache
-def truth():
-    """Total wrench on the person about the world's origin (N, 6) and poses of bodies (N, 4, 4)."""
-    model = mujoco.MjModel.from_xml_string(JOINTED)
+def truth(source=JOINTED):
+    """Total wrench on the person about the world's origin (N, 6), and poses of bodies (N, 4, 4)."""
+    model = mujoco.MjModel.from_xml_string(source)
     data, (time, q, dq, ddq) = mujoco.MjData(model), motion()
-    total, places = np.empty((len(time), 6)), {model.body(b).name: np.empty((len(time), 4, 4)) for b in range(1, 7)}
+    names = [model.body(b).name for b in range(1, model.nbody)]
+    total, places = np.empty((len(time), 6)), {name: np.empty((len(time), 4, 4)) for name in names}
     for k in range(len(time)):
-        data.qpos, data.qvel, data.qacc = q[k], dq[k], ddq[k]
+        data.qpos, data.qvel, data.qacc = q[k, : model.nq], dq[k, : model.nq], ddq[k, : model.nq]
         mujoco.mj_inverse(model, data)
-        screws = np.array(
-            [[*axis, 0, 0, 0] if j < 3 else [*np.cross(at, axis), *axis]
-             for j, (axis, at) in enumerate(zip(data.xaxis[:6], data.xanchor[:6], strict=True))]
-        )  # fmt: skip
+        axes, anchors = data.xaxis[:6], data.xanchor[:6]
+        screws = np.hstack(
+            [np.vstack([axes[:3], np.cross(anchors[3:], axes[3:])]), np.vstack([0 * axes[:3], axes[3:]])]
+        )
         total[k] = np.linalg.solve(screws, data.qfrc_inverse[:6])
         for name, poses in places.items():
             body = data.body(name)

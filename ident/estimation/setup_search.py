@@ -77,8 +77,10 @@ def searched(
     # All candidates together raise a false alarm as rarely as one test does.
     threshold = float(norm.isf(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
     known = 1 / np.sqrt(np.maximum(np.diag(first.prior.precision), 1e-300))
-    while candidates.any() and len(deviations) < MOST_FOUND and fitted.status != "interrupted":
+    while len(deviations) < MOST_FOUND and fitted.status != "interrupted":
         left = np.flatnonzero(candidates & ~fitted.free)
+        if not len(left):
+            break
         values, spread = fitted.scores(np.eye(len(candidates))[left])
         z = np.where(np.abs(values) > NEGLIGIBLE * known[left], np.abs(values / spread), 0.0)
         best = int(np.argmax(z))
