@@ -154,7 +154,8 @@ def _standing(
     arms = np.cross(torque[:, None] - np.cross(origins, force[:, None]), force[:, None])
     weighted = np.linalg.norm(arms, axis=2) / np.maximum(size, 1e-12)[:, None]
     who, close = np.full(len(size), -1), []
-    episodes, count = label(size > plate.threshold)
+    # What the threshold leaves; between two samples at other times it is less than that.
+    episodes, count = label(size > 0)
     for episode in range(1, count + 1):
         during = episodes == episode
         distances = weighted[during].sum(axis=0) / size[during].sum()
