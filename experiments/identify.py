@@ -21,10 +21,12 @@ def run(args: argparse.Namespace) -> None:
 
     if args.estimator == "joint" and args.cutoff is not None:
         raise InputError(NO_CUTOFF)
+    if args.estimator != "joint" and args.gaps:
+        raise InputError("Samples may be missing (--gaps) for the joint estimate only: a filter would invent them.")
     out = _folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     read |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
-    read |= {"limit": options.size_limit(args)}
+    read |= {"limit": options.size_limit(args), "gaps": args.gaps}
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
     fitting |= {"known": PRIOR[args.prior], "physical": args.physical}
@@ -75,7 +77,11 @@ def parser() -> argparse.ArgumentParser:
     out.set_defaults(out=Path("results"))
     out.add_argument("model", type=Path, help="MJCF or URDF file")
     out.add_argument(
-        "logs", type=Path, nargs="+", metavar="log", help="CSV or npz file; several share their parameters"
+        "logs",
+        type=Path,
+        nargs="+",
+        metavar="log",
+        help="CSV (also .gz), npz, mat, mot, sto, parquet or C3D file, or ROS bag; several share their parameters",
     )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     options.add_mechanism(out)
@@ -93,6 +99,9 @@ def parser() -> argparse.ArgumentParser:
         default="joint",
         help="joint: trajectory, parameters, set-up and noise at once, from joint angles (default); weighted: least "
         "squares, channels weighted by their residuals and outliers down; ordinary: the paper's",
+    )
+    out.add_argument(
+        "--gaps", action="store_true", help="samples may be missing, as empty cells or rows: for the joint estimate"
     )
     out.add_argument(
         "--own", nargs="*", choices=("offset", "delay"), default=[], help="what each of several logs has for itself"

@@ -103,10 +103,13 @@ BAD_MAPPINGS = {
     "no TOML": ("time = = 3", "needs to be TOML in UTF-8"),
     "too deep": ("a = " + "[" * 3000, "needs to be TOML"),
     "too long": ("time = " + "1" * 5000, "needs to be TOML"),
-    "unknown entry": ("[joint.hip]", "the mapping has no entry 'joint'; valid are time, joints, wrenches, base"),
+    "unknown entry": (
+        "[joint.hip]",
+        "the mapping has no entry 'joint'; valid are time, joints, motors, wr",
+    ),
     "unknown joint": ('[joints.knee]\nposition = "a"', "[joints] has no entry 'knee'; valid are ankle, hip"),
     "unknown quantity": ('[joints.hip]\nangle = "a"', "[joints.hip] has no entry 'angle'; valid are position, vel"),
-    "unknown key": ('time = { colum = "t" }', "time has no entry 'colum'; valid are column, unit"),
+    "unknown key": ('time = { colum = "t" }', "time has no entry 'colum'; valid are column, columns, weights"),
     "unknown column": ('time = "zeit"', "time is mapped to column 'zeit', but the file has time, q_ankle, q_hip"),
     "unknown time unit": ('time = { column = "time", unit = "min" }', "time.unit needs one of s, ms, us, ns; got min"),
     "unknown unit": (

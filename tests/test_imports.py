@@ -18,7 +18,13 @@ ALLOWED = {
     "sim": {"numpy", "scipy", "mujoco", "scenes", "ident"},
     "experiments": {"numpy", "scipy", "mujoco", "matplotlib", "tqdm", "jinja2", "scenes", "ident", "sim"},
 }
-EXTRAS = {"cli": {"argcomplete"}, "symbols": {"sympy"}, "runs": {"distributed"}, "benchmark": {"pinocchio"}}
+EXTRAS = {
+    "cli": {"argcomplete"},
+    "symbols": {"sympy"},
+    "runs": {"distributed"},
+    "benchmark": {"pinocchio"},
+    "recordings": {"ezc3d", "rosbags", "pyarrow"},
+}
 """What rooms import besides where the optional extra is installed."""
 
 MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]

@@ -24,25 +24,27 @@ def prepare(
     ignore: Sequence[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
     limit: int = LIMIT,
+    gaps: bool = False,
 ) -> Prepared:
     """Reads a model and a log.
 
     Args:
         source: MJCF or URDF file.
-        log_path: CSV or npz file.
+        log_path: A file that `read_log` reads.
         base: Body whose frame is {0}, by default the world.
         columns: Mapping of the log's columns.
         cutoff: As for `prepared`.
         drive: Friction and rotor columns for joint torques.
         ignore: Equality constraints and tendons to leave out.
         fix: Joints that do not move and are not in the log, as for `tree_from_model`.
-        limit: Bytes that a npz file may take in memory.
+        limit: Bytes that an archive may take in memory.
+        gaps: Whether samples may be missing.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
     arm = mechanism(source, base, ignore=ignore, fix=fix)
-    log = read_log(log_path, arm, columns, limit=limit)
+    log = read_log(log_path, arm, columns, gaps=gaps, limit=limit)
     still = {name.format(joint) for joint in fix or () for names in KINDS.values() for name in names}
     if unread := [name for name in log.unused if name in still]:
         sentence = f"Columns of joints that --fix holds still were not read: {', '.join(unread)}."

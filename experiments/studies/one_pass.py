@@ -25,7 +25,8 @@ from ident.judgement.verdict import (
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
-from ident.recordings.mapping import UNITS, joint_kinds
+from ident.recordings.column import UNITS
+from ident.recordings.mapping import joint_kinds
 from ident.recordings.recording import STATES, Recording
 from ident.tolerances import HUGE, KILONEWTONS, TURNS
 

@@ -1,25 +1,31 @@
 """The channels of a log: what columns hold, found by name where no mapping says, complete and in SI units."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.mapping import KINDS, ColumnMapping, Columns, check_no_column_twice
+from ident.recordings.column import UNITS, Columns
+from ident.recordings.mapping import KINDS, ColumnMapping, check_no_column_twice
 from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.table import BASE, Table, short
 from ident.recordings.wrench import GROUND, Sensor, sensors_told
 from ident.tolerances import HUGE
 
 
-def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> ColumnMapping:
-    """A mapping and what the names of columns tell besides.
+def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) -> ColumnMapping:
+    """A mapping and what a file tells besides: by the names of its columns, and of their units.
+
+    Args:
+        mapping: What is known of the columns.
+        table: The file.
+        joints: Whether each joint is a `hinge` or a `slide`, by name.
 
     Raises:
         LogError: A mapped column, the time or the position of a joint is not to be found, names are ambiguous, or a
-            column has two uses.
+            column has two uses, or is mapped in another unit than the file's.
     """
     columns, sensors = dict(mapping.columns), dict(mapping.sensors)
     if "time" not in columns:
@@ -51,11 +57,35 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Sequence[str]) -> C
     if not mapping.has_base and f"{BASE}.0" in table.cells:
         columns["base.pose"] = Columns(tuple(f"{BASE}.{k}" for k in range(16)))
     check_no_column_twice(columns)
+    columns = {key: _with_unit_of_file(key, used, table, joints) for key, used in columns.items()}
     for key, used in columns.items():
-        for name in filter(None, used.names):
+        for name in used.read:
             if name not in table.cells:
                 raise LogError(f"{key} is mapped to column '{short(name)}', but {table.available()}.")
     return replace(mapping, columns=columns, sensors=sensors)
+
+
+def _with_unit_of_file(key: str, columns: Columns, table: Table, joints: Mapping[str, str]) -> Columns:
+    """Columns in the unit that the file says they have, if it does.
+
+    Raises:
+        LogError: They are mapped in another one.
+    """
+    room, _, rest = key.partition(".")
+    name, _, kind = rest.rpartition(".")
+    if room == "joints":
+        quantity = f"{joints[name]} {kind}"
+    else:
+        quantity = "time" if room == "time" else {"force": "force", "torque": "torque"}.get(kind, "length")
+    said = {table.units.get(column, "") for column in columns.read}
+    if not columns.read or "" in said or len(said) > 1 or kind in ("quaternion", "pose"):
+        return columns
+    units = list(UNITS[quantity])
+    unit = next((u for u in units if said == {"deg"} and u.startswith("deg")), units[0])
+    factor = UNITS[quantity][unit]
+    if columns.unit and columns.factor != factor and not columns.sums:
+        raise LogError(f"{key} is mapped in another unit than the file's, which says {unit}; leave the unit out.")
+    return columns if columns.unit else replace(columns, factor=factor, unit=units[0])
 
 
 def _named(table: Table, what: str, names: Sequence[str]) -> str:

@@ -1,25 +1,41 @@
 """Tables as text: remarks, a header row, and a row of numbers for every sample."""
 
-import codecs
 import csv
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from itertools import islice
+from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.table import METADATA, SUFFIXES, Memory, Table, is_number, short
+from ident.recordings.npz import LIMIT
+from ident.recordings.table import METADATA, Memory, Table, is_number, short, vector_columns
+from ident.recordings.text_file import opened_text
 
 DELIMITERS = ";\t,"
-"""What may stand between cells: the first of them that the header has. Unless it is the comma, decimals may have it."""
+"""What may stand between cells: the first of them that the header has, or else spaces. Unless it is the comma, decimals
+may have it."""
 
 Line = tuple[int, str]
 """A line of a file with its number, from 1."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a file of text is laid out.
+
+    Attributes:
+        header: Whether its first row has names; columns without are called 1, 2, 3 and so on.
+        skip: How many lines stand before it, remarks that begin with # included.
+    """
+
+    header: bool = True
+    skip: int = 0
 
 
 def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
@@ -32,8 +48,7 @@ def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[
     """
     columns: dict[str, np.ndarray] = {}
     for name, x in channels.items():
-        suffixes = [""] if x.ndim == 1 else [f".{c}" for c in SUFFIXES.get(x.shape[1], range(x.shape[1]))]
-        columns |= {f"{name}{s}": column for s, column in zip(suffixes, x.reshape(len(x), -1).T, strict=True)}
+        columns |= vector_columns(name, x)
     with path.open("w", encoding="utf-8") as stream:
         stream.writelines(f"# {key}: {json.dumps(value)}\n" for key, value in metadata.items())
         stream.write(",".join(map(_quoted, columns)) + "\n")
@@ -46,43 +61,58 @@ def _quoted(name: str) -> str:
     return '"' + name.replace('"', '""') + '"' if any(c in name for c in f'"{DELIMITERS}') else name
 
 
-def csv_pieces(path: Path, samples: int, *, overlap: int = 0) -> Iterator[Table]:
+def csv_pieces(
+    path: Path, samples: int, *, overlap: int = 0, layout: Layout | None = None, limit: int = LIMIT
+) -> Iterator[Table]:
     """Tables of at most so many samples at a time.
 
     Args:
-        path: A file of text.
+        path: A file of text, perhaps packed by gzip.
         samples: Samples of each piece.
         overlap: How many of them each piece begins with again.
+        layout: How it is laid out.
+        limit: Bytes that a piece of a packed file may have, as for `check_size`.
 
     Raises:
         LogError: The file is malformed; the message names the row.
     """
-    with path.open("rb") as stream:
-        utf16 = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-    with path.open(encoding="utf-16" if utf16 else "utf-8-sig") as text:
-        lines, metadata = _lines(text), dict[str, Any]()
-        for first, line in lines:
-            if not line.startswith("#"):
-                break
-            metadata |= _said(first, line)
-        else:
-            raise LogError("the file is empty; a log is a header row of names and rows of numbers.")
-        outside_quotes = re.sub('"[^"]*"', "", line)
-        delimiter = next((d for d in DELIMITERS if d in outside_quotes), ",")
-        header = _header(first, next(_rows([(first, line)], delimiter)))
-        memory, block = Memory(), list[Line]()
-        while new := list(islice(lines, samples)):
-            block = [*block[len(block) - overlap :], *new]
-            cells = _cells(block, header, delimiter)
-            named = {name: column for name, column in zip(header, cells, strict=True) if name}
-            yield Table(named, [row for row, _ in block], "row", metadata, memory, delimiter != ",")
+    layout = layout or Layout()
+    with opened_text(path, limit) as text:
+        for table in tables_of_lines(lines_of(text, layout.skip), samples, overlap=overlap, header=layout.header):
+            yield table
+            text.begin_piece()
 
 
-def _lines(stream: Iterable[str]) -> Iterator[Line]:
-    """Lines of a text that hold anything."""
+def tables_of_lines(lines: Iterator[Line], samples: int, *, overlap: int = 0, header: bool = True) -> Iterator[Table]:
+    """Tables of at most so many rows of text at a time; arguments as for `csv_pieces`."""
+    metadata: dict[str, Any] = {}
+    for first, line in lines:
+        if not line.startswith("#"):
+            break
+        metadata |= _said(first, line)
+    else:
+        raise LogError("the file is empty; a log is a header row of names and rows of numbers.")
+    delimiter = _delimiter(line)
+    cells = next(_rows([(first, line)], delimiter))
+    names = _header(first, cells) if header else [str(k + 1) for k in range(len(cells))]
+    lines = lines if header else chain([(first, line)], lines)
+    memory, block = Memory(), list[Line]()
+    while new := list(islice(lines, samples)):
+        block = [*block[len(block) - overlap :], *new]
+        columns = zip(names, _cells(block, names, delimiter), strict=True)
+        named = {name: column for name, column in columns if name}
+        yield Table(named, [row for row, _ in block], "row", metadata, memory, delimiter != ",")
+
+
+def lines_of(stream: Iterable[str], skip: int = 0) -> Iterator[Line]:
+    """Lines of a text that hold anything, after so many that are left out.
+
+    Raises:
+        LogError: The text is not in UTF-8.
+    """
     try:
         for number, line in enumerate(stream, start=1):
-            if line.strip(' "\n' + DELIMITERS):
+            if number > skip and line.strip(' "\n' + DELIMITERS):
                 yield number, line
     except UnicodeDecodeError as error:
         raise LogError(
@@ -102,18 +132,28 @@ def _said(number: int, remark: str) -> dict[str, Any]:
         raise LogError(f"row {number} needs '{key}' in JSON ({error}).") from None
 
 
+def _delimiter(line: str) -> str | None:
+    """What stands between the cells of a line; None for spaces."""
+    outside_quotes = re.sub('"[^"]*"', "", line).strip()
+    spaces = None if " " in outside_quotes else ","
+    return next((d for d in DELIMITERS if d in outside_quotes), spaces)
+
+
 def _header(number: int, header: list[str]) -> list[str]:
     """Names of the columns, "" for those without."""
     names = [name for name in header if name]
     if not names or any(map(is_number, names)):
-        raise LogError(f"a log needs a header row of names, row {number} holds numbers or nothing.")
+        raise LogError(
+            f"a log needs a header row of names, row {number} holds numbers or nothing; where there is none, say so in "
+            "the mapping: header = false under [file]."
+        )
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise LogError(f"the header names column '{short(twice[0])}' more than once.")
     return header
 
 
-def _cells(block: Sequence[Line], header: Sequence[str], delimiter: str) -> Iterable[Sequence[str] | np.ndarray]:
+def _cells(block: Sequence[Line], header: Sequence[str], delimiter: str | None) -> Iterable[Sequence[str] | np.ndarray]:
     """Columns of some lines, as numbers where all of them are."""
     lines = [line for _, line in block]
     # Numpy reads faster, and accepts nothing that `float` does not; but it cannot say where in the file a fault is.
@@ -128,8 +168,11 @@ def _cells(block: Sequence[Line], header: Sequence[str], delimiter: str) -> Iter
     return [[row[k] for row in rows] for k in range(len(header))]
 
 
-def _rows(block: Sequence[Line], delimiter: str) -> Iterator[list[str]]:
+def _rows(block: Sequence[Line], delimiter: str | None) -> Iterator[list[str]]:
     """Cells of each line."""
+    if delimiter is None:
+        yield from (line.split() for _, line in block)
+        return
     reader = csv.reader((line for _, line in block), delimiter=delimiter)
     for number, _ in block:
         try:

@@ -1,7 +1,7 @@
 """Files of recordings, written and read as tables by what their names end in."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +9,34 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.recordings.atomic import replacing
-from ident.recordings.csv_file import csv_pieces, write_csv
+from ident.recordings.csv_file import Layout, csv_pieces, write_csv
+from ident.recordings.formats import bag, c3d, mat, opensim, parquet, trc
 from ident.recordings.npz import LIMIT
 from ident.recordings.npz_file import npz_pieces, write_npz
-from ident.recordings.table import Table
+from ident.recordings.table import Table, in_pieces
+
+TEXT = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
+"""What names of tables of text end in."""
+
+ONE_CLOCK: Mapping[str, Callable[[Path, int], list[Table]]] = {
+    ".mot": opensim.tables,
+    ".sto": opensim.tables,
+    ".trc": trc.tables,
+    ".parquet": parquet.tables,
+    ".mat": mat.tables,
+}
+"""What reads files that are one table, given the path and the bytes it may take in memory."""
+
+SEVERAL_CLOCKS: Mapping[str, Callable[[Path, int], list[Table]]] = {
+    ".c3d": c3d.tables,
+    ".bag": bag.tables,
+    ".mcap": bag.tables,
+    ".db3": bag.tables,
+}
+"""What reads files of tables that each have times of their own; so does the folder of a ROS 2 bag."""
+
+BAG_FOLDER = "metadata.yaml"
+"""What a folder holds that is a ROS 2 bag."""
 
 
 def write_channels(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
@@ -28,24 +52,66 @@ def write_channels(path: Path, channels: Mapping[str, np.ndarray], metadata: Map
         writers[path.suffix](temporary, channels, metadata)
 
 
-def read_tables(
-    path: Path, samples: int = sys.maxsize, *, overlap: int = 0, truth: bool = False, limit: int = LIMIT
-) -> Iterator[Table]:
-    """Reads a file piece by piece, so that one that is larger than memory can be read.
+def has_several_clocks(path: Path) -> bool:
+    """Whether a file is one of tables that each have times of their own."""
+    return path.suffix.lower() in SEVERAL_CLOCKS or (path / BAG_FOLDER).is_file()
+
+
+def read_clocks(path: Path, *, limit: int = LIMIT) -> list[Table]:
+    """Reads a file of tables that each have times of their own, which is in their column `time` in s.
 
     Args:
-        path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
+        path: A `.c3d`, `.bag`, `.mcap` or `.db3` file, or the folder of a ROS 2 bag.
+        limit: Bytes that it may take in memory, as for `npz.check_size`.
+
+    Raises:
+        LogError: The file is missing or damaged.
+        InputError: The library that reads it is not installed.
+    """
+    if not (path.is_file() or (path / BAG_FOLDER).is_file()):
+        raise LogError(_needed())
+    return SEVERAL_CLOCKS.get(path.suffix.lower(), bag.tables)(path, limit)
+
+
+def read_tables(
+    path: Path,
+    samples: int = sys.maxsize,
+    *,
+    overlap: int = 0,
+    truth: bool = False,
+    limit: int = LIMIT,
+    layout: Layout | None = None,
+) -> Iterator[Table]:
+    """Reads a file that is one table piece by piece, so that text or an archive larger than memory can be read.
+
+    Args:
+        path: A file of text or a `.npz`, `.mot`, `.sto`, `.trc`, `.parquet` or `.mat` file.
         samples: Samples of each piece, of the last one perhaps fewer.
         overlap: How many of them each piece begins with again, besides.
         truth: Whether an archive's true values are read as well.
-        limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
+        limit: Bytes that a piece of an archive, or a file that is read whole, may take in memory, as for
+            `npz.check_size`.
+        layout: How text is laid out, if not as usual.
 
     Raises:
         LogError: The file is missing or malformed; a fault is found when its piece is due.
+        InputError: The library that reads it is not installed.
     """
-    suffix = path.suffix.lower()
-    if suffix not in (".csv", ".txt", ".tsv", ".npz") or not path.is_file():
-        raise LogError("a log is a .csv, .tsv, .txt or .npz file that exists.")
+    name, suffix = path.name.lower(), path.suffix.lower()
+    if not (path.is_file() and (name.endswith((*TEXT, ".npz")) or suffix in ONE_CLOCK)):
+        raise LogError(_needed())
+    if name.endswith(TEXT):
+        return csv_pieces(path, samples, overlap=overlap, layout=layout, limit=limit)
+    if layout not in (None, Layout()):
+        raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
     if suffix == ".npz":
         return npz_pieces(path, samples, overlap=overlap, truth=truth, limit=limit)
-    return csv_pieces(path, samples, overlap=overlap)
+    (table,) = ONE_CLOCK[suffix](path, limit)
+    return in_pieces(table, samples, overlap)
+
+
+def _needed() -> str:
+    return (
+        "a log is a .csv, .tsv, .txt or .npz file that exists, text perhaps packed as .gz, or one that ends in "
+        f"{', '.join((*ONE_CLOCK, *SEVERAL_CLOCKS))}, or the folder of a ROS 2 bag."
+    )

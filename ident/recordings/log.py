@@ -10,14 +10,16 @@ import numpy as np
 from ident.errors import LogError
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import read_channels, with_names
-from ident.recordings.files import read_tables
+from ident.recordings.files import has_several_clocks, read_clocks, read_tables
 from ident.recordings.mapping import ColumnMapping, joint_kinds, read_mapping
 from ident.recordings.npz import LIMIT
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
+from ident.recordings.selection import selected
+from ident.recordings.several_clocks import mapping_of, read_streams
 from ident.recordings.standing import about_origins, placed
-from ident.recordings.table import BASE, TRUE
+from ident.recordings.table import BASE, TRUE, Table, in_pieces
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
 
 
@@ -31,18 +33,20 @@ def read_log(
 ) -> Recording:
     """Reads a log of joint states and wrenches.
 
-    Where its times jitter, or samples are missing, the recording also has the streams as they were measured, which the
-    joint estimate takes.
+    Where its times jitter, samples are missing or channels have times of their own, the recording also has the streams
+    as they were measured, which the joint estimate takes.
 
     Args:
-        path: A CSV file with a header, a npz file of arrays by name, or what `Recording.save` wrote.
+        path: A table of text (.csv, .tsv, .txt, perhaps packed as .gz), a .npz or .mat file of arrays by name, an
+            OpenSim .mot or .sto file, a .parquet or .c3d file, a ROS bag (.bag, .mcap, .db3, or the folder of a ROS 2 bag),
+            or what `Recording.save` wrote.
         mechanism: Whose joints and bodies are looked for. Its weight, if it has a prior, tells whether a force is in
             kilonewtons.
         columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. What it
             does not mention is found by name.
         gaps: Whether samples may be missing, as empty cells or as rows: for the joint estimate, which does without
             them, where a filter would invent them.
-        limit: Bytes that a npz file may take in memory.
+        limit: Bytes that an archive, or what has to be unpacked, may take in memory.
 
     Returns:
         The recording, uniformly sampled and in SI units; velocities and accelerations only if it has those of all
@@ -51,6 +55,7 @@ def read_log(
     Raises:
         LogError: A file is missing or malformed, holds what the mechanism does not have, or lacks what it needs; the
             message names file, row and column.
+        InputError: The library that reads such files is not installed.
     """
     (recording,) = _pieces(Path(path), mechanism, columns, sys.maxsize, gaps=gaps, limit=limit)
     return recording
@@ -67,7 +72,7 @@ def read_log_pieces(
     """Reads a log piece by piece, as one that is larger than memory has to be.
 
     Units are doubted by what the first piece holds, whose step of time is that of all. A piece whose times jitter is
-    resampled by itself.
+    resampled by itself. Text and npz archives take no more memory than a piece, unless rows or times are selected.
 
     Args:
         path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
@@ -81,17 +86,20 @@ def _pieces(
 ) -> Iterator[Recording]:
     """Pieces of a log, arguments as for `read_log_pieces` and `read_log`."""
     joints = mechanism.tree.joints
-    hinges = [joint for joint, kind in joint_kinds(mechanism.tree).items() if kind == "hinge"]
+    kinds = joint_kinds(mechanism.tree)
     mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), mechanism.tree)
     clock: Clock | None = None
     try:
-        for table in read_tables(path, max(samples, LEAST_SAMPLES), overlap=1, limit=limit):
-            table = replace(table, cells={name: x for name, x in table.cells.items() if not name.startswith(TRUE)})
+        if has_several_clocks(path):
+            yield _of_several_clocks(path, mechanism, mapping, kinds, samples, limit)
+            return
+        for table in _tables(path, mapping, kinds, max(samples, LEAST_SAMPLES), limit):
             notes: list[str] = []
             if first := clock is None:
                 _check_length(len(table.rows))
-                mapping = with_names(mapping, table, joints)
+                mapping = with_names(mapping, table, kinds)
                 clock = Clock(mapping.columns["time"], gaps)
+                notes += table.notes
             channels = read_channels(table, mapping, notes if first else [], gaps=gaps)
             channels = about_origins(table, channels, mapping.plates, notes if first else [], gaps=gaps)
             repaired = clock.repaired(table, channels, notes)
@@ -101,14 +109,51 @@ def _pieces(
             recording = _without_incomplete(_recording(repaired, mapping), joints, notes if first else [])
             recording = placed(recording, mechanism, mapping.plates, notes if first else [])
             if first:
-                check_angles(recording, mapping, hinges)
-                check_rates(recording, hinges)
-                notes += unit_of_force(recording, mapping, mechanism)
+                _check(recording, mapping, mechanism, kinds, notes)
             yield replace(recording, notes=notes, unused=unused)
         if clock is None:
             _check_length(0)
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
+
+
+def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int) -> Iterator[Table]:
+    """Pieces of a file of one table, of what is selected of it."""
+    whole = bool(mapping.selection)
+    for table in read_tables(path, sys.maxsize if whole else samples, overlap=1, limit=limit, layout=mapping.layout):
+        cells = {name: x for name, x in table.cells.items() if not name.startswith(TRUE)}
+        table = replace(table, cells=cells, sums=mapping.sums)
+        if not whole:
+            yield table
+            continue
+        clock = with_names(mapping, table, kinds).columns["time"]
+        yield from in_pieces(selected(table, mapping.selection, clock), samples, 1)
+
+
+def _of_several_clocks(
+    path: Path, mechanism: Mechanism, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int
+) -> Recording:
+    """What a file of tables with times of their own holds."""
+    if samples < sys.maxsize:
+        raise LogError("what has times of its own for each channel is not read in pieces; `identify` takes it whole.")
+    tables = read_clocks(path, limit=limit)
+    notes: list[str] = []
+    mapping = mapping_of(tables, mapping, kinds)
+    recording = _recording(read_streams(tables, mapping, notes), mapping)
+    recording = _without_incomplete(recording, mechanism.tree.joints, notes)
+    _check(recording, mapping, mechanism, kinds, notes)
+    unused = [name for table in tables for name in table.cells if name not in mapping.used]
+    return replace(recording, notes=notes, unused=unused)
+
+
+def _check(
+    recording: Recording, mapping: ColumnMapping, mechanism: Mechanism, kinds: Mapping[str, str], notes: list[str]
+) -> None:
+    """Refuses units that can hardly be, and notes those that may not."""
+    hinges = [joint for joint, kind in kinds.items() if kind == "hinge"]
+    check_angles(recording, mapping, hinges)
+    check_rates(recording, hinges)
+    notes += unit_of_force(recording, mapping, mechanism)
 
 
 def _check_length(samples: int) -> None:

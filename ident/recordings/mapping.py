@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,14 @@ import numpy as np
 from ident.errors import LogError
 from ident.mechanism.tree import Tree
 from ident.recordings import plates
+from ident.recordings.column import CURRENT, UNITS, Columns, Sum, joints_behind_motors
+from ident.recordings.csv_file import Layout
 from ident.recordings.entries import check_keys as _check_keys
 from ident.recordings.entries import pose as _pose
 from ident.recordings.entries import table as _entry
+from ident.recordings.entries import vector as _vector
 from ident.recordings.plates import Plate
+from ident.recordings.selection import Selection, Span
 from ident.recordings.table import short
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
@@ -27,32 +31,9 @@ KINDS = {
 }
 """What a log may hold of a joint, and the names of the column that holds it."""
 
-_DEG = np.pi / 180
-_SQUARED = ("^2", "2", "²")
-_ANGLE = {"rad": 1.0, "deg": _DEG}
-_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-_FORCE = {"N": 1.0, "kN": 1e3}
-_MOMENT = {"N m": 1.0, "Nm": 1.0, "N mm": 1e-3, "Nmm": 1e-3, "kN m": 1e3, "kNm": 1e3}
-UNITS: Mapping[str, Mapping[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "hinge position": _ANGLE,
-    "hinge velocity": {f"{u}/s": f for u, f in _ANGLE.items()} | {"rpm": np.pi / 30},
-    "hinge acceleration": {f"{u}/s{s}": f for u, f in _ANGLE.items() for s in _SQUARED},
-    "hinge torque": _MOMENT,
-    "slide position": _LENGTH,
-    "slide velocity": {f"{u}/s": f for u, f in _LENGTH.items()},
-    "slide acceleration": {f"{u}/s{s}": f for u, f in _LENGTH.items() for s in _SQUARED},
-    "slide torque": _FORCE,
-    "force": _FORCE,
-    "torque": _MOMENT,
-    "length": _LENGTH,
-}
-"""Units of every quantity, as factors to SI; the first is what a log without a mapping has."""
-
-
 SETUP = {
     **dict.fromkeys(("delay", "clock", "origin", "gain"), 1.0),
-    **dict.fromkeys(("rotation_deg", "gravity_deg", "zero_deg", "axis_deg"), _DEG),
+    **dict.fromkeys(("rotation_deg", "gravity_deg", "zero_deg", "axis_deg"), np.pi / 180),
 }
 """What may be known of a set-up: s, 1, m, 1, and angles; factors to SI and radians."""
 
@@ -60,19 +41,8 @@ KNOWN = dict.fromkeys(("mass", "center", "inertia"), 1.0)
 """What may be known of bodies beforehand: relative to the model's, m, relative."""
 
 
-@dataclass(frozen=True)
-class Columns:
-    """Columns that make one quantity.
-
-    Attributes:
-        names: Their names, "" for those that are missing.
-        factor: Their unit as a factor to the SI's.
-        unit: The SI's unit, "" unless a unit is stated.
-    """
-
-    names: tuple[str, ...]
-    factor: float = 1.0
-    unit: str = ""
+TERM = ("column", "columns", "weights", "gain", "constant")
+"""What is said of a column that has to be computed, but for its unit."""
 
 
 @dataclass
@@ -87,6 +57,8 @@ class ColumnMapping:
         held: Whether something holds the base, as for `Recording`.
         setup: Standard deviations of what is known of the set-up, as for `Recording`.
         known: How well φ of the model is known, as for `Recording`.
+        layout: How a file of text is laid out.
+        selection: Which of its rows or times are taken.
     """
 
     columns: dict[str, Columns] = field(default_factory=dict)
@@ -95,6 +67,8 @@ class ColumnMapping:
     known: dict[str, float] = field(default_factory=dict)
     plates: dict[str, Plate] = field(default_factory=dict)
     held: bool | None = None
+    layout: Layout = field(default_factory=Layout)
+    selection: Selection = field(default_factory=Selection)
 
     @property
     def has_base(self) -> bool:
@@ -104,7 +78,12 @@ class ColumnMapping:
     @property
     def used(self) -> set[str]:
         """Names of all columns that are mapped."""
-        return {name for columns in self.columns.values() for name in columns.names}
+        return {name for columns in self.columns.values() for name in columns.read}
+
+    @property
+    def sums(self) -> dict[str, Sum]:
+        """All columns that are computed from others, by their names."""
+        return {each.name: each for columns in self.columns.values() for each in columns.sums}
 
 
 def joint_kinds(tree: Tree) -> dict[str, str]:
@@ -141,19 +120,29 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
         raise LogError(f"{path}: {error}") from None
 
 
+def check_text_alone(mapping: ColumnMapping) -> None:
+    """Refuses what is said of rows, of a file that has several tables of them, and of the layout of text."""
+    if mapping.layout != Layout():
+        raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
+    if mapping.selection.rows:
+        raise LogError("[select] rows are those of one table, but this file has several; select by time.")
+
+
 def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
-    """Refuses a column that would stand for two quantities."""
+    """Refuses a column that would stand for two quantities; in sums with others it may be as often as it wants."""
     users: dict[str, str] = {}
     for user, used in columns.items():
-        for name in filter(None, used.names):
+        for name in used.alone:
             if name in users:
                 raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.")
             users[name] = user
 
 
 def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
-    _check_keys("the mapping", entries, ("time", "joints", "wrenches", "base", "setup", "known"))
+    tables = ("time", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select")
+    _check_keys("the mapping", entries, tables)
     mapping = ColumnMapping(setup=_deviations("setup", entries, SETUP), known=_deviations("known", entries, KNOWN))
+    mapping.layout, mapping.selection = _layout(entries), _selection(entries)
     if "time" in entries:
         mapping.columns["time"] = _single("time", entries["time"], "time")
     of_joints = _entry("joints", entries.get("joints", {}))
@@ -163,6 +152,11 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
         for kind, entry in quantities.items():
             key = f"joints.{joint}.{kind}"
             mapping.columns[key] = _single(key, entry, f"{joints[joint]} {kind}")
+    for name, entry in _entry("motors", entries.get("motors", {})).items():
+        for key, columns in _behind_motors(f"motors.{name}", _entry(f"motors.{name}", entry), joints).items():
+            if key in mapping.columns:
+                raise LogError(f"{key} is mapped twice, under [joints] and by motors; it can be one only.")
+            mapping.columns[key] = columns
     for name, entry in _entry("wrenches", entries.get("wrenches", {})).items():
         mapping.columns |= _wrench_columns(f"wrenches.{name}", _entry(f"wrenches.{name}", entry))
         if plate := plates.plate(name, entry, bodies):
@@ -222,24 +216,114 @@ def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: P
     return Sensor(body, _pose(where, entry), applied) if plate is None else plate.sensor(applied)
 
 
+def _behind_motors(where: str, entry: Mapping[str, Any], joints: Mapping[str, str]) -> dict[str, Columns]:
+    """Columns of joints that motors move together: motor angles are `matrix` times joint coordinates."""
+    _check_keys(f"[{where}]", entry, ("joints", "matrix", *KINDS))
+    moved = entry.get("joints")
+    if not isinstance(moved, list) or not moved or any(joint not in joints for joint in moved):
+        raise LogError(f"{where}.joints needs a list of joints, of {', '.join(joints)}; got {short(moved)}.")
+    rows = entry.get("matrix")
+    if not isinstance(rows, list) or len(rows) != len(moved):
+        raise LogError(f"{where}.matrix needs a row for each of {len(moved)} motors, got {short(rows)}.")
+    matrix = np.array([_vector(f"{where}.matrix", row, len(moved)) for row in rows])
+    columns = {}
+    for kind in (kind for kind in KINDS if kind in entry):
+        key, named = f"{where}.{kind}", entry[kind]
+        if not isinstance(named, list) or len(named) != len(moved):
+            raise LogError(f"{key} needs a list of {len(moved)} columns, got {short(named)}.")
+        motors = [_single(key, each, f"hinge {kind}") for each in named]
+        if not all(motor.read for motor in motors):
+            raise LogError(f"{key} needs {len(moved)} columns, none of them may be missing; got {short(named)}.")
+        try:
+            found = joints_behind_motors(matrix, kind, motors)
+        except LogError as error:
+            raise LogError(f"[{where}] {error}") from None
+        for joint, column in zip(moved, found, strict=True):
+            unit = next(iter(UNITS[f"{joints[joint]} {kind}"])) if all(motor.unit for motor in motors) else ""
+            columns[f"joints.{joint}.{kind}"] = replace(column, unit=unit)
+    return columns
+
+
+def _layout(entries: Mapping[str, Any]) -> Layout:
+    entry = _entry("file", entries.get("file", {}))
+    _check_keys("[file]", entry, ("header", "skip"))
+    header, skip = entry.get("header", True), entry.get("skip", 0)
+    if not isinstance(header, bool):
+        raise LogError(f"file.header needs true or false, got {short(header)}.")
+    if type(skip) is not int or skip < 0:
+        raise LogError(f"file.skip needs a number of lines, got {short(skip)}.")
+    return Layout(header, skip)
+
+
+def _selection(entries: Mapping[str, Any]) -> Selection:
+    entry = _entry("select", entries.get("select", {}))
+    _check_keys("[select]", entry, ("rows", "time"))
+    return Selection(*(_spans(f"select.{key}", entry.get(key, [])) for key in ("rows", "time")))
+
+
+def _spans(where: str, value: Any) -> tuple[Span, ...]:
+    """One span `[FIRST, LAST]`, or a list of them."""
+    several = value if isinstance(value, list) and all(isinstance(each, list) for each in value) else [value]
+    spans = [tuple(_vector(where, each, 2).tolist()) for each in several]
+    for first, last in spans:
+        if last <= first:
+            raise LogError(f"{where} needs the first before the last, got [{first:g}, {last:g}].")
+    return tuple(spans)
+
+
+def _number(where: str, value: Any) -> float:
+    if type(value) not in (int, float) or not abs(value) < HUGE:
+        raise LogError(f"{where} needs a number, got {short(value)}.")
+    return float(value)
+
+
 def _single(where: str, entry: Any, quantity: str) -> Columns:
-    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`."""
+    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`, or what a gain or several columns make of them."""
     if isinstance(entry, str):
         return Columns((entry.strip(),))
-    _check_keys(where, _entry(where, entry), ("column", "unit"))
-    name = entry.get("column")
-    if not isinstance(name, str):
-        raise LogError(f"{where} needs the name of a column, got {short(name)}.")
-    return Columns((name.strip(),), *_factor(where, entry, "unit", quantity))
+    _check_keys(where, _entry(where, entry), (*TERM, "unit"))
+    current = CURRENT.get(str(entry.get("unit"))) if quantity.endswith(" torque") else None
+    if current is None:
+        name, sums = _term(where, entry)
+        return Columns((name,), *_factor(where, entry, "unit", quantity), sums)
+    if "gain" not in entry:
+        raise LogError(f"{where} in {entry['unit']} needs a gain, in the joint's N m (of a slide N) for each ampere.")
+    name, sums = _term(where, entry, current)
+    return Columns((name,), 1.0, next(iter(UNITS[quantity])), sums)
+
+
+def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[str, tuple[Sum, ...]]:
+    """The name of a column, and how it is computed if it is: factor · gain · Σ weight · column + constant."""
+    given: Any = entry["columns"] if "columns" in entry else [entry.get("column")]
+    if "column" in entry and "columns" in entry:
+        raise LogError(f"{where} needs a column or several columns, got both.")
+    if "weights" in entry and "columns" not in entry:
+        raise LogError(f"{where} has weights, which are for several columns; one has a gain.")
+    if not isinstance(given, list) or not given or not all(isinstance(name, str) for name in given):
+        raise LogError(f"{where} needs the name of a column, got {short(entry.get('columns', entry.get('column')))}.")
+    names = [name.strip() for name in given]
+    gain, constant = (_number(f"{where}.{key}", entry.get(key, usual)) for key, usual in (("gain", 1), ("constant", 0)))
+    if len(names) == 1 and factor * gain == 1 and constant == 0 and "weights" not in entry:
+        return names[0], ()
+    if not all(names) or len(set(names)) < len(names) or not gain:
+        raise LogError(f"{where} needs names of different columns and a gain other than zero, got {short(entry)}.")
+    weights = factor * gain * _vector(f"{where}.weights", entry.get("weights", [1] * len(names)), len(names))
+    if not weights.all():
+        raise LogError(f"{where}.weights needs numbers other than zero, got {short(entry['weights'])}.")
+    computed = Sum(tuple(names), tuple(weights.tolist()), constant)
+    return computed.name, (computed,)
 
 
 def _several(where: str, names: Any, size: int, factor: float = 1.0, unit: str = "", *, gaps: bool = False) -> Columns:
-    """Columns of a vector; with gaps, "" stands for a missing one."""
-    if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str) for name in names):
+    """Columns of a vector, each as a name or as what `_term` takes; with gaps, "" stands for a missing one."""
+    if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str | dict) for name in names):
         raise LogError(f"{where} needs a list of {size} columns, got {short(names)}.")
-    if not gaps and not all(name.strip() for name in names):
+    for entry in names:
+        _check_keys(where, entry if isinstance(entry, dict) else {}, TERM)
+    terms = [_term(where, entry) if isinstance(entry, dict) else (entry.strip(), ()) for entry in names]
+    if not gaps and not all(name for name, _ in terms):
         raise LogError(f"{where} needs {size} columns, none of them may be missing; got {short(names)}.")
-    return Columns(tuple(name.strip() for name in names), factor, unit)
+    return Columns(tuple(name for name, _ in terms), factor, unit, tuple(each for _, sums in terms for each in sums))
 
 
 def _factor(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tuple[float, str]:

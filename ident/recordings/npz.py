@@ -46,7 +46,7 @@ def opened(path: Path) -> Iterator[ZipFile]:
                 raise LogError("not a zip archive")
             archive = ZipFile(stream)
         except Exception as error:
-            raise LogError(f"the file needs to be an npz archive of arrays ({_reason(error)}).") from error
+            raise LogError(f"the file needs to be an npz archive of arrays ({reason(error)}).") from error
         with archive:
             yield archive
 
@@ -83,7 +83,7 @@ def reading(member: str) -> Iterator[None]:
         yield
     # Zip, its decompressors and numpy's parser of headers have a dozen classes of errors for damage.
     except Exception as error:
-        raise LogError(f"member {member!r} cannot be read ({_reason(error)}).") from error
+        raise LogError(f"member {member!r} cannot be read ({reason(error)}).") from error
 
 
 def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:
@@ -95,7 +95,7 @@ def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:
         return array
 
 
-def _reason(error: Exception) -> str:
+def reason(error: Exception) -> str:
     """An error as one line that fits a message."""
     if "allow_pickle" in str(error):
         return "pickled objects are not read"

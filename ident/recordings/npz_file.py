@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.recordings.npz import LIMIT, NUMBER, check_size, member_of, opened, reading
-from ident.recordings.table import METADATA, SUFFIXES, TRUE, Memory, Table, short
+from ident.recordings.table import METADATA, TRUE, Memory, Table, short, vector_columns
 
 HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 """What reads the header of an array, by the version of numpy's format."""
@@ -126,11 +126,7 @@ class _Member:
         """The next samples (rows,) by name, those of vectors and quaternions by component."""
         true = self.name.startswith("true/")
         name = self.name.replace("true/", TRUE, 1) if true else self.name.removeprefix(MEASURED)
-        x = np.asarray(self.read(rows), float)
-        if x.ndim == 1:
-            return {name: x}
-        suffixes = SUFFIXES.get(x.shape[1], range(x.shape[1]))
-        return {f"{name}.{suffix}": column for suffix, column in zip(suffixes, x.T, strict=True)}
+        return vector_columns(name, np.asarray(self.read(rows), float))
 
     def read(self, rows: int) -> np.ndarray:
         """The next samples (rows,) or (rows, d)."""

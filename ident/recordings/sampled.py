@@ -113,7 +113,7 @@ def uniform_times(streams: Mapping[str, Sampled], rate: float | None = None) -> 
         LogError: Nothing tells the rate, or there is no time that all streams cover.
     """
     if rate is None:
-        rates = {k: 1 / _step(x.time) for k, x in streams.items() if len(x.time) > 1}
+        rates = {k: rate_of(x) for k, x in streams.items() if len(x.time) > 1}
         joints = [rates[k] for k in rates if k.endswith("_position") and streams[k].values.ndim == 1]
         if not joints and BASE not in rates:
             raise LogError("Streams without joint positions need a rate for the times that they have in common.")
@@ -134,10 +134,10 @@ def uniform_times(streams: Mapping[str, Sampled], rate: float | None = None) -> 
     return np.minimum(start + np.arange(samples) / rate, end)
 
 
-def _step(time: np.ndarray) -> float:
-    """Average of the steps that are no gaps, s."""
-    steps = np.diff(time)
-    return float(steps[steps <= GAP * np.median(steps)].mean())
+def rate_of(stream: Sampled) -> float:
+    """Samples per second of a stream of at least two, by the average of the steps that are no gaps, Hz."""
+    steps = np.diff(stream.time)
+    return float(1 / steps[steps <= GAP * np.median(steps)].mean())
 
 
 def covered(stream: Sampled) -> tuple[float, float] | None:

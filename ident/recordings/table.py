@@ -1,12 +1,13 @@
 """A file of numbers as named columns, whoever wrote it, some samples at a time."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ident.errors import LogError
+from ident.recordings.column import Sum
 
 SUFFIXES = {3: "xyz", 4: "wxyz"}
 """Suffixes of the columns of a vector and of a quaternion: `ground_force.x`."""
@@ -22,6 +23,10 @@ METADATA = {
     **dict.fromkeys(("notes", "unused"), list),
 }
 """What a file says about its columns, as JSON has it."""
+
+
+FAR = 1e100
+"""No number that others are computed from is larger."""
 
 
 @dataclass
@@ -50,6 +55,9 @@ class Table:
         metadata: What else the file says, by the names of `METADATA`.
         memory: What is known from the pieces before.
         decimal_comma: Whether numbers may have decimal commas.
+        sums: Columns that are computed from those of the file, by name.
+        units: What the file says of units, by column: `SI`; or `deg`, of those that are angles, all else being SI.
+        notes: Sentences on what the file says besides.
     """
 
     cells: Mapping[str, Sequence[str] | np.ndarray]
@@ -58,6 +66,9 @@ class Table:
     metadata: Mapping[str, Any] = field(default_factory=dict)
     memory: Memory = field(default_factory=Memory)
     decimal_comma: bool = False
+    sums: Mapping[str, Sum] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    notes: Sequence[str] = ()
 
     def row(self, i: int) -> str:
         """Where sample i stands in the file."""
@@ -72,20 +83,14 @@ class Table:
         """Numbers of a column, NaN in all of them or in none, unless some may be missing (N,).
 
         Args:
-            name: Name of the column.
+            name: Name of the column, of the file or of a sum.
             limit: No number is larger.
             gaps: Whether some may be missing.
 
         Raises:
             LogError: A cell is no number, empty, infinite or too large; the message names it.
         """
-        cells = self.cells[name]
-        if self.decimal_comma:
-            self._check_separators(name, cells)
-        if isinstance(cells, np.ndarray):
-            x = cells
-        else:
-            x = np.array([self._number(name, i, cell) for i, cell in enumerate(cells)])
+        x = self._numbers(name)
         if (np.abs(x) <= min(limit, np.finfo(float).max)).all() and not self.memory.missing.setdefault(name, False):
             return x
         infinite, missing, large = np.isinf(x), np.isnan(x), np.abs(x) > limit
@@ -100,6 +105,17 @@ class Table:
         if large.any():
             raise self._fault(name, large, f"needs numbers below {limit:g}, got {x[large][0]:g}.")
         return x
+
+    def _numbers(self, name: str) -> np.ndarray:
+        """Numbers of a column, as the file has them or computed (N,)."""
+        if name in self.sums:
+            return self.sums[name].of([self.column(part, FAR, gaps=True) for part in self.sums[name].columns])
+        cells = self.cells[name]
+        if self.decimal_comma:
+            self._check_separators(name, cells)
+        if isinstance(cells, np.ndarray):
+            return cells
+        return np.array([self._number(name, i, cell) for i, cell in enumerate(cells)])
 
     def _fault(self, name: str, wrong: np.ndarray, what: str) -> LogError:
         """What is wrong with the first such sample of a column."""
@@ -146,6 +162,27 @@ def _channel(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         has = ", ".join(map(short, columns))
         raise LogError(f"channel '{name}' needs the components {', '.join(expected)}, it has {has}.")
     return np.stack([columns[suffix] for suffix in expected], axis=1)
+
+
+def vector_columns(name: str, x: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of an array by name, those of vectors and quaternions by component (N,) each.
+
+    Args:
+        name: Name of the array.
+        x: One number a sample or several (N,) or (N, d).
+    """
+    if x.ndim == 1:
+        return {name: x}
+    suffixes = SUFFIXES.get(x.shape[1], range(x.shape[1]))
+    return {f"{name}.{suffix}": column for suffix, column in zip(suffixes, x.T, strict=True)}
+
+
+def in_pieces(table: Table, samples: int, overlap: int) -> Iterator[Table]:
+    """A table at most so many samples at a time, each piece beginning with so many of the one before besides."""
+    for first in range(0, len(table.rows), samples):
+        piece = slice(max(0, first - overlap), first + samples)
+        cells = {name: x[piece] for name, x in table.cells.items()}
+        yield replace(table, cells=cells, rows=table.rows[piece])
 
 
 def is_number(cell: str) -> bool:

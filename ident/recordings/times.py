@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.mapping import Columns
+from ident.recordings.column import Columns
 from ident.recordings.sampled import AS_MEASURED, GAP, Sampled, covered, interpolated
+from ident.recordings.selection import EPOCH
 from ident.recordings.table import Table
 
 LEAST_SAMPLES = 10
@@ -70,7 +71,7 @@ class Clock:
         read_before = 0 if self.zero is None else 1
         zero = float(raw[0]) if self.zero is None else self.zero
         time = (raw - zero) * self.column.factor
-        kept = _increasing(table, name, time, channels, notes)
+        kept = increasing(table, name, time, channels, notes)
         time, channels = time[kept], {key: x[kept] for key, x in channels.items()}
         if self.zero is None:
             self._begin(zero, time, notes)
@@ -102,7 +103,8 @@ class Clock:
             i = int(gaps.argmax())
             raise LogError(
                 f"{table.row(kept[i + 1])}, column '{name}' comes {steps[i]:g} s after the sample before where steps "
-                f"are {self.step:g} s; a filter over a gap of {number} invents data: cut the log there."
+                f"are {self.step:g} s; a filter over a gap of {number} invents data: cut the log there, or say that "
+                "samples may be missing (--gaps), for the joint estimate."
             )
 
     def _are_gaps(self, steps: np.ndarray) -> np.ndarray:
@@ -129,7 +131,7 @@ class Clock:
         if len(time) < LEAST_SAMPLES:
             raise LogError(f"a log needs at least {LEAST_SAMPLES} samples at different times, it has {len(time)}.")
         self.zero, self.start, self.step = zero, zero * self.column.factor, float(np.median(np.diff(time)))
-        if abs(self.start) > 1e6:
+        if abs(self.start) > EPOCH:
             notes.append(f"Times start at {self.start:.10g} s; they are counted from there.")
             self.start = 0.0
         if self.step < 1e-6 or (self.step >= 1 and not self.column.unit):
@@ -139,7 +141,7 @@ class Clock:
             )
 
 
-def _increasing(
+def increasing(
     table: Table, name: str, time: np.ndarray, channels: dict[str, np.ndarray], notes: list[str]
 ) -> np.ndarray:
     """Indices of the samples without those that repeat the one before."""

@@ -29,8 +29,8 @@ from ident.errors import LogError
 from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
+from ident.recordings.column import UNITS
 from ident.recordings.log import read_log, read_log_pieces
-from ident.recordings.mapping import UNITS
 from ident.recordings.recording import Recording
 from ident.recordings.suggestion import suggested_mapping
 

@@ -1,0 +1,129 @@
+"""The arithmetic of columns: their units, and what is computed from them with gains, constants and coupled motors."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.errors import LogError
+
+_DEG = np.pi / 180
+_SQUARED = ("^2", "2", "²")
+_ANGLE = {"rad": 1.0, "deg": _DEG}
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_FORCE = {"N": 1.0, "kN": 1e3}
+_MOMENT = {"N m": 1.0, "Nm": 1.0, "N mm": 1e-3, "Nmm": 1e-3, "kN m": 1e3, "kNm": 1e3}
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "hinge position": _ANGLE,
+    "hinge velocity": {f"{u}/s": f for u, f in _ANGLE.items()} | {"rpm": np.pi / 30},
+    "hinge acceleration": {f"{u}/s{s}": f for u, f in _ANGLE.items() for s in _SQUARED},
+    "hinge torque": _MOMENT,
+    "slide position": _LENGTH,
+    "slide velocity": {f"{u}/s": f for u, f in _LENGTH.items()},
+    "slide acceleration": {f"{u}/s{s}": f for u, f in _LENGTH.items() for s in _SQUARED},
+    "slide torque": _FORCE,
+    "force": _FORCE,
+    "torque": _MOMENT,
+    "length": _LENGTH,
+}
+"""Units of every quantity, as factors to SI; the first is what a log without a mapping has."""
+
+CURRENT = {"A": 1.0, "mA": 1e-3}
+"""Units of a motor's current, which a gain makes a torque in N m or a force in N."""
+
+SINGULAR = 1e6
+"""Condition number of a coupling's matrix that no gear has."""
+
+
+@dataclass(frozen=True)
+class Sum:
+    """A column that a log does not have, but others make: Σ weight · column + constant.
+
+    Attributes:
+        columns: Names of the columns it is made of, each once.
+        weights: What each is multiplied by.
+        constant: What is added.
+    """
+
+    columns: tuple[str, ...]
+    weights: tuple[float, ...]
+    constant: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages, and by which a mapping knows it: `0.5*qm5 + 0.5*qm6 - 3`."""
+        terms = [f"{w:+.9g}*{name}" for w, name in zip(self.weights, self.columns, strict=True)]
+        terms += [f"{self.constant:+.9g}"] if self.constant else []
+        return " ".join(terms).removeprefix("+").replace(" +", " + ").replace(" -", " - ")
+
+    def of(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+        """Its numbers from those of its columns (N,), NaN where one of them is missing (N,)."""
+        return np.asarray(np.tensordot(self.weights, np.stack(columns), axes=1) + self.constant)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns that make one quantity.
+
+    Attributes:
+        names: Their names, "" for those that are missing.
+        factor: Their unit as a factor to the SI's.
+        unit: The SI's unit, "" unless a unit is stated.
+        sums: Those of them that are computed, by whose names they are in `names`.
+    """
+
+    names: tuple[str, ...]
+    factor: float = 1.0
+    unit: str = ""
+    sums: tuple[Sum, ...] = ()
+
+    @property
+    def read(self) -> tuple[str, ...]:
+        """Names of the columns of the file that it takes."""
+        computed = {each.name: each.columns for each in self.sums}
+        return tuple(column for name in filter(None, self.names) for column in computed.get(name, (name,)))
+
+    @property
+    def alone(self) -> tuple[str, ...]:
+        """Names of the columns that stand for it alone, if with a gain; a sum of several stands for them together."""
+        single = {each.name: each.columns[0] for each in self.sums if len(each.columns) == 1}
+        return tuple(single.get(name, name) for name in filter(None, self.names))
+
+
+def joints_behind_motors(matrix: np.ndarray, kind: str, motors: Sequence[Columns]) -> list[Columns]:
+    """Columns of joints that motors move together: q_motor = R q, so q = R⁻¹ q_motor and τ = Rᵀ τ_motor.
+
+    Args:
+        matrix: R, of motors by joints (n, n).
+        kind: What the columns hold, `position`, `velocity`, `acceleration` or `torque`.
+        motors: A column of each motor.
+
+    Returns:
+        A column of each joint, in SI units; their unit is for the caller to state.
+
+    Raises:
+        LogError: R has no inverse.
+    """
+    if not np.linalg.cond(matrix) < SINGULAR:
+        raise LogError(f"needs a matrix that can be inverted, got {matrix.tolist()}.")
+    weights = matrix.T if kind == "torque" else np.linalg.inv(matrix)
+    weights[np.abs(weights) < np.finfo(float).eps * np.abs(weights).max() * len(weights)] = 0
+    return [_combined(row, motors) for row in weights]
+
+
+def _combined(weights: np.ndarray, motors: Sequence[Columns]) -> Columns:
+    """Σ weight · motor, whose columns may be sums themselves."""
+    terms: dict[str, float] = {}
+    constant = 0.0
+    for weight, motor in zip(weights, motors, strict=True):
+        if not weight:
+            continue
+        (name,) = motor.names
+        (inner,) = motor.sums or (Sum((name,), (1.0,)),)
+        scale = float(weight) * motor.factor
+        constant += scale * inner.constant
+        for column, share in zip(inner.columns, inner.weights, strict=True):
+            terms[column] = terms.get(column, 0.0) + scale * share
+    total = Sum(tuple(terms), tuple(terms.values()), constant)
+    return Columns((total.name,), sums=(total,))

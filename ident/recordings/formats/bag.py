@@ -1,0 +1,133 @@
+"""ROS 1 and ROS 2 bags, MCAP among them: joint states, wrenches and numbers, each topic at its own times."""
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.recordings.formats.reading import library, undamaged
+from ident.recordings.npz import check_size
+from ident.recordings.table import Table
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+Message = tuple[int, Any]
+"""Time in ns, and what was sent then."""
+
+
+def tables(path: Path, limit: int) -> list[Table]:
+    """A table for each topic whose messages hold what a log may.
+
+    Joints are columns `JOINT_position`, `JOINT_velocity` and `JOINT_torque`, where several topics have them
+    `TOPIC:JOINT_position`; wrenches are `TOPIC_force.x` and so on, without the topic's first slash, and arrays
+    `TOPIC.0`. Times are those in the messages, or where these have none when they were written, in s from the earliest.
+
+    Raises:
+        LogError: The bag is damaged, too large, or has no such topic.
+        InputError: The library is not installed.
+    """
+    with library("ros"):
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    with undamaged("a ROS bag"), AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        used = [each for each in reader.connections if each.msgtype in COLUMNS]
+        if not used:
+            there = ", ".join(f"{each.topic} ({each.msgtype})" for each in reader.connections) or "none"
+            raise LogError(f"a bag needs a topic of {', '.join(COLUMNS)}; its topics are {there}.")
+        sent: dict[tuple[str, str], list[Message]] = defaultdict(list)
+        size = 0
+        for connection, written, data in reader.messages(connections=used):
+            size += len(data)
+            check_size(path, size, limit)
+            sent[connection.topic, connection.msgtype].append((written, reader.deserialize(data, connection.msgtype)))
+        return _tables(sent)
+
+
+def _tables(sent: Mapping[tuple[str, str], list[Message]]) -> list[Table]:
+    times = {key: _times(messages) for key, messages in sent.items()}
+    zero = min(int(time.min()) for time, _ in times.values())
+    shared = _shared(sent)
+    out = []
+    for (topic, kind), messages in sent.items():
+        time, note = times[topic, kind]
+        order = np.argsort(time, kind="stable")
+        name = topic.strip("/")
+        columns = COLUMNS[kind]([messages[i][1] for i in order], name)
+        if kind == JOINT_STATE:
+            columns = {f"{name}:{column}" if column in shared else column: x for column, x in columns.items()}
+        cells = {"time": (time[order] - zero) / 1e9, **columns}
+        notes = [f"Topic {topic}: {note}"] if note else []
+        out.append(
+            Table(cells, range(len(order)), f"message of {topic}", units=dict.fromkeys(cells, "SI"), notes=notes)
+        )
+    return out
+
+
+def _times(messages: Sequence[Message]) -> tuple[np.ndarray, str]:
+    """Times in ns (N,), those of the messages unless they have none, and what there is to say of them."""
+    written = np.array([time for time, _ in messages], np.int64)
+    headers = [message.header for _, message in messages if hasattr(message, "header")]
+    stamps = np.array([10**9 * header.stamp.sec + header.stamp.nanosec for header in headers], np.int64)
+    if len(headers) < len(messages) or not stamps.any():
+        return written, "its messages have no times, those of writing are used."
+    frames = sorted({header.frame_id for header in headers if header.frame_id})
+    return stamps, f"it is in the frame '{frames[0]}'." if len(frames) == 1 else ""
+
+
+def _shared(sent: Mapping[tuple[str, str], list[Message]]) -> set[str]:
+    """Names of joints' columns that several topics have."""
+    owners: dict[str, set[str]] = defaultdict(set)
+    for (topic, kind), messages in sent.items():
+        if kind == JOINT_STATE:
+            for joint in {joint for _, message in messages for joint in message.name}:
+                for quantity in ("position", "velocity", "torque"):
+                    owners[f"{joint}_{quantity}"].add(topic)
+    return {column for column, topics in owners.items() if len(topics) > 1}
+
+
+def _joint_states(messages: Sequence[Any], name: str) -> dict[str, np.ndarray]:
+    columns: dict[str, np.ndarray] = {}
+    for i, message in enumerate(messages):
+        for quantity, field in (("position", "position"), ("velocity", "velocity"), ("torque", "effort")):
+            numbers = getattr(message, field)
+            if len(numbers) not in (0, len(message.name)):
+                raise LogError(
+                    f"message {i} of {name} names {len(message.name)} joints and has {len(numbers)} {field}."
+                )
+            for joint, number in zip(message.name, numbers, strict=False):
+                column = columns.setdefault(f"{joint}_{quantity}", np.full(len(messages), np.nan))
+                column[i] = number
+    return columns
+
+
+def _wrenches(messages: Sequence[Any], name: str) -> dict[str, np.ndarray]:
+    wrenches = [getattr(message, "wrench", message) for message in messages]
+    return {
+        f"{name}_{kind}.{axis}": np.array([getattr(getattr(wrench, kind), axis) for wrench in wrenches], float)
+        for kind in ("force", "torque")
+        for axis in "xyz"
+    }
+
+
+def _arrays(messages: Sequence[Any], name: str) -> dict[str, np.ndarray]:
+    lengths = {len(message.data) for message in messages}
+    if len(lengths) > 1:
+        raise LogError(f"arrays of {name} need one length, they have {', '.join(map(str, sorted(lengths)))}.")
+    return {f"{name}.{k}": x for k, x in enumerate(np.array([message.data for message in messages], float).T)}
+
+
+def _numbers(messages: Sequence[Any], name: str) -> dict[str, np.ndarray]:
+    return {name: np.array([message.data for message in messages], float)}
+
+
+COLUMNS: Mapping[str, Callable[[Sequence[Any], str], dict[str, np.ndarray]]] = {
+    JOINT_STATE: _joint_states,
+    "geometry_msgs/msg/WrenchStamped": _wrenches,
+    "geometry_msgs/msg/Wrench": _wrenches,
+    "std_msgs/msg/Float64MultiArray": _arrays,
+    "std_msgs/msg/Float64": _numbers,
+}
+"""What makes columns of messages, by their type."""

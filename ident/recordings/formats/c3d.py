@@ -1,0 +1,179 @@
+"""C3D files: markers and what a laboratory's program made of them, force platforms and other analog channels."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.recordings.formats.reading import SI, checked_rate, library, undamaged
+from ident.recordings.markers import Markers, check_labels
+from ident.recordings.npz import NUMBER, check_size
+from ident.recordings.table import Table
+
+COMPUTED = {
+    "ANGLES": ("ANGLE_UNITS", "deg"),
+    "FORCES": ("FORCE_UNITS", ""),
+    "MOMENTS": ("MOMENT_UNITS", ""),
+    "POWERS": ("POWER_UNITS", ""),
+    "SCALARS": ("SCALAR_UNITS", ""),
+}
+"""Lists of the points that are no positions: where their unit stands, and what it is otherwise."""
+
+LOADED = 10.0
+"""Force into a plate from which on its centre of pressure means something, N."""
+
+
+def tables(path: Path, limit: int) -> list[Table]:
+    """Points at their rate; and at the analog rate force platforms and all other channels.
+
+    Of platform k the wrench is in the laboratory's axes and about the laboratory's origin: `plateK_force.x`,
+    `plateK_torque.x`, and the centre of pressure `plateK_point.x`, which is missing while nobody is on it. Points are
+    `LABEL.x` and so on. All is in SI units and radians where the file knows the unit.
+
+    Raises:
+        LogError: The file is damaged, or lacks rates or labels.
+        InputError: The library is not installed.
+    """
+    content = _content(path, limit)
+    with undamaged("a C3D file"):
+        return [table for table in (_points(content), _analog(content)) if table is not None]
+
+
+def markers(path: Path, limit: int) -> Markers:
+    """Positions of the labelled points, without what a program computed from them; raises as `tables`."""
+    content = _content(path, limit)
+    with undamaged("a C3D file"):
+        rate, labelled = _labelled(content)
+        computed = {label for kind in COMPUTED for label in _strings(content["parameters"]["POINT"], kind)}
+        unit = _unit(content["parameters"]["POINT"], "UNITS", "m")
+        if unit not in SI:
+            raise LogError(f"a C3D file needs markers in a unit of length, got '{unit}'")
+        positions = {label: SI[unit] * x for label, x in labelled.items() if label not in computed}
+        frames = content["data"]["points"].shape[2]
+        return Markers(np.arange(frames) / rate, rate, positions)
+
+
+def _content(path: Path, limit: int) -> Any:
+    """All that a file holds, as its library has it."""
+    with library("c3d"):
+        import ezc3d
+    with undamaged("a C3D file"):
+        _check_header(path, limit)
+        return ezc3d.c3d(str(path), extract_forceplat_data=True)
+
+
+def _check_header(path: Path, limit: int) -> None:
+    """Refuses what is no C3D file or promises more than it has: a library in C++ may not live to say so."""
+    with path.open("rb") as stream:
+        header = stream.read(512)
+    if len(header) < 512 or header[1] != 0x50 or header[0] < 2:
+        raise LogError("the file needs to be a C3D file, its header is that of none.")
+    points, analog, first, last = (int(x) for x in np.frombuffer(header, "<u2", 4, 2))
+    check_size(path, NUMBER * max(0, last - first + 1) * (4 * points + analog), limit)
+
+
+def _labelled(content: Any) -> tuple[float, dict[str, np.ndarray]]:
+    """The points' rate in Hz, and what each holds by its label (N, 3); those without labels are left out."""
+    group = content["parameters"]["POINT"]
+    labels, points = _strings(group, "LABELS"), content["data"]["points"][:3]
+    if len(labels) < points.shape[1]:
+        raise LogError(f"a C3D file needs a label for each of {points.shape[1]} points, it has {len(labels)}.")
+    rate = checked_rate(_scalar(group, "RATE"), "the rate of a C3D file's points")
+    named = [(label, points[:, k].T) for k, label in enumerate(labels[: points.shape[1]]) if label.strip("* ")]
+    check_labels([label for label, _ in named])
+    return rate, dict(named)
+
+
+def _points(content: Any) -> Table | None:
+    if not content["data"]["points"].size:
+        return None
+    rate, labelled = _labelled(content)
+    group = content["parameters"]["POINT"]
+    unit_of = dict.fromkeys(labelled, _unit(group, "UNITS", ""))
+    for kind, (entry, otherwise) in COMPUTED.items():
+        unit_of |= dict.fromkeys(_strings(group, kind), _unit(group, entry, otherwise))
+    cells: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {"time": "SI"}
+    for label, x in labelled.items():
+        names = [f"{label}.{axis}" for axis in "xyz"]
+        cells |= dict(zip(names, SI.get(unit_of[label], 1.0) * x.T, strict=True))
+        units |= dict.fromkeys(names, "SI" if unit_of[label] in SI else "")
+    return _timed(rate, cells, units, "frame")
+
+
+def _analog(content: Any) -> Table | None:
+    analog = content["data"]["analogs"][0]
+    if not analog.size:
+        return None
+    group = content["parameters"]["ANALOG"]
+    rate = checked_rate(_scalar(group, "RATE"), "the analog rate of a C3D file")
+    cells: dict[str, np.ndarray] = {}
+    notes = []
+    for k, platform in enumerate(content["data"]["platform"], start=1):
+        wrench, note = _platform(f"plate{k}", platform)
+        cells |= wrench
+        notes.append(note)
+    units = dict.fromkeys(cells, "SI")
+    in_platforms = {int(k) - 1 for k in np.ravel(_values(content["parameters"].get("FORCE_PLATFORM", {}), "CHANNEL"))}
+    labels, stated = _strings(group, "LABELS"), _strings(group, "UNITS")
+    for k, label in enumerate(labels[: len(analog)]):
+        if k not in in_platforms and label and label not in cells:
+            unit = stated[k] if k < len(stated) else ""
+            cells[label], units[label] = SI.get(unit, 1.0) * analog[k], "SI" if unit in SI else ""
+    return _timed(rate, cells, units, "analog sample", notes)
+
+
+def _platform(name: str, platform: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], str]:
+    """Wrench of a platform in SI units, in the laboratory's axes about its origin, and what there is to say of it."""
+    units = [platform[f"unit_{what}"] for what in ("force", "moment", "position")]
+    if not all(unit in SI for unit in units):
+        raise LogError(f"force platforms need units of force, moment and length that are known, got {', '.join(units)}")
+    newton, newton_metre, metre = (SI[unit] for unit in units)
+    force, corners = newton * platform["force"], metre * platform["corners"]
+    torque = newton_metre * platform["moment"] + np.cross(corners.mean(axis=1), force, axis=0)
+    normal = np.cross(corners[:, 0] - corners[:, 1], corners[:, 0] - corners[:, 3])
+    length = np.linalg.norm(normal)
+    if not length > 0:
+        raise LogError(f"force platforms need four corners, those of {name} are in one line")
+    unloaded = np.abs(normal @ force) < LOADED * length
+    point = np.where(unloaded, np.nan, metre * platform["center_of_pressure"])
+    cells = {
+        f"{name}_{what}.{axis}": column
+        for what, x in (("force", force), ("torque", torque), ("point", point))
+        for axis, column in zip("xyz", x, strict=True)
+    }
+    there, mean = (", ".join(f"{x:.3g}" for x in row) for row in (corners.mean(axis=1), force.mean(axis=1)))
+    return cells, (
+        f"Force platform '{name}' has its centre at ({there}) m of the laboratory; its mean force is ({mean}) N in the "
+        "laboratory's axes, its torque is about the laboratory's origin."
+    )
+
+
+def _timed(
+    rate: float, cells: Mapping[str, np.ndarray], units: Mapping[str, str], word: str, notes: Sequence[str] = ()
+) -> Table | None:
+    if not cells:
+        return None
+    samples = len(next(iter(cells.values())))
+    return Table({"time": np.arange(samples) / rate, **cells}, range(samples), word, units=units, notes=notes)
+
+
+def _values(group: Mapping[str, Any], entry: str) -> Any:
+    return group[entry]["value"] if entry in group else []
+
+
+def _strings(group: Mapping[str, Any], entry: str) -> list[str]:
+    """Texts of an entry, and of those that go on with it: LABELS, LABELS2, LABELS3."""
+    entries = [entry, *(f"{entry}{k}" for k in range(2, 100) if f"{entry}{k}" in group)]
+    return [str(text).strip() for each in entries for text in _values(group, each)]
+
+
+def _unit(group: Mapping[str, Any], entry: str, otherwise: str) -> str:
+    return next(iter(_strings(group, entry)), "") or otherwise
+
+
+def _scalar(group: Mapping[str, Any], entry: str) -> float:
+    values = np.ravel(_values(group, entry))
+    return float(values[0]) if len(values) else np.nan

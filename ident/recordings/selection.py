@@ -1,0 +1,97 @@
+"""What of a log is taken: some of its rows, or of its times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.recordings.column import Columns
+from ident.recordings.table import Table
+
+EPOCH = 1e6
+"""Clocks that begin beyond it count from another day, s; their times are counted from the first sample."""
+
+Span = tuple[float, float]
+"""First and last of what is taken, both included."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Spans of rows and of times; without any, everything.
+
+    Attributes:
+        rows: Spans of rows, by the numbers that messages give them.
+        time: Spans of times, s.
+    """
+
+    rows: tuple[Span, ...] = ()
+    time: tuple[Span, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.rows or self.time)
+
+    def of_rows(self, table: Table) -> Table:
+        """The rows of a table that are in one of the spans of rows.
+
+        Raises:
+            LogError: There is none.
+        """
+        if not self.rows:
+            return table
+        numbers = np.asarray(table.rows)
+        kept = _inside(numbers, self.rows)
+        if not kept.any():
+            there = f"the file has {table.word}s {numbers[0]} to {numbers[-1]}" if len(numbers) else "the file has none"
+            raise LogError(f"[select] needs rows that the file has, got {_told(self.rows)}; {there}.")
+        return taken(table, kept)
+
+    def of_times(self, table: Table, seconds: np.ndarray) -> Table:
+        """The rows of a table at times in one of the spans of times.
+
+        Args:
+            table: The table.
+            seconds: Its times, s (N,).
+
+        Raises:
+            LogError: There is none.
+        """
+        if not self.time or not len(seconds):
+            return table
+        kept = _inside(seconds, self.time)
+        if not kept.any():
+            there = f"its times go from {seconds.min():g} s to {seconds.max():g} s"
+            raise LogError(f"[select] needs times that the file has, got {_told(self.time)}; {there}.")
+        return taken(table, kept)
+
+
+def counted(seconds: np.ndarray) -> np.ndarray:
+    """Times as recordings count them: from the first one, where that is of another day (N,)."""
+    return seconds - seconds[0] if len(seconds) and abs(seconds[0]) > EPOCH else seconds
+
+
+def selected(table: Table, selection: Selection, clock: Columns) -> Table:
+    """What a selection takes of a table, whose times are in a column."""
+    if not selection:
+        return table
+    table = selection.of_rows(table)
+    (name,) = clock.names
+    return selection.of_times(table, counted(table.column(name) * clock.factor)) if selection.time else table
+
+
+def taken(table: Table, kept: np.ndarray) -> Table:
+    """Some samples of a table, by whether each is kept (N,)."""
+    samples = np.flatnonzero(kept).tolist()
+    cells = {
+        name: cells[samples] if isinstance(cells, np.ndarray) else [cells[i] for i in samples]
+        for name, cells in table.cells.items()
+    }
+    return replace(table, cells=cells, rows=[table.rows[i] for i in samples])
+
+
+def _inside(x: np.ndarray, spans: Sequence[Span]) -> np.ndarray:
+    return np.any([(first <= x) & (x <= last) for first, last in spans], axis=0)
+
+
+def _told(spans: Sequence[Span]) -> str:
+    return ", ".join(f"{first:g} to {last:g}" for first, last in spans)

@@ -1,0 +1,89 @@
+"""Tables that each have times of their own, as of bags and C3D files: streams, and what they are at common times."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.recordings.channels import read_channels, with_names
+from ident.recordings.column import Columns
+from ident.recordings.mapping import ColumnMapping, check_text_alone
+from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
+from ident.recordings.selection import selected
+from ident.recordings.table import Table, short
+from ident.recordings.times import LEAST_SAMPLES, Repaired, increasing
+
+TIME = "time"
+"""Column of every table's own times, s."""
+
+
+def mapping_of(tables: Sequence[Table], mapping: ColumnMapping, joints: Mapping[str, str]) -> ColumnMapping:
+    """A mapping and what names of columns of several tables tell besides; arguments as for `with_names`.
+
+    Raises:
+        LogError: As `with_names`; or times are mapped, which the file knows, or what holds for text alone is said.
+    """
+    check_text_alone(mapping)
+    if TIME in mapping.columns:
+        raise LogError("this file knows the times of its columns; leave time out of the mapping.")
+    cells: dict[str, Sequence[str] | np.ndarray] = {}
+    units: dict[str, str] = {}
+    for table in tables:
+        if twice := (cells.keys() & table.cells.keys()) - {TIME}:
+            raise LogError(f"column '{short(min(twice))}' is at two rates; their labels need to differ.")
+        cells, units = cells | dict(table.cells), units | dict(table.units)
+    whole = Table(cells, (), "sample", sums=mapping.sums, units=units)
+    return with_names(mapping, whole, joints)
+
+
+def read_streams(tables: Sequence[Table], mapping: ColumnMapping, notes: list[str]) -> Repaired:
+    """What several tables hold, as it was measured, and at common times.
+
+    Args:
+        tables: Tables, each with a column of its times.
+        mapping: What their columns hold, complete.
+        notes: Sentences on what was detected; more are appended.
+
+    Raises:
+        LogError: A column has no numbers or goes back in time, columns of one quantity have different times, or no
+            time is covered by all.
+    """
+    clock = mapping.columns[TIME]
+    streams: dict[str, Sampled] = {}
+    for table in tables:
+        part = _part(mapping, table)
+        if part.columns.keys() == {TIME}:
+            continue
+        table = selected(replace(table, sums=mapping.sums), mapping.selection, clock)
+        notes += table.notes
+        channels = read_channels(table, part, notes, gaps=True)
+        time = table.column(TIME)
+        kept = increasing(table, TIME, time, channels, notes)
+        if len(kept) < LEAST_SAMPLES:
+            raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, {', '.join(channels)} have {len(kept)}.")
+        streams |= {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
+    joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
+    rate = max(map(rate_of, (streams[key] for key in joints or streams)))
+    common = uniform_times(streams, rate)
+    if len(common) < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(common)}.")
+    return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)
+
+
+def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
+    """What one table has of a mapping.
+
+    Raises:
+        LogError: A quantity has columns of this table and of another one.
+    """
+    columns: dict[str, Columns] = {}
+    for key, used in mapping.columns.items():
+        here = [name for name in used.read if name in table.cells]
+        if not here:
+            continue
+        if len(here) < len(used.read):
+            other = next(name for name in used.read if name not in table.cells)
+            raise LogError(f"{key} needs columns of the same times, '{here[0]}' and '{other}' have times of their own.")
+        columns[key] = used
+    return replace(mapping, columns=columns)

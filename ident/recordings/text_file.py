@@ -1,0 +1,65 @@
+"""Text files in UTF-8 or UTF-16, perhaps packed by gzip, which unpack to no more than is expected of them."""
+
+import codecs
+import gzip
+import io
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ident.errors import LogError
+from ident.recordings.npz import LIMIT, check_size
+
+
+class _Counted(io.RawIOBase):
+    """Bytes of a packed file, counted since the last piece began."""
+
+    def __init__(self, stream: gzip.GzipFile, path: Path, limit: int) -> None:
+        self.stream, self.path, self.limit, self.count = stream, path, limit, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        data = self.stream.read(len(buffer))
+        buffer[: len(data)] = data
+        self.count += len(data)
+        check_size(self.path, self.count, self.limit)
+        return len(data)
+
+
+class Text(io.TextIOWrapper):
+    """Lines of a text that is read in pieces."""
+
+    def begin_piece(self) -> None:
+        """Begins to count anew what a piece takes."""
+        if isinstance(counted := getattr(self.buffer, "raw", None), _Counted):
+            counted.count = 0
+
+
+@contextmanager
+def opened_text(path: Path, limit: int = LIMIT) -> Iterator[Text]:
+    """A file of text for the duration of a block.
+
+    Args:
+        path: The file; one whose name ends in `.gz` is unpacked.
+        limit: Bytes that a piece of a packed file may have, as for `check_size`.
+
+    Raises:
+        LogError: A packed file is damaged, or unpacks to too much.
+    """
+    if path.suffix.lower() != ".gz":
+        with path.open("rb") as stream:
+            yield _text(stream)
+        return
+    try:
+        with gzip.open(path) as packed:
+            yield _text(io.BufferedReader(_Counted(packed, path, limit)))
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise LogError(f"the file needs to be packed by gzip, whole and undamaged ({error}).") from None
+
+
+def _text(buffer: io.BufferedReader) -> Text:
+    utf16 = buffer.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    return Text(buffer, encoding="utf-16" if utf16 else "utf-8-sig")
