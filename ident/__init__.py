@@ -10,7 +10,7 @@
     Frame                                                a row of a modified Denavit-Hartenberg table
     tree_from_mdh(frames)                                the tree of such a table
     recover_axes(tree, poses)                            joint axes from measured poses of the bodies
-    read_log(path, mechanism)                            a recording from CSV, TSV or npz, columns mapped by TOML
+    read_log(path, mechanism)                            a recording from a log, columns mapped by TOML
     Recording                                            measured channels by name, with where sensors sit
     Sensor                                               where a wrench is measured, and which way round
     Wrench                                               a measured wrench

@@ -38,8 +38,8 @@ def read_log(
 
     Args:
         path: A table of text (.csv, .tsv, .txt, perhaps packed as .gz), a .npz or .mat file of arrays by name, an
-            OpenSim .mot or .sto file, a .parquet or .c3d file, a ROS bag (.bag, .mcap, .db3, or the folder of a ROS 2 bag),
-            or what `Recording.save` wrote.
+            OpenSim .mot or .sto file, a .parquet or .c3d file, a ROS bag (.bag, .mcap, .db3, or a ROS 2 bag's
+            folder), or what `Recording.save` wrote.
         mechanism: Whose joints and bodies are looked for. Its weight, if it has a prior, tells whether a force is in
             kilonewtons.
         columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. What it

@@ -14,6 +14,9 @@ from ident.recordings.table import Table
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
+UNITLESS = ("std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float64")
+"""Types of messages that have numbers of any unit; all others are in SI units by definition."""
+
 Message = tuple[int, Any]
 """Time in ns, and what was sent then."""
 
@@ -60,9 +63,8 @@ def _tables(sent: Mapping[tuple[str, str], list[Message]]) -> list[Table]:
             columns = {f"{name}:{column}" if column in shared else column: x for column, x in columns.items()}
         cells = {"time": (time[order] - zero) / 1e9, **columns}
         notes = [f"Topic {topic}: {note}"] if note else []
-        out.append(
-            Table(cells, range(len(order)), f"message of {topic}", units=dict.fromkeys(cells, "SI"), notes=notes)
-        )
+        units = {} if kind in UNITLESS else dict.fromkeys(cells, "SI")
+        out.append(Table(cells, range(len(order)), f"message of {topic}", units=units, notes=notes))
     return out
 
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
+from ident.recordings.formats.c3d_layout import check_layout
 from ident.recordings.formats.reading import SI, checked_rate, library, undamaged
 from ident.recordings.markers import Markers, check_labels
-from ident.recordings.npz import NUMBER, check_size
+from ident.recordings.npz import reason
 from ident.recordings.table import Table
 
 COMPUTED = {
@@ -49,7 +50,7 @@ def markers(path: Path, limit: int) -> Markers:
         computed = {label for kind in COMPUTED for label in _strings(content["parameters"]["POINT"], kind)}
         unit = _unit(content["parameters"]["POINT"], "UNITS", "m")
         if unit not in SI:
-            raise LogError(f"a C3D file needs markers in a unit of length, got '{unit}'")
+            raise LogError(f"a C3D file needs markers in a unit of length, got '{unit}'.")
         positions = {label: SI[unit] * x for label, x in labelled.items() if label not in computed}
         frames = content["data"]["points"].shape[2]
         return Markers(np.arange(frames) / rate, rate, positions)
@@ -59,19 +60,16 @@ def _content(path: Path, limit: int) -> Any:
     """All that a file holds, as its library has it."""
     with library("c3d"):
         import ezc3d
+    check_layout(path, limit)
     with undamaged("a C3D file"):
-        _check_header(path, limit)
-        return ezc3d.c3d(str(path), extract_forceplat_data=True)
-
-
-def _check_header(path: Path, limit: int) -> None:
-    """Refuses what is no C3D file or promises more than it has: a library in C++ may not live to say so."""
-    with path.open("rb") as stream:
-        header = stream.read(512)
-    if len(header) < 512 or header[1] != 0x50 or header[0] < 2:
-        raise LogError("the file needs to be a C3D file, its header is that of none.")
-    points, analog, first, last = (int(x) for x in np.frombuffer(header, "<u2", 4, 2))
-    check_size(path, NUMBER * max(0, last - first + 1) * (4 * points + analog), limit)
+        try:
+            return ezc3d.c3d(str(path), extract_forceplat_data=True)
+        # What is said of platforms may be incomplete or of a type that the library does not know.
+        except (ValueError, RuntimeError) as error:
+            content = ezc3d.c3d(str(path))
+            content["data"]["platform"] = []
+            content["data"]["without_platforms"] = f"Force platforms cannot be read ({reason(error)})."
+            return content
 
 
 def _labelled(content: Any) -> tuple[float, dict[str, np.ndarray]]:
@@ -110,13 +108,14 @@ def _analog(content: Any) -> Table | None:
     group = content["parameters"]["ANALOG"]
     rate = checked_rate(_scalar(group, "RATE"), "the analog rate of a C3D file")
     cells: dict[str, np.ndarray] = {}
-    notes = []
+    notes = [content["data"]["without_platforms"]] if "without_platforms" in content["data"] else []
     for k, platform in enumerate(content["data"]["platform"], start=1):
         wrench, note = _platform(f"plate{k}", platform)
         cells |= wrench
         notes.append(note)
     units = dict.fromkeys(cells, "SI")
-    in_platforms = {int(k) - 1 for k in np.ravel(_values(content["parameters"].get("FORCE_PLATFORM", {}), "CHANNEL"))}
+    platforms = content["parameters"].get("FORCE_PLATFORM", {}) if content["data"]["platform"] else {}
+    in_platforms = {int(k) - 1 for k in np.ravel(_values(platforms, "CHANNEL"))}
     labels, stated = _strings(group, "LABELS"), _strings(group, "UNITS")
     for k, label in enumerate(labels[: len(analog)]):
         if k not in in_platforms and label and label not in cells:
@@ -129,14 +128,14 @@ def _platform(name: str, platform: Mapping[str, Any]) -> tuple[dict[str, np.ndar
     """Wrench of a platform in SI units, in the laboratory's axes about its origin, and what there is to say of it."""
     units = [platform[f"unit_{what}"] for what in ("force", "moment", "position")]
     if not all(unit in SI for unit in units):
-        raise LogError(f"force platforms need units of force, moment and length that are known, got {', '.join(units)}")
+        raise LogError(f"force platforms need known units of force, moment and length, got {', '.join(units)}.")
     newton, newton_metre, metre = (SI[unit] for unit in units)
     force, corners = newton * platform["force"], metre * platform["corners"]
     torque = newton_metre * platform["moment"] + np.cross(corners.mean(axis=1), force, axis=0)
     normal = np.cross(corners[:, 0] - corners[:, 1], corners[:, 0] - corners[:, 3])
     length = np.linalg.norm(normal)
     if not length > 0:
-        raise LogError(f"force platforms need four corners, those of {name} are in one line")
+        raise LogError(f"force platforms need four corners, those of {name} are in one line.")
     unloaded = np.abs(normal @ force) < LOADED * length
     point = np.where(unloaded, np.nan, metre * platform["center_of_pressure"])
     cells = {

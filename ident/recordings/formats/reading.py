@@ -42,9 +42,9 @@ def undamaged(what: str) -> Iterator[None]:
     """
     try:
         yield
-    except (LogError, MemoryError):
+    except LogError:
         raise
-    # Each library has a dozen classes of errors for damage.
+    # Each library has a dozen classes of errors for damage, and sizes that are damaged ask for any memory.
     except Exception as error:
         raise LogError(f"the file needs to be {what} ({reason(error)}).") from error
 

@@ -1,0 +1,158 @@
+"""Logs as other programs write them, by the libraries of their formats, from named columns."""
+
+import gzip
+
+import numpy as np
+
+DEG = 180 / np.pi
+
+
+def write_csv(path, columns, delimiter=","):
+    rows = [delimiter.join(repr(float(x)) for x in row) for row in zip(*columns.values(), strict=True)]
+    content = "\n".join([delimiter.join(columns), *rows, ""])
+    path.write_bytes(gzip.compress(content.encode()) if path.suffix == ".gz" else content.encode())
+
+
+def write_mot(path, columns, degrees="yes"):
+    rows = ["\t".join(repr(float(x)) for x in row) for row in zip(*columns.values(), strict=True)]
+    head = ["Coordinates", "version=1", f"nRows={len(rows)}", f"nColumns={len(columns)}", f"inDegrees={degrees}"]
+    path.write_text("\n".join([*head, "", "endheader", "\t".join(columns), *rows, ""]))
+
+
+def write_trc(path, time, markers, rate=100.0, units="mm"):
+    cells = np.hstack([x * {"mm": 1e3, "m": 1.0}[units] for x in markers.values()])
+    rows = [
+        "\t".join([str(k + 1), f"{t:.6f}", *("" if np.isnan(x) else f"{x:.9f}" for x in row)])
+        for k, (t, row) in enumerate(zip(time, cells, strict=True))
+    ]
+    keys = [
+        "DataRate",
+        "CameraRate",
+        "NumFrames",
+        "NumMarkers",
+        "Units",
+        "OrigDataRate",
+        "OrigDataStartFrame",
+        "OrigNumFrames",
+    ]
+    values = [rate, rate, len(rows), len(markers), units, rate, 1, len(rows)]
+    axes = "\t".join(f"{axis}{k + 1}" for k in range(len(markers)) for axis in "XYZ")
+    head = [f"PathFileType\t4\t(X/Y/Z)\t{path.name}", "\t".join(keys), "\t".join(map(str, values))]
+    head += ["Frame#\tTime\t" + "\t\t\t".join(markers) + "\t\t", "\t\t" + axes, ""]
+    path.write_text("\n".join([*head, *rows, ""]))
+
+
+def write_mat(path, columns, **others):
+    from scipy.io import savemat
+
+    savemat(path, {name: np.asarray(x)[:, None] for name, x in columns.items()} | others, do_compression=True)
+
+
+def write_parquet(path, columns):
+    import pyarrow
+    import pyarrow.parquet
+
+    pyarrow.parquet.write_table(pyarrow.table(dict(columns)), path)
+
+
+PLATE = np.array([[0.7, 0.1, 0], [0.1, 0.1, 0], [0.1, 0.5, 0], [0.7, 0.5, 0]]).T
+"""Corners of a force plate whose z-axis points down, m (3, 4)."""
+
+TOP = np.array([0.01, -0.02, -0.04])
+"""From the plate's transducer to the middle of its top, in the plate's axes, m."""
+
+
+def plate_readings(wrench):
+    """What a plate at `PLATE` reads that feels wrenches in the laboratory's axes about its origin (N, 6): (N, 6)."""
+    down = np.diag([1.0, -1.0, -1.0])
+    force, torque = wrench[:, :3] @ down, (wrench[:, 3:] - np.cross(PLATE.mean(axis=1), wrench[:, :3])) @ down
+    return np.hstack([force, torque - np.cross(force, TOP)])
+
+
+def write_c3d(path, rate, points, wrench=None, angles=(), analog=None):
+    """Points (N, 3) in m, angles in rad; a platform that feels wrenches (k N, 6), other analog channels (k N,) in V."""
+    import ezc3d
+
+    def whole(name, values, shape):
+        parameter = ezc3d.ezc3d.Parameter(name)
+        parameter.set(list(values), shape)
+        parameters.add_parameter("FORCE_PLATFORM", parameter)
+        parameters["FORCE_PLATFORM"][name]["type"] = 2
+
+    file = ezc3d.c3d()
+    parameters = file["parameters"]
+    parameters["POINT"]["RATE"]["value"] = [rate]
+    parameters["POINT"]["LABELS"]["value"] = tuple(points)
+    parameters["POINT"]["UNITS"]["value"] = ["mm"]
+    if angles:
+        file.add_parameter("POINT", "ANGLES", list(angles))
+        file.add_parameter("POINT", "ANGLE_UNITS", ["deg"])
+    scaled = [x * (DEG if label in angles else 1e3) for label, x in points.items()]
+    file["data"]["points"] = np.concatenate([np.stack(scaled, 1), np.ones((len(scaled[0]), len(scaled), 1))], 2).T
+    channels = dict(analog or {})
+    if wrench is not None:
+        channels |= dict(
+            zip(
+                ("Fx", "Fy", "Fz", "Mx", "My", "Mz"),
+                (plate_readings(wrench) * np.r_[1, 1, 1, 1e3, 1e3, 1e3]).T,
+                strict=True,
+            )
+        )
+        file.add_parameter("FORCE_PLATFORM", "USED", 1)
+        file.add_parameter("FORCE_PLATFORM", "TYPE", 2)
+        whole("ZERO", [1, 0], [2])
+        file.add_parameter("FORCE_PLATFORM", "CORNERS", 1e3 * PLATE[:, :, None])
+        file.add_parameter("FORCE_PLATFORM", "ORIGIN", 1e3 * TOP[:, None])
+        first = len(channels) - 6
+        whole("CHANNEL", range(first + 1, first + 7), [6, 1])
+    if channels:
+        samples = len(next(iter(channels.values())))
+        parameters["ANALOG"]["RATE"]["value"] = [rate * samples / len(scaled[0])]
+        parameters["ANALOG"]["LABELS"]["value"] = tuple(channels)
+        units = {"F": "N", "M": "Nmm"}
+        parameters["ANALOG"]["UNITS"]["value"] = [
+            units.get(name[0], "V") if len(name) == 2 else "V" for name in channels
+        ]
+        parameters["ANALOG"]["SCALE"]["value"] = [1.0] * len(channels)
+        file["data"]["analogs"] = np.stack(list(channels.values()))[None]
+    file.write(str(path))
+
+
+def write_bag(path, topics, *, stamped=True):
+    """A ROS 1 bag (`.bag`), a folder of a ROS 2 bag, or of one of MCAP (`mcap` in its name).
+
+    `topics` has times in s and, for joint states, a dict of names to (position, velocity, effort); for wrenches (N, 6);
+    for arrays (N, d).
+    """
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_typestore
+
+    one = path.suffix == ".bag"
+    store = get_typestore(Stores.ROS1_NOETIC if one else Stores.ROS2_HUMBLE)
+    plugin = StoragePlugin.MCAP if "mcap" in path.name else StoragePlugin.SQLITE3
+    with Writer1(path) if one else Writer2(path, version=9, storage_plugin=plugin) as writer:
+        for topic, (time, content) in topics.items():
+            kind = "sensor_msgs/msg/JointState" if isinstance(content, dict) else "geometry_msgs/msg/WrenchStamped"
+            kind = kind if isinstance(content, dict) or content.shape[1] == 6 else "std_msgs/msg/Float64MultiArray"
+            connection = writer.add_connection(topic, kind, typestore=store)
+            for i, t in enumerate(1_700_000_000_250_000_000 + np.round(1e9 * time).astype(np.int64)):
+                message = _message(store, kind, content, i, int(t) if stamped else 0, one)
+                data = store.serialize_ros1(message, kind) if one else store.serialize_cdr(message, kind)
+                writer.write(connection, int(t) + 3_000_000, data)
+
+
+def _message(store, kind, content, i, stamp, one):
+    types = store.types
+    sec, nanosec = divmod(stamp, 10**9)
+    time = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    header = types["std_msgs/msg/Header"](stamp=time, frame_id="tool", **({"seq": i} if one else {}))
+    if isinstance(content, dict):
+        position, velocity, effort = (np.array(x, float) for x in zip(*(c[i] for c in content.values()), strict=True))
+        return types[kind](header=header, name=list(content), position=position, velocity=velocity, effort=effort)
+    if content.shape[1] == 6:
+        force, torque = (types["geometry_msgs/msg/Vector3"](*map(float, x)) for x in np.split(content[i], 2))
+        return types[kind](header=header, wrench=types["geometry_msgs/msg/Wrench"](force=force, torque=torque))
+    layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+    return types[kind](layout=layout, data=np.array(content[i], float))
