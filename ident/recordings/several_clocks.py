@@ -12,7 +12,7 @@ from ident.recordings.mapping import ColumnMapping, check_text_alone
 from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
 from ident.recordings.selection import selected
 from ident.recordings.table import Table, short
-from ident.recordings.times import LEAST_SAMPLES, Repaired, increasing
+from ident.recordings.times import LEAST_SAMPLES, Repaired, check_jumps, increasing
 
 TIME = "time"
 """Column of every table's own times, s."""
@@ -65,6 +65,8 @@ def read_streams(tables: Sequence[Table], mapping: ColumnMapping, notes: list[st
         streams |= {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
     joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
     rate = max(map(rate_of, (streams[key] for key in joints or streams)))
+    for key, stream in streams.items():
+        check_jumps(f"the time of {key}", stream.time, 1 / rate)
     common = uniform_times(streams, rate)
     if len(common) < LEAST_SAMPLES:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(common)}.")

@@ -17,6 +17,9 @@ LEAST_SAMPLES = 10
 JITTER, UNIFORM = 0.2, 1e-3
 """Departures of steps of time from their median: of a clock to be doubted; and of one that is as good as uniform."""
 
+SPARSE = 1000
+"""Common times for each sample, from which on a gap is a fault of the clock."""
+
 LATEST = 1e12
 """No clock shows more, s."""
 
@@ -76,6 +79,7 @@ class Clock:
         if self.zero is None:
             self._begin(zero, time, notes)
         self._check_gaps(table, time, kept, notes)
+        check_jumps(f"column '{name}'", time, self.step)
         grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / self.step) + 1)
         uniform = len(grid) == len(time) and np.abs(time - grid).max() <= UNIFORM * self.step
         if not uniform:
@@ -139,6 +143,25 @@ class Clock:
                 f"column '{name}' has steps of {self.step:g} s, which suggests that its unit is not the second; map "
                 f'it, as in time = {{ column = "{name}", unit = "ms" }}.'
             )
+
+
+def check_jumps(what: str, time: np.ndarray, step: float) -> None:
+    """Refuses times so far apart that nearly all of the common ones would be in a gap, as one wrong stamp makes them.
+
+    Args:
+        what: What has these times, for the message.
+        time: Sample times, s (N,).
+        step: Step of the common times, s.
+
+    Raises:
+        LogError: They are.
+    """
+    if time[-1] - time[0] > SPARSE * len(time) * step:
+        i = int(np.diff(time).argmax())
+        raise LogError(
+            f"{what} jumps from {time[i]:.10g} s to {time[i + 1]:.10g} s where {len(time)} samples have steps of "
+            f"{step:g} s; take one side of it ([select] time, in the mapping)."
+        )
 
 
 def increasing(

@@ -137,6 +137,12 @@ def test_selected_rows_and_times(tmp_path):
     np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T[10:31], atol=1e-12)
 
 
+def test_one_wrong_stamp_is_told(tmp_path):
+    wrong = {**PLAIN, "time": T + 3e8 * (np.arange(N) == N - 1)}
+    with pytest.raises(LogError, match=r"column 'time' jumps from 0\.38 s to 300000000\.4 s where 40 samples"):
+        read(tmp_path, wrong, "", gaps=True)
+
+
 NUMBERED = '[file]\nheader = false\n[joints.ankle]\nposition = "2"\n[joints.hip]\nposition = "3"\n'
 
 

@@ -36,6 +36,9 @@ def tables(path: Path, limit: int) -> list[Table]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     with undamaged("a ROS bag"), AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        # The types as ROS defines them: of those in the bag the library makes code, and damaged ones make it endless.
+        types = get_typestore(Stores.ROS2_HUMBLE if reader.is2 else Stores.ROS1_NOETIC)
+        read = types.deserialize_cdr if reader.is2 else types.deserialize_ros1
         used = [each for each in reader.connections if each.msgtype in COLUMNS]
         if not used:
             there = ", ".join(f"{each.topic} ({each.msgtype})" for each in reader.connections) or "none"
@@ -45,7 +48,7 @@ def tables(path: Path, limit: int) -> list[Table]:
         for connection, written, data in reader.messages(connections=used):
             size += len(data)
             check_size(path, size, limit)
-            sent[connection.topic, connection.msgtype].append((written, reader.deserialize(data, connection.msgtype)))
+            sent[connection.topic, connection.msgtype].append((written, read(data, connection.msgtype)))
         return _tables(sent)
 
 

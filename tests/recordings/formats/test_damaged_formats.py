@@ -1,0 +1,249 @@
+"""Each format damaged in ten ways and more: one sentence each, and never another error."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from malformed_logs import JOINTS, PLAIN, WRENCH, N, Q, T
+from written_formats import write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
+
+from ident.errors import InputError, LogError
+from ident.mechanism.body import Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.recordings.log import read_log
+
+MECHANISM = Mechanism(
+    Tree(tuple(Body(name, k - 1, np.eye(4), np.eye(6)[4], JOINTS[k]) for k, name in enumerate(("leg", "torso")))),
+    np.array([0, 0, -9.81]),
+)
+EXTRAS = {"parquet": ("pyarrow", "parquet"), "c3d": ("ezc3d", "c3d")}
+EXTRAS |= dict.fromkeys(("bag", "mcap", "db3"), ("rosbags", "ros"))
+
+
+def _markers(columns):
+    return {joint: np.stack([columns[f"q_{joint}"], 0 * T, 0 * T], axis=1) for joint in JOINTS}
+
+
+def write(path, columns=PLAIN):
+    """A sound file of each format, perhaps with other numbers."""
+    kind = path.name.split(".", 1)[1]
+    if kind in EXTRAS:
+        package, extra = EXTRAS[kind]
+        pytest.importorskip(package, reason=f"{package} is in the extra '{extra}'")
+    if kind == "c3d":
+        write_c3d(path, 100.0, _markers(columns), WRENCH, JOINTS)
+    elif kind in ("bag", "mcap", "db3"):
+        states = {joint: [(x, 0, 0) for x in columns[f"q_{joint}"]] for joint in JOINTS}
+        target = path if kind == "bag" else path.with_name(f"folder_{kind}")
+        write_bag(target, {"/j": (columns["time"], states)})
+        if kind != "bag":
+            path.write_bytes(next(target.glob(f"*.{kind}")).read_bytes())
+    elif kind == "trc":
+        write_trc(path, T, _markers(columns))
+    else:
+        writers = {"mot": write_mot, "mat": write_mat, "parquet": write_parquet, "csv.gz": write_csv}
+        writers[kind](path, columns)
+
+
+def refusal(path, mapping=None):
+    """The sentence that a log is refused with."""
+    columns = None
+    if mapping is not None:
+        columns = path.with_name("c.toml")
+        columns.write_text(mapping)
+    with pytest.raises(LogError) as error:
+        read_log(path, MECHANISM, columns)
+    sentence = str(error.value)
+    assert sentence.startswith(f"{path}: ") and "\n" not in sentence and len(sentence) < 500
+    return sentence
+
+
+WAYS = {
+    "empty": lambda data: b"",
+    "garbage": lambda data: bytes(np.random.default_rng(0).integers(256, size=4096, dtype=np.uint8)),
+    "zeros": lambda data: bytes(len(data)),
+    "half": lambda data: data[: len(data) // 2],
+    "its first bytes": lambda data: data[:60],
+    "without its beginning": lambda data: data[100:],
+    "another format": lambda data: b"PK\x03\x04" + bytes(300) + data[304:],
+    "a text": lambda data: b"This is no log.\n" * 40,
+    "a hole": lambda data: data[: len(data) // 3] + data[len(data) // 3 + 700 :],
+    "shifted": lambda data: data[:30] + b"\xff\xfe\x00" + data[30:],
+}
+KINDS = ("mot", "trc", "mat", "parquet", "csv.gz", "c3d", "bag", "mcap", "db3")
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_files_are_one_sentence(tmp_path, kind, way):
+    path = tmp_path / f"log.{kind}"
+    write(path)
+    path.write_bytes(way(path.read_bytes()))
+    refusal(path)
+    assert path.exists()
+
+
+DAMAGES = st.lists(st.tuples(st.floats(0, 1), st.sampled_from("sdi"), st.binary(min_size=1, max_size=9)), max_size=2)
+
+
+@settings(
+    max_examples=20,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@pytest.mark.parametrize("kind", KINDS)
+@given(damages=DAMAGES)
+def test_any_file_is_read_or_refused(tmp_path, kind, damages):
+    path = tmp_path / f"log.{kind}"
+    if not (tmp_path / kind).exists():
+        write(path)
+        (tmp_path / kind).write_bytes(path.read_bytes())
+    data = bytearray((tmp_path / kind).read_bytes())
+    for where, how, new in damages:
+        at = int(where * (len(data) - 1)) if len(data) > 1 else 0
+        data[at : at + {"s": len(new), "d": 7 * len(new), "i": 0}[how]] = b"" if how == "d" else new
+    path.write_bytes(data)
+    try:
+        read_log(path, MECHANISM)
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+def changed(old, new):
+    return lambda text: text.replace(old, new, 1)
+
+
+MOT = {
+    "no end of the header": (changed("endheader\n", ""), "needs a line 'endheader' before its table; there is none"),
+    "more rows": (changed("nRows=40", "nRows=41"), "promises 41 rows (nrows), the table has 40"),
+    "fewer columns": (changed("nColumns=3", "nColumns=2"), "promises 2 columns (ncolumns), the table has 3"),
+    "no number of rows": (changed("nRows=40", "nRows=many"), "promises many rows"),
+    "degrees": (changed("inDegrees=yes", "inDegrees=maybe"), "inDegrees needs to be yes or no, got 'maybe'"),
+    "no rows": (lambda text: text[: text.index("time\t")], "the file is empty"),
+    "names alone": (lambda text: text[: text.index("0.0\t")], "the file has no rows after its header"),
+    "a word": (changed("\n0.05\t", "\nlate\t"), "row 14, column 'time' needs a number, got 'late'"),
+    "NaN": (changed("\n0.05\t", "\nnan\t"), "row 14, column 'time' is empty or NaN"),
+    "a long row": (changed("\n0.05\t", "\n0.05\t0.05\t"), "row 14 has 4 cells where the header has 3"),
+    "back in time": (changed("\n0.05\t", "\n0.01\t"), "goes back in time"),
+    "names twice": (changed("q_ankle\tq_hip", "q_hip\tq_hip"), "names column 'q_hip' more than once"),
+    "no UTF-8": (changed("q_hip", "q_hüft"), "needs to be text in UTF-8, a byte 0xfc is not"),
+}
+
+
+@pytest.mark.parametrize(("damage", "message"), MOT.values(), ids=MOT.keys())
+def test_damaged_motion_files(tmp_path, damage, message):
+    write_mot(tmp_path / "log.mot", PLAIN)
+    text = damage((tmp_path / "log.mot").read_text())
+    (tmp_path / "log.mot").write_bytes(text.encode("latin-1"))
+    assert message in refusal(tmp_path / "log.mot")
+
+
+TRC = {
+    "no markers' file": (changed("PathFileType", "FileType"), "a .trc file begins with PathFileType"),
+    "no unit": (changed("Units", "Unit"), "needs DataRate, NumFrames, NumMarkers, Units; it lacks Units"),
+    "feet": (changed("\tmm\t", "\tft\t"), "Units need to be one of m, cm, mm; got ft"),
+    "zero rate": (changed("100.0\t", "0\t"), "the DataRate of a .trc file needs to be positive, the file says 0 Hz"),
+    "rate of no number": (changed("100.0\t", "fast\t"), "row 3 needs numbers, got 'fast'"),
+    "another rate": (changed("100.0\t", "250\t"), "promises 250 Hz, but frames are 0.01 s apart"),
+    "more frames": (changed("\t40\t", "\t41\t"), "promises 41 as NumFrames, the file has 40"),
+    "more markers": (changed("\t2\tmm", "\t3\tmm"), "promises 3 as NumMarkers, the file has 2"),
+    "labels twice": (changed("ankle", "hip"), "markers need different labels, 'hip' is given to more than one"),
+    "a word": (changed("\t0.050000\t", "\tlate\t"), "row 12 needs numbers, got 'late'"),
+    "no time": (changed("\t0.050000\t", "\t\t"), "every frame needs a time"),
+    "a long row": (changed("\t0.050000\t", "\t0.05\t1\t"), "row 12 has 9 cells where the labels ask for 8"),
+}
+
+
+@pytest.mark.parametrize(("damage", "message"), TRC.values(), ids=TRC.keys())
+def test_damaged_marker_files(tmp_path, damage, message):
+    write(tmp_path / "log.trc")
+    (tmp_path / "log.trc").write_text(damage((tmp_path / "log.trc").read_text()))
+    assert message in refusal(tmp_path / "log.trc")
+
+
+NUMBERS = {
+    "NaN": ("time", np.where(T[7] == T, np.nan, T), "is empty or NaN"),
+    "infinite": ("q_hip", np.where(T[7] == T, np.inf, Q[:, 1]), "needs a finite number"),
+    "back in time": ("time", T[::-1], "goes back in time"),
+    "huge": ("q_hip", 1e30 + T, "needs numbers below"),
+    "stopped clock": ("time", 0 * T, "repeats the time of the sample before, but not its values"),
+}
+
+
+@pytest.mark.parametrize("kind", ["mot", "mat", "parquet", "csv.gz"])
+@pytest.mark.parametrize(("name", "numbers", "message"), NUMBERS.values(), ids=NUMBERS.keys())
+def test_numbers_that_cannot_be(tmp_path, kind, name, numbers, message):
+    write(tmp_path / f"log.{kind}", PLAIN | {name: numbers})
+    assert message in refusal(tmp_path / f"log.{kind}")
+
+
+def test_matlab_files_that_are_refused(tmp_path):
+    path = tmp_path / "log.mat"
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(600))
+    assert "version 7.3 are not read; save it in MATLAB with save(NAME, '-v7')" in refusal(path)
+    write_mat(path, {"q_hip": T[:-1], **{name: x for name, x in PLAIN.items() if name != "q_hip"}})
+    assert "joint 'hip' needs a column of its positions" in refusal(path)
+    write_mat(path, {}, name="nothing")
+    assert "at least 10 samples, it has 0" in refusal(path)
+    write_mat(path, {"x": np.zeros(3_000_000)})
+    with pytest.raises(LogError, match=r"takes 24 MB in memory where at most 1 MB .*--max-size"):
+        read_log(path, MECHANISM, limit=1_000_000)
+
+
+def test_parquet_files_that_are_refused(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
+    path = tmp_path / "log.parquet"
+    write_parquet(path, {**PLAIN, "q_hip": pyarrow.array([None, *Q[1:, 1]])})
+    assert "row 0, column 'q_hip' is empty or NaN, as are 1 of 40" in refusal(path)
+    write_parquet(path, {**PLAIN, "q_hip": ["x"] * N})
+    assert "joint 'hip' needs a column of its positions" in refusal(path)
+    write_parquet(path, {"x": np.zeros(0)})
+    assert "at least 10 samples, it has 0" in refusal(path)
+    write_parquet(path, {"x": np.zeros(3_000_000)})
+    with pytest.raises(LogError, match=r"takes 24 MB in memory where at most 1 MB"):
+        read_log(path, MECHANISM, limit=1_000_000)
+
+
+def test_bags_that_are_refused(tmp_path):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    states = {joint: [(x, 0, 0) for x in Q[:, k]] for k, joint in enumerate(JOINTS)}
+    write_bag(tmp_path / "none.bag", {})
+    assert "a bag needs a topic of sensor_msgs/msg/JointState" in refusal(tmp_path / "none.bag")
+    write_bag(tmp_path / "few.bag", {"/j": (T[:5], states)})
+    assert "at least 10 samples" in refusal(tmp_path / "few.bag")
+    early, late = (T, states), (T + 100, WRENCH)
+    write_bag(tmp_path / "apart.bag", {"/j": early, "/ground": late})
+    assert "Streams need a time that all of them cover" in refusal(tmp_path / "apart.bag")
+    write_bag(tmp_path / "folder", {"/j": early})
+    metadata = (tmp_path / "folder" / "metadata.yaml").read_text()
+    for text in ("", "a: [", metadata.replace("sqlite3", "tape"), metadata.replace("folder.db3", "gone.db3")):
+        (tmp_path / "folder" / "metadata.yaml").write_text(text)
+        assert "needs to be a ROS bag" in refusal(tmp_path / "folder")
+    (tmp_path / "folder" / "metadata.yaml").unlink()
+    assert "a log is a .csv, .tsv, .txt or .npz file that exists" in refusal(tmp_path / "folder")
+
+
+def test_c3d_files_that_are_refused(tmp_path):
+    ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    path, mapping = tmp_path / "log.c3d", '[joints.ankle]\nposition = "ankle.x"\n[joints.hip]\nposition = "hip.x"\n'
+
+    def rewritten(group, entry, value):
+        write(path)
+        file = ezc3d.c3d(str(path))
+        file["parameters"][group][entry]["value"] = value
+        file.write(str(path))
+
+    rewritten("POINT", "LABELS", ["hip", "hip"])
+    assert "markers need different labels, 'hip' is given to more than one" in refusal(path, mapping)
+    rewritten("FORCE_PLATFORM", "TYPE", np.array([99]))
+    plate = mapping + '[wrenches.ground]\nforce = ["plate1_force.x", "plate1_force.y", "plate1_force.z"]'
+    assert "wrenches.ground.force is mapped to column 'plate1_force.x', but the file has" in refusal(path, plate)
+    write_c3d(path, 100.0, {joint: np.full((N, 3), np.nan) for joint in JOINTS}, None, JOINTS)
+    assert "column 'ankle.x' is empty, but joints.ankle.position needs it" in refusal(path, mapping)
+    data = bytearray(path.read_bytes())
+    data[8:10] = (60000).to_bytes(2, "little")
+    path.write_bytes(data)
+    assert "it ends before the 60000 frames that its header promises" in refusal(path, mapping)
