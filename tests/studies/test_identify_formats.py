@@ -1,0 +1,120 @@
+"""`identify` gives the same for a recording in whatever format it comes."""
+
+import json
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import refusal
+from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet
+
+import scenes
+import sim
+from experiments import identify
+from sim.motion.excitation import DOUBLE_PENDULUM
+
+MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"
+JOINTS = ("joint1", "joint2")
+PACKAGES = {"parquet": "pyarrow", "c3d": "ezc3d", "bag": "rosbags", "mcap": "rosbags"}
+C3D = (
+    "".join(f'[joints.{joint}]\nposition = "{joint}.x"\n' for joint in JOINTS)
+    + "[wrenches.ground]\n"
+    + "".join(f"{kind} = {[f'plate1_{kind}.{axis}' for axis in 'xyz']}\n" for kind in ("force", "torque"))
+)
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=250)
+
+
+def columns(recording, unit=1.0):
+    angles = {f"{joint}_position": unit * recording[f"{joint}_position"] for joint in JOINTS}
+    wrench = {
+        f"ground_{kind}.{a}": recording[f"ground_{kind}"][:, k]
+        for kind in ("force", "torque")
+        for k, a in enumerate("xyz")
+    }
+    return {"time": recording.time, **angles, **wrench}
+
+
+def write(path, recording):
+    """The recording's angles and its wrench in the format that the name ends in."""
+    kind, wrench = path.name.split(".", 1)[1], recording.wrench("ground").values
+    if kind in PACKAGES and find_spec(PACKAGES[kind]) is None:
+        pytest.skip(f"{PACKAGES[kind]} is in an extra")
+    if kind == "c3d":
+        angles = {joint: recording[f"{joint}_position"][:, None] * [1, 0, 0] for joint in JOINTS}
+        write_c3d(path, recording.rate, angles, wrench, JOINTS)
+    elif kind in ("bag", "mcap"):
+        states = {joint: [(x, 0, 0) for x in recording[f"{joint}_position"]] for joint in JOINTS}
+        topics = {"/joint_states": (recording.time, states), "/ground": (recording.time, wrench)}
+        write_bag(path if kind == "bag" else path.with_name("folder_mcap"), topics)
+        if kind == "mcap":
+            path.write_bytes(next(path.with_name("folder_mcap").glob("*.mcap")).read_bytes())
+    elif kind == "mot":
+        write_mot(path, columns(recording, DEG))
+    elif kind == "mat":
+        write_mat(
+            path,
+            {name: x for name, x in columns(recording).items() if "." not in name},
+            **{f"ground_{what}": recording[f"ground_{what}"] for what in ("force", "torque")},
+        )
+    else:
+        {"csv": write_csv, "csv.gz": write_csv, "parquet": write_parquet}[kind](path, columns(recording))
+
+
+def arguments(path):
+    if path.suffix != ".c3d":
+        return [str(MODEL), str(path), "--base", "base"]
+    path.with_name("c.toml").write_text(C3D)
+    return [str(MODEL), str(path), "--base", "base", "--columns", str(path.with_name("c.toml"))]
+
+
+def estimate(folder, path, *options):
+    assert identify.main([*arguments(path), *options, "--name", "out", "--out", str(folder)]) == 0
+    return json.loads((folder / "out" / "estimate.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def from_csv(recording, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("csv")
+    write(folder / "log.csv", recording)
+    return estimate(folder, folder / "log.csv")
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("kind", ["mot", "mat", "c3d", "bag"])
+def test_every_format_gives_the_same_estimate(tmp_path, recording, from_csv, kind):
+    write(tmp_path / f"log.{kind}", recording)
+    found = estimate(tmp_path, tmp_path / f"log.{kind}")
+    assert found["columns"] == from_csv["columns"]
+    # C3D files hold numbers of single precision; streams are held out at times of their own.
+    difference = (np.array(found["values"]) - from_csv["values"]) / from_csv["std"]
+    assert np.abs(difference).max() < (0.2 if kind in ("c3d", "bag", "mcap") else 0.02)
+
+
+@pytest.mark.parametrize("kind", ["csv.gz", "mot", "mat", "parquet", "c3d", "bag", "mcap"])
+def test_a_damaged_log_ends_the_command_with_one_sentence(tmp_path, capsys, recording, kind):
+    path = tmp_path / f"log.{kind}"
+    write(path, recording)
+    whole = path.read_bytes()
+    for damaged in (b"", whole[: len(whole) // 2]):
+        path.write_bytes(damaged)
+        error = refusal(identify.main, [*arguments(path), "--out", str(tmp_path / "out")], capsys)
+        assert error.startswith(f"python -m experiments.identify: error: {path}: ") and error.count("\n") == 1
+        assert path.read_bytes() == damaged and not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_samples_may_be_missing_where_that_is_said(tmp_path, capsys, recording, from_csv):
+    there = columns(recording)
+    there["joint2_position"] = np.where((recording.time > 1) & (recording.time < 1.1), np.nan, there["joint2_position"])
+    write_csv(tmp_path / "log.csv", there)
+    sentence = refusal(identify.main, [*arguments(tmp_path / "log.csv"), "--out", str(tmp_path)], capsys)
+    assert "column 'joint2_position' is empty or NaN" in sentence
+    found = estimate(tmp_path, tmp_path / "log.csv", "--gaps")
+    assert np.abs((np.array(found["values"]) - from_csv["values"]) / from_csv["std"]).max() < 1
+    options = ["--gaps", "--estimator", "ordinary", "--out", str(tmp_path)]
+    assert "for the joint estimate only" in refusal(identify.main, [*arguments(tmp_path / "log.csv"), *options], capsys)
