@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ident.estimation.preparation import Prepared, prepared
+from ident.recordings.column import KINDS
 from ident.recordings.log import read_log
-from ident.recordings.mapping import KINDS
 from ident.recordings.npz import LIMIT
 from sim.models.couplings import check_torques
 from sim.models.mechanism import mechanism

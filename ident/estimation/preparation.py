@@ -19,8 +19,8 @@ from ident.mechanism.tree import Tree
 from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
+from ident.recordings.column import KINDS
 from ident.recordings.despike import despiked
-from ident.recordings.mapping import KINDS
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import chosen_cutoff, low_pass, settling, smoothed
 from ident.recordings.suggestion import suggested_mapping

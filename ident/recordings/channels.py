@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.column import UNITS, Columns
-from ident.recordings.mapping import KINDS, ColumnMapping, check_no_column_twice
+from ident.recordings.column import KINDS, UNITS, Columns
+from ident.recordings.mapping import ColumnMapping, check_no_column_twice
 from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.table import BASE, Table, short
 from ident.recordings.wrench import GROUND, Sensor, sensors_told

@@ -7,6 +7,14 @@ import numpy as np
 
 from ident.errors import LogError
 
+KINDS = {
+    "position": ("{}_position", "q_{}", "{}"),
+    "velocity": ("{}_velocity", "dq_{}"),
+    "acceleration": ("{}_acceleration", "ddq_{}"),
+    "torque": ("{}_torque", "tau_{}"),
+}
+"""What a log may hold of a joint, and the names of the column that holds it."""
+
 _DEG = np.pi / 180
 _SQUARED = ("^2", "2", "²")
 _ANGLE = {"rad": 1.0, "deg": _DEG}

@@ -141,6 +141,7 @@ def _of_several_clocks(
     mapping = mapping_of(tables, mapping, kinds)
     recording = _recording(read_streams(tables, mapping, notes), mapping)
     recording = _without_incomplete(recording, mechanism.tree.joints, notes)
+    recording = placed(recording, mechanism, mapping.plates, notes)
     _check(recording, mapping, mechanism, kinds, notes)
     unused = [name for table in tables for name in table.cells if name not in mapping.used]
     return replace(recording, notes=notes, unused=unused)

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +11,15 @@ import numpy as np
 from ident.errors import LogError
 from ident.mechanism.tree import Tree
 from ident.recordings import plates
-from ident.recordings.column import CURRENT, UNITS, Columns, Sum, joints_behind_motors
+from ident.recordings.column import KINDS, Columns, Sum
+from ident.recordings.column_entries import factor_of, joints_of_motors, several, single
 from ident.recordings.csv_file import Layout
-from ident.recordings.entries import check_keys as _check_keys
-from ident.recordings.entries import pose as _pose
-from ident.recordings.entries import table as _entry
-from ident.recordings.entries import vector as _vector
+from ident.recordings.entries import check_keys, pose, table, vector
 from ident.recordings.plates import Plate
 from ident.recordings.selection import Selection, Span
 from ident.recordings.table import short
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
-
-KINDS = {
-    "position": ("{}_position", "q_{}", "{}"),
-    "velocity": ("{}_velocity", "dq_{}"),
-    "acceleration": ("{}_acceleration", "ddq_{}"),
-    "torque": ("{}_torque", "tau_{}"),
-}
-"""What a log may hold of a joint, and the names of the column that holds it."""
 
 SETUP = {
     **dict.fromkeys(("delay", "clock", "origin", "gain"), 1.0),
@@ -39,10 +29,6 @@ SETUP = {
 
 KNOWN = dict.fromkeys(("mass", "center", "inertia"), 1.0)
 """What may be known of bodies beforehand: relative to the model's, m, relative."""
-
-
-TERM = ("column", "columns", "weights", "gain", "constant")
-"""What is said of a column that has to be computed, but for its unit."""
 
 
 @dataclass
@@ -140,65 +126,65 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
 
 def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
     tables = ("time", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select")
-    _check_keys("the mapping", entries, tables)
+    check_keys("the mapping", entries, tables)
     mapping = ColumnMapping(setup=_deviations("setup", entries, SETUP), known=_deviations("known", entries, KNOWN))
     mapping.layout, mapping.selection = _layout(entries), _selection(entries)
     if "time" in entries:
-        mapping.columns["time"] = _single("time", entries["time"], "time")
-    of_joints = _entry("joints", entries.get("joints", {}))
-    _check_keys("[joints]", of_joints, tuple(joints))
+        mapping.columns["time"] = single("time", entries["time"], "time")
+    of_joints = table("joints", entries.get("joints", {}))
+    check_keys("[joints]", of_joints, tuple(joints))
     for joint, quantities in of_joints.items():
-        _check_keys(f"[joints.{joint}]", _entry(f"joints.{joint}", quantities), tuple(KINDS))
+        check_keys(f"[joints.{joint}]", table(f"joints.{joint}", quantities), tuple(KINDS))
         for kind, entry in quantities.items():
             key = f"joints.{joint}.{kind}"
-            mapping.columns[key] = _single(key, entry, f"{joints[joint]} {kind}")
-    for name, entry in _entry("motors", entries.get("motors", {})).items():
-        for key, columns in _behind_motors(f"motors.{name}", _entry(f"motors.{name}", entry), joints).items():
+            mapping.columns[key] = single(key, entry, f"{joints[joint]} {kind}")
+    for name, entry in table("motors", entries.get("motors", {})).items():
+        for key, columns in joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), joints).items():
             if key in mapping.columns:
                 raise LogError(f"{key} is mapped twice, under [joints] and by motors; it can be one only.")
             mapping.columns[key] = columns
-    for name, entry in _entry("wrenches", entries.get("wrenches", {})).items():
-        mapping.columns |= _wrench_columns(f"wrenches.{name}", _entry(f"wrenches.{name}", entry))
+    for name, entry in table("wrenches", entries.get("wrenches", {})).items():
+        mapping.columns |= _wrench_columns(f"wrenches.{name}", table(f"wrenches.{name}", entry))
         if plate := plates.plate(name, entry, bodies):
             mapping.plates[name] = plate
         mapping.sensors[name] = _sensor(name, entry, bodies, plate)
     if "base" in entries:
-        entry = _entry("base", entries["base"])
-        _check_keys("[base]", entry, ("position", "quaternion", "unit", "held"))
+        entry = table("base", entries["base"])
+        check_keys("[base]", entry, ("position", "quaternion", "unit", "held"))
         mapping.held = entry.get("held")
         if not isinstance(mapping.held, bool | None):
             raise LogError(f"base.held needs true or false, got {short(mapping.held)}.")
         if entry.keys() != {"held"}:
-            length = _factor("base", entry, "unit", "length")
-            mapping.columns["base.position"] = _several("base.position", entry.get("position"), 3, *length)
-            mapping.columns["base.quaternion"] = _several("base.quaternion", entry.get("quaternion"), 4)
+            length = factor_of("base", entry, "unit", "length")
+            mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
+            mapping.columns["base.quaternion"] = several("base.quaternion", entry.get("quaternion"), 4)
     check_no_column_twice(mapping.columns)
     return mapping
 
 
-def _deviations(table: str, entries: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, float]:
+def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, float]:
     """Standard deviations by what they are of; zero or false for what is exactly as stated."""
-    entry = _entry(table, entries.get(table, {}))
-    _check_keys(f"[{table}]", entry, tuple(factors))
+    entry = table(name, entries.get(name, {}))
+    check_keys(f"[{name}]", entry, tuple(factors))
     for key, value in entry.items():
         if value is not False and not (type(value) in (int, float) and 0 <= value < HUGE):
-            raise LogError(f"{table}.{key} needs a standard deviation, zero or false, got {short(value)}.")
+            raise LogError(f"{name}.{key} needs a standard deviation, zero or false, got {short(value)}.")
     return {key.removesuffix("_deg"): float(value) * factors[key] for key, value in entry.items()}
 
 
 def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
     keys = ("force", "torque", "unit", "torque_unit", "position", "quaternion", "rpy_deg", "body", "applied_to_link")
-    _check_keys(f"[{where}]", entry, (*keys, *plates.KEYS))
+    check_keys(f"[{where}]", entry, (*keys, *plates.KEYS))
     columns = {
-        key: _several(key, entry.get(kind, ["", "", ""]), 3, *_factor(where, entry, unit, kind), gaps=True)
+        key: several(key, entry.get(kind, ["", "", ""]), 3, *factor_of(where, entry, unit, kind), gaps=True)
         for key, kind, unit in ((f"{where}.force", "force", "unit"), (f"{where}.torque", "torque", "torque_unit"))
     }
     if "point" in entry:
-        length, point = _factor(where, entry, "point_unit", "length"), plates.columns_of_point(where, entry)
-        columns[f"{where}.point"] = _several(f"{where}.point", point, 3, *length, gaps=True)
+        length, point = factor_of(where, entry, "point_unit", "length"), plates.columns_of_point(where, entry)
+        columns[f"{where}.point"] = several(f"{where}.point", point, 3, *length, gaps=True)
     if "free_moment" in entry:
-        moment, key = _factor(where, entry, "torque_unit", "torque"), f"{where}.free_moment"
-        columns[key] = _several(key, entry["free_moment"], 3, *moment, gaps=True)
+        moment, key = factor_of(where, entry, "torque_unit", "torque"), f"{where}.free_moment"
+        columns[key] = several(key, entry["free_moment"], 3, *moment, gaps=True)
     if not any(name for several in columns.values() for name in several.names):
         raise LogError(f"[{where}] needs at least one column under force or torque.")
     return columns
@@ -213,40 +199,12 @@ def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: P
     applied = entry.get("applied_to_link", True)
     if not isinstance(applied, bool):
         raise LogError(f"{where}.applied_to_link needs true or false, got {short(applied)}.")
-    return Sensor(body, _pose(where, entry), applied) if plate is None else plate.sensor(applied)
-
-
-def _behind_motors(where: str, entry: Mapping[str, Any], joints: Mapping[str, str]) -> dict[str, Columns]:
-    """Columns of joints that motors move together: motor angles are `matrix` times joint coordinates."""
-    _check_keys(f"[{where}]", entry, ("joints", "matrix", *KINDS))
-    moved = entry.get("joints")
-    if not isinstance(moved, list) or not moved or any(joint not in joints for joint in moved):
-        raise LogError(f"{where}.joints needs a list of joints, of {', '.join(joints)}; got {short(moved)}.")
-    rows = entry.get("matrix")
-    if not isinstance(rows, list) or len(rows) != len(moved):
-        raise LogError(f"{where}.matrix needs a row for each of {len(moved)} motors, got {short(rows)}.")
-    matrix = np.array([_vector(f"{where}.matrix", row, len(moved)) for row in rows])
-    columns = {}
-    for kind in (kind for kind in KINDS if kind in entry):
-        key, named = f"{where}.{kind}", entry[kind]
-        if not isinstance(named, list) or len(named) != len(moved):
-            raise LogError(f"{key} needs a list of {len(moved)} columns, got {short(named)}.")
-        motors = [_single(key, each, f"hinge {kind}") for each in named]
-        if not all(motor.read for motor in motors):
-            raise LogError(f"{key} needs {len(moved)} columns, none of them may be missing; got {short(named)}.")
-        try:
-            found = joints_behind_motors(matrix, kind, motors)
-        except LogError as error:
-            raise LogError(f"[{where}] {error}") from None
-        for joint, column in zip(moved, found, strict=True):
-            unit = next(iter(UNITS[f"{joints[joint]} {kind}"])) if all(motor.unit for motor in motors) else ""
-            columns[f"joints.{joint}.{kind}"] = replace(column, unit=unit)
-    return columns
+    return Sensor(body, pose(where, entry), applied) if plate is None else plate.sensor(applied)
 
 
 def _layout(entries: Mapping[str, Any]) -> Layout:
-    entry = _entry("file", entries.get("file", {}))
-    _check_keys("[file]", entry, ("header", "skip"))
+    entry = table("file", entries.get("file", {}))
+    check_keys("[file]", entry, ("header", "skip"))
     header, skip = entry.get("header", True), entry.get("skip", 0)
     if not isinstance(header, bool):
         raise LogError(f"file.header needs true or false, got {short(header)}.")
@@ -256,80 +214,16 @@ def _layout(entries: Mapping[str, Any]) -> Layout:
 
 
 def _selection(entries: Mapping[str, Any]) -> Selection:
-    entry = _entry("select", entries.get("select", {}))
-    _check_keys("[select]", entry, ("rows", "time"))
+    entry = table("select", entries.get("select", {}))
+    check_keys("[select]", entry, ("rows", "time"))
     return Selection(*(_spans(f"select.{key}", entry.get(key, [])) for key in ("rows", "time")))
 
 
 def _spans(where: str, value: Any) -> tuple[Span, ...]:
     """One span `[FIRST, LAST]`, or a list of them."""
     several = value if isinstance(value, list) and all(isinstance(each, list) for each in value) else [value]
-    spans = [tuple(_vector(where, each, 2).tolist()) for each in several]
+    spans = [tuple(vector(where, each, 2).tolist()) for each in several]
     for first, last in spans:
         if last <= first:
             raise LogError(f"{where} needs the first before the last, got [{first:g}, {last:g}].")
     return tuple(spans)
-
-
-def _number(where: str, value: Any) -> float:
-    if type(value) not in (int, float) or not abs(value) < HUGE:
-        raise LogError(f"{where} needs a number, got {short(value)}.")
-    return float(value)
-
-
-def _single(where: str, entry: Any, quantity: str) -> Columns:
-    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`, or what a gain or several columns make of them."""
-    if isinstance(entry, str):
-        return Columns((entry.strip(),))
-    _check_keys(where, _entry(where, entry), (*TERM, "unit"))
-    current = CURRENT.get(str(entry.get("unit"))) if quantity.endswith(" torque") else None
-    if current is None:
-        name, sums = _term(where, entry)
-        return Columns((name,), *_factor(where, entry, "unit", quantity), sums)
-    if "gain" not in entry:
-        raise LogError(f"{where} in {entry['unit']} needs a gain, in the joint's N m (of a slide N) for each ampere.")
-    name, sums = _term(where, entry, current)
-    return Columns((name,), 1.0, next(iter(UNITS[quantity])), sums)
-
-
-def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[str, tuple[Sum, ...]]:
-    """The name of a column, and how it is computed if it is: factor · gain · Σ weight · column + constant."""
-    given: Any = entry["columns"] if "columns" in entry else [entry.get("column")]
-    if "column" in entry and "columns" in entry:
-        raise LogError(f"{where} needs a column or several columns, got both.")
-    if "weights" in entry and "columns" not in entry:
-        raise LogError(f"{where} has weights, which are for several columns; one has a gain.")
-    if not isinstance(given, list) or not given or not all(isinstance(name, str) for name in given):
-        raise LogError(f"{where} needs the name of a column, got {short(entry.get('columns', entry.get('column')))}.")
-    names = [name.strip() for name in given]
-    gain, constant = (_number(f"{where}.{key}", entry.get(key, usual)) for key, usual in (("gain", 1), ("constant", 0)))
-    if len(names) == 1 and factor * gain == 1 and constant == 0 and "weights" not in entry:
-        return names[0], ()
-    if not all(names) or len(set(names)) < len(names) or not gain:
-        raise LogError(f"{where} needs names of different columns and a gain other than zero, got {short(entry)}.")
-    weights = factor * gain * _vector(f"{where}.weights", entry.get("weights", [1] * len(names)), len(names))
-    if not weights.all():
-        raise LogError(f"{where}.weights needs numbers other than zero, got {short(entry['weights'])}.")
-    computed = Sum(tuple(names), tuple(weights.tolist()), constant)
-    return computed.name, (computed,)
-
-
-def _several(where: str, names: Any, size: int, factor: float = 1.0, unit: str = "", *, gaps: bool = False) -> Columns:
-    """Columns of a vector, each as a name or as what `_term` takes; with gaps, "" stands for a missing one."""
-    if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str | dict) for name in names):
-        raise LogError(f"{where} needs a list of {size} columns, got {short(names)}.")
-    for entry in names:
-        _check_keys(where, entry if isinstance(entry, dict) else {}, TERM)
-    terms = [_term(where, entry) if isinstance(entry, dict) else (entry.strip(), ()) for entry in names]
-    if not gaps and not all(name for name, _ in terms):
-        raise LogError(f"{where} needs {size} columns, none of them may be missing; got {short(names)}.")
-    return Columns(tuple(name for name, _ in terms), factor, unit, tuple(each for _, sums in terms for each in sums))
-
-
-def _factor(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tuple[float, str]:
-    choices = UNITS[quantity]
-    if key not in entry:
-        return 1.0, ""
-    if not isinstance(entry[key], str) or entry[key] not in choices:
-        raise LogError(f"{where}.{key} needs one of {', '.join(choices)}; got {short(entry[key])}.")
-    return choices[entry[key]], next(iter(choices))

@@ -11,6 +11,7 @@ from ident.recordings.column import Columns
 from ident.recordings.mapping import ColumnMapping, check_text_alone
 from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
 from ident.recordings.selection import selected
+from ident.recordings.standing import about_origins
 from ident.recordings.table import Table, short
 from ident.recordings.times import LEAST_SAMPLES, Repaired, check_jumps, increasing
 
@@ -58,6 +59,7 @@ def read_streams(tables: Sequence[Table], mapping: ColumnMapping, notes: list[st
         table = selected(replace(table, sums=mapping.sums), mapping.selection, clock)
         notes += table.notes
         channels = read_channels(table, part, notes, gaps=True)
+        channels = about_origins(table, channels, part.plates, notes, gaps=True)
         time = table.column(TIME)
         kept = increasing(table, TIME, time, channels, notes)
         if len(kept) < LEAST_SAMPLES:
@@ -88,4 +90,5 @@ def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
             other = next(name for name in used.read if name not in table.cells)
             raise LogError(f"{key} needs columns of the same times, '{here[0]}' and '{other}' have times of their own.")
         columns[key] = used
-    return replace(mapping, columns=columns)
+    plates = {name: plate for name, plate in mapping.plates.items() if f"wrenches.{name}.force" in columns}
+    return replace(mapping, columns=columns, plates=plates)
