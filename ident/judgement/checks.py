@@ -85,8 +85,8 @@ def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
     """Mass that the forces along gravity carry."""
     g = float(np.linalg.norm(prepared.mechanism.gravity))
     up, known = upward(prepared)
-    taken = prepared.taken(part)
-    along = (prepared.wrench[taken, :3] * up[taken])[:, known].sum(axis=1) / g
+    whole, taken = prepared.taken(slice(None)), prepared.taken(part)
+    along = (prepared.wrench[whole, :3] * up[whole])[:, known].sum(axis=1) / g
     beyond = (residual[:, : known.sum()] * up[taken][:, known]).sum(axis=1) / g
     time = np.arange(len(beyond)) - (len(beyond) - 1) / 2
     slope = (time @ beyond) / (time @ time)
