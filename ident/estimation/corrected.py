@@ -8,7 +8,7 @@ from ident.estimation.accumulator import triangle_of
 from ident.estimation.equations import Equations
 from ident.estimation.joint_estimate import Joint
 from ident.estimation.least_squares import Fit
-from ident.estimation.measurement import Measurement, base_motion, joint_states
+from ident.estimation.measurement import Measurement
 from ident.estimation.piece import Piece, channel_times
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
@@ -17,7 +17,7 @@ from ident.estimation.spline import Spline
 from ident.estimation.trajectory_pieces import cut
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import Motion, joined
+from ident.mechanism.motion import joined
 from ident.recordings.wrench import GROUND
 
 
@@ -33,7 +33,7 @@ def corrected(prepared: Prepared, estimate: Joint, which: int | None, part: slic
     measurement, theta = estimate.measurement, estimate.parameters_of(which or 0)
     places = _places(prepared, estimate, which, part)
     states = [spline.evaluate(c, channel_times(measurement, piece, theta))[:3] for piece, spline, c in places]
-    motion = joined([motion_of(measurement, x) for x in states])
+    motion = joined([measurement.motion(x) for x in states])
     channels = [piece_channels(measurement, piece, x, theta) for (piece, *_), x in zip(places, states, strict=True)]
     measured = np.concatenate(channels) + estimate.offsets_beside_first(which or 0)
     if measurement.frame is None and motion.base is not None and measurement.components:
@@ -94,13 +94,6 @@ def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, t
     gains[: len(measurement.components)] = 1
     offsets = measurement.constants(theta)
     return (measured - offsets) / gains + offsets
-
-
-def motion_of(measurement: Measurement, states: np.ndarray) -> Motion:
-    """The motion of coordinates and their derivatives (3, N, n)."""
-    first = 7 if measurement.moving else 0
-    base = base_motion(states[..., :first]) if measurement.moving else None
-    return Motion(*joint_states(measurement.tree, states[..., first:]), base)
 
 
 def as_fit(estimate: Joint, samples: Samples, equations: Equations, widening: float = 1.0) -> Fit:

@@ -123,7 +123,7 @@ def joint_estimate(
     """
     if unknown := [kind for kind in own if kind not in OWN]:
         raise InputError(f"Recordings may have {' and '.join(OWN)} for themselves, got '{unknown[0]}'.")
-    first, joints = recordings[0][0], recordings[0][0].mechanism.tree.joints
+    first, joints = recordings[0][0], recordings[0][0].mechanism.joints
     measurement = _measurement(first, equations, setup)
     names, selections = _shared(measurement, len(recordings), own)
     prior, is_setup = _prior(measurement, names, known), _is_setup(measurement, names)

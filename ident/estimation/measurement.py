@@ -19,7 +19,7 @@ from ident.estimation.equations import Equations
 from ident.estimation.setup import SetupParameter
 from ident.geometry.quaternion import small_rotation, turning
 from ident.geometry.se3 import coAd, hat, inverse, pose
-from ident.mechanism.motion import BaseMotion
+from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model import closed_form
 from ident.model.adjoint import Value, gradient
@@ -39,7 +39,8 @@ class Measurement:
         components: Components of the wrench that are channels.
         contacts: Sensors of the other wrenches by name.
         setup: Set-up parameters.
-        moving: Whether the base moves; its position and quaternion then are the first coordinates.
+        moving: Whether the base moves, and is tracked; its position and quaternion then are the first coordinates, as
+            the joints of its carrier are where the mechanism has one.
     """
 
     equations: Equations
@@ -60,15 +61,20 @@ class Measurement:
         return (*self.equations.names, *(each.name for each in self.setup))
 
     @property
+    def of_base(self) -> int:
+        """Number of coordinates that tell how the base moves: its carrier's joints', or a position and a quaternion."""
+        carrier = self.equations.mechanism.carrier
+        return carrier.coordinates if carrier else 7 if self.moving else 0
+
+    @property
     def coordinates(self) -> int:
-        """Number of coordinates: a position and a quaternion of a moving base, and those of the joints."""
-        return (7 if self.moving else 0) + sum(body.coordinates for body in self.tree.bodies)
+        """Number of coordinates: of the base, and those of the joints."""
+        return self.of_base + sum(body.coordinates for body in self.tree.bodies)
 
     @cached_property
     def zeros(self) -> dict[int, int]:
         """Where the zeros of coordinates stand in θ, by the coordinates."""
-        first = 7 if self.moving else 0
-        at, out = first, {}
+        at, out = self.of_base, {}
         for body in self.tree.bodies:
             if body.joint and (own := self.of_kind("zero", body.joint)):
                 out[at] = own[None]
@@ -204,20 +210,31 @@ class Measurement:
                 bodies[i] = replace(body, twist=np.concatenate([hat(np.cross(w, v)) @ axis + (v @ w) * axis, axis]))
         return Tree(tuple(bodies))
 
+    def motion(self, states: np.ndarray) -> Motion:
+        """The motion of coordinates and their derivatives (3, N, n)."""
+        carrier, base = self.equations.mechanism.carrier, states[..., : self.of_base]
+        moved = base_motion(base) if self.moving else None
+        moved = carrier.motion(*joint_states(carrier.tree, base)) if carrier else moved
+        return Motion(*joint_states(self.tree, states[..., self.of_base :]), moved)
+
     def _root(
         self, states: np.ndarray, theta: np.ndarray
     ) -> tuple[closed_form.BodyMotion, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Motion of the base, its pose in the world, and joint coordinates, velocities and accelerations."""
-        gravity = self.gravity(theta)
-        base, joints = (states[:, :7], states[:, 7:]) if self.moving else (None, states)
-        q, dq, ddq = joint_states(self.tree, joints)
-        if base is None:
-            return closed_form.base_motion(np.zeros(3), np.zeros(3), -gravity), np.eye(4), (q, dq, ddq)
+        gravity, carrier = self.gravity(theta), self.equations.mechanism.carrier
+        base, joints = states[:, : self.of_base], joint_states(self.tree, states[:, self.of_base :])
+        at_rest = closed_form.base_motion(np.zeros(3), np.zeros(3), -gravity)
+        if carrier is not None:
+            last = closed_form.body_motions(carrier.tree, at_rest, *joint_states(carrier.tree, base))[-1]
+            root = closed_form.base_motion(*(last.R.T @ x for x in (last.w, last.dw, last.a)))
+            return root, pose(last.R, last.p), joints
+        if not self.moving:
+            return at_rest, np.eye(4), joints
         motion = base_motion(base)
         V, dV = motion.V, motion.dV
         a = dV[:3] + np.cross(V[3:], V[:3]) - motion.T[:3, :3].T @ gravity
         root = closed_form.base_motion(V[3:], dV[3:], a)
-        return root, motion.T, (q, dq, ddq)
+        return root, motion.T, joints
 
     def _less_contacts(
         self, motions: list[closed_form.BodyMotion], base: np.ndarray, wrenches: np.ndarray, theta: np.ndarray

@@ -108,11 +108,10 @@ def prepared(
         InputError: Something is missing or does not fit; the message names it.
     """
     tree, rate = mechanism.tree, recording.rate
-    recording, notes = _without_spikes(recording, tree.joints)
+    recording, notes = _without_spikes(recording, mechanism.joints)
     recording, constant = _without_constant(recording, tree)
-    cutoff = _cutoff(recording, tree.joints, cutoff)
-    states = _states(recording, tree, cutoff)
-    motion = Motion(*states, None if recording.base is None else base_motion_from_poses(recording.base, rate, cutoff))
+    cutoff = _cutoff(recording, mechanism.joints, cutoff)
+    motion = _motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
     torques = recording.torques(tree.joints)
     torques = torques if torques is None or cutoff is None else low_pass(torques, rate, cutoff)
@@ -302,6 +301,14 @@ def _cutoff(recording: Recording, joints: Sequence[str], cutoff: str | float | N
     return value
 
 
+def _motion(mechanism: Mechanism, recording: Recording, cutoff: float | None) -> Motion:
+    """Motion of the joints, and of a base that is carried or tracked."""
+    base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff)
+    if mechanism.carrier is not None:
+        base = mechanism.carrier.motion(*_states(recording, mechanism.carrier.tree, cutoff))
+    return Motion(*_states(recording, mechanism.tree, cutoff), base)
+
+
 def _states(recording: Recording, tree: Tree, cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if cutoff is None:
         return recording.joint_states(tree.joints)
@@ -311,7 +318,8 @@ def _states(recording: Recording, tree: Tree, cutoff: float | None) -> tuple[np.
 def _coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:
     """Joint coordinates, quaternions without jumps of sign (N, n_q)."""
     columns = [recording[f"{joint}_position"] for joint in joints]
-    return np.hstack([without_jumps(x) if x.ndim == 2 else x[:, None] for x in columns])
+    continuous = [without_jumps(x) if x.ndim == 2 else x[:, None] for x in columns]
+    return np.hstack([np.empty((len(recording.time), 0)), *continuous])
 
 
 def _wrench(

@@ -71,7 +71,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
         InputError: In one of the pieces a coordinate has hardly any samples.
     """
     recording = prepared.recording
-    states, time = coordinates(recording, prepared.mechanism.tree.joints), recording.time
+    states, time = coordinates(recording, prepared.mechanism.joints), recording.time
     channels, wrenches = _channels(prepared, measurement)
     first, last = part.start, part.stop
     number = max(least, int(np.ceil(max((time[last - 1] - time[first]) / LONGEST, (last - first) / MOST))))

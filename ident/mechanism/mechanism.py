@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.errors import ModelError
+from ident.errors import InputError, ModelError
+from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.tree import Tree
 
 
@@ -23,6 +24,8 @@ class Mechanism:
         ranges: Limits of joint coordinates by the joints' names, rad or m.
         source: What it was read from, for those who write it back.
         pose: Pose of the base frame in the model's world, for a base that rests (4, 4).
+        carrier: What carries its base, of a base that joints with known kinematics move; gravity is then in the axes of
+            the frame that the carrier stands on.
     """
 
     tree: Tree
@@ -32,6 +35,7 @@ class Mechanism:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     source: Any = None
     pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    carrier: Carrier | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
@@ -45,6 +49,26 @@ class Mechanism:
     def bodies(self) -> tuple[str, ...]:
         """Names of the b bodies with a φ, in the order in which the parameters' names number them from 1."""
         return tuple(self.tree.bodies[i].name for i in self.tree.inertial)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that its motion follows from: those that carry it, and then its own."""
+        return (*(self.carrier.joints if self.carrier else ()), *self.tree.joints)
+
+    def beyond(self, body: str) -> "Mechanism":
+        """A body and all that is on it, on a base that the joints before it carry; its source is not kept.
+
+        Raises:
+            InputError: There is no such body, no joint moves it, or the base of this mechanism is carried itself.
+        """
+        if self.carrier:
+            raise InputError(f"What is beyond '{body}' is to be taken from the whole mechanism, not from a part of it.")
+        carrier, tree, members = divided(self.tree, body)
+        rows = [self.tree.inertial.index(i) for i in members if i in self.tree.inertial]
+        prior = None if self.prior is None else self.prior.reshape(-1, 10)[rows].ravel()
+        sites = {name: place for name, place in self.sites.items() if place[0] in tree.names}
+        ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
+        return Mechanism(tree, self.gravity, prior, sites, ranges, carrier=carrier)
 
     @property
     def known(self) -> np.ndarray:

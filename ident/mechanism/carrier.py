@@ -1,0 +1,89 @@
+"""What carries the base of a mechanism: joints whose kinematics are known, so that angles tell how the base moves."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.geometry.se3 import Ad, ad, inverse
+from ident.mechanism.body import BASE
+from ident.mechanism.motion import BaseMotion
+from ident.mechanism.tree import Tree
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """A chain of bodies on a base at rest, the last of which is the base of what it carries.
+
+    Its masses do not matter: a sensor between it and what it carries does not feel them.
+
+    Attributes:
+        tree: The chain.
+    """
+
+    tree: Tree
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.tree.joints
+
+    @property
+    def coordinates(self) -> int:
+        """Number of the joints' coordinates."""
+        return sum(body.coordinates for body in self.tree.bodies)
+
+    def motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BaseMotion:
+        """Motion of the last body.
+
+        From one body to the next
+
+            V_i = Ad(T) V_{i-1} + S q̇        V̇_i = Ad(T) V̇_{i-1} + ad(V_i) S q̇ + S q̈.
+
+        Args:
+            q: Joint coordinates in rad, m or quaternions (…, n_q).
+            dq: Joint velocities, rad/s or m/s (…, n); `ddq` accelerations.
+
+        Returns:
+            Its poses in the frame of the base at rest, its twists and their rates.
+        """
+        tree = self.tree
+        rates = zip(tree.body_velocities(dq), tree.body_velocities(ddq), strict=True)
+        T = np.broadcast_to(np.eye(4), (*np.shape(q)[:-1], 4, 4))
+        V = dV = np.zeros((*np.shape(q)[:-1], 6))
+        for body, q_i, (dq_i, ddq_i) in zip(tree.bodies, tree.body_coordinates(q), rates, strict=True):
+            step = body.home @ body.joint_pose(q_i) if body.moves else body.home
+            T, across = T @ step, Ad(inverse(step))
+            own = dq_i @ body.motions.T
+            V = (across @ V[..., None])[..., 0] + own
+            dV = (across @ dV[..., None] + ad(V) @ own[..., None])[..., 0] + ddq_i @ body.motions.T
+        return BaseMotion(T, V, dV)
+
+
+def divided(tree: Tree, name: str) -> tuple[Carrier, Tree, tuple[int, ...]]:
+    """A tree cut before one of its bodies.
+
+    Args:
+        tree: The tree.
+        name: The body.
+
+    Returns:
+        What carries the body; the body, whose frame is {0}, with all that is on it; and the latter's indices in the
+        whole tree.
+
+    Raises:
+        InputError: There is no such body, or no joint moves it.
+    """
+    if name not in tree.names:
+        raise InputError(f"There is no body '{name}' to be carried; the bodies are {', '.join(tree.names)}.")
+    chain, i = list[int](), tree.names.index(name)
+    while i != BASE:
+        chain.insert(0, i)
+        i = tree.bodies[i].parent
+    carrier = Carrier(Tree(tuple(replace(tree.bodies[k], parent=place - 1) for place, k in enumerate(chain))))
+    if not carrier.joints:
+        raise InputError(f"No joint moves '{name}', so that nothing tells what it weighs from what its sensor is off.")
+    carried = tree.carried(chain[-1])
+    root = replace(tree.bodies[carried[0]], parent=BASE, home=np.eye(4), twist=np.zeros(6), joint="")
+    on_it = [replace(tree.bodies[k], parent=carried.index(tree.bodies[k].parent)) for k in carried[1:]]
+    return carrier, Tree((root, *on_it)), carried
