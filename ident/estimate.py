@@ -16,8 +16,9 @@ from ident.geometry.inertia import PARAMETERS
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.diagnosis import correlation_time, explained_by_motion
+from ident.judgement.finding import Finding
 from ident.judgement.setup_findings import SetupFinding, setup_findings
-from ident.judgement.verdict import Finding, findings, verdict
+from ident.judgement.verdict import findings, verdict
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters

@@ -14,14 +14,10 @@ from ident.estimation.robust import independent, separable
 from ident.estimation.samples import Samples
 from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import FrameCheck
-from ident.judgement.verdict import (
-    Finding,
-    inseparable_findings,
-    offset_findings,
-    quality_findings,
-    sentence,
-    weight_findings,
-)
+from ident.judgement.finding import Finding
+from ident.judgement.fit_findings import inseparable_findings, quality_findings
+from ident.judgement.verdict import sentence
+from ident.judgement.wrench_findings import offset_findings, weight_findings
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree

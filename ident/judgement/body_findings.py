@@ -1,0 +1,50 @@
+"""What became of the bodies of a model: whether they are physical, and how far from the model's."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ident.judgement.finding import Finding
+from ident.parameters.consistency import ConsistentParameters
+
+if TYPE_CHECKING:
+    from ident.estimate import Estimate
+
+FAR = 2.0
+"""Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
+
+FACTOR = 2.0
+"""By how much a body's mass may differ from the model's without a remark."""
+
+SLIGHT = 1e-3
+"""Bodies below this fraction of the whole mass are not worth a remark."""
+
+
+def consistency_finding(full: ConsistentParameters) -> Finding:
+    """What physical consistency has cost."""
+    if not full.divergence.any():
+        return Finding("The estimate does not contradict the model, whose bodies stay as they are.", False)
+    listed = ", ".join(f"{name} by {shift:+.1f}" for name, shift in full.moved(0.1)[:5])
+    moves = f"it moves {listed} standard deviations" if listed else "it moves none of them"
+    if full.attainable:
+        return Finding(f"The updated model has the base parameters within their joint 95 % region: {moves}.", False)
+    return Finding(
+        f"No physical bodies near the model's have these base parameters; of the updated model's, {moves}.",
+        full.distance > FAR * float(np.sqrt(len(full.psi))),
+    )
+
+
+def mass_findings(result: "Estimate") -> Iterator[Finding]:
+    """Bodies that end far from the model's mass, a doubt where the data cannot tell a mass from one so different."""
+    full, mechanism = result.consistent(), result.prepared.mechanism
+    told: dict[bool, list[str]] = {True: [], False: []}
+    masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], strict=True)
+    for name, mass, std, before in masses:
+        if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
+            was = f"{before:.3g} kg" if before else "none"
+            told[bool(2 * std < np.log(FACTOR) * mass)].append(f"{name} {mass:.3g} ± {std:.2g} kg (model: {was})")
+    for known, how in ((True, "which the data show"), (False, "though the data hardly see them")):
+        if told[known]:
+            text = f"Masses beyond a factor of {FACTOR:g} of the model's, {how}: {', '.join(told[known])}."
+            yield Finding(text, not known)

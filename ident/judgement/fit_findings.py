@@ -1,0 +1,132 @@
+"""How a fit went, what of the set-up it found, and what it leaves of each channel."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ident.judgement.finding import Finding
+from ident.tolerances import LEFT, POOR, UNEXPLAINED
+
+if TYPE_CHECKING:
+    from ident.estimate import Estimate
+
+RESTLESS = 0.3
+"""Last step of the joint estimate, in standard deviations, from which it is a doubt that it did not settle."""
+
+OF_THE_MOTION, WORTH_IT = 0.5, 0.02
+"""Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
+residual is more than so much of the signal."""
+
+BEYOND, RARELY = 0.05, 0.01
+"""How far beyond a joint's range, of the range, and for which share of the samples a posture is not worth a word."""
+
+
+def setup_remarks(result: "Estimate") -> Iterator[Finding]:
+    """What of the set-up is not as stated."""
+    for each in result.setup:
+        yield Finding(each.text, False)
+    if result.joint is not None and result.joint.search.incredible:
+        yield Finding(
+            "No set-up near the one that was stated explains the recording, though something is wrong beyond noise: a "
+            "contact, a frame, a unit, or the model; the set-up was taken as stated.",
+            True,
+        )
+
+
+def course_findings(result: "Estimate") -> Iterator[Finding]:
+    """How the joint estimate went."""
+    if result.joint is None:
+        return
+    fit = result.joint.fit
+    if fit.status == "interrupted" or (fit.status != "converged" and fit.trace[-1] > RESTLESS):
+        how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(fit.status, "did not settle")
+        yield Finding(f"The joint estimate {how} after {len(fit.trace)} rounds; its last iterate is given.", True)
+    if result.widening > 1:
+        yield Finding(
+            f"Two halves of the data differ by {result.disagreement:.1f} of their standard deviations from the noise "
+            "(root mean square): model or set-up are not quite right, and those deviations are widened by as much.",
+            False,
+        )
+    if result.joint.known:
+        yield Finding(
+            "The motion does not separate all base parameters; what the model says of its bodies, give or take, was "
+            "put in, and those that the data hardly see stay near it.",
+            False,
+        )
+    shares = zip(result.channels, result.model_error, result.held_out.ratio, strict=True)
+    if correlated := [c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > WORTH_IT]:
+        yield Finding(
+            f"Residuals of {', '.join(correlated)} go with the motion: the model is not quite that of the mechanism.",
+            True,
+        )
+
+
+def quality_findings(ratios: Mapping[str, float], part: str) -> Iterator[Finding]:
+    """What residuals over signals, of each channel on some part, say."""
+    more = "More is left over than the channel varies, as of a constant offset or a sensor that died"
+    kinds = (
+        (more, LEFT, np.inf, True),
+        ("Not explained by this motion", UNEXPLAINED, LEFT, False),
+        ("Predicted poorly", POOR, UNEXPLAINED, False),
+    )
+    for what, low, high, doubt in kinds:
+        if listed := ", ".join(f"{channel} ({ratio:.3g})" for channel, ratio in ratios.items() if low < ratio <= high):
+            yield Finding(f"{what}, {part} residual over standard deviation in brackets: {listed}.", doubt)
+
+
+def inseparable_findings(channels: Sequence[str]) -> Iterator[Finding]:
+    """A remark on channels whose constant offset cannot be told."""
+    if channels:
+        yield Finding(
+            f"Constant offsets of {', '.join(channels)} cannot be told from masses and first moments: "
+            "those take them up.",
+            False,
+        )
+
+
+def stuck_findings(result: "Estimate") -> Iterator[Finding]:
+    """Channels that never change, though they should."""
+    if result.prepared.stuck:
+        yield Finding(
+            f"Stuck at one value over the whole log, though the model says that they change, and so left out: "
+            f'{", ".join(result.prepared.stuck)}. Mend the sensor, or map what is not connected as missing, by "" in '
+            "--columns.",
+            True,
+        )
+
+
+def posture_findings(result: "Estimate") -> Iterator[Finding]:
+    """Joints that were recorded beyond the model's ranges."""
+    mechanism = result.prepared.mechanism
+    beyond = []
+    coordinates = mechanism.tree.body_coordinates(result.prepared.samples.motion.q)
+    for joint, q in zip((body.joint for body in mechanism.tree.bodies), coordinates, strict=True):
+        if joint in mechanism.ranges and q.shape[1] == 1:
+            low, high = mechanism.ranges[joint]
+            slack = BEYOND * (high - low)
+            share = float(((q < low - slack) | (q > high + slack)).mean())
+            beyond += [f"{joint} ({share:.0%} of the samples)"] if share > RARELY else []
+    if beyond:
+        yield Finding(
+            f"Joints are recorded beyond the model's ranges: {', '.join(beyond)}; a zero, a sign or a unit may be "
+            "wrong.",
+            True,
+        )
+
+
+def caveats(result: "Estimate") -> Iterator[Finding]:
+    """What least squares takes for granted."""
+    if result.joint is not None:
+        return
+    if result.prepared.cutoff is None:
+        yield Finding(
+            "Velocities and accelerations are the log's own and the wrenches are not filtered: if the log's were, "
+            "--cutoff auto treats both alike.",
+            False,
+        )
+    yield Finding(
+        "The standard deviations are those of noise on the wrenches; noise on the joint angles biases the estimate "
+        "and is not in them.",
+        False,
+    )
