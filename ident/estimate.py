@@ -75,6 +75,7 @@ class Estimate:
         joint: The joint estimate of trajectory, parameters, set-up and noise, where that was made.
         rivals: Ratios of residual to signal that other candidates leave of the same samples (C,), by what they are.
         disagreement: Root mean square z of the differences between two halves, where there are two.
+        disagreements: Root mean square z of each recording's parameters against the others', of three or more.
         widening: What the standard deviations from the noise were multiplied by because of that.
     """
 
@@ -86,6 +87,7 @@ class Estimate:
     joint: Joint | None = None
     rivals: Mapping[str, np.ndarray] = field(default_factory=dict)
     disagreement: float | None = None
+    disagreements: tuple[float, ...] = ()
     widening: float = 1.0
 
     @property
@@ -246,6 +248,7 @@ class Estimate:
             "candidates": {name: dict(zip(self.channels, x.tolist(), strict=True)) for name, x in self.rivals.items()},
             "setup": [each.to_dict() for each in self.setup],
             "halves": {"rms_z": self.disagreement, "widening": self.widening},
+            "logs": {"rms_z": list(self.disagreements)},
             "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in self.offsets.items()},
             "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
         }

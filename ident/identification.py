@@ -21,7 +21,7 @@ from ident.estimation.preparation import Prepared, prepared
 from ident.estimation.robust import robust_fit, separable
 from ident.estimation.samples import Samples
 from ident.judgement.checks import wrench_checks
-from ident.judgement.halves import DISAGREE, disagreement, without
+from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
 from ident.judgement.unmeasured import without_unmeasured
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import joined
@@ -247,6 +247,7 @@ def _joint(
         joint=joint,
         rivals={} if poor else _rivals(divided, with_offsets, joint),
         disagreement=rms,
+        disagreements=disagreements(joint),
         widening=widening,
     )
 

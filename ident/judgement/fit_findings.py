@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ident.judgement.finding import Finding
+from ident.judgement.halves import DISAGREE
 from ident.tolerances import LEFT, POOR, UNEXPLAINED
 
 if TYPE_CHECKING:
@@ -17,6 +18,9 @@ RESTLESS = 0.3
 OF_THE_MOTION, WORTH_IT = 0.5, 0.02
 """Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
 residual is more than so much of the signal."""
+
+FAR_APART = 5.0
+"""Distance of one log's base parameters from those of the others, in standard deviations, from which it is a doubt."""
 
 BEYOND, RARELY = 0.05, 0.01
 """How far beyond a joint's range, of the range, and for which share of the samples a posture is not worth a word."""
@@ -42,18 +46,39 @@ def course_findings(result: "Estimate") -> Iterator[Finding]:
     if fit.status == "interrupted" or (fit.status != "converged" and fit.trace[-1] > RESTLESS):
         how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(fit.status, "did not settle")
         yield Finding(f"The joint estimate {how} after {len(fit.trace)} rounds; its last iterate is given.", True)
+
+
+def halves_findings(result: "Estimate") -> Iterator[Finding]:
+    """Whether parts of the data agree."""
     if result.widening > 1:
         yield Finding(
             f"Two halves of the data differ by {result.disagreement:.1f} of their standard deviations from the noise "
             "(root mean square): model or set-up are not quite right, and those deviations are widened by as much.",
             False,
         )
-    if result.joint.known:
+    if apart := [f"{k} ({z:.1f})" for k, z in enumerate(result.disagreements, start=1) if z > DISAGREE]:
+        yield Finding(
+            f"Logs disagree: what each says of the base parameters differs from what the others say, in standard "
+            f"deviations from the noise (root mean square) of log {', '.join(apart)}. Something changed between them, "
+            "as a load, a mounting or friction; look at them one by one.",
+            max(result.disagreements) > FAR_APART,
+        )
+
+
+def prior_findings(result: "Estimate") -> Iterator[Finding]:
+    """Whether what the model says was needed."""
+    if result.joint is not None and result.joint.known:
         yield Finding(
             "The motion does not separate all base parameters; what the model says of its bodies, give or take, was "
             "put in, and those that the data hardly see stay near it.",
             False,
         )
+
+
+def model_error_findings(result: "Estimate") -> Iterator[Finding]:
+    """Channels whose residuals are not noise."""
+    if result.joint is None:
+        return
     shares = zip(result.channels, result.model_error, result.held_out.ratio, strict=True)
     if correlated := [c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > WORTH_IT]:
         yield Finding(

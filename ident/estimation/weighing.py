@@ -1,0 +1,90 @@
+"""What a wrench sensor on a body that turns weighs, gravity alone considered: enough to see how it was mounted.
+
+    F = o_F - m R g        M = o_M + g × m c        in the sensor's axes, g gravity there as the joints' angles tell it
+
+R is the identity where the sensor's axes are as stated; any other is found in closed form (Kabsch, Acta Cryst. A32,
+1976, doi:10.1107/S0567739476001873).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.errors import ExcitationError
+from ident.geometry.se3 import hat
+
+TURNS_LEAST = 0.05
+"""Standard deviation of gravity's direction in the sensor, over all axes, from which weight is told from offsets."""
+
+TURNED, BETTER = np.radians(10), 0.7
+"""Turn of a sensor's axes from which it is a mistake, if the forces' residual shrinks to this part by it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighing:
+    """Mass, first moments and offsets, in the sensor's frame.
+
+    Attributes:
+        mass: Mass, kg.
+        std: Its standard deviation, kg.
+        moment: First moments `m c`, kg m (3,).
+        offsets: Constant offsets of the six channels, N and N m (6,).
+        rotation: Turn of the stated axes that fits the forces best, where it is better than none (3, 3).
+        opposite: Whether the forces have the opposite sign.
+    """
+
+    mass: float
+    std: float
+    moment: np.ndarray
+    offsets: np.ndarray
+    rotation: np.ndarray
+    opposite: bool
+
+    @property
+    def angle(self) -> float:
+        """Angle of the turn, rad."""
+        return float(np.arccos(np.clip((np.trace(self.rotation) - 1) / 2, -1, 1)))
+
+
+def weighed(wrench: np.ndarray, gravity: np.ndarray) -> Weighing:
+    """Weighs what a sensor carries.
+
+    Args:
+        wrench: What it reads of the wrench that it exerts on what it carries, N and N m (N, 6).
+        gravity: Acceleration of gravity in its axes, m/s² (N, 3).
+
+    Raises:
+        ExcitationError: Gravity hardly changes its direction in the sensor, so that weight is as good as an offset.
+    """
+    force, moment = wrench[:, :3], wrench[:, 3:]
+    g, f = gravity - gravity.mean(axis=0), force - force.mean(axis=0)
+    size = np.linalg.norm(gravity, axis=1).mean()
+    if not size or np.sqrt((g**2).sum(axis=1).mean()) < TURNS_LEAST * size:
+        raise ExcitationError(
+            "The sensor keeps its direction to gravity, so that what it carries cannot be told from its offsets; turn "
+            "it further, about more than one axis."
+        )
+    total = (g**2).sum()
+    mass = -float((f * g).sum() / total)
+    left = f + mass * g
+    std = float(np.sqrt((left**2).mean() / total))
+    across = hat(gravity)
+    design = np.concatenate([across, np.broadcast_to(np.eye(3), across.shape)], axis=2).reshape(-1, 6)
+    first = np.linalg.lstsq(design, moment.ravel(), rcond=1e-9)[0]
+    rotation, opposite = _turned(f, g, left)
+    offsets = np.concatenate([(force + mass * gravity).mean(axis=0), first[3:]])
+    return Weighing(mass, std, first[:3], offsets, rotation, opposite)
+
+
+def _turned(f: np.ndarray, g: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, bool]:
+    """The turn, and whether the sign is the opposite, with which forces follow gravity better than they do."""
+    best, out = BETTER**2 * (left**2).sum(), (np.eye(3), bool((f * g).sum() > 0))
+    for opposite in (False, True):
+        U, _, Vt = np.linalg.svd((f if opposite else -f).T @ g)
+        R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+        along = g @ R.T
+        mass = (f * along).sum() / (along**2).sum()
+        squares = ((f - mass * along) ** 2).sum()
+        if squares < best:
+            best, out = squares, (R, opposite)
+    return out
