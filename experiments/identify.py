@@ -1,11 +1,9 @@
 """Base parameters of your own mechanism from your own recording, and whether to believe them."""
 
 import argparse
-import sys
 from pathlib import Path
-from typing import Any
 
-from experiments.cli import options
+from experiments.cli import options, own_model
 from ident.errors import InputError
 from ident.tolerances import DRIVE, HOLDOUT
 
@@ -23,52 +21,18 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(NO_CUTOFF)
     if args.estimator != "joint" and args.gaps:
         raise InputError("Samples may be missing (--gaps) for the joint estimate only: a filter would invent them.")
-    out = _folder(args)
+    out = own_model.folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     read |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
     read |= {"limit": options.size_limit(args), "gaps": args.gaps}
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
     fitting |= {"known": PRIOR[args.prior], "physical": args.physical}
-    result = identified(logs, estimator=args.estimator, judges=judges, report=_progress, **fitting)
-    given = {key: _text(value) for key, value in vars(args).items()}
-    with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=_inputs(args)) as folder:
-        identify_report.write(result, folder, args.model, args.logs, report.provenance(given))
+    result = identified(logs, estimator=args.estimator, judges=judges, report=own_model.progress, **fitting)
+    with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
+        identify_report.write(result, folder, args.model, args.logs, own_model.provenance(args, result.logs))
     print(identify_report.text(result))
     print(f"Everything is in {out}; open report.html.")
-
-
-def _text(value: Any) -> Any:
-    """An option as JSON has it."""
-    if isinstance(value, list):
-        return [_text(each) for each in value]
-    return str(value) if isinstance(value, Path) else value
-
-
-def _folder(args: argparse.Namespace) -> Path:
-    """Folder of the results; one that holds an input is refused, so that no file of the user's is replaced."""
-    name = args.name or f"{args.model.stem}-{args.logs[0].stem}"
-    if not name.isprintable() or Path(name).name != name or name in (".", ".."):
-        raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
-    out = args.out / name
-    for given in _inputs(args):
-        if given.resolve().parent == out.resolve():
-            raise InputError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
-    if {log.resolve() for log in args.held_out} & {log.resolve() for log in args.logs}:
-        raise InputError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
-    if len({log.resolve() for log in args.logs}) < len(args.logs):
-        raise InputError("A log can be fitted once only, but one of them is given twice.")
-    return out
-
-
-def _progress(round_: int, step: float) -> None:
-    """Says on the terminal, if there is one, how far the estimate is."""
-    if sys.stderr.isatty():
-        print(f"\rround {round_ + 1}: parameters move by {step:.2g} of their deviations ", end="", file=sys.stderr)
-
-
-def _inputs(args: argparse.Namespace) -> list[Path]:
-    return [args.model, *args.logs, *args.held_out, *([args.columns] if args.columns else [])]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -91,7 +55,10 @@ def parser() -> argparse.ArgumentParser:
         help="of least squares: cut-off of the low-pass in Hz, or 'auto'; by default the log's own derivatives if any",
     )
     out.add_argument(
-        "--holdout", type=_fraction, default=HOLDOUT, help="fraction of the recording kept to judge by; 0 judges by all"
+        "--holdout",
+        type=own_model.fraction,
+        default=HOLDOUT,
+        help="fraction of the recording kept to judge by; 0 judges by all",
     )
     out.add_argument(
         "--estimator",
@@ -117,16 +84,6 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
     return out
-
-
-def _fraction(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if value != 0 and not 0.05 <= value <= 0.9:
-        raise argparse.ArgumentTypeError(f"needs a number from 0.05 to 0.9, or 0, got '{text}'")
-    return value
 
 
 main = options.main(__name__, run, parser)

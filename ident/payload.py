@@ -33,8 +33,8 @@ QUANTITIES = ("mass", "x", "y", "z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 SIZE = 0.1
 """Radius of gyration, m, and distance of the centre of mass from where it is weighed, that are taken for likely."""
 
-DENSITY = 2000.0
-"""Density of the ball that stands for a body whose inertia nobody knows, kg/m³: between plastic and aluminium."""
+DENSITY = 500.0
+"""Density of the ball that stands for a body whose inertia nobody knows, kg/m³: tools are mostly air."""
 
 OPEN = 0.5
 """A quantity is told by the data where its standard deviation is less than this part of its size: of the mass, of
@@ -225,7 +225,8 @@ def identify_payload(
     ready = [prepared(part, each) for each in recordings]
     told = {"origin": 0.0, **recordings[0].setup, **(setup or {})}
     estimate = identified(ready, offsets=offsets, holdout=holdout, setup=told, known=_known(part), report=report)
-    return Payload(robot, body, sensor, places[0], estimate, tuple(notes))
+    # The body that was weighed stands for the model, which therefore is no rival.
+    return Payload(robot, body, sensor, places[0], replace(estimate, rivals={}), tuple(notes))
 
 
 def _on_payload(
@@ -287,8 +288,10 @@ def _weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
     base = log.samples.motion.base
     if base is None or not np.isfinite(log.wrench).all():
         raise LogError(f"A payload needs all six components of the wrench '{sensor}', none of them constant.")
-    R = base.T[:, :3, :3] @ stated.pose[:3, :3]
-    out = weighed(log.wrench, log.mechanism.gravity @ R)
+    acceleration = base.dV[:, :3] + np.cross(base.V[:, 3:], base.V[:, :3])
+    gravity = log.mechanism.gravity @ base.T[:, :3, :3] - acceleration
+    # Readings are not filtered, so that their noise is what it seems.
+    out = weighed(log.recording.wrench(GROUND).on_mechanism, gravity @ stated.pose[:3, :3])
     if out.angle > TURNED:
         frame = Rotation.from_matrix(stated.pose[:3, :3] @ out.rotation.T)
         quaternion = ", ".join(f"{x:.4f}" for x in frame.as_quat(scalar_first=True, canonical=True))

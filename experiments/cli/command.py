@@ -8,7 +8,19 @@ from collections.abc import Sequence
 
 import experiments.__main__
 import experiments.benchmark.__main__
-from experiments import derive, excite, identify, mechanism, misaligned, multicontact, noise, readme, stream, sweep
+from experiments import (
+    derive,
+    excite,
+    identify,
+    mechanism,
+    misaligned,
+    multicontact,
+    noise,
+    payload,
+    readme,
+    stream,
+    sweep,
+)
 from experiments.cli import options
 
 COMMANDS = {
@@ -19,6 +31,7 @@ COMMANDS = {
     "noise": noise,
     "sweep": sweep,
     "identify": identify,
+    "payload": payload,
     "stream": stream,
     "excite": excite,
     "derive": derive,

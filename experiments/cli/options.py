@@ -134,10 +134,15 @@ def add_fit(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
         parser: Where to.
         several: Whether several logs can judge.
     """
-    parser.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
     held_out = parser.add_argument("--held-out", type=Path, help="another log to judge by, which is not fitted")
     if several:
         held_out.nargs, held_out.default = "+", []
+    add_reading(parser)
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Adds how a user's recordings are read, and whether offsets are fitted."""
+    parser.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
     parser.add_argument("--offsets", action=argparse.BooleanOptionalAction, default=True, help="fit constant offsets")
     parser.add_argument(
         "--max-size",

@@ -5,9 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from ident.estimation.preparation import Prepared, prepared
+from ident.mechanism.mechanism import Mechanism
 from ident.recordings.column import KINDS
 from ident.recordings.log import read_log
 from ident.recordings.npz import LIMIT
+from ident.recordings.recording import Recording
 from sim.models.couplings import check_torques
 from sim.models.mechanism import mechanism
 from sim.models.mujoco_model import mechanism_bodies
@@ -44,12 +46,26 @@ def prepare(
         InputError: Something is missing or does not fit; the message names it.
     """
     arm = mechanism(source, base, ignore=ignore, fix=fix)
+    log = recorded(arm, log_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
+    ready = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))
+    felt = [arm.tree.joints[k] for k in ready.equations.torques]
+    check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
+    return ready
+
+
+def recorded(
+    arm: Mechanism,
+    log_path: Path,
+    *,
+    columns: Path | None = None,
+    fix: Mapping[str, Sequence[float]] | None = None,
+    gaps: bool = False,
+    limit: int = LIMIT,
+) -> Recording:
+    """Reads a log of a mechanism, arguments as for `prepare`."""
     log = read_log(log_path, arm, columns, gaps=gaps, limit=limit)
     still = {name.format(joint) for joint in fix or () for names in KINDS.values() for name in names}
     if unread := [name for name in log.unused if name in still]:
         sentence = f"Columns of joints that --fix holds still were not read: {', '.join(unread)}."
         log = replace(log, notes=(*log.notes, sentence))
-    ready = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))
-    felt = [arm.tree.joints[k] for k in ready.equations.torques]
-    check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
-    return ready
+    return log

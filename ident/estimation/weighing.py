@@ -1,6 +1,6 @@
-"""What a wrench sensor on a body that turns weighs, gravity alone considered: enough to see how it was mounted.
+"""What a wrench sensor on a body that turns weighs, as if all mass were in one point: enough to see how it is mounted.
 
-    F = o_F - m R g        M = o_M + g × m c        in the sensor's axes, g gravity there as the joints' angles tell it
+    F = o_F - m R g        M = o_M + g × m c        in the sensor's axes, g gravity less its acceleration
 
 R is the identity where the sensor's axes are as stated; any other is found in closed form (Kabsch, Acta Cryst. A32,
 1976, doi:10.1107/S0567739476001873).
@@ -51,7 +51,7 @@ def weighed(wrench: np.ndarray, gravity: np.ndarray) -> Weighing:
 
     Args:
         wrench: What it reads of the wrench that it exerts on what it carries, N and N m (N, 6).
-        gravity: Acceleration of gravity in its axes, m/s² (N, 3).
+        gravity: Acceleration of gravity less that of the sensor, in its axes, m/s² (N, 3).
 
     Raises:
         ExcitationError: Gravity hardly changes its direction in the sensor, so that weight is as good as an offset.

@@ -43,8 +43,9 @@ def payload_findings(result: "Estimate", told: np.ndarray, sensor: str) -> list[
         *halves_findings(result),
         *model_error_findings(result),
         *stuck_findings(result),
-        consistency_finding(result.consistent()),
     ]
+    if (physical := consistency_finding(result.consistent())).doubt:
+        on_fit.append(physical)
     on_fit = [Finding(finding.text.replace(f"'{GROUND}'", f"'{sensor}'"), finding.doubt) for finding in on_fit]
     if not told[0] or not told[1:4].all():
         on_fit.append(Finding("The motion does not tell mass and centre of mass; turn the sensor further.", True))

@@ -1,0 +1,83 @@
+"""What the commands on a user's own model and logs share: folders, progress, and where results come from."""
+
+import argparse
+import hashlib
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError
+
+if TYPE_CHECKING:
+    from ident.estimation.preparation import Prepared
+
+
+def folder(args: argparse.Namespace) -> Path:
+    """Folder of the results; one that holds an input is refused, so that no file of the user's is replaced."""
+    name = args.name or f"{args.model.stem}-{args.logs[0].stem}"
+    if not name.isprintable() or Path(name).name != name or name in (".", ".."):
+        raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
+    out: Path = args.out / name
+    for given in inputs(args):
+        if given.resolve().parent == out.resolve():
+            raise InputError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
+    if {log.resolve() for log in _judges(args)} & {log.resolve() for log in args.logs}:
+        raise InputError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
+    if len({log.resolve() for log in args.logs}) < len(args.logs):
+        raise InputError("A log can be fitted once only, but one of them is given twice.")
+    return out
+
+
+def inputs(args: argparse.Namespace) -> list[Path]:
+    """All files that are read."""
+    return [args.model, *args.logs, *_judges(args), *([args.columns] if args.columns else [])]
+
+
+def _judges(args: argparse.Namespace) -> list[Path]:
+    return getattr(args, "held_out", [])
+
+
+def progress(round_: int, step: float) -> None:
+    """Says on the terminal, if there is one, how far the estimate is."""
+    if sys.stderr.isatty():
+        print(f"\rround {round_ + 1}: parameters move by {step:.2g} of their deviations ", end="", file=sys.stderr)
+
+
+def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]]) -> dict[str, Any]:
+    """Options, versions and commit, and the files that were read with their SHA-256 sums, so that a log is known again.
+
+    Args:
+        args: The options.
+        logs: What was fitted of the logs.
+    """
+    from experiments.output import report
+
+    def told(path: Path) -> dict[str, Any]:
+        return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+
+    fitted = [
+        {**told(path), "samples": len(log.samples), "rate_hz": log.recording.rate, "fitted": [part.start, part.stop]}
+        for path, (log, part) in zip(args.logs, logs, strict=True)
+    ]
+    files = {"model": told(args.model), "logs": fitted, "held_out": [told(path) for path in _judges(args)]}
+    given = {key: _text(value) for key, value in vars(args).items()}
+    return report.provenance(given, files | ({"columns": told(args.columns)} if args.columns else {}))
+
+
+def _text(value: Any) -> Any:
+    """An option as JSON has it."""
+    if isinstance(value, list):
+        return [_text(each) for each in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def fraction(text: str) -> float:
+    """Type of an option: the part of a recording that is held out."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if value != 0 and not 0.05 <= value <= 0.9:
+        raise argparse.ArgumentTypeError(f"needs a number from 0.05 to 0.9, or 0, got '{text}'")
+    return value

@@ -1,0 +1,50 @@
+"""Mass, centre and inertia of what your robot carries beyond a wrist sensor, with the sensor's offsets and delay."""
+
+import argparse
+from pathlib import Path
+
+from experiments.cli import options, own_model
+from ident.tolerances import HOLDOUT
+
+
+def run(args: argparse.Namespace) -> None:
+    """Identifies and writes and prints what was found."""
+    from experiments.output import payload_report, report
+    from experiments.studies.identification import recorded
+    from ident.payload import identify_payload
+    from sim.models.mechanism import mechanism
+
+    out, fix = own_model.folder(args), options.fixed(args.fix)
+    robot = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=fix)
+    read = {"columns": args.columns, "fix": fix, "limit": options.size_limit(args)}
+    logs = [recorded(robot, log, **read) for log in args.logs]
+    fitting = {"offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}
+    payload = identify_payload(robot, logs, body=args.body, sensor=args.sensor, **fitting)
+    shown = payload_report.PayloadReport(payload, args.flange or args.body)
+    with report.results_folder(out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
+        shown.write(folder, args.model, args.logs, own_model.provenance(args, payload.estimate.logs))
+    print(shown.text())
+    print(f"Everything is in {out}; open report.html.")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.command_parser("payload", __doc__)
+    out.set_defaults(out=Path("results"))
+    out.add_argument("model", type=Path, help="MJCF or URDF file of the robot")
+    out.add_argument(
+        "logs", type=Path, nargs="+", metavar="log", help="joint angles and the sensor's readings, CSV or npz"
+    )
+    out.add_argument("--body", required=True, help="body that has, with all on it, what the sensor carries")
+    out.add_argument("--sensor", required=True, help="name of the wrench, as [wrenches.NAME] in the columns file")
+    out.add_argument("--flange", help="body or site in whose frame controllers want the payload, by default --body")
+    out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
+    options.add_mechanism(out)
+    options.add_reading(out)
+    out.add_argument(
+        "--holdout", type=own_model.fraction, default=HOLDOUT, help="fraction of each log kept to judge by"
+    )
+    return out
+
+
+main = options.main(__name__, run, parser)

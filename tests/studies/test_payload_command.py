@@ -1,0 +1,84 @@
+"""The command that identifies what a robot carries: its files, the forms that others read, and bad input."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+import pytest
+import wrist
+from commands import refusal
+
+from experiments import payload
+
+COLUMNS = """
+[wrenches.wrist]
+body = "tool"
+force = ["fx", "fy", "fz"]
+torque = ["tx", "ty", "tz"]
+position = [0, 0, 0.01]
+rpy_deg = [0, 0, 45]
+applied_to_link = true
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    """The arm with a tool whose mass is wrong, and a log with columns of its own."""
+    model, log, columns = (tmp_path / name for name in ("arm.xml", "run.csv", "columns.toml"))
+    model.write_text(wrist.model(tool={**wrist.TOOL, "mass": 0.25}), encoding="utf-8")
+    recording = wrist.log(seconds=8.0)
+    cells = [recording.time, *(recording[f"{joint}_position"] for joint in wrist.JOINTS)]
+    cells += [*recording["wrist_force"].T, *recording["wrist_torque"].T]
+    header = ",".join(["time", *wrist.JOINTS, "fx", "fy", "fz", "tx", "ty", "tz"])
+    np.savetxt(log, np.stack(cells, axis=1), delimiter=",", header=header, comments="")
+    columns.write_text(COLUMNS, encoding="utf-8")
+    return [str(model), str(log), "--body", "tool", "--sensor", "wrist", "--columns", str(columns)]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
+    assert payload.main([*files, "--flange", "link7", "--name", "out", "--out", str(tmp_path)]) == 0
+    printed, out = capsys.readouterr().out, tmp_path / "out"
+    told = json.loads((out / "payload.json").read_text(encoding="utf-8"))
+    values = told["frames"]["tool"]["values"]
+    assert told["verdict"].startswith("Usable") and abs(values[0] - 0.1) < 0.002
+    text = (out / "payload.txt").read_text(encoding="utf-8")
+    assert text in printed and "Verdict: Usable" in printed
+
+    urdf = ET.fromstring(re.search(r"<inertial>.*?</inertial>", text, re.DOTALL)[0])
+    inertia = urdf.find("inertia").attrib
+    numbers = [urdf.find("mass").get("value"), *urdf.find("origin").get("xyz").split()]
+    numbers += [inertia[f"i{axes}"] for axes in ("xx", "yy", "zz", "xy", "xz", "yz")]
+    np.testing.assert_allclose(np.array(numbers, float), values, rtol=1e-5)
+
+    inertial = re.search(r"<inertial mass.*?/>", text)[0]
+    body = f'<mujoco><worldbody><body name="tool">{inertial}</body></worldbody></mujoco>'
+    compiled = mujoco.MjModel.from_xml_string(body).body("tool")
+    updated = mujoco.MjModel.from_xml_path(str(out / "model.xml")).body("tool")
+    for key in ("mass", "ipos", "inertia"):
+        np.testing.assert_allclose(getattr(compiled, key), getattr(updated, key), rtol=1e-4, atol=1e-9)
+
+    at_flange = told["frames"]["link7"]["values"]
+    numbers = [float(x) for x in re.findall(r"[-\d.e]+", re.search(r"set_target_payload\((.*)\)", text)[1])]
+    np.testing.assert_allclose(numbers, at_flange, rtol=1e-5)
+    assert at_flange[3] - values[3] == pytest.approx(0.107)
+    column_by_column = [float(x) for x in re.findall(r"[-\d.e]+", re.search(r"setLoad\((.*)\)", text)[1])]
+    xx, yy, zz, xy, xz, yz = at_flange[4:]
+    np.testing.assert_allclose(column_by_column[4:], [xx, xy, xz, xy, yy, yz, xz, yz, zz], rtol=1e-5)
+
+    (log,) = json.loads((out / "provenance.json").read_text(encoding="utf-8"))["recording"]["logs"]
+    assert log["file"] == "run.csv" and len(log["sha256"]) == 64 and log["samples"] == 800
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "set_target_payload" in page and "&lt;inertial" in page
+
+
+def test_what_is_missing_is_named(files, tmp_path, capsys):
+    out = ["--out", str(tmp_path / "none")]
+    assert "needs the wrench 'wrist', its wrenches are none: say in the columns file under [wrenches.wrist]" in refusal(
+        payload.main, [*files[:-2], *out], capsys
+    )
+    assert "The mechanism has no site named 'tcp'" in refusal(payload.main, [*files, "--flange", "tcp", *out], capsys)
+    assert "--body" in refusal(payload.main, [*files[:2], *out], capsys)
+    assert not (tmp_path / "none").exists()

@@ -1,0 +1,159 @@
+"""What a robot carries beyond a wrist sensor, from what MuJoCo's sensors read of a simulated arm."""
+
+from dataclasses import replace
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+import wrist
+from scipy.spatial.transform import Rotation
+
+import ident
+import sim
+from ident.geometry.inertia import parameter_transform, parameters_from_com, symmetric
+from ident.payload import described, identify_payload
+from ident.recordings.wrench import Sensor
+
+TRUTH = np.array([wrist.TOOL["mass"], *wrist.TOOL["com"], *wrist.TOOL["inertia"]])
+GIVEN = {"body": "tool", "sensor": "wrist"}
+
+
+@cache
+def arm(**options):
+    return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(**options)))
+
+
+@cache
+def heavy_hand():
+    """A heavier model of the tool than the true one."""
+    return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool={**wrist.TOOL, "mass": 0.25})))
+
+
+@cache
+def light(seed):
+    """What is found of the light tool."""
+    return identify_payload(heavy_hand(), wrist.log(seed, seconds=8.0), **GIVEN)
+
+
+def test_mass_and_centre_of_a_light_tool_are_found_and_covered():
+    distances = []
+    for seed in range(3):
+        payload = light(seed)
+        body = payload.in_frame()
+        assert abs(body.values[0] - TRUTH[0]) < 0.002
+        assert np.linalg.norm(body.values[1:4] - TRUTH[1:4]) < 0.003
+        assert body.told[:4].all() and payload.verdict().startswith("Usable: 0.")
+        assert (body.std_setup >= body.std).all()
+        distances.append((body.values - TRUTH) / body.std)
+    assert (np.abs(distances) < 1.96).mean() > 0.85
+    assert np.isclose(payload.model[0], 0.25)
+
+
+def test_offsets_are_those_of_the_sensor_and_nothing_else_is_found():
+    payload = light(0)
+    offsets = [each for each in payload.sensor_parameters if each.name.startswith("offset")]
+    for each, true in zip(offsets, (3, -2, 5, 0.1, -0.2, 0.05), strict=True):
+        assert abs(each.value - true) < 4 * each.std and each.taken_out
+    assert not payload.estimate.setup
+    assert {"delay(wrist)", "gain(Fx)"} <= {each.name for each in payload.sensor_parameters if not each.taken_out}
+
+
+def test_a_late_sensor_is_found_and_named():
+    payload = identify_payload(arm(), wrist.log(seconds=8.0, delay=4), **GIVEN)
+    delay = next(each for each in payload.sensor_parameters if each.name == "delay(wrist)")
+    assert delay.taken_out and abs(delay.value - 0.04) < 4 * delay.std
+    assert any("The wrench 'wrist' is" in finding.text and "ms late" in finding.text for finding in payload.findings)
+
+
+def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():
+    """Slow turns tell nothing of inertias; a heavy tool that is turned fast does."""
+    payload = identify_payload(arm(stated=False), wrist.log(seconds=8.0), **GIVEN)
+    body = payload.in_frame()
+    assert not body.told[4:].all() and payload.model is None
+    assert "inertias are not known" in payload.verdict()
+    assert (np.abs(body.values - TRUTH) < 4 * body.std_setup).all()
+    heavy = {"mass": 3.0, "com": (0.01, 0.02, 0.1), "inertia": (0.03, 0.025, 0.01, 1e-3, 1e-3, -1e-3)}
+    log = wrist.log(text=wrist.model(tool=heavy), seconds=8.0, size=1.5)
+    told = identify_payload(arm(stated=False), log, **GIVEN).in_frame()
+    assert told.told.all()
+    assert (np.abs(told.values - [3.0, *heavy["com"], *heavy["inertia"]]) < 4 * told.std_setup).all()
+
+
+def test_bodies_welded_to_the_tool_count_and_the_robot_gets_them():
+    inertial = '<inertial mass="0.05" pos="0 0 0.01" diaginertia="2e-5 2e-5 1e-5"/>'
+    cap = f'<body name="cap" pos="0 0.02 0.08">{inertial}</body>'
+    robot = arm(beyond=cap)
+    payload = identify_payload(robot, wrist.log(text=wrist.model(beyond=cap), seconds=8.0), **GIVEN)
+    T = np.eye(4)
+    T[:3, 3] = 0, 0.02, 0.08
+    total = parameters_from_com(TRUTH[0], TRUTH[1:4], symmetric(TRUTH[4:]))
+    total = total + parameter_transform(T) @ parameters_from_com(0.05, [0, 0, 0.01], np.diag([2e-5, 2e-5, 1e-5]))
+    np.testing.assert_array_less(np.abs(payload.in_frame().values - described(total)), 4 * payload.in_frame().std)
+    np.testing.assert_allclose(payload.phi_of_robot()[:70], robot.known[:70])
+    np.testing.assert_allclose(payload.phi_of_robot()[[70, 80]].sum(), payload.in_frame().values[0])
+
+
+def test_a_sensor_may_be_on_what_carries_the_tool_and_the_flange_is_any_frame_beside_it():
+    log = wrist.log(seconds=8.0, sign=-1)
+    place = wrist.sensors()["wrist"].pose.copy()
+    place[2, 3] += 0.107
+    upstream = replace(log, sensors={"wrist": Sensor("link7", place, False)})
+    on_tool = replace(log, sensors=wrist.sensors(applied_to_link=False))
+    on_link = replace(log, sensors={"wrist": Sensor("link7", place, True)})
+    first, second = (identify_payload(arm(), each, **GIVEN) for each in (on_link, on_tool))
+    np.testing.assert_allclose(first.in_frame().values, second.in_frame().values, rtol=1e-6)
+    with pytest.raises(ident.InputError, match="they have the opposite sign"):
+        identify_payload(arm(), upstream, **GIVEN)
+    at_flange = first.in_frame(first.place_of("link7"))
+    np.testing.assert_allclose(at_flange.values - first.in_frame().values, [0, 0, 0, 0.107, *6 * [0]], atol=1e-9)
+    np.testing.assert_allclose(first.place_of("wrist"), wrist.sensors()["wrist"].pose, atol=1e-12)
+    with pytest.raises(ident.InputError, match="'link5' is on 'link5', which does not move with 'tool'"):
+        first.place_of("link5")
+
+
+def test_several_logs_share_the_payload_and_other_wrenches_are_left_out():
+    logs = [wrist.log(seed, seconds=5.0) for seed in range(2)]
+    other = {f"gripper_{kind}": np.zeros((len(logs[0].time), 3)) for kind in ("force", "torque")}
+    logs[0] = replace(logs[0], measured={**logs[0].measured, **other})
+    payload = identify_payload(arm(), logs, **GIVEN)
+    assert len(payload.estimate.logs) == 2
+    assert payload.notes == ("Wrenches besides 'wrist' were left out: gripper.",)
+    assert abs(payload.in_frame().values[0] - TRUTH[0]) < 0.002
+
+
+@pytest.mark.parametrize("euler", [(0, 0, 90), (30, -50, 140), (180, 0, 0)])
+def test_a_sensor_in_other_axes_than_stated_is_refused_with_those_it_seems_to_have(euler):
+    log = wrist.log(seconds=8.0)
+    sensor = log.sensors["wrist"]
+    wrong = sensor.pose.copy()
+    wrong[:3, :3] = sensor.pose[:3, :3] @ Rotation.from_euler("xyz", euler, degrees=True).as_matrix()
+    with pytest.raises(ident.InputError, match="far better in axes turned by") as refused:
+        identify_payload(arm(), replace(log, sensors={"wrist": Sensor("tool", wrong)}), **GIVEN)
+    quaternion = [float(x) for x in str(refused.value).split("[")[1].split("]")[0].split(",")]
+    looks_like = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(looks_like, sensor.pose[:3, :3], atol=0.1)
+
+
+def test_what_cannot_be_a_payload_is_refused():
+    log = wrist.log(seconds=8.0)
+    finger = '<body name="finger"><joint name="grip"/><geom size="0.01"/></body>'
+    still = wrist.log(seconds=8.0, size=1e-3)
+    for robot, recording, given, error, message in (
+        (arm(), log, {"body": "hand"}, ident.InputError, "no body 'hand'"),
+        (arm(), log, {"sensor": "foot"}, ident.LogError, "needs the wrench 'foot', its wrenches are 'wrist'"),
+        (arm(beyond=finger), log, {}, ident.InputError, "grip are beyond the sensor; hold them"),
+        (arm(), still, {}, ident.ExcitationError, "keeps its direction to gravity"),
+        (arm(), [], {}, ident.InputError, "at least one recording"),
+        (arm(), replace(log, base=np.tile(np.eye(4), (len(log.time), 1, 1))), {}, ident.InputError, "moving base"),
+        (arm(), replace(log, sensors={"wrist": Sensor("link3")}), {}, ident.InputError, "'wrist' is on 'link3'"),
+        (arm(), replace(log, sensors={"wrist": Sensor("hand")}), {}, ident.InputError, "no body 'hand' for the wrench"),
+    ):
+        with pytest.raises(error, match=message):
+            identify_payload(robot, recording, **{**GIVEN, **given})
+
+
+def test_nothing_that_is_carried_is_said_so():
+    nothing = wrist.model(tool={"mass": 1e-5, "com": (0, 0, 0), "inertia": (1e-9, 1e-9, 1e-9, 0, 0, 0)})
+    with pytest.raises(ident.ExcitationError, match="there is no payload to be seen"):
+        identify_payload(arm(), wrist.log(text=nothing, seconds=8.0), **GIVEN)
