@@ -18,8 +18,9 @@ from ident.judgement.comparison import Comparison, compared
 from ident.judgement.diagnosis import correlation_time, explained_by_motion
 from ident.judgement.finding import Finding
 from ident.judgement.setup_findings import SetupFinding, setup_findings
+from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import findings, verdict
-from ident.mechanism.motion import Motion
+from ident.mechanism.motion import Motion, joined
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
@@ -177,6 +178,13 @@ class Estimate:
         """Share of each channel's held-out residual that the motion explains, beyond chance (C,)."""
         return explained_by_motion(self.held_out.residual, self.held_out.samples.motion)
 
+    @cached_property
+    def friction(self) -> dict[str, float]:
+        """Share of each joint torque's residual that friction would take away, where there are torques."""
+        samples = [prepared.samples[part] for prepared, part in self.logs]
+        together = Samples(joined([x.motion for x in samples]), np.concatenate([x.measured for x in samples]))
+        return friction_shares(self.fit, together) if self.fit.equations.torques else {}
+
     @property
     def scale(self) -> np.ndarray:
         """Standard deviation of each channel's residual, outliers left aside (C,)."""
@@ -247,6 +255,7 @@ class Estimate:
             "held_out": {c: {"residual_rms": r, "signal_std": s, "ratio": q} for c, r, s, q in numbers},
             "candidates": {name: dict(zip(self.channels, x.tolist(), strict=True)) for name, x in self.rivals.items()},
             "setup": [each.to_dict() for each in self.setup],
+            "friction": self.friction,
             "halves": {"rms_z": self.disagreement, "widening": self.widening},
             "logs": {"rms_z": list(self.disagreements)},
             "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in self.offsets.items()},

@@ -22,6 +22,7 @@ from ident.estimation.robust import robust_fit, separable
 from ident.estimation.samples import Samples
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
+from ident.judgement.torque_checks import torque_checks
 from ident.judgement.unmeasured import without_unmeasured
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import joined
@@ -253,9 +254,11 @@ def _joint(
 
 
 def _grossly_wrong(log: Prepared) -> bool:
-    """Whether a wrench is so wrong that a search for small faults of the set-up makes no sense."""
+    """Whether a wrench or torque is so wrong that a search for small faults of the set-up makes no sense."""
     frames, base = wrench_checks(log)
-    return any(check.suspicious for check in frames.values()) or (base is not None and base.suspicious)
+    torques = torque_checks(log)
+    wrench = any(check.suspicious for check in frames.values()) or (base is not None and base.suspicious)
+    return wrench or (torques is not None and torques.grossly_wrong)
 
 
 def _known_enough(

@@ -13,6 +13,7 @@ from ident.estimation.preparation import Prepared, predicted_channels
 from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import BaseCheck, ContactCheck, FrameCheck
+from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.recordings.wrench import GROUND, pose_in_base
 
 Found = TypeVar("Found")
@@ -46,6 +47,7 @@ class Checks:
         frames: Check of each wrench's sign and axes by its name.
         base: Where else on resting bodies the ground's wrench may be measured; None where there is no choice.
         contact: What an unmeasured contact would explain, None where not all six components are there.
+        torques: Checks of the joint torques, None where there are none.
         unchecked: Sentences on what could not be checked, and why.
     """
 
@@ -53,6 +55,7 @@ class Checks:
     frames: dict[str, FrameCheck]
     base: BaseCheck | None
     contact: ContactCheck | None
+    torques: TorqueChecks | None
     unchecked: tuple[str, ...]
 
 
@@ -78,7 +81,8 @@ def checked(prepared: Prepared, fit: Fit, part: slice) -> Checks:
     weight = attempt("The weight", lambda: _weight(prepared, residual, part))
     frames, base = wrench_checks(prepared)
     contact = attempt("A contact left out", lambda: _contact(prepared, residual, part))
-    return Checks(weight, frames, base, contact, tuple(unchecked))
+    torques = attempt("Joint torques", lambda: torque_checks(prepared))
+    return Checks(weight, frames, base, contact, torques, tuple(unchecked))
 
 
 def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:

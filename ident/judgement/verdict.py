@@ -19,6 +19,7 @@ from ident.judgement.fit_findings import (
     setup_remarks,
     stuck_findings,
 )
+from ident.judgement.torque_findings import friction_findings, torque_findings
 from ident.judgement.wrench_findings import (
     base_findings,
     contact_findings,
@@ -98,6 +99,8 @@ def findings(result: "Estimate") -> list[Finding]:
         *(Finding(each.why, False) for log, _ in result.logs for each in log.left_out),
         *weight_findings(result.checks.weight),
         *fitted_offset_findings(result),
+        *torque_findings(result),
+        *friction_findings(result),
         *quality_findings(_ratios(result), "held-out"),
         *setup_remarks(result),
         *course_findings(result),

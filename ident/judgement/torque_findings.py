@@ -1,0 +1,65 @@
+"""What the joint torques of a recording look like: their sign and size, friction, bodies that were not there."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from ident.judgement.finding import Finding
+from ident.judgement.torque_checks import FRICTION
+from ident.tolerances import DRIVE
+
+if TYPE_CHECKING:
+    from ident.estimate import Estimate
+
+FOLLOWS, WORTH_IT = 0.2, 0.02
+"""Share of a residual's variance that friction takes away from which it is likely, if the residual is more than so much
+of the signal."""
+
+
+def torque_findings(result: "Estimate") -> Iterator[Finding]:
+    """Torques that are not what the model predicts, against which the fit is no check."""
+    checks = result.checks.torques
+    if checks is None:
+        return
+    if flipped := [check.joint for check in checks.joints if check.flipped]:
+        yield Finding(
+            f"The torques of {', '.join(flipped)} look as if they had the opposite sign: with it they are far nearer "
+            "to the model's own prediction.",
+            True,
+        )
+    if scaled := [f"{check.joint} ({check.gain:.3g})" for check in checks.joints if check.scaled and not check.flipped]:
+        yield Finding(
+            f"Torques are the model's own but for a factor, in brackets: {', '.join(scaled)}; a unit, a gear ratio or "
+            "a motor's constant may be missing.",
+            True,
+        )
+    absent = checks.absent
+    if absent is not None and absent.suspicious and not checks.grossly_wrong:
+        yield Finding(
+            f"The torques look as if '{absent.body}' was not carried: without it {absent.explained:.0%} of the squared "
+            "difference from the model's own prediction vanishes. Take it out of the model, or out of the updated one.",
+            True,
+        )
+
+
+def friction_findings(result: "Estimate") -> Iterator[Finding]:
+    """Residuals that follow the velocity, where friction is not fitted."""
+    equations = result.fit.equations
+    ratios = dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True))
+    shares = {
+        joint: share
+        for joint, share in result.friction.items()
+        if share > FOLLOWS and ratios[joint] > WORTH_IT and suggested_drive(equations.drives, joint)
+    }
+    if shares:
+        kinds = [kind for kind in FRICTION if any(kind in suggested_drive(equations.drives, joint) for joint in shares)]
+        listed = ", ".join(f"{joint} ({share:.0%})" for joint, share in shares.items())
+        yield Finding(
+            f"Residuals follow the velocity or its sign, the share of their variance that friction would take away in "
+            f"brackets: {listed}. It is likely and was not fitted: --drive {' '.join(kinds)}.",
+            True,
+        )
+
+
+def suggested_drive(drives: tuple[str, ...], joint: str) -> list[str]:
+    """Kinds of friction of a joint that have no column."""
+    return [kind for kind in FRICTION if f"{DRIVE[kind]}({joint})" not in drives]

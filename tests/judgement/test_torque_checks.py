@@ -1,0 +1,77 @@
+"""Joint torques against the model: signs, units, friction, and a hand that is not there."""
+
+from dataclasses import replace
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+import wrist
+
+import ident
+import sim
+from ident.estimation.preparation import prepared
+from ident.judgement.torque_checks import torque_checks
+
+HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
+
+
+@cache
+def arm():
+    """A seven-joint arm with a hand."""
+    return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=HAND)))
+
+
+def log(*, hand=True, friction=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0):
+    """Angles and torques, the links' as MuJoCo computes them, `off` times those of the model."""
+    tool = HAND if hand else {"mass": 1e-9, "com": (0, 0, 0), "inertia": (1e-12, 1e-12, 1e-12, 0, 0, 0)}
+    true = mujoco.MjModel.from_xml_string(wrist.model(tool=tool))
+    data, (t, q, dq, ddq), torques = mujoco.MjData(true), wrist.motion(seconds), []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
+        mujoco.mj_inverse(true, data)
+        torques.append(data.qfrc_inverse.copy())
+    rng = np.random.default_rng(seed)
+    torque = off * np.array(torques) + friction * (0.6 * dq + 0.5 * np.sign(dq))
+    torque = gains * torque + 0.03 * rng.normal(size=q.shape)
+    q = q + 3e-4 * rng.normal(size=q.shape)
+    channels = {f"{joint}_position": x for joint, x in zip(wrist.JOINTS, q.T, strict=True)}
+    return ident.Recording(t, channels | {f"{j}_torque": x for j, x in zip(wrist.JOINTS, torque.T, strict=True)})
+
+
+def checks(**faults):
+    return torque_checks(prepared(arm(), log(**faults)))
+
+
+@pytest.mark.parametrize("faults", [{}, {"friction": 1.0}, {"off": 1.15}, {"off": 0.85, "friction": 1.0}])
+def test_nothing_is_found_where_nothing_is_wrong(faults):
+    found = checks(**faults)
+    assert not any(check.flipped or check.scaled for check in found.joints)
+    assert found.absent.body == "tool" and not found.absent.suspicious
+
+
+@pytest.mark.parametrize("friction", [0.0, 1.0])
+def test_a_hand_that_was_not_carried_is_named(friction):
+    found = checks(hand=False, friction=friction)
+    assert found.absent.suspicious and found.absent.explained > 0.9
+
+
+def test_opposite_signs_and_missing_factors_are_named():
+    gains = np.array([1, -1, 1, 0.01, 1, 1, 1])
+    by_joint = {check.joint: check for check in checks(gains=gains, friction=1.0).joints}
+    assert [joint for joint, check in by_joint.items() if check.flipped] == ["joint2"]
+    assert [joint for joint, check in by_joint.items() if check.scaled] == ["joint4"]
+    assert by_joint["joint4"].gain == pytest.approx(0.01, rel=0.1)
+
+
+def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without_them():
+    recording = log(hand=False, friction=1.0, seconds=10.0)
+    estimate = ident.identify(arm(), recording, estimator="weighted", cutoff=4.0)
+    doubts = " ".join(finding.text for finding in estimate.findings if finding.doubt)
+    assert "It is likely and was not fitted: --drive viscous coulomb." in doubts
+    assert "The torques look as if 'tool' was not carried" in doubts
+    bare = replace(arm(), prior=arm().known * np.repeat([*7 * [1], 1e-6], 10))
+    estimate = ident.identify(bare, recording, drive=("viscous", "coulomb"))
+    assert estimate.verdict().startswith("Usable")
+    assert not any("--drive" in finding.text or "carried" in finding.text for finding in estimate.findings)
+    assert estimate.disagreement < 1.3
+    assert set(estimate.to_dict()["friction"]) == set(wrist.JOINTS)
