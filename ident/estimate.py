@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.estimation.accumulator import accumulate
 from ident.estimation.joint_estimate import Joint
 from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared
@@ -50,6 +51,12 @@ class HeldOut:
     def ratio(self) -> np.ndarray:
         """RMS residual over the signal's standard deviation, of each channel (C,)."""
         return self._ratio(self.residual)
+
+    @property
+    def relative_rms(self) -> np.ndarray:
+        """RMS residual over the RMS of the signal, its mean included, as it is often published (C,)."""
+        rms, signal = (np.sqrt((x**2).mean(axis=0)) for x in (self.residual, self.samples.measured))
+        return rms / np.maximum(signal, 1e-300)
 
     def ratio_with(self, psi: np.ndarray) -> np.ndarray:
         """The same with other base parameters (r,), drives and offsets as they are likeliest beside them."""
@@ -162,6 +169,23 @@ class Estimate:
         """Condition number of the unit-norm, weighted columns."""
         return float(self.singular_values[0] / self.singular_values[-1])
 
+    @cached_property
+    def condition_numbers(self) -> dict[str, float]:
+        """Condition numbers of the columns of base parameters and drives, as they are published.
+
+        `raw` in SI units, `unit_norm` of columns scaled to norm one, `weighted` of these with each channel divided by
+        its signal, as `condition_number`.
+        """
+        columns = accumulate(self.fit.equations, self._fitted).root[:, : len(self.singular_values)]
+        norms = np.linalg.norm(columns, axis=0)
+        raw, unit = (float(np.linalg.cond(x)) for x in (columns, columns / np.where(norms > 0, norms, 1)))
+        return {"raw": raw, "unit_norm": unit, "weighted": self.condition_number}
+
+    @cached_property
+    def _fitted(self) -> Samples:
+        samples = [prepared.samples[part] for prepared, part in self.logs]
+        return Samples(joined([x.motion for x in samples]), np.concatenate([x.measured for x in samples]))
+
     @property
     def unexplained(self) -> tuple[str, ...]:
         """Channels that this motion and model do not explain."""
@@ -181,9 +205,7 @@ class Estimate:
     @cached_property
     def friction(self) -> dict[str, float]:
         """Share of each joint torque's residual that friction would take away, where there are torques."""
-        samples = [prepared.samples[part] for prepared, part in self.logs]
-        together = Samples(joined([x.motion for x in samples]), np.concatenate([x.measured for x in samples]))
-        return friction_shares(self.fit, together) if self.fit.equations.torques else {}
+        return friction_shares(self.fit, self._fitted) if self.fit.equations.torques else {}
 
     @property
     def scale(self) -> np.ndarray:
@@ -239,7 +261,8 @@ class Estimate:
         """Everything for scripts, in JSON's types."""
         held, full = self.held_out, self.consistent()
         rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
-        numbers = zip(self.channels, rms.tolist(), signal.tolist(), held.ratio.tolist(), strict=True)
+        keys = ("residual_rms", "signal_std", "ratio", "relative_rms")
+        numbers = zip(rms.tolist(), signal.tolist(), held.ratio.tolist(), held.relative_rms.tolist(), strict=True)
         bodies = zip(self.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
         return {
             "verdict": self.verdict(),
@@ -251,8 +274,9 @@ class Estimate:
             "covariance": self.fit.covariance.tolist(),
             "regrouping": dict(zip(self.base.names, self.base.expressions(12), strict=True)),
             "condition_number": self.condition_number,
+            "condition_numbers": {k: x if np.isfinite(x) else None for k, x in self.condition_numbers.items()},
             "cutoff_hz": self.prepared.cutoff,
-            "held_out": {c: {"residual_rms": r, "signal_std": s, "ratio": q} for c, r, s, q in numbers},
+            "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(self.channels, numbers, strict=True)},
             "candidates": {name: dict(zip(self.channels, x.tolist(), strict=True)) for name, x in self.rivals.items()},
             "setup": [each.to_dict() for each in self.setup],
             "friction": self.friction,

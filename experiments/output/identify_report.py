@@ -64,6 +64,7 @@ def quality_table(result: Estimate) -> report.Table:
             held.samples.measured.std(axis=0),
             np.sqrt((held.residual**2).mean(axis=0)),
             held.ratio,
+            held.relative_rms,
             *rivals,
             held.ratio_with(result.consistent().psi),
             result.correlation,
@@ -71,7 +72,7 @@ def quality_table(result: Estimate) -> report.Table:
             strict=True,
         )
     )
-    ratios = ("ratio", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
+    ratios = ("ratio", "relative_rms", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
     columns = ("channel", "signal_std", "residual_rms", *ratios, "correlation_s", "note")
     return report.Table("Prediction of the held-out part", columns, rows)
 
@@ -93,7 +94,7 @@ def full_table(result: Estimate) -> report.Table:
 def data_lines(result: Estimate) -> list[str]:
     """What the data alone say."""
     prepared, base, checks = result.prepared, result.base, result.checks
-    samples, singular = len(prepared.samples), result.singular_values
+    samples, singular, numbers = len(prepared.samples), result.singular_values, result.condition_numbers
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
     if result.joint is not None:
         fit = result.joint.fit
@@ -105,8 +106,9 @@ def data_lines(result: Estimate) -> list[str]:
         f"{result.part.stop - result.part.start} fitted, {len(result.held_out.time)} held out.",
         f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
         f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
-        f"Excitation: condition number {result.condition_number:.3g} of the unit-norm columns, singular values "
-        f"{singular[0]:.2g} to {singular[-1]:.2g}.",
+        f"Excitation: condition number {result.condition_number:.3g} of the unit-norm columns, each channel divided by "
+        f"its signal, with singular values {singular[0]:.2g} to {singular[-1]:.2g}; as often published, "
+        f"{numbers['raw']:.3g} of the columns in SI units, {numbers['unit_norm']:.3g} of unit norm.",
     ]
     if (weight := checks.weight) is not None:
         lines.append(

@@ -11,6 +11,7 @@ import wrist
 import ident
 import sim
 from ident.estimation.preparation import prepared
+from ident.estimation.setup import PRIORS
 from ident.judgement.torque_checks import torque_checks
 
 HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
@@ -22,11 +23,11 @@ def arm():
     return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=HAND)))
 
 
-def log(*, hand=True, friction=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0):
+def log(*, hand=True, friction=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
     """Angles and torques, the links' as MuJoCo computes them, `off` times those of the model."""
     tool = HAND if hand else {"mass": 1e-9, "com": (0, 0, 0), "inertia": (1e-12, 1e-12, 1e-12, 0, 0, 0)}
     true = mujoco.MjModel.from_xml_string(wrist.model(tool=tool))
-    data, (t, q, dq, ddq), torques = mujoco.MjData(true), wrist.motion(seconds), []
+    data, (t, q, dq, ddq), torques = mujoco.MjData(true), wrist.motion(seconds, rate), []
     for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
         mujoco.mj_inverse(true, data)
         torques.append(data.qfrc_inverse.copy())
@@ -64,14 +65,16 @@ def test_opposite_signs_and_missing_factors_are_named():
 
 
 def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without_them():
-    recording = log(hand=False, friction=1.0, seconds=10.0)
+    recording = log(hand=False, friction=1.0, seconds=10.0, rate=50.0)
     estimate = ident.identify(arm(), recording, estimator="weighted", cutoff=4.0)
     doubts = " ".join(finding.text for finding in estimate.findings if finding.doubt)
     assert "It is likely and was not fitted: --drive viscous coulomb." in doubts
     assert "The torques look as if 'tool' was not carried" in doubts
+    clean = ident.identify(arm(), log(seconds=10.0, rate=50.0), estimator="weighted", cutoff=4.0)
+    assert not any("--drive" in finding.text or "carried" in finding.text for finding in clean.findings)
     bare = replace(arm(), prior=arm().known * np.repeat([*7 * [1], 1e-6], 10))
-    estimate = ident.identify(bare, recording, drive=("viscous", "coulomb"))
+    estimate = ident.identify(bare, recording, drive=("viscous", "coulomb"), setup=dict.fromkeys(PRIORS, 0.0))
     assert estimate.verdict().startswith("Usable")
     assert not any("--drive" in finding.text or "carried" in finding.text for finding in estimate.findings)
-    assert estimate.disagreement < 1.3
+    assert estimate.disagreement < 1.5
     assert set(estimate.to_dict()["friction"]) == set(wrist.JOINTS)
