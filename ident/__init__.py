@@ -1,6 +1,7 @@
 """Geometric dynamic identification of mechanisms from base and contact wrenches (numpy and scipy only).
 
     identify(mechanism, recording)                       base parameters from a recording, judged: an `Estimate`
+    identify_payload(robot, recording, …)                what a robot carries beyond a wrist sensor
     Estimate                                             ψ and covariance; predict, compare, consistent, verdict
     Mechanism                                            a tree with gravity, prior φ, sites and ranges
     Motion                                               joint states over time, and how the base moves
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from ident.parameters.base_parameters import BaseParameters, find_base_parameters
     from ident.parameters.consistency import consistent_parameters
     from ident.parameters.structure import Sensors
+    from ident.payload import identify_payload
     from ident.recordings.log import read_log
     from ident.recordings.recording import Recording
     from ident.recordings.wrench import Sensor, Wrench, total_wrench
@@ -82,6 +84,7 @@ __all__ = [
     "consistent_parameters",
     "find_base_parameters",
     "identify",
+    "identify_payload",
     "joint_torque_regressor",
     "least_squares",
     "read_log",
@@ -113,6 +116,7 @@ _MODULES = {
     "consistent_parameters": "ident.parameters.consistency",
     "find_base_parameters": "ident.parameters.base_parameters",
     "identify": "ident.identification",
+    "identify_payload": "ident.payload",
     "joint_torque_regressor": "ident.model.regressor",
     "least_squares": "ident.estimation.least_squares",
     "read_log": "ident.recordings.log",
