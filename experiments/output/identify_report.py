@@ -240,7 +240,7 @@ def _label(result: Estimate, k: int, per: str = "") -> str:
     channel, tree = result.channels[k], result.prepared.mechanism.tree
     if channel in COMPONENTS:
         return f"${channel[0]}_{channel[1]}$ ({'N' if channel[0] == 'F' else 'N m'}{per})"
-    motion = np.hstack([body.motions for body in tree.bodies])[:, tree.freedoms.index(channel)]
+    motion = np.hstack([body.motions for body in tree.bodies if body.freedoms])[:, tree.freedoms.index(channel)]
     return f"{escape.label(channel)}\n({'N m' if motion[3:].any() else 'N'}{per})"
 
 

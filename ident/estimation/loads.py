@@ -38,17 +38,17 @@ def inertial_wrenches(equations: Equations, motions: list[BodyMotion], theta: np
     return wrenches
 
 
-def joint_torques(tree: Tree, motions: list[BodyMotion], wrenches: list[np.ndarray]) -> list[Value]:
+def joint_torques(tree: Tree, motions: list[BodyMotion], q: np.ndarray, wrenches: list[np.ndarray]) -> list[Value]:
     """Torques of the n freedoms that wrenches on the bodies (6,), in the base frame, ask for (Eq. 11)."""
-    carried, torques = list(wrenches), list[Value]()
+    carried, felt = list(wrenches), list[np.ndarray]()
     for i in reversed(range(len(tree.bodies))):
         parent = tree.bodies[i].parent
         if parent >= 0:
             carried[parent] = carried[parent] + carried[i]
     for i, body in enumerate(tree.bodies):
         screws = Ad(pose(motions[i].R, motions[i].p)) @ body.motions
-        torques += list(screws.T @ carried[i])
-    return torques
+        felt.append(screws.T @ carried[i])
+    return list(tree.joint_sums(q, felt))
 
 
 def drive_torques(equations: Equations, dq: np.ndarray, ddq: np.ndarray, theta: np.ndarray) -> list[Value]:

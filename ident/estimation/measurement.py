@@ -145,7 +145,7 @@ class Measurement:
         inertial, drives = loads.inertial_wrenches(equations, motions, theta), list[Value]()
         if equations.torques:
             drives = loads.drive_torques(equations, dq, ddq, theta)
-        own = self._read(tree, motions, inertial, drives, base, theta)
+        own = self._read(tree, motions, q, inertial, drives, base, theta)
         out = [gain * value for value, gain in zip(own, gains, strict=True)]
         offsets = theta[equations.parameters.rank + len(equations.drives) :]
         for k, offset in zip(equations.offsets, offsets, strict=False):
@@ -157,14 +157,15 @@ class Measurement:
             gains[k] = 1.0
         touch = self._less_contacts(motions, base, wrenches[0], theta)
         noise = self._less_contacts(motions, base, wrenches[1], theta * 0)
-        of_touch = self._read(tree, motions, touch, [], base, theta)
-        of_noise = self._read(tree, motions, noise, [], base, theta * 0)
+        of_touch = self._read(tree, motions, q, touch, [], base, theta)
+        of_noise = self._read(tree, motions, q, noise, [], base, theta * 0)
         return [a + g * b + c for a, g, b, c in zip(out, gains, of_touch, of_noise, strict=True)]
 
     def _read(
         self,
         tree: Tree,
         motions: list[closed_form.BodyMotion],
+        q: np.ndarray,
         felt: list[np.ndarray],
         drives: list[Value],
         base: np.ndarray,
@@ -172,7 +173,7 @@ class Measurement:
     ) -> list[Value]:
         """What sensors without gains and offsets read of wrenches on the bodies (6,) and of drives' torques."""
         wrench = self._in_sensor(np.sum(felt, axis=0), base, theta)
-        torques = loads.joint_torques(tree, motions, felt) if self.equations.torques else []
+        torques = loads.joint_torques(tree, motions, q, felt) if self.equations.torques else []
         return [*wrench, *(torques[k] + drives[k] if drives else torques[k] for k in self.equations.torques)]
 
     def _vector(self, kind: str, of: str, theta: np.ndarray) -> np.ndarray:

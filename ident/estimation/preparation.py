@@ -248,7 +248,7 @@ def _without_constant(recording: Recording, tree: Tree) -> tuple[Recording, dict
         leave_out(f"{GROUND}_torque", COMPONENTS[3:])
     for body in tree.bodies:
         if f"{body.joint}_torque" in recording.measured:
-            leave_out(f"{body.joint}_torque", body.freedoms)
+            leave_out(f"{body.joint}_torque", body.freedom_names)
     return replace(recording, measured=measured), constant
 
 

@@ -61,7 +61,7 @@ def setup_parameters(
     felt = len(equations.channels) > len(equations.torques)
     ground = [GROUND] if felt and held else []
     wrenches, together = [*ground, *contacts], [" + ".join(contacts)] if felt and contacts else []
-    hinges = [body for body in tree.bodies if body.moves and body.turns]
+    hinges = [body for body in tree.bodies if body.coordinates and body.turns]
     rows: list[tuple[str, str, int | None]] = []
     for wrench in ground if held else together:
         rows += [("delay", wrench, None), ("clock", wrench, None)]

@@ -112,7 +112,7 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
         # Nothing holds the base: all wrenches come to zero, as often as the slowest contact says.
         time = min((contact.time for contact in contacts), key=len, default=recording.time)
         parts = [Sampled(time, np.zeros((len(time), len(measurement.components))))]
-    freedoms = [(body.joint, k) for body in prepared.mechanism.tree.bodies for k in range(len(body.freedoms))]
+    freedoms = [(body.joint, k) for body in prepared.mechanism.tree.bodies for k in range(body.freedoms)]
     for joint, component in (freedoms[k] for k in measurement.equations.torques):
         stream = recording.as_measured(f"{joint}_torque")
         parts.append(Sampled(stream.time, stream.columns[:, component]))

@@ -7,6 +7,7 @@ import numpy as np
 
 from ident.errors import ModelError
 from ident.geometry import se3
+from ident.mechanism.follower import Follower
 
 BASE = -1
 """Parent of a body that hangs on the base frame {0}."""
@@ -27,6 +28,8 @@ class Body:
         joint: Name of the joint, empty for a welded body.
         massless: Whether the body is a mere link between two joints, without φ. Several joints on one body, or a free
             joint, are chains of such links.
+        follows: The joint whose coordinate moves this one by a function, None for a joint of its own. One that follows
+            turns or slides about one axis, and has no name.
     """
 
     name: str
@@ -35,6 +38,7 @@ class Body:
     twist: np.ndarray
     joint: str = ""
     massless: bool = False
+    follows: Follower | None = None
 
     def __post_init__(self) -> None:
         for key in ("home", "twist"):
@@ -49,9 +53,12 @@ class Body:
                 f"Body '{self.name}' needs a joint twist of 6 numbers with |ω| = 1, or ω = 0 and |v| = 1, "
                 f"or all zero, or a ball joint's 6×3; got {self.twist}."
             )
+        if self.follows and (self.joint or self.is_ball or not self.moves):
+            raise ModelError(f"Body '{self.name}', which follows '{self.follows.joint}', needs one axis and no joint.")
 
     def _values(self) -> tuple[object, ...]:
-        return self.name, self.parent, self.home.tobytes(), self.twist.tobytes(), self.joint, self.massless
+        home, twist = self.home.tobytes(), self.twist.tobytes()
+        return self.name, self.parent, home, twist, self.joint, self.massless, self.follows
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Body) and self._values() == other._values()
@@ -76,19 +83,27 @@ class Body:
 
     @cached_property
     def motions(self) -> np.ndarray:
-        """Motion subspace of the joint: its twist is `motions @ q̇` in the body's frame (6, 0), (6, 1) or (6, 3)."""
+        """Motion subspace of the joint: its twist is `motions @ q̇` in the body's frame (6, 0), (6, 1) or (6, 3).
+
+        Where the joint follows another one, q̇ is the rate of what it follows by.
+        """
         return self.twist.reshape(6, -1)[:, : None if self.moves else 0]
 
     @property
-    def freedoms(self) -> tuple[str, ...]:
+    def freedom_names(self) -> tuple[str, ...]:
         """Names of the joint's entries of q̇: its own, with `.x`, `.y` and `.z` for a ball."""
         suffixes = {0: (), 1: ("",), 3: (".x", ".y", ".z")}
-        return tuple(self.joint + suffix for suffix in suffixes[self.motions.shape[1]])
+        return tuple(self.joint + suffix for suffix in suffixes[self.freedoms])
 
     @property
     def coordinates(self) -> int:
-        """Entries of q that belong to the joint: 1, or 4 for the quaternion `w, x, y, z` of a ball."""
-        return 4 if self.is_ball else self.motions.shape[1]
+        """Entries of q that belong to the joint: 1, or 4 for the quaternion `w, x, y, z` of a ball; 0 if it follows."""
+        return 4 if self.is_ball else self.freedoms
+
+    @property
+    def freedoms(self) -> int:
+        """Entries of q̇ that belong to the joint: 0, 1 or 3."""
+        return 0 if self.follows else self.motions.shape[1]
 
     def joint_pose(self, q: np.ndarray) -> np.ndarray:
         """How far the joint has moved the body from home, `exp(ξ̂ q)` for one axis.

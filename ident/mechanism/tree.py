@@ -18,7 +18,7 @@ class Tree:
 
     Attributes:
         bodies: The bodies, b of them with a φ. The joints of the moving ones, in this order, make the vectors q and q̇;
-            only ball joints have more coordinates than velocities.
+            only ball joints have more coordinates than velocities. Joints that follow another one have neither.
     """
 
     bodies: tuple[Body, ...]
@@ -36,6 +36,13 @@ class Tree:
             if not isinstance(body.parent, int | np.integer) or not BASE <= body.parent < i:
                 raise ModelError(
                     f"Body '{body.name}' (index {i}) needs a parent index from {BASE} to {i - 1}, got {body.parent}."
+                )
+        single = {body.joint for body in self.bodies if body.coordinates == 1}
+        for body in self.bodies:
+            if body.follows and body.follows.joint not in single:
+                raise ModelError(
+                    f"Body '{body.name}' follows '{body.follows.joint}', which is no joint with one coordinate; those "
+                    f"are {', '.join(sorted(single)) or 'none'}."
                 )
 
     @classmethod
@@ -72,8 +79,8 @@ class Tree:
 
     @property
     def moving(self) -> tuple[int, ...]:
-        """Indices of the bodies that a joint moves."""
-        return tuple(i for i, body in enumerate(self.bodies) if body.moves)
+        """Indices of the bodies that a joint with coordinates of its own moves."""
+        return tuple(i for i, body in enumerate(self.bodies) if body.coordinates)
 
     @property
     def inertial(self) -> tuple[int, ...]:
@@ -88,7 +95,12 @@ class Tree:
     @property
     def freedoms(self) -> tuple[str, ...]:
         """Names of the n entries of q̇: the joints', with `.x`, `.y` and `.z` for a ball."""
-        return tuple(freedom for body in self.bodies for freedom in body.freedoms)
+        return tuple(name for body in self.bodies for name in body.freedom_names)
+
+    @property
+    def followers(self) -> tuple[int, ...]:
+        """Indices of the bodies whose joint follows another one."""
+        return tuple(i for i, body in enumerate(self.bodies) if body.follows)
 
     @cached_property
     def floats(self) -> bool:
@@ -101,7 +113,7 @@ class Tree:
             chain, parent = chain + on_it, on_it[0]
         # Where no axes happen to be parallel.
         poses = self.poses(np.linspace(0.3, 0.9, sum(body.coordinates for body in self.bodies)))
-        screws = [se3.Ad(poses[i]) @ self.bodies[i].motions for i in chain]
+        screws = [se3.Ad(poses[i]) @ self.bodies[i].motions[:, : self.bodies[i].freedoms] for i in chain]
         return bool(np.linalg.matrix_rank(np.hstack(screws).astype(float)) == 6)
 
     def carried(self, i: int) -> tuple[int, ...]:
@@ -143,7 +155,11 @@ class Tree:
                     raise InputError(
                         f"Joint '{body.joint}' is fixed at {body.coordinates} finite coordinates, got {q.tolist()}."
                     )
-                bodies[i] = replace(body, home=body.home @ body.joint_pose(q), twist=np.zeros(6), joint="")
+                bodies[i] = _welded(body, q)
+        for i in self.followers:
+            lead = bodies[i].follows
+            if lead and lead.joint in coordinates:
+                bodies[i] = _welded(bodies[i], lead.value(np.asarray(coordinates[lead.joint], float)))
         return Tree(tuple(bodies))
 
     def without_welds(self) -> tuple["Tree", np.ndarray]:
@@ -174,12 +190,47 @@ class Tree:
         return tree, X
 
     def body_coordinates(self, q: np.ndarray) -> list[np.ndarray]:
-        """Joint coordinates (…, n_q) dealt out to the bodies: (…, 0), (…, 1) or (…, 4) each."""
+        """Joint coordinates (…, n_q) dealt out to the bodies: (…, 0), (…, 1) or (…, 4) each, (…, 0) to followers."""
         return self._dealt("coordinates", q, [body.coordinates for body in self.bodies])
 
     def body_velocities(self, dq: np.ndarray) -> list[np.ndarray]:
         """Joint velocities or accelerations (…, n) dealt out to the bodies: (…, 0), (…, 1) or (…, 3) each."""
-        return self._dealt("velocities", dq, [body.motions.shape[1] for body in self.bodies])
+        return self._dealt("velocities", dq, [body.freedoms for body in self.bodies])
+
+    def body_states(self, q: np.ndarray, *rates: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+        """Joint states dealt out to the bodies, followers with what they follow by.
+
+        Args:
+            q: Joint coordinates (…, n_q).
+            rates: Velocities, or velocities and accelerations (…, n).
+
+        Returns:
+            Coordinates and rates of every body's joint.
+        """
+        dealt = list(zip(self.body_coordinates(q), *map(self.body_velocities, rates), strict=True))
+        leaders = {self.bodies[i].joint: dealt[i] for i in self.moving} if self.followers else {}
+        for i in self.followers:
+            lead = self.bodies[i].follows
+            dealt[i] = lead.states(*leaders[lead.joint]) if lead else dealt[i]
+        return dealt
+
+    def joint_sums(self, q: np.ndarray, felt: Sequence[np.ndarray]) -> np.ndarray:
+        """What the bodies' joints feel, put together for the n freedoms: of a follower f'(q) times, for its leader.
+
+        Args:
+            q: Joint coordinates of one sample (n_q,).
+            felt: What each body's joint feels along its axes (0, …), (1, …) or (3, …).
+
+        Returns:
+            Joint torques, or rows of theirs (n, …).
+        """
+        own, coordinates = list(felt), self.body_coordinates(q)
+        places = {self.bodies[i].joint: i for i in self.moving} if self.followers else {}
+        for i in self.followers:
+            if (lead := self.bodies[i].follows) is not None:
+                k = places[lead.joint]
+                own[k] = own[k] + lead.slope(coordinates[k][0]) * felt[i]
+        return np.concatenate([x for x, body in zip(own, self.bodies, strict=True) if not body.follows])
 
     def _dealt(self, what: str, values: np.ndarray, sizes: Sequence[int]) -> list[np.ndarray]:
         values = np.asarray(values)
@@ -200,7 +251,12 @@ class Tree:
             T_0i of all bodies, massless ones included (…, bodies, 4, 4).
         """
         poses: list[np.ndarray] = []
-        for body, own in zip(self.bodies, self.body_coordinates(q), strict=True):
+        for body, (own,) in zip(self.bodies, self.body_states(q), strict=True):
             T = body.home @ body.joint_pose(own) if body.moves else body.home
             poses.append(T if body.parent == BASE else poses[body.parent] @ T)
         return np.stack([np.broadcast_to(T, (*np.shape(q)[:-1], 4, 4)) for T in poses], -3)
+
+
+def _welded(body: Body, q: np.ndarray) -> Body:
+    """A body whose joint stays at its coordinates."""
+    return replace(body, home=body.home @ body.joint_pose(q), twist=np.zeros(6), joint="", follows=None)

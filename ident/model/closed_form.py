@@ -52,8 +52,7 @@ def body_motions(tree: Tree, root: BodyMotion, q: np.ndarray, dq: np.ndarray, dd
         q: Joint coordinates (n_q,); `dq`, `ddq` velocities and accelerations (n,).
     """
     motions: list[BodyMotion] = []
-    states = tree.body_coordinates(q), tree.body_velocities(dq), tree.body_velocities(ddq)
-    for body, q_i, dq_i, ddq_i in zip(tree.bodies, *states, strict=True):
+    for body, (q_i, dq_i, ddq_i) in zip(tree.bodies, tree.body_states(q, dq, ddq), strict=True):
         parent = root if body.parent == BASE else motions[body.parent]
         motions.append(_moved(parent, body, q_i, dq_i, ddq_i))
     return motions
@@ -75,20 +74,19 @@ def body_wrench(motion: BodyMotion, phi: np.ndarray) -> np.ndarray:
     return np.concatenate([force, hat(p) @ force + hat(h) @ a + turning])
 
 
-def joint_torque_rows(tree: Tree, motions: list[BodyMotion], Y: np.ndarray) -> np.ndarray:
+def joint_torque_rows(tree: Tree, motions: list[BodyMotion], q: np.ndarray, Y: np.ndarray) -> np.ndarray:
     """Regressor of the joint torques (n, 10 b), from the wrench's: `τ_Ji = ξ_iᵀ Γ_i` (Eq. 11)."""
-    rows = np.zeros((len(tree.freedoms), Y.shape[1]), Y.dtype)
-    first = 0
+    felt: list[np.ndarray] = []
     for i, body in enumerate(tree.bodies):
-        last = first + body.motions.shape[1]
+        rows = np.zeros((body.motions.shape[1], Y.shape[1]), Y.dtype)
         # The body's wrench about the base, times the joint's twist in the base frame: power is the same in any frame.
         screws = Ad(pose(motions[i].R, motions[i].p)) @ body.motions
         for k in tree.carried(i):
-            if first < last and k in tree.inertial:
+            if len(rows) and k in tree.inertial:
                 own = slice(10 * tree.inertial.index(k), 10 * tree.inertial.index(k) + 10)
-                rows[first:last, own] = screws.T @ Y[:, own]
-        first = last
-    return rows
+                rows[:, own] = screws.T @ Y[:, own]
+        felt.append(rows)
+    return tree.joint_sums(q, felt)
 
 
 def _moved(parent: BodyMotion, body: Body, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BodyMotion:

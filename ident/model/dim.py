@@ -44,8 +44,7 @@ def forward_recursion(
         Three lists over the bodies: T_{i-1,i} (4, 4), V_i (6,) and V̇_i (6,), the last two in body axes.
     """
     tree, base, down = mechanism.tree, motion.base, mechanism.gravity
-    theta, dtheta = tree.body_coordinates(motion.q), tree.body_velocities(motion.dq)
-    ddtheta = tree.body_velocities(motion.ddq)
+    theta, dtheta, ddtheta = zip(*tree.body_states(motion.q, motion.dq, motion.ddq), strict=True)
     if base is None:
         V_0, dV_0 = np.zeros(6, dtype=int), np.zeros(6, dtype=int)
     else:
@@ -94,7 +93,7 @@ def inverse_dynamics(mechanism: Mechanism, motion: Motion) -> tuple[np.ndarray, 
         else:
             wrench[tree.bodies[i].parent] = wrench[tree.bodies[i].parent] + carried
     torques = [body.motions.T @ wrench_i for body, wrench_i in zip(tree.bodies, wrench, strict=True)]
-    return ground, np.concatenate(torques)
+    return ground, tree.joint_sums(motion.q, torques)
 
 
 def momentum_regressor(V: np.ndarray) -> np.ndarray:

@@ -170,7 +170,7 @@ def _one_sample(
     motions = closed_form.body_motions(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
     Y = closed_form.base_wrench_rows(tree, motions)
     if torques:
-        Y = closed_form.joint_torque_rows(tree, motions, Y)
+        Y = closed_form.joint_torque_rows(tree, motions, q, Y)
     return Y.T[list(columns)].ravel()
 
 

@@ -13,6 +13,7 @@ from ident.geometry.se3 import Ad, exp
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.echelon import reduced_rows
+from ident.parameters.sampled_structure import sampled_structure
 from ident.parameters.structure import Sensors, scaled_structure
 from ident.tolerances import ZERO_COLUMN
 
@@ -151,6 +152,9 @@ def _of_structure(
     mechanism: Mechanism, sensors: Sensors | None, parameters: Sequence[str] | None, kept: Sequence[str] | None
 ) -> BaseParameters:
     """The regrouping of a mechanism, exact where its numbers are."""
+    if mechanism.tree.followers:
+        rows = sampled_structure(mechanism, sensors)
+        return _of_regressor(rows, np.ones(rows.shape[1]), parameters, kept)
     rows, units = scaled_structure(mechanism, sensors)
     if rows.dtype != object:
         if not rows.any():

@@ -136,7 +136,7 @@ def _restless(tree: Tree, time: np.ndarray, style: Style) -> Angles:
     rng, angles = np.random.default_rng(style.seed), Angles()
     for body in tree.bodies:
         if body.joint.removeprefix("left_").removeprefix("right_") in RESTLESS:
-            freedoms = len(body.freedoms)
+            freedoms = body.freedoms
             angles[body.joint] = _waves(rng, time, style, (freedoms, 0.025))[:, slice(None) if freedoms > 1 else 0]
     return angles
 

@@ -1,0 +1,121 @@
+"""Joints that follow others, against joints of their own that are moved likewise, and against finite differences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanisms import GRAVITY, random_phi, random_pose, random_states, random_twist
+
+from ident.errors import ModelError
+from ident.estimation.measurement import joint_states
+from ident.mechanism.body import Body
+from ident.mechanism.follower import Follower
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
+from ident.mechanism.tree import Tree
+from ident.model import dim
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.structure import Sensors
+
+
+def knee(seed, free=False):
+    """Thigh, a slide that follows the knee, the knee behind it, a patella that follows too; `free`: none follows."""
+    rng = np.random.default_rng(seed)
+    leads = [Follower("knee", tuple(rng.normal(size=n)), (-1.0, 2.0)) for n in (4, 3)]
+    rows = [("thigh", -1, "revolute", "hip"), ("slide", 0, "prismatic", leads[0]), ("shank", 1, "revolute", "knee")]
+    bodies = []
+    for name, parent, kind, joint in (*rows, ("patella", 0, "revolute", leads[1])):
+        body = Body(name, parent, random_pose(rng), random_twist(rng, kind), "", name == "slide")
+        follows = None if isinstance(joint, str) else joint
+        named = replace(body, joint=name if free and follows else joint if isinstance(joint, str) else "")
+        bodies.append(named if free else replace(named, follows=follows))
+    return Tree(tuple(bodies)), leads, random_phi(rng, 3)
+
+
+def as_free(leads, q, dq, ddq):
+    """States of all four joints, from those of hip and knee."""
+    columns = []
+    for k, x in enumerate((q, dq, ddq)):
+        slide, patella = (lead.states(q[:, 1], dq[:, 1], ddq[:, 1])[k] for lead in leads)
+        columns.append(np.stack([x[:, 0], slide, x[:, 1], patella], axis=1))
+    return columns
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_follower_moves_as_a_joint_of_its_own_would(seed):
+    tree, leads, _ = knee(seed)
+    free = knee(seed, free=True)[0]
+    assert tree.joints == tree.freedoms == ("hip", "knee")
+    q, dq, ddq = states = random_states(np.random.default_rng(seed), tree, 7)
+    np.testing.assert_allclose(tree.poses(q), free.poses(as_free(leads, *states)[0]), atol=1e-12)
+    Y = base_wrench_regressor(tree, q, dq, ddq, gravity=GRAVITY)
+    expected = base_wrench_regressor(free, *as_free(leads, *states), gravity=GRAVITY)
+    np.testing.assert_allclose(Y, expected, atol=1e-12 * abs(expected).max())
+    # Power: what the leader's torque does is what all joints that it moves do.
+    torques = joint_torque_regressor(tree, q, dq, ddq, gravity=GRAVITY)
+    each = joint_torque_regressor(free, *as_free(leads, *states), gravity=GRAVITY)
+    slopes = [lead.slope(q[:, 1])[:, None] for lead in leads]
+    np.testing.assert_allclose(torques[:, 0], each[:, 0], atol=1e-12 * abs(each).max())
+    together = each[:, 2] + slopes[0] * each[:, 1] + slopes[1] * each[:, 3]
+    np.testing.assert_allclose(torques[:, 1], together, atol=1e-12 * abs(each).max())
+
+
+def test_the_rates_of_a_follower_are_those_of_its_coordinate():
+    lead, t, h = Follower("knee", (0.1, -0.4, 0.3, 0.2, -0.05)), np.array([0.3]), 1e-4
+    x, dx, ddx = lead.states(np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t))
+    before, after = lead.value(np.sin(2 * (t - h))), lead.value(np.sin(2 * (t + h)))
+    np.testing.assert_allclose(dx, (after - before) / (2 * h), rtol=1e-6)
+    np.testing.assert_allclose(ddx, (after - 2 * x + before) / h**2, rtol=1e-5)
+
+
+@pytest.mark.parametrize("samples", [2, 9])
+def test_the_recorded_regressor_is_the_papers(samples):
+    tree, _, phi = knee(3)
+    motion = Motion(*random_states(np.random.default_rng(1), tree, samples))
+    Y, torques = (f(tree, *motion.states, gravity=GRAVITY) for f in (base_wrench_regressor, joint_torque_regressor))
+    for k in range(samples):
+        wrench, tau = dim.inverse_dynamics(Mechanism(tree, GRAVITY, phi), motion[k])
+        np.testing.assert_allclose(Y[k] @ phi, wrench, rtol=1e-10, atol=1e-9)
+        np.testing.assert_allclose(torques[k] @ phi, tau, rtol=1e-10, atol=1e-9)
+
+
+@pytest.mark.parametrize("sensors", [Sensors(), Sensors(False, True), Sensors(moving_base=True)])
+def test_the_regrouping_holds_at_other_states(sensors):
+    tree, _, _ = knee(2)
+    mechanism = Mechanism(tree, GRAVITY)
+    base = find_base_parameters(mechanism, sensors=sensors)
+    assert base.rank <= find_base_parameters(Mechanism(knee(2, free=True)[0], GRAVITY), sensors=sensors).rank
+    if sensors.moving_base:
+        return
+    regressor = joint_torque_regressor if sensors.joint_torques else base_wrench_regressor
+    q, dq, ddq = random_states(np.random.default_rng(8), tree, 40)
+    Y = regressor(tree, q, dq, ddq, gravity=GRAVITY).reshape(-1, 30)
+    np.testing.assert_allclose(Y[:, base.dependent], base.reduce(Y) @ base.beta, atol=1e-8 * abs(Y).max())
+    assert np.linalg.matrix_rank(base.reduce(Y)) == base.rank
+
+
+def test_a_leader_that_is_fixed_holds_its_followers():
+    tree, _, _ = knee(4)
+    fixed = tree.fixed({"knee": [0.7]})
+    assert fixed.joints == ("hip",)
+    assert not fixed.followers
+    np.testing.assert_allclose(fixed.poses(np.array([0.2])), tree.poses(np.array([0.2, 0.7])), atol=1e-12)
+
+
+def test_joint_states_are_those_of_the_leaders():
+    tree, _, _ = knee(0)
+    states = np.random.default_rng(0).normal(size=(3, 2))
+    for found, stated in zip(joint_states(tree, states), states, strict=True):
+        np.testing.assert_array_equal(found, stated)
+
+
+def test_a_follower_needs_a_leader_and_one_axis():
+    tree, _, _ = knee(0)
+    lost = replace(tree.bodies[3], follows=Follower("ankle", (0.0, 1.0)))
+    with pytest.raises(ModelError, match="follows 'ankle', which is no joint with one coordinate; those are hip, knee"):
+        Tree((*tree.bodies[:3], lost))
+    with pytest.raises(ModelError, match="needs one axis and no joint"):
+        replace(tree.bodies[3], joint="patella")
+    with pytest.raises(ModelError, match="finite coefficients and a span"):
+        Follower("knee", (0.0, np.nan))
