@@ -20,7 +20,7 @@ class Follower:
 
     Attributes:
         joint: Name of the joint that leads, one with a single coordinate.
-        coefficients: Those of the polynomial f, the constant first; rad or m of the follower per powers of the leader's.
+        coefficients: Those of the polynomial f, the constant first.
         span: Coordinates of the leader for which f holds, rad or m.
     """
 
@@ -50,12 +50,11 @@ class Follower:
 
     def states(self, q: Any, *rates: Any) -> tuple[Any, ...]:
         """The follower's coordinate, and as far as the leader's are given its velocity and acceleration."""
-        out = (self.value(q),)
-        if rates:
-            out = (*out, self.slope(q) * rates[0])
+        slope = self.slope(q) if rates else None
+        out = [self.value(q), *(slope * rate for rate in rates)]
         if len(rates) > 1:
-            out = (*out, self.slope(q) * rates[1] + self.bend(q) * (rates[0] * rates[0]))
-        return out
+            out[2] = out[2] + self.bend(q) * (rates[0] * rates[0])
+        return tuple(out)
 
 
 def _horner(coefficients: tuple[float, ...], q: Any) -> Any:

@@ -29,13 +29,13 @@ def sampled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> n
     """
     sensors, rng = sensors or Sensors(), np.random.default_rng(0)
     motion = _motion(rng, mechanism.tree, 10 * len(mechanism.bodies) + MORE, sensors.moving_base)
-    given = {"gravity": mechanism.gravity, "base": motion.base}
+    tree, g = mechanism.tree, mechanism.gravity
     rows = []
     if sensors.base_wrench:
-        Y = base_wrench_regressor(mechanism.tree, *motion.states, **given)
+        Y = base_wrench_regressor(tree, *motion.states, gravity=g, base=motion.base)
         rows.append(Y if sensors.channels is None else np.asarray(sensors.channels) @ Y)
     if sensors.joint_torques:
-        rows.append(joint_torque_regressor(mechanism.tree, *motion.states, **given))
+        rows.append(joint_torque_regressor(tree, *motion.states, gravity=g, base=motion.base))
     return np.concatenate([Y.reshape(-1, Y.shape[-1]) for Y in rows])
 
 

@@ -1,0 +1,144 @@
+"""Coordinates of an OpenSim model: which are free, which are locked, and which follow others."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.errors import ModelError
+from sim.models.opensim.document import flag, label, named, number, numbers, objects, text
+from sim.models.opensim.functions import IDENTITY, Curve, curve, function_of
+
+UNLIMITED = 1e3
+"""Ends of a range, in rad or m, from which it is none."""
+
+USUAL = (-np.pi, np.pi)
+"""Range over which functions are fitted where neither the coordinate nor a table has one."""
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A coordinate as the file has it.
+
+    Attributes:
+        name: Its name.
+        default: Its default value, rad or m.
+        locked: Whether it stays there.
+        range: Its range, rad or m; None without one.
+    """
+
+    name: str
+    default: float
+    locked: bool
+    range: tuple[float, float] | None
+
+    @classmethod
+    def of(cls, element: ET.Element) -> "Coordinate":
+        """From a `<Coordinate>`."""
+        low, high = numbers(element, "range", 2, "-inf inf") if text(element, "range") else (-np.inf, np.inf)
+        limits = (float(low), float(high)) if -UNLIMITED < low < high < UNLIMITED else None
+        return cls(named(element), number(element, "default_value", "0"), flag(element, "locked", False), limits)
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """What a coordinate is.
+
+    Attributes:
+        leader: Name of the free coordinate that it is a function of, None for one that does not move.
+        curve: The function, of the leader's coordinate.
+    """
+
+    leader: str | None
+    curve: Curve
+
+    def then(self, outer: Curve) -> "Dependence":
+        """A function of the coordinate."""
+        after = self.curve.of_value(outer)
+        return Dependence(self.leader if after.exact is None or after.exact.degree() else None, after)
+
+
+def dependences(
+    model: ET.Element, coordinates: Mapping[str, Coordinate], ignore: Collection[str]
+) -> dict[str, Dependence]:
+    """What each coordinate is a function of: itself, another one, or nothing where it is locked.
+
+    Args:
+        model: The model.
+        coordinates: All coordinates by name.
+        ignore: Names of constraints to leave out.
+
+    Raises:
+        ModelError: A constraint is none between two coordinates, or coordinates follow each other in a circle.
+    """
+    couplers = _couplers(model, coordinates, ignore)
+    out: dict[str, Dependence] = {}
+
+    def resolve(name: str, below: tuple[str, ...] = ()) -> Dependence:
+        if name in below:
+            raise ModelError(f"The coordinates {', '.join(below)} follow each other in a circle.")
+        if name not in out:
+            if coordinates[name].locked:
+                out[name] = Dependence(None, Curve.polynomial([coordinates[name].default]))
+            elif name in couplers:
+                leader, function = couplers[name]
+                out[name] = resolve(leader, (*below, name)).then(function)
+            else:
+                out[name] = Dependence(name, IDENTITY)
+        return out[name]
+
+    for name in coordinates:
+        resolve(name)
+    return out
+
+
+def _couplers(
+    model: ET.Element, coordinates: Mapping[str, Coordinate], ignore: Collection[str]
+) -> dict[str, tuple[str, Curve]]:
+    """Leaders and functions of the coordinates that constraints make dependent, by their names."""
+    constraints = [c for c in objects(model, "ConstraintSet") if flag(c, "isEnforced", True)]
+    constraints = [c for c in constraints if not flag(c, "isDisabled", False)]
+    if unknown := set(ignore) - {c.get("name", "") for c in constraints}:
+        raise ModelError(
+            f"The model has no enforced constraint named {', '.join(sorted(unknown))}; it has "
+            f"{', '.join(c.get('name', '') for c in constraints) or 'none'}."
+        )
+    couplers = {}
+    for element in (c for c in constraints if c.get("name", "") not in ignore):
+        if element.tag != "CoordinateCouplerConstraint":
+            raise ModelError(
+                f"The equations of a tree do not hold the forces of {label(element)}; leave it out with --ignore "
+                f"{element.get('name')} (in Python, ignore=['{element.get('name')}'])."
+            )
+        leaders, follower = (
+            text(element, "independent_coordinate_names").split(),
+            text(element, "dependent_coordinate_name"),
+        )
+        if len(leaders) != 1 or not {*leaders, follower} <= set(coordinates):
+            raise ModelError(
+                f"{label(element)} makes one coordinate of the model depend on one other, got '{follower}' on "
+                f"'{' '.join(leaders)}'."
+            )
+        function = _coupling(element).scaled(number(element, "scale_factor", "1"))
+        couplers[follower] = leaders[0], function
+    return couplers
+
+
+def _coupling(element: ET.Element) -> Curve:
+    """The function of a coupler constraint."""
+    inner = element.find("coupled_coordinates_function")
+    function = function_of(element if inner is None else inner)
+    if function is None:
+        children = [child for child in (element if inner is None else inner) if isinstance(child.tag, str)]
+        if inner is not None and children:
+            return curve(children[0])
+        raise ModelError(f"{label(element)} needs a <coupled_coordinates_function>.")
+    return curve(function)
+
+
+def needed_span(leader: Coordinate, function: Curve) -> tuple[float, float]:
+    """Coordinates of a leader over which a function of it is needed: its range, as far as a table goes."""
+    low, high = leader.range or function.span or USUAL
+    first, last = function.span or (low, high)
+    return (max(low, first), min(high, last)) if max(low, first) < min(high, last) else (low, high)

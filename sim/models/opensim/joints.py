@@ -1,0 +1,108 @@
+"""Joints of an OpenSim model as turns and slides, one after the other, each a function of one coordinate.
+
+The frame M of the child in that of the parent, F, is that of Simbody's mobilizers: slides along axes of F come first,
+then turns, each about an axis of the frame that those before it have turned. Balls and free joints have body-fixed
+x, y, z angles for coordinates, as OpenSim's files of motion have them.
+"""
+
+import xml.etree.ElementTree as ET
+from typing import NamedTuple
+
+import numpy as np
+
+from ident.errors import ModelError
+from sim.models.opensim.document import flag, label, named, numbers, objects, text
+from sim.models.opensim.functions import IDENTITY, Curve, curve, function_of
+
+_SIMPLE = {
+    "WeldJoint": (),
+    "PinJoint": (("turn", 2, 0),),
+    "SliderJoint": (("slide", 0, 0),),
+    "UniversalJoint": (("turn", 0, 0), ("turn", 1, 1)),
+    "GimbalJoint": (("turn", 0, 0), ("turn", 1, 1), ("turn", 2, 2)),
+    "BallJoint": (("turn", 0, 0), ("turn", 1, 1), ("turn", 2, 2)),
+    "PlanarJoint": (("slide", 0, 1), ("slide", 1, 2), ("turn", 2, 0)),
+    "FreeJoint": (*(("slide", k, 3 + k) for k in range(3)), *(("turn", k, k) for k in range(3))),
+}
+"""What joints besides `CustomJoint` are: turns and slides, their axis, and which of the coordinates moves them."""
+
+AXES = ("translation1", "translation2", "translation3", "rotation1", "rotation2", "rotation3")
+"""The axes of a `CustomJoint`, in the order in which they move the child."""
+
+
+class Factor(NamedTuple):
+    """One turn or slide of a joint.
+
+    Attributes:
+        turns: Whether it turns.
+        axis: Its direction, of unit length (3,).
+        coordinate: Name of the coordinate that moves it, "" where it does not move.
+        curve: The function of the coordinate, or the constant.
+        name: What to call it in a message.
+    """
+
+    turns: bool
+    axis: np.ndarray
+    coordinate: str
+    curve: Curve
+    name: str
+
+
+def coordinate_elements(joint: ET.Element) -> list[ET.Element]:
+    """The `<Coordinate>` elements of a joint, in their order."""
+    inside = objects(joint, "CoordinateSet") or objects(joint, "coordinates")
+    return [element for element in inside if element.tag == "Coordinate"]
+
+
+def factors(joint: ET.Element) -> list[Factor]:
+    """The turns and slides of a joint.
+
+    Raises:
+        ModelError: The joint is of a kind that is not read, is reversed, lacks coordinates, or has a wrong axis.
+    """
+    if flag(joint, "reverse", False):
+        raise ModelError(f"{label(joint)} is reversed, which is not read; exchange its frames.")
+    if joint.tag == "CustomJoint":
+        return _custom(joint)
+    if joint.tag not in _SIMPLE:
+        raise ModelError(f"{label(joint)}: joints that are read are CustomJoint, {', '.join(_SIMPLE)}.")
+    rows = _SIMPLE[joint.tag]
+    names = [named(element) for element in coordinate_elements(joint)]
+    if len(names) != len(rows):
+        raise ModelError(f"{label(joint)} needs {len(rows)} coordinates, got {len(names)}: {', '.join(names)}.")
+    return [
+        Factor(kind == "turn", np.eye(3)[axis], names[k], IDENTITY, f"{joint.get('name')}, {names[k]}")
+        for kind, axis, k in rows
+    ]
+
+
+def _custom(joint: ET.Element) -> list[Factor]:
+    names = [named(element) for element in coordinate_elements(joint)]
+    spatial = joint.find("SpatialTransform")
+    axes = {} if spatial is None else {axis.get("name"): axis for axis in spatial.findall("TransformAxis")}
+    if missing := [axis for axis in AXES if axis not in axes]:
+        raise ModelError(
+            f"{label(joint)} needs a <SpatialTransform> with six <TransformAxis>; {missing[0]} is missing."
+        )
+    return [_axis(joint, axes[axis], names) for axis in AXES]
+
+
+def _axis(joint: ET.Element, element: ET.Element, names: list[str]) -> Factor:
+    """One axis of a `CustomJoint`."""
+    kind = element.get("name", "")
+    where = f"{joint.get('name')}, {kind}"
+    direction = numbers(element, "axis", 3)
+    if not direction.any():
+        raise ModelError(f"{where}: {label(element)} needs an axis other than zero.")
+    used = text(element, "coordinates").split()
+    if len(used) > 1 or not set(used) <= set(names):
+        raise ModelError(
+            f"{where}: an axis moves by one coordinate of its joint at most, one of {', '.join(names) or 'none'}; got "
+            f"'{' '.join(used)}'."
+        )
+    function = function_of(element)
+    by = curve(function) if function is not None else IDENTITY if used else Curve.polynomial([0])
+    if not used and (by.exact is None or by.exact.degree()):
+        raise ModelError(f"{where}: a function of no coordinate is a <Constant>, got <{getattr(function, 'tag', '')}>.")
+    unit = direction / np.linalg.norm(direction)
+    return Factor(kind.startswith("rotation"), unit, used[0] if used else "", by, where)

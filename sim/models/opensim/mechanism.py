@@ -1,0 +1,140 @@
+"""OpenSim files as mechanisms."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ident.errors import ModelError
+from ident.geometry.inertia import parameters_from_com, symmetric
+from ident.mechanism.body import BASE
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from sim.models.inertials import is_balanced
+from sim.models.notes import note
+from sim.models.opensim.document import label, model_element, number, numbers, text
+from sim.models.opensim.frames import Frames, markers
+from sim.models.opensim.skeleton import Skeleton
+
+STANDARD_GRAVITY = "0 -9.80665 0"
+"""Gravity of a file that states none, m/s²: y is up."""
+
+MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
+"""Entries of an inertia, in the order of OpenSim 4 and of φ."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenSimOrigin:
+    """What a mechanism was read from: its `source`.
+
+    Attributes:
+        path: The file.
+        base: Name of the body whose frame is {0}, None for the ground's.
+        beyond: Names of bodies at which the mechanism ends.
+    """
+
+    path: Path
+    base: str | None
+    beyond: tuple[str, ...]
+
+
+def is_opensim(source: object) -> bool:
+    """Whether a source of a model is the path of an OpenSim file."""
+    return isinstance(source, str | Path) and Path(source).suffix.lower() == ".osim"
+
+
+def mechanism_from_opensim(
+    path: str | Path,
+    base: str | None = None,
+    beyond: Sequence[str] = (),
+    *,
+    ignore: Collection[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
+) -> Mechanism:
+    """The bodies of an OpenSim file, joined by its coordinates.
+
+    Coordinates become hinges and slides of their names. Those that are locked stay at their default; joints that are
+    moved by functions of a coordinate, or whose coordinate a `CoordinateCouplerConstraint` makes dependent, follow it.
+    Markers become sites. Axes are the file's, so that y is up in most; muscles, geometry and contacts are left out.
+
+    Args:
+        path: The file, of OpenSim 3 or 4.
+        base: Name of the body whose frame is {0}, as for `sim.mechanism`; so are the other arguments.
+        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
+        ignore: Names of constraints to leave out.
+        fix: Coordinates that do not move, each with its value, or none for its default.
+
+    Returns:
+        The mechanism, with `OpenSimOrigin` as its source.
+
+    Warns:
+        ModelNote: Tabulated functions became polynomials, or no rigid body has an inertia that is stated.
+
+    Raises:
+        ModelError: Something in the file cannot be read, which the message names.
+    """
+    path = Path(path)
+    try:
+        return _mechanism(path, base, beyond, ignore, fix or {})
+    except ModelError as error:
+        raise ModelError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+
+
+def _mechanism(
+    path: Path, base: str | None, beyond: Sequence[str], ignore: Collection[str], fix: Mapping[str, Sequence[float]]
+) -> Mechanism:
+    model = model_element(path)
+    frames = Frames(model)
+    skeleton = Skeleton.of(model, frames, ignore)
+    tree, gravity = skeleton.tree, numbers(model, "gravity", 3, STANDARD_GRAVITY)
+    if base is not None:
+        # At rest a base turns gravity; one that moves is tracked, in the ground's axes.
+        gravity = gravity if skeleton.moves(base) else skeleton.rotation(base).T @ gravity
+        tree = skeleton.carried(base)
+    tree = _without(tree, beyond)
+    tree = tree.fixed({name: q if len(q) else [skeleton.default(name)] for name, q in fix.items()})
+    bodies = [tree.names[i] for i in tree.inertial]
+    prior = np.concatenate([body_parameters(frames.bodies[name]) for name in bodies])
+    _note_inertias(frames, bodies)
+    ranges = {joint: limits for joint in tree.joints if (limits := skeleton.limits(joint)) is not None}
+    sites = {name: (place.body, place.pose) for name, place in markers(model, frames).items() if place.body in bodies}
+    return Mechanism(
+        tree, gravity, prior if prior.any() else None, sites, ranges, OpenSimOrigin(path, base, tuple(beyond))
+    )
+
+
+def _without(tree: Tree, beyond: Sequence[str]) -> Tree:
+    """A tree without bodies of some names and all that they carry."""
+    gone = {k for i, name in enumerate(tree.names) if name in beyond for k in tree.carried(i)}
+    kept = [i for i in range(len(tree.bodies)) if i not in gone]
+    if not kept:
+        raise ModelError("The model has no body besides the ground.")
+    place = {BASE: BASE} | {i: k for k, i in enumerate(kept)}
+    return Tree(tuple(replace(tree.bodies[i], parent=place[tree.bodies[i].parent]) for i in kept))
+
+
+def body_parameters(element: ET.Element) -> np.ndarray:
+    """φ of a `<Body>` about its frame (10,)."""
+    mass = number(element, "mass", "0")
+    if mass < 0:
+        raise ModelError(f"{label(element)} needs a mass that is not negative, got {mass:g}.")
+    if text(element, "inertia"):
+        entries = numbers(element, "inertia", 6)
+    else:
+        entries = np.array([number(element, f"inertia_{key}", "0") for key in MOMENTS])
+    return parameters_from_com(mass, numbers(element, "mass_center", 3, "0 0 0"), symmetric(entries))
+
+
+def _note_inertias(frames: Frames, bodies: Sequence[str]) -> None:
+    """Names bodies whose inertia no rigid body has."""
+    odd = []
+    for name in bodies:
+        element = frames.bodies[name]
+        mass, center = number(element, "mass", "0"), numbers(element, "mass_center", 3, "0 0 0")
+        own = body_parameters(element) - parameters_from_com(mass, center, np.zeros((3, 3)))
+        if not is_balanced(np.linalg.eigvalsh(symmetric(own[4:]))):
+            odd.append(name)
+    if odd:
+        note(f"The inertia stated for {', '.join(odd)} is taken as it is, but no rigid body has it (A + B < C).")

@@ -1,0 +1,207 @@
+"""Joints of an OpenSim model as a kinematic tree, coordinates that others follow included."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.errors import ModelError
+from ident.geometry import se3
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.follower import Follower
+from ident.mechanism.tree import Tree
+from sim.models.notes import note
+from sim.models.opensim.coordinates import Coordinate, Dependence, dependences, needed_span
+from sim.models.opensim.frames import GROUND, Frames
+from sim.models.opensim.joints import Factor, coordinate_elements
+from sim.models.opensim.links import Link, links_in_order
+
+Worst = tuple[float, str]
+"""A distance in m or rad, and where it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """The tree of all bodies, and the coordinates that move it.
+
+    Attributes:
+        tree: All bodies, on the ground.
+        coordinates: All coordinates of the file by name.
+    """
+
+    tree: Tree
+    coordinates: Mapping[str, Coordinate]
+
+    @classmethod
+    def of(cls, model: ET.Element, frames: Frames, ignore: Collection[str]) -> "Skeleton":
+        """The skeleton of a model; what cannot be read raises a ModelError that names it."""
+        links = links_in_order(model, frames)
+        every = [Coordinate.of(element) for link in links for element in coordinate_elements(link.joint)]
+        coordinates = {coordinate.name: coordinate for coordinate in every}
+        if len(coordinates) < len(every):
+            raise ModelError("Every coordinate of the model needs a name of its own.")
+        chains = _Chains(coordinates, dependences(model, coordinates, ignore))
+        for link in links:
+            chains.add(link)
+        if not chains.bodies:
+            raise ModelError("The model has no body besides the ground.")
+        if chains.distances:
+            note(f"Tabulated functions of coordinates are polynomials here, off by at most {chains.distances}.")
+        return cls(Tree(tuple(chains.bodies)), coordinates)
+
+    def default(self, name: str) -> float:
+        """Default of a coordinate."""
+        if name not in self.coordinates:
+            raise ModelError(f"There is no coordinate '{name}'; there are {', '.join(self.coordinates)}.")
+        return self.coordinates[name].default
+
+    def limits(self, name: str) -> tuple[float, float] | None:
+        """Range of a coordinate, as far as what follows it has been tabulated; None without any."""
+        spans = [body.follows.span for body in self.tree.bodies if body.follows and body.follows.joint == name]
+        own = self.coordinates[name].range
+        spans += [own] if own else []
+        return (max(low for low, _ in spans), min(high for _, high in spans)) if spans else None
+
+    def moves(self, base: str) -> bool:
+        """Whether a joint lies between a body and the ground."""
+        return any(self.tree.bodies[i].moves for i in self._below(base))
+
+    def rotation(self, base: str) -> np.ndarray:
+        """Axes of a body that is welded to the ground, in the ground's (3, 3)."""
+        T = np.eye(4)
+        for i in self._below(base):
+            T = self.tree.bodies[i].home @ T
+        return T[:3, :3]
+
+    def carried(self, base: str) -> Tree:
+        """A body and all on it, on the body's own frame."""
+        root, *_ = self._below(base)
+        members = self.tree.carried(root)
+        place = {i: k for k, i in enumerate(members)}
+        inside = {self.tree.bodies[i].joint for i in members[1:]}
+        bodies = [Body(base, BASE, np.eye(4), np.zeros(6))]
+        for i in members[1:]:
+            body = self.tree.bodies[i]
+            if body.follows and body.follows.joint not in inside:
+                raise ModelError(
+                    f"On the base '{base}' the body '{body.name}' follows '{body.follows.joint}', which is not on it."
+                )
+            bodies.append(replace(body, parent=place[body.parent]))
+        return Tree(tuple(bodies))
+
+    def _below(self, base: str) -> list[int]:
+        """Indices of a body, of its parent, and so on to the ground."""
+        bodies = [name for name, body in zip(self.tree.names, self.tree.bodies, strict=True) if not body.massless]
+        if base not in bodies:
+            raise ModelError(f"The model has no body named '{base}'; its bodies are {', '.join(bodies)}.")
+        path = [self.tree.names.index(base)]
+        while self.tree.bodies[path[-1]].parent != BASE:
+            path.append(self.tree.bodies[path[-1]].parent)
+        return path
+
+
+class _Chains:
+    """Bodies with their joints, put on a tree one after the other."""
+
+    def __init__(self, coordinates: Mapping[str, Coordinate], dependences: Mapping[str, Dependence]) -> None:
+        self.coordinates, self.dependences = coordinates, dependences
+        self.bodies: list[Body] = []
+        self.place = {GROUND: BASE}
+        self.worst: dict[bool, Worst] = {False: (0.0, ""), True: (0.0, "")}
+
+    @property
+    def distances(self) -> str:
+        """The largest distances of slides and turns."""
+        both = (("mm", *self.worst[False]), ("mrad", *self.worst[True]))
+        return " and ".join(f"{1e3 * x:.2g} {unit} ({where})" for unit, x, where in both if where)
+
+    def add(self, link: Link) -> None:
+        """Puts a body on the tree, and before it the massless links of its joint but the last."""
+        parent, home = self.place[link.parent.body], link.parent.pose
+        moving = [(factor, self._dependence(factor)) for factor in link.factors]
+        home, steps = _folded(home, moving)
+        own = self._leading(steps)
+        for element in coordinate_elements(link.joint):
+            name = str(element.get("name"))
+            if self.dependences[name].leader == name and name not in own.values():
+                self._add_unmoving(name, parent, any(f.turns for f, _, _ in steps if f.coordinate == name))
+        last = home @ se3.inverse(link.child.pose)
+        if not steps:
+            self.bodies.append(Body(link.child.body, parent, last, np.zeros(6)))
+        for k, (factor, dependence, after) in enumerate(steps):
+            end = k == len(steps) - 1
+            behind = after @ se3.inverse(link.child.pose) if end else after
+            name = link.child.body if end else f"{link.child.body}:{factor.name.partition(', ')[2]}"
+            self.bodies.append(self._body(name, parent, home, behind, factor, dependence, own.get(k, ""), not end))
+            parent, home = len(self.bodies) - 1, np.eye(4)
+        self.place[link.child.body] = len(self.bodies) - 1
+
+    def _dependence(self, factor: Factor) -> Dependence:
+        """What moves a turn or slide."""
+        if not factor.coordinate:
+            return Dependence(None, factor.curve)
+        return self.dependences[factor.coordinate].then(factor.curve)
+
+    def _leading(self, steps: "list[_Step]") -> dict[int, str]:
+        """Which steps are moved by a coordinate as it is, or by its negative: the first of each one."""
+        own: dict[int, str] = {}
+        for k, (factor, dependence, _) in enumerate(steps):
+            name, exact = factor.coordinate, dependence.curve.exact
+            itself = dependence.leader == name and exact is not None and exact.degree() == 1
+            if itself and abs(exact.coef[1]) == 1 and name not in own.values():  # type: ignore[union-attr]
+                own[k] = name
+        return own
+
+    def _add_unmoving(self, name: str, parent: int, turns: bool) -> None:
+        """A massless link that only holds a coordinate, for others to follow it."""
+        self.bodies.append(Body(f"{name}:coordinate", parent, np.eye(4), np.eye(6)[3 if turns else 0], name, True))
+
+    def _body(
+        self,
+        name: str,
+        parent: int,
+        home: np.ndarray,
+        behind: np.ndarray,
+        factor: Factor,
+        dependence: Dependence,
+        own: str,
+        massless: bool,
+    ) -> Body:
+        """The body that a turn or slide carries, with the constant pose `behind` it."""
+        twist = np.concatenate([np.zeros(3), factor.axis] if factor.turns else [factor.axis, np.zeros(3)])
+        if own:
+            constant, slope = dependence.curve.exact.coef.tolist()  # type: ignore[union-attr]
+            home, twist = home @ se3.exp(twist, constant), slope * twist
+            return Body(name, parent, home @ behind, se3.Ad(se3.inverse(behind)) @ twist, own, massless)
+        leader = str(dependence.leader)
+        span = needed_span(self.coordinates[leader], dependence.curve)
+        fitted, distance = dependence.curve.fitted(*span)
+        if distance > self.worst[factor.turns][0]:
+            self.worst[factor.turns] = distance, factor.name
+        follows = Follower(leader, tuple(fitted.coef.tolist()), span)
+        return Body(name, parent, home @ behind, se3.Ad(se3.inverse(behind)) @ twist, "", massless, follows)
+
+
+_Step = tuple[Factor, Dependence, np.ndarray]
+"""A turn or slide that moves, what moves it, and the constant pose behind it."""
+
+
+def _folded(home: np.ndarray, moving: list[tuple[Factor, Dependence]]) -> tuple[np.ndarray, list[_Step]]:
+    """Turns and slides that do not move, put into the poses of those that do.
+
+    Returns:
+        The pose before the first that moves, and those that move.
+    """
+    steps: list[_Step] = []
+    for factor, dependence in moving:
+        if dependence.leader is not None:
+            steps.append((factor, dependence, np.eye(4)))
+            continue
+        twist = np.concatenate([np.zeros(3), factor.axis] if factor.turns else [factor.axis, np.zeros(3)])
+        constant = se3.exp(twist, float(dependence.curve.evaluated(0.0)))
+        if steps:
+            steps[-1] = (*steps[-1][:2], steps[-1][2] @ constant)
+        else:
+            home = home @ constant
+    return home, steps
