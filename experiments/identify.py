@@ -39,7 +39,7 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.command_parser("identify", __doc__)
     out.set_defaults(out=Path("results"))
-    out.add_argument("model", type=Path, help="MJCF or URDF file")
+    out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
     out.add_argument(
         "logs",
         type=Path,

@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> None:
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.command_parser("stream", __doc__)
-    out.add_argument("model", type=Path, help="MJCF or URDF file")
+    out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
     out.add_argument(
         "recordings",
         type=Path,

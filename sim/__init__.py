@@ -1,6 +1,6 @@
 """The bridge to MuJoCo: mechanisms read from models and written back, excitation, simulation.
 
-    mechanism(source, base)             a body and all on it, as an MJCF or URDF model describes them
+    mechanism(source, base)             a body and all on it, as an MJCF, URDF or OpenSim model describes them
     tree_from_model(source, base)       its kinematic tree alone
     state_columns(source, base)         where its states stand among MuJoCo's
     base_motion(source, base, …)        motion of a base that does not rest, from MuJoCo's states

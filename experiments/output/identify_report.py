@@ -20,7 +20,7 @@ from ident.parameters.base_parameters import separating_sensors
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
-OUTPUTS = (*report.OUTPUTS, "report.html", "estimate.json", "model.xml", "model.urdf")
+OUTPUTS = (*report.OUTPUTS, "report.html", "estimate.json", "model.xml", "model.urdf", "model.osim")
 
 INTERVAL = 1.96
 """Standard deviations of a 95 % interval."""
@@ -276,7 +276,8 @@ def write(result: Estimate, folder: Path, model: Path, logs: Sequence[Path], pro
     """
     shown, formats = results(result, provenance), ("pdf", "png")
     shown.write(folder, formats)
-    updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
+    suffixes = {"robot": "urdf", "OpenSimDocument": "osim"}
+    updated = folder / f"model.{suffixes.get(parsed(model).tag, 'xml')}"
     write_model(updated, result.prepared.mechanism, result.consistent())
     page = rendered(
         "report.html",

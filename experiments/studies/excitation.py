@@ -16,6 +16,7 @@ from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
 from sim.models.couplings import check_torques
+from sim.models.mechanism import mujoco_origin
 from sim.models.mujoco_model import base_motion, gravity_of, mechanism_bodies, rest_coordinates
 from sim.models.names import joint_name
 from sim.motion.collisions import Collisions
@@ -76,7 +77,8 @@ def problem(
     Raises:
         ModelError: A joint does not exist or cannot be moved so, or there is none.
     """
-    model, base = mechanism.source.model, mechanism.source.base
+    origin = mujoco_origin(mechanism)
+    model, base = origin.model, origin.base
     kinds = {joint_name(model, j): model.jnt_type[j] for j in range(model.njnt)}
     joints = [joint for joint in mechanism.tree.joints if kinds.get(joint) in ONE_DOF]
     moving = _chosen(joints, mechanism.tree, names)

@@ -11,7 +11,7 @@ from ident.recordings.log import read_log
 from ident.recordings.npz import LIMIT
 from ident.recordings.recording import Recording
 from sim.models.couplings import check_torques
-from sim.models.mechanism import mechanism
+from sim.models.mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies
 
 
@@ -31,7 +31,7 @@ def prepare(
     """Reads a model and a log.
 
     Args:
-        source: MJCF or URDF file.
+        source: MJCF, URDF or OpenSim file.
         log_path: A file that `read_log` reads.
         base: Body whose frame is {0}, by default the world.
         columns: Mapping of the log's columns.
@@ -49,7 +49,8 @@ def prepare(
     log = recorded(arm, log_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
     ready = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))
     felt = [arm.tree.joints[k] for k in ready.equations.torques]
-    check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
+    if isinstance(arm.source, Origin):
+        check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)
     return ready
 
 

@@ -1,1 +1,1 @@
-"""MJCF and URDF files read as mechanisms, and written back with other inertias."""
+"""MJCF, URDF and OpenSim files read as mechanisms, and written back with other inertias."""

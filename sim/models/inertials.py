@@ -6,6 +6,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from ident.geometry.inertia import pseudo_inertia
 from sim.models.names import body_name
 from sim.models.notes import note
 from sim.models.refusals import refusals
@@ -114,6 +115,12 @@ def is_balanced(moments: np.ndarray) -> bool:
     """Whether a rigid body may have these principal moments, A + B ≥ C."""
     a, b, c = moments
     return bool(a + b >= c and a + c >= b and b + c >= a)
+
+
+def is_physical(phi: np.ndarray) -> bool:
+    """Whether a rigid body with mass has these parameters (10,), to rounding."""
+    eigenvalues = np.linalg.eigvalsh(pseudo_inertia(phi))
+    return bool(phi[0] > 0 and eigenvalues[0] >= -1e-12 * eigenvalues[-1])
 
 
 def note_inertias(model: mujoco.MjModel) -> None:

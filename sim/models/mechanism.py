@@ -1,12 +1,13 @@
 """Mechanisms with what a model says of them: tree, gravity, masses, sites and joint ranges."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from ident.errors import ModelError
 from ident.geometry.se3 import inverse
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
@@ -23,6 +24,7 @@ from sim.models.mujoco_model import (
     tree_from_model,
 )
 from sim.models.names import joint_name, name_of
+from sim.models.opensim.mechanism import is_opensim, mechanism_from_opensim
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,7 @@ def mechanism(
     """A body and everything on it, as a model describes them.
 
     Args:
-        source: The model; it is compiled once.
+        source: The model; it is compiled once. OpenSim files, which end in `.osim`, are read without MuJoCo.
         base: Name of the body whose frame is {0}, as for `tree_from_model`; so are all other arguments.
         beyond: Names of bodies that, with all they carry, are not part of the mechanism.
         merge_welds: Make welded bodies one with what carries them.
@@ -62,27 +64,45 @@ def mechanism(
         fix: Names of the tree's joints that do not move, with their coordinates.
 
     Returns:
-        The mechanism, with `Origin` as its source. It has no prior where nothing in it has a mass.
+        The mechanism, with `Origin` or `OpenSimOrigin` as its source. It has no prior where nothing in it has a mass.
 
     Warns:
-        ModelNote: As for `tree_from_model`.
+        ModelNote: As for `tree_from_model` and `mechanism_from_opensim`.
 
     Raises:
         ModelError: As for `tree_from_model`, or a body has numbers that are not finite.
     """
+    if is_opensim(source):
+        arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix)
+        return _with_merged_welds(arm) if merge_welds else arm
     model = compiled(source)
     members = mechanism_bodies(model, base, beyond)
     tree = tree_from_model(model, base, beyond, ignore=ignore, fix=fix)
     prior = parameters_from_model(model, base, beyond) if model.body_mass[members].any() else None
     sites = _sites(model, members)
-    if merge_welds:
-        kept, (tree, merged) = tree, tree.without_welds()
-        prior = None if prior is None else merged @ prior
-        sites = {name: _on_carrier(kept, tree, *site) for name, site in sites.items()}
     text = None if isinstance(source, mujoco.MjModel) else source
     origin = Origin(model, text, base, tuple(beyond))
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
-    return Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose)
+    arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose)
+    return _with_merged_welds(arm) if merge_welds else arm
+
+
+def mujoco_origin(arm: Mechanism) -> Origin:
+    """What a mechanism was read from, if that is a model of MuJoCo's.
+
+    Raises:
+        ModelError: It is none.
+    """
+    if not isinstance(arm.source, Origin):
+        raise ModelError(f"This needs a model in MJCF or URDF, which MuJoCo reads, not '{arm.source.path}'.")
+    return arm.source
+
+
+def _with_merged_welds(arm: Mechanism) -> Mechanism:
+    """A mechanism with welded bodies made one with what carries them."""
+    tree, merged = arm.tree.without_welds()
+    sites = {name: _on_carrier(arm.tree, tree, *site) for name, site in arm.sites.items()}
+    return replace(arm, tree=tree, prior=None if arm.prior is None else merged @ arm.prior, sites=sites)
 
 
 def _sites(model: mujoco.MjModel, members: Sequence[int]) -> dict[str, tuple[str, np.ndarray]]:

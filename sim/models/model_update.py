@@ -1,4 +1,4 @@
-"""Models with other inertial parameters: φ written back into MJCF and URDF, every other element untouched."""
+"""Models with other inertial parameters: φ written back into MJCF, URDF and OpenSim files, all else untouched."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ident.errors import InputError, ModelError
-from ident.geometry.inertia import com_from_parameters, pseudo_inertia
+from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.atomic import replacing
 from sim.models.inertials import (
@@ -18,12 +18,15 @@ from sim.models.inertials import (
     bodies_in_order,
     compiled_as_stated,
     inertial_of,
+    is_physical,
     overrides,
     set_inertials,
 )
 from sim.models.mechanism import Origin
 from sim.models.mujoco_model import body_parameters, mechanism_bodies, parameters_from_model
 from sim.models.names import body_name
+from sim.models.opensim.mechanism import OpenSimOrigin, is_opensim
+from sim.models.opensim.update import write_opensim
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
 
@@ -67,7 +70,7 @@ def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpe
 
 
 def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies) -> None:
-    """Writes the model of a mechanism with other inertial parameters, as URDF if `path` ends so, otherwise as MJCF.
+    """Writes the model of a mechanism with other inertial parameters: URDF or OpenSim if `path` ends so, else MJCF.
 
     The text of a file stays as it is but for inertias (and, in another folder, for where MJCF finds its meshes and
     textures). Files with `EXPANDED` elements, specifications, and URDF as MJCF are written by MuJoCo, which rounds
@@ -75,14 +78,19 @@ def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies
 
     Args:
         path: File to write; its folder must exist.
-        mechanism: The mechanism, from a URDF file if that is to be written.
+        mechanism: The mechanism, from a URDF or an OpenSim file if that is to be written.
         phi: φ of its bodies, welds kept (10 b,), or what has one.
 
     Raises:
         ModelError: As for `updated_spec`, or the file does not read back as φ.
-        InputError: As for `updated_spec`, or a URDF file is asked for from something else.
+        InputError: As for `updated_spec`, or a URDF or OpenSim file is asked for from something else.
     """
+    if isinstance(mechanism.source, OpenSimOrigin):
+        write_opensim(Path(path), mechanism, np.asarray(getattr(phi, "phi", phi), float))
+        return
     path, (origin, source, phi) = Path(path), _given(mechanism, phi)
+    if is_opensim(path):
+        raise InputError(f"An OpenSim file can only be made from an OpenSim file; write '{path.stem}.xml' instead.")
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
@@ -106,6 +114,8 @@ def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies
 def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Editable, np.ndarray]:
     """Where a mechanism is from, what of that can be edited, and φ."""
     origin = mechanism.source
+    if isinstance(origin, OpenSimOrigin):
+        raise ModelError(f"{origin.path}: an OpenSim file has no MuJoCo specification; it is written by write_model.")
     if not isinstance(origin, Origin) or origin.text is None:
         raise ModelError(
             "Only a model that came as a file or as a specification can be updated, not a compiled one or none."
@@ -138,8 +148,7 @@ def _inertials(spec: mujoco.MjSpec, origin: Origin, phi: np.ndarray, *, unchange
             body = model.body(b)
             inertials[b] = Inertial(body.mass[0], body.ipos.copy(), body.iquat.copy(), body.inertia.copy())
     for b, own in zip(members, phi.reshape(-1, 10), strict=True):
-        eigenvalues = np.linalg.eigvalsh(pseudo_inertia(own))
-        if own.any() and (eigenvalues[0] < -1e-12 * eigenvalues[-1] or own[0] <= 0):
+        if own.any() and not is_physical(own):
             if unchanged and np.allclose(own, body_parameters(model, b), rtol=1e-12, atol=0):
                 continue
             raise InputError(f"The parameters of '{body_name(model, b)}' are not those of a physical body.")

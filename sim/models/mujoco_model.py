@@ -17,6 +17,7 @@ from ident.mechanism.tree import Tree
 from sim.models.couplings import check_couplings
 from sim.models.inertials import compiled_as_stated, note_inertias
 from sim.models.names import body_id, body_name, joint_name
+from sim.models.opensim.mechanism import is_opensim
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
 
@@ -49,6 +50,8 @@ def compiled(source: Source) -> mujoco.MjModel:
 
 def _compiled_file(path: Path) -> mujoco.MjModel:
     root = parsed(path)
+    if is_opensim(path):
+        raise ModelError(f"{path}: MuJoCo reads no OpenSim files; this needs a model in MJCF or URDF.")
     if path.suffix.lower() not in (".xml", ".urdf"):
         raise ModelError(f"A model file ends in .xml or .urdf, got '{path}'.")
     if root.tag == "robot":

@@ -83,13 +83,13 @@ def _stated(path: str | Path, link: ET.Element) -> Inertial:
 
 
 def parsed(path: Path) -> ET.Element:
-    """Root element of an MJCF or URDF file, comments kept.
+    """Root element of an MJCF, URDF or OpenSim file, comments kept.
 
     Raises:
         ModelError: The file does not exist, is no XML, or has a name that MuJoCo cannot be told.
     """
     if not path.is_file():
-        raise ModelError(f"A model is an MJCF or URDF file that exists, got '{path}'.")
+        raise ModelError(f"A model is an MJCF, URDF or OpenSim file that exists, got '{path}'.")
     if str(path).encode(errors="replace").decode() != str(path):
         raise ModelError(f"The name of a model file has to be text in UTF-8, got {str(path)!r}; rename it.")
     try:

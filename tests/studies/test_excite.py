@@ -238,7 +238,7 @@ ALONE = '<mujoco><worldbody><body name="a">{}<geom size="0.1" mass="1"/></body><
         ("arm", ["--position", "nan", "1"], "needs a number within ±1e+08"),
         ("arm", ["--base", "pelvis"], "no body named 'pelvis'"),
         ("arm", ["--criterion", "beauty"], "invalid choice: 'beauty'"),
-        ("nowhere.xml", [], "an MJCF or URDF file that exists, got 'nowhere.xml'"),
+        ("nowhere.xml", [], "an MJCF, URDF or OpenSim file that exists, got 'nowhere.xml'"),
         (ALONE.format(""), [], "needs a hinge or slide joint; this mechanism has none"),
         (ALONE.format('<joint name="b" type="ball"/>'), ["--joints", "b"], "needs a hinge or slide joint"),
         (

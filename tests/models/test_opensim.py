@@ -1,0 +1,331 @@
+"""OpenSim files: against what OpenSim itself computes of them, against MJCF of the same mechanism, and refusals."""
+
+import json
+import re
+import warnings
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from mechanisms import random_phi
+from opensim_files import (
+    Joint,
+    constant,
+    coordinate,
+    coupler,
+    document,
+    every_kind,
+    linear,
+    multiplied,
+    spatial,
+    table,
+)
+
+import sim
+from ident.errors import InputError, ModelError
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
+from sim.models.notes import ModelNote
+from sim.models.opensim.functions import CLOSE
+
+DATA = Path(__file__).parents[1] / "data"
+ROTATIONS = [("", np.eye(3)[k], constant(0)) for k in range(3)]
+
+
+def read(path, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelNote)
+        return sim.mechanism(path, **options)
+
+
+def written(tmp_path, text, name="model.osim"):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def states(mechanism, samples, seed=0):
+    q, dq, ddq = np.random.default_rng(seed).uniform(-1, 1, size=(3, samples, len(mechanism.tree.joints)))
+    return q, dq, ddq
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_opensim_computes_the_same(version):
+    """Poses, markers and torques by OpenSim 4.6 of a model with every kind of joint (see the file's `source`)."""
+    arm = read(DATA / f"opensim_joints_{version}.osim")
+    for sample in json.loads((DATA / "opensim_joints.json").read_text())["samples"]:
+        q, dq, ddq = np.array([sample["states"][joint] for joint in arm.tree.joints]).T[:, None]
+        poses = dict(zip(arm.tree.names, arm.tree.poses(q)[0], strict=True))
+        for body, expected in sample["poses"].items():
+            np.testing.assert_allclose(poses[body][:3], expected, atol=3 * CLOSE)
+        for marker, expected in sample["markers"].items():
+            body, place = arm.sites[marker]
+            np.testing.assert_allclose((poses[body] @ place)[:3, 3], expected, atol=3 * CLOSE)
+        torques = dict(sample["torques"])
+        for follower in set(torques) - set(arm.tree.joints):
+            rate = sample["states"][follower][1] / sample["states"]["bend"][1]
+            torques["bend"] += rate * torques[follower]
+        found = (joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ arm.prior)[0]
+        expected = np.array([torques[joint] for joint in arm.tree.joints])
+        # Of a cubic spline and of the polynomial for it the second derivatives differ most.
+        np.testing.assert_allclose(found, expected, atol=3e-4 * abs(expected).max())
+
+
+def test_both_versions_are_the_same_mechanism(tmp_path):
+    old, new = (read(written(tmp_path, every_kind(5, version)[0])) for version in (3, 4))
+    assert old.tree == new.tree
+    np.testing.assert_array_equal(old.prior, new.prior)
+    assert old.sites.keys() == new.sites.keys() == {"marker0", "marker1", "marker2"}
+
+
+def test_an_mjcf_file_of_the_same_mechanism(tmp_path):
+    rng = np.random.default_rng(0)
+    at, angles, tip, axis = rng.normal(size=(4, 3))
+    axis /= np.linalg.norm(axis)
+    phi = dict(zip(("arm", "hand"), random_phi(rng, 2).reshape(-1, 10), strict=True))
+    tilted = spatial([("wrist", axis, linear(-1, 0.3)), *ROTATIONS[1:], *ROTATIONS])
+    joints = [
+        Joint("PinJoint", "shoulder", "ground", "arm", [coordinate("shoulder")], at=(at, angles)),
+        Joint("CustomJoint", "wrist", "arm", "hand", [coordinate("wrist")], tilted, at=(tip, np.zeros(3))),
+    ]
+    arm = sim.mechanism(written(tmp_path, document(joints, phi)))
+    words = lambda x: " ".join(map(repr, map(float, x)))  # noqa: E731
+    inertials = {}
+    for name, own in phi.items():
+        r = own[1:4] / own[0]
+        A = np.array([[own[4], own[7], own[8]], [own[7], own[5], own[9]], [own[8], own[9], own[6]]])
+        A = A - own[0] * (r @ r * np.eye(3) - np.outer(r, r))
+        full = words(A[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+        inertials[name] = f'<inertial mass="{float(own[0])!r}" pos="{words(r)}" fullinertia="{full}"/>'
+    spec = mujoco.MjSpec.from_string(
+        f'<mujoco><compiler angle="radian" eulerseq="xyz"/><option gravity="0 -9.8 0"/><worldbody>'
+        f'<body name="arm" pos="{words(at)}" euler="{words(angles)}">{inertials["arm"]}'
+        f'<joint name="shoulder" axis="0 0 1"/><body name="hand" pos="{words(tip)}">{inertials["hand"]}'
+        f'<joint name="wrist" axis="{words(-axis)}" ref="0.3"/></body></body></worldbody></mujoco>'
+    )
+    other = sim.mechanism(spec)
+    q, dq, ddq = states(arm, 5)
+    for regressor in (base_wrench_regressor, joint_torque_regressor):
+        found, expected = (regressor(m.tree, q, dq, ddq, gravity=m.gravity) @ m.prior for m in (arm, other))
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def knee(tmp_path, functions, limits=(-2.0, 0.1), **options):
+    """A shin on a thigh, moved by `bend` through three functions: along x, along y, and about z."""
+    x, y, z = functions
+    axes = [*ROTATIONS[:2], ("bend", [0, 0, 1], z), ("bend", [1, 0, 0], x), ("bend", [0, 1, 0], y), ROTATIONS[2]]
+    joints = [
+        Joint("PinJoint", "hip", "ground", "thigh", [coordinate("hip")]),
+        Joint("CustomJoint", "knee", "thigh", "shin", [coordinate("bend", limits=limits)], spatial(axes)),
+    ]
+    phi = dict(zip(("thigh", "shin"), random_phi(np.random.default_rng(0), 2).reshape(-1, 10), strict=True))
+    return written(tmp_path, document(joints, phi, **options))
+
+
+def test_tables_become_polynomials_and_the_distance_is_told(tmp_path):
+    angles = np.linspace(-2.1, 0.2, 6)
+    shift = table(angles, [-0.0032, 0.0018, 0.0041, 0.0021, -0.0020, -0.0045])
+    path = knee(tmp_path, (shift, table([-2.1, -1, 0.2], [0.1, 0, 0.3], "PiecewiseLinearFunction"), linear(1)))
+    with pytest.warns(ModelNote, match=r"polynomials here, off by at most [\d.]+ mm \(knee, translation2\)\.") as told:
+        arm = sim.mechanism(path)
+    bend = np.linspace(-2, 0.1, 50)
+    poses = arm.tree.poses(np.column_stack([0 * bend, bend]))[:, arm.tree.names.index("shin"), :3, 3]
+    at_knots = np.interp(angles[1:-1], bend, poses[:, 0])
+    np.testing.assert_allclose(at_knots, [0.0018, 0.0041, 0.0021, -0.0020], atol=2e-4)
+    distance = float(re.search(r"most ([\d.]+) mm", str(told[0].message))[1]) / 1e3
+    assert abs(poses[:, 1] - np.interp(bend, [-2.1, -1, 0.2], [0.1, 0, 0.3])).max() <= 1.02 * distance
+    assert arm.ranges["bend"] == (-2.0, 0.1)
+
+
+def test_what_is_a_polynomial_stays_one(tmp_path):
+    cubic = "<PolynomialFunction><coefficients>0.3 0 -0.1 0.02</coefficients></PolynomialFunction>"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        arm = sim.mechanism(knee(tmp_path, (cubic, multiplied(linear(0.5, 1), 0.2), linear(1))))
+    x = arm.tree.poses(np.array([0.0, 0.7]))[arm.tree.names.index("shin"), :2, 3]
+    np.testing.assert_allclose(x, [0.3 * 0.7**3 - 0.1 * 0.7 + 0.02, 0.2 * 1.35], atol=1e-12)
+
+
+def test_a_coordinate_that_moves_nothing_by_itself_leads_all_the_same(tmp_path):
+    path = knee(tmp_path, (linear(0.02), constant(0), linear(2, 0.1)))
+    arm = sim.mechanism(path)
+    assert arm.tree.joints == ("hip", "bend")
+    T = arm.tree.poses(np.array([0.0, 0.4]))[arm.tree.names.index("shin")]
+    np.testing.assert_allclose([T[0, 3], np.arctan2(T[1, 0], T[0, 0])], [0.008, 0.9], atol=1e-12)
+    found = joint_torque_regressor(arm.tree, *states(arm, 3), gravity=arm.gravity) @ arm.prior
+    # Power by finite differences: what gravity does when the knee bends, at rest.
+    q = np.array([[0.3, -0.5]])
+    found = (joint_torque_regressor(arm.tree, q, 0 * q, 0 * q, gravity=arm.gravity) @ arm.prior)[0, 1]
+
+    def height(bend):
+        poses = arm.tree.poses(np.array([0.3, bend]))[list(arm.tree.inertial)]
+        return sum((T @ [*own[1:4], own[0]])[1] for T, own in zip(poses, arm.prior.reshape(-1, 10), strict=True))
+
+    np.testing.assert_allclose(found, 9.8 * (height(-0.5 + 1e-6) - height(-0.5 - 1e-6)) / 2e-6, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("tag", "says"), [("isEnforced", "false"), ("isDisabled", "true")])
+def test_a_constraint_that_is_switched_off_constrains_nothing(tmp_path, tag, says):
+    path = knee(
+        tmp_path, (constant(0), constant(0), linear(1)), constraints=coupler("bend", "hip", linear(1), 1.0, tag, says)
+    )
+    assert sim.mechanism(path).tree.joints == ("hip", "bend")
+
+
+def test_a_locked_coordinate_stays_at_its_default_and_a_fixed_one_where_it_is_told(tmp_path):
+    arm = read(written(tmp_path, every_kind(2)[0]))
+    assert "jaw_0" not in arm.tree.joints
+    assert "beta_0" not in arm.tree.joints
+    fixed = read(tmp_path / "model.osim", fix={"slip": [], "bend": [0.3]})
+    assert not {"slip", "bend"} & set(fixed.tree.joints)
+    q = np.zeros(len(arm.tree.joints))
+    q[arm.tree.joints.index("bend")] = 0.3
+    np.testing.assert_allclose(
+        arm.tree.poses(q)[-1], fixed.tree.poses(np.zeros(len(fixed.tree.joints)))[-1], atol=1e-12
+    )
+
+
+def test_a_base_carries_its_part_of_the_model(tmp_path):
+    path = written(tmp_path, every_kind(3)[0])
+    whole, leg = read(path), read(path, base="thigh")
+    assert leg.bodies == ("thigh", "shank", "patella", "foot", "toes")
+    assert leg.tree.joints == ("slip", "bend", "ankle_0", "ankle_1")
+    np.testing.assert_array_equal(leg.gravity, whole.gravity)
+    q = np.random.default_rng(0).uniform(-1, 1, len(whole.tree.joints))
+    poses = whole.tree.poses(q)
+    own = leg.tree.poses(q[[whole.tree.joints.index(joint) for joint in leg.tree.joints]])
+    expected = np.linalg.inv(poses[whole.tree.names.index("thigh")]) @ poses[whole.tree.names.index("toes")]
+    np.testing.assert_allclose(own[leg.tree.names.index("toes")], expected, atol=1e-12)
+    with pytest.raises(ModelError, match="follows 'bend', which is not on it") as error:
+        read(written(tmp_path, every_kind(3)[0].replace("name>beta_0", "name>ankle_0"), "led.osim"), base="shank")
+    assert "led.osim" in str(error.value)
+
+
+def test_merged_welds_keep_the_wrench(tmp_path):
+    path = written(tmp_path, every_kind(1)[0])
+    arm, merged = read(path), read(path, merge_welds=True)
+    assert len(merged.bodies) == len(arm.bodies) - 2
+    q, dq, ddq = states(arm, 4)
+    found, expected = (base_wrench_regressor(m.tree, q, dq, ddq, gravity=m.gravity) @ m.prior for m in (merged, arm))
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "BallJoint",
+            "EllipsoidJoint",
+            r'<EllipsoidJoint name="hip">: joints that are read are CustomJoint, WeldJoint',
+        ),
+        ("SimmSpline", "GCVSpline", "functions of coordinates are Constant, LinearFunction.*got <GCVSpline>"),
+        ("CoordinateCouplerConstraint", "PointConstraint", "--ignore couple_beta_0"),
+        ("<mass>", "<mass>-1 ", r'<Body name="pelvis"> needs a finite number in <mass>, got \'-1'),
+        ("<socket_child_frame>thigh_offset", "<socket_child_frame>toe_offset", "'toe_offset' is none"),
+        (
+            "/bodyset/plane</socket_parent>",
+            "/bodyset/head</socket_parent>",
+            "No chain of joints leads from the ground",
+        ),
+        ('Version="40000"', 'Version="20302"', "files of OpenSim 3 and later are read"),
+        ("OpenSimDocument", "SomeDocument", "an OpenSim file is an <OpenSimDocument>"),
+        (
+            "<coordinates>bend</coordinates>",
+            "<coordinates>bend slip</coordinates>",
+            "one coordinate of its joint at most",
+        ),
+        ("<gravity>", "<gravity>x ", "needs 3 finite numbers in <gravity>"),
+        ('name="ball_2"', 'name="ball_1"', "name of its own"),
+        ("<independent_coordinate_names>bend", "<independent_coordinate_names>knee", "got 'beta_0' on 'knee'"),
+        ("<independent_coordinate_names>bend", "<independent_coordinate_names>beta_0", "each other in a circle"),
+    ],
+)
+def test_what_cannot_be_read_is_named(tmp_path, old, new, message):
+    text = every_kind(1)[0]
+    assert old in text
+    path = written(tmp_path, text.replace(old, new))
+    with pytest.raises(ModelError, match=message) as error:
+        read(path)
+    assert str(error.value).startswith(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_a_loop_is_named(tmp_path):
+    phi = {"a": random_phi(np.random.default_rng(0), 1)}
+    joints = [Joint("PinJoint", name, "ground", "a", [coordinate(name)]) for name in ("one", "two")]
+    with pytest.raises(ModelError, match=r'<PinJoint name="two"> closes a loop'):
+        sim.mechanism(written(tmp_path, document(joints, phi)))
+
+
+def test_an_entity_is_not_followed(tmp_path):
+    secret = written(tmp_path, "0 0 0", "secret.txt")
+    text = every_kind(1)[0]
+    evil = f'<!DOCTYPE x [<!ENTITY e SYSTEM "{secret.as_uri()}">]>'
+    evil = text.replace("?>\n", "?>\n" + evil, 1).replace("<gravity>", "<gravity>&e;", 1)
+    with pytest.raises(ModelError):
+        read(written(tmp_path, evil))
+
+
+def test_an_ignored_constraint_lets_its_coordinate_go(tmp_path):
+    arm = read(written(tmp_path, every_kind(1)[0]), ignore=["couple_beta_0"])
+    assert "beta_0" in arm.tree.joints
+    with pytest.raises(ModelError, match="no enforced constraint named gone; it has couple_beta_0"):
+        read(tmp_path / "model.osim", ignore=["gone"])
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_a_file_is_written_back_with_nothing_else_changed(tmp_path, version):
+    path = written(tmp_path, every_kind(7, version)[0].replace("<mass_center> ", "<mass_center><!-- kept? -->", 1))
+    arm = read(path)
+    phi = arm.prior.copy()
+    sim.write_model(tmp_path / "same.osim", arm, phi)
+    assert (tmp_path / "same.osim").read_bytes() == path.read_bytes()
+    phi = random_phi(np.random.default_rng(1), len(arm.bodies))
+    phi[10:20] = arm.prior[10:20]
+    sim.write_model(tmp_path / "new.osim", arm, phi)
+    again = read(tmp_path / "new.osim")
+    np.testing.assert_allclose(again.prior, phi, rtol=1e-9, atol=1e-9)
+    assert again.tree == arm.tree
+    blank = r"(<(mass|mass_center|inertia(_..)?)>)[^<]*(?:<!--.*?-->)?[^<]*(</\2>)"
+    texts = [(tmp_path / name).read_text(encoding="utf-8") for name in ("model.osim", "new.osim")]
+    before, after = (re.sub(blank, r"\1\4", text) for text in texts)
+    assert before == after
+    assert "<mass>7</mass>" in texts[1]
+
+
+def test_numbers_that_a_file_leaves_out_are_written_where_they_belong(tmp_path):
+    text = every_kind(1)[0]
+    text = re.sub(r"<mass_center>[^<]*</mass_center>", "<mass_center/>", text, count=1)
+    text = re.sub(r"<inertia>[^<]*</inertia>", "", text, count=1)
+    path = written(tmp_path, text)
+    arm = read(path)
+    phi = random_phi(np.random.default_rng(1), len(arm.bodies))
+    sim.write_model(tmp_path / "new.osim", arm, phi)
+    np.testing.assert_allclose(read(tmp_path / "new.osim").prior, phi, rtol=1e-9, atol=1e-9)
+
+
+def test_what_cannot_be_written_is_said(tmp_path):
+    path = written(tmp_path, every_kind(1)[0])
+    arm = read(path)
+    with pytest.raises(InputError, match=r"write 'model\.osim' instead"):
+        sim.write_model(tmp_path / "model.xml", arm, arm.prior)
+    with pytest.raises(InputError, match="'pelvis' are not those of a physical body"):
+        sim.write_model(tmp_path / "new.osim", arm, np.r_[-1.0, arm.prior[1:]])
+    with pytest.raises(InputError, match="need 100 finite parameters"):
+        sim.write_model(tmp_path / "new.osim", arm, arm.prior[:-10])
+    with pytest.raises(ModelError, match="no MuJoCo specification"):
+        sim.updated_spec(arm, arm.prior)
+    path.write_text(every_kind(1)[0].replace("UTF-8", "UTF-16"), encoding="utf-16")
+    with pytest.raises(ModelError, match="save it in UTF-8"):
+        sim.write_model(tmp_path / "new.osim", read(path), 2 * arm.prior)
+    with pytest.raises(ModelError, match="MuJoCo reads no OpenSim files"):
+        sim.tree_from_model(path)
+    assert not (tmp_path / "new.osim").exists()
+
+
+def test_an_odd_inertia_is_taken_and_noted(tmp_path):
+    text, _ = every_kind(1)
+    odd = re.sub(r"<inertia>[^<]*</inertia>", "<inertia>1 1 5 0 0 0</inertia>", text, count=1)
+    with pytest.warns(ModelNote) as notes:
+        sim.mechanism(written(tmp_path, odd))
+    assert any("stated for pelvis is taken as it is" in str(note.message) for note in notes)
