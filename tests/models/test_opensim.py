@@ -223,7 +223,7 @@ def test_merged_welds_keep_the_wrench(tmp_path):
         ("<mass>", "<mass>-1 ", r'<Body name="pelvis"> needs a finite number in <mass>, got \'-1'),
         ("<socket_child_frame>thigh_offset", "<socket_child_frame>toe_offset", "'toe_offset' is none"),
         (
-            "/bodyset/plane</socket_parent>",
+            "/ground</socket_parent>",
             "/bodyset/head</socket_parent>",
             "No chain of joints leads from the ground",
         ),
