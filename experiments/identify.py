@@ -2,13 +2,14 @@
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from experiments.cli import options, own_model
 from ident.errors import InputError
 from ident.tolerances import DRIVE, HOLDOUT
 
-PRIOR = {"auto": None, "on": True, "off": False}
-"""Whether the model's bodies count as known beforehand."""
+PRIOR = {"auto": None, "on": True, "off": False, **dict.fromkeys(("winter", "deleva", "dumas"), True)}
+"""Whether the model's bodies, or those of a table of people, count as known beforehand."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -24,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
     out = own_model.folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     read |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
-    read |= {"limit": options.size_limit(args), "gaps": args.gaps}
+    read |= {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args)}
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
     fitting |= {"known": PRIOR[args.prior], "physical": args.physical}
@@ -33,6 +34,21 @@ def run(args: argparse.Namespace) -> None:
         identify_report.write(result, folder, args.model, args.logs, own_model.provenance(args, result.logs))
     print(identify_report.text(result))
     print(f"Everything is in {out}; open report.html.")
+
+
+def _person(args: argparse.Namespace) -> Any:
+    """Whose segments the bodies are, None where the prior is the model's."""
+    from ident.parameters.anthropometry import TABLES
+    from ident.parameters.person import Person
+
+    given = {"--mass": args.mass, "--height": args.height, "--sex": args.sex}
+    if args.prior not in TABLES:
+        if stated := [option for option, value in given.items() if value is not None]:
+            raise InputError(f"{stated[0]} belongs to a table of people, --prior {', '.join(TABLES)}.")
+        return None
+    if missing := [option for option, value in given.items() if value is None]:
+        raise InputError(f"--prior {args.prior} needs {', '.join(given)}; {', '.join(missing)} is missing.")
+    return Person(args.prior, args.mass, args.height, args.sex)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -77,11 +93,15 @@ def parser() -> argparse.ArgumentParser:
         "--prior",
         choices=PRIOR,
         default="auto",
-        help="whether the model's bodies, give or take, count as known beforehand; auto: where the motion is too poor",
+        help="whether the model's bodies, give or take, count as known beforehand; auto: where the motion is too poor; "
+        "winter, deleva, dumas: bodies as these tables have them, for people",
     )
     out.add_argument(
         "--physical", action="store_true", help="fit physical bodies, as close to the model's as the logs let them be"
     )
+    out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
+    out.add_argument("--height", type=float, help="of a table: height of the person, m")
+    out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
     return out
 

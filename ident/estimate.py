@@ -151,7 +151,7 @@ class Estimate:
         """How far the data moved ψ from the model's, in standard deviations of what is known beforehand (r,)."""
         mechanism = self.prepared.mechanism
         known = {**KNOWN, **self.prepared.recording.known}
-        std = np.sqrt(np.diag(known_covariance(mechanism.known, self.base, known)))
+        std = np.sqrt(np.diag(known_covariance(mechanism, self.base, known)))
         return (self.psi - self.base.regroup(mechanism.known)) / std
 
     @property

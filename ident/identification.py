@@ -280,7 +280,7 @@ def _known_enough(
     if known or prior is None:
         return joint
     equations = joint.measurement.equations
-    beforehand = np.diag(known_covariance(equations.mechanism.known, equations.parameters, prior))
+    beforehand = np.diag(known_covariance(equations.mechanism, equations.parameters, prior))
     far_less = np.diag(joint.fit.covariance)[: equations.parameters.rank] > FAR_LESS**2 * beforehand
     return estimate(known=prior) if far_less.any() else joint
 

@@ -6,10 +6,12 @@ from pathlib import Path
 
 from ident.estimation.preparation import Prepared, prepared
 from ident.mechanism.mechanism import Mechanism
+from ident.parameters.person import Person, with_person
 from ident.recordings.column import KINDS
 from ident.recordings.log import read_log
 from ident.recordings.npz import LIMIT
 from ident.recordings.recording import Recording
+from ident.recordings.segments import read_segments
 from sim.models.couplings import check_torques
 from sim.models.mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies
@@ -27,6 +29,7 @@ def prepare(
     fix: Mapping[str, Sequence[float]] | None = None,
     limit: int = LIMIT,
     gaps: bool = False,
+    person: Person | None = None,
 ) -> Prepared:
     """Reads a model and a log.
 
@@ -41,11 +44,14 @@ def prepare(
         fix: Joints that do not move and are not in the log, as for `tree_from_model`.
         limit: Bytes that an archive may take in memory.
         gaps: Whether samples may be missing.
+        person: Whose bodies these are, by a table instead of the model; `columns` says which is which.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
     arm = mechanism(source, base, ignore=ignore, fix=fix)
+    if person is not None:
+        arm = with_person(arm, person, read_segments(columns) if columns else None)
     log = recorded(arm, log_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
     ready = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))
     felt = [arm.tree.joints[k] for k in ready.equations.torques]

@@ -242,9 +242,9 @@ def _prior(measurement: Measurement, names: Sequence[str], known: Mapping[str, f
     )
     mean = np.zeros(len(names))
     if known is not None:
-        parameters, phi = measurement.equations.parameters, measurement.equations.mechanism.known
-        mean[: parameters.rank] = parameters.regroup(phi)
-        precision[: parameters.rank, : parameters.rank] = np.linalg.inv(known_covariance(phi, parameters, known))
+        parameters, mechanism = measurement.equations.parameters, measurement.equations.mechanism
+        mean[: parameters.rank] = parameters.regroup(mechanism.known)
+        precision[: parameters.rank, : parameters.rank] = np.linalg.inv(known_covariance(mechanism, parameters, known))
     return Prior(mean, precision)
 
 

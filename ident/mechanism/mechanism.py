@@ -26,6 +26,7 @@ class Mechanism:
         pose: Pose of the base frame in the model's world, for a base that rests (4, 4).
         carrier: What carries its base, of a base that joints with known kinematics move; gravity is then in the axes of
             the frame that the carrier stands on.
+        prior_std: Standard deviations with which the prior is known (10 b,), NaN or None for the usual ones.
     """
 
     tree: Tree
@@ -36,14 +37,16 @@ class Mechanism:
     source: Any = None
     pose: np.ndarray = field(default_factory=lambda: np.eye(4))
     carrier: Carrier | None = None
+    prior_std: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
-        if self.prior is not None and np.shape(self.prior) != (10 * len(self.tree.inertial),):
-            raise ModelError(
-                f"The bodies {', '.join(self.bodies)} need a prior φ of {10 * len(self.bodies)} parameters, got shape "
-                f"{np.shape(self.prior)}."
-            )
+        for what, values in (("a prior φ", self.prior), ("deviations of the prior", self.prior_std)):
+            if values is not None and np.shape(values) != (10 * len(self.bodies),):
+                raise ModelError(
+                    f"The bodies {', '.join(self.bodies)} need {what} of {10 * len(self.bodies)} parameters, got shape "
+                    f"{np.shape(values)}."
+                )
 
     @property
     def bodies(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
 
 KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
@@ -33,8 +34,16 @@ def known_deviations(phi: np.ndarray, known: Mapping[str, float] = KNOWN) -> np.
     return np.hstack([known["mass"] * mass, centers, known["inertia"] * inertias]).ravel()
 
 
-def known_covariance(phi: np.ndarray, parameters: BaseParameters, known: Mapping[str, float] = KNOWN) -> np.ndarray:
-    """Covariance of ψ as it is known beforehand, `B S Bᵀ` with ψ = B φ and S that of φ (r, r)."""
-    B = parameters.regroup(np.diag(known_deviations(phi, known)))
+def known_covariance(
+    mechanism: Mechanism, parameters: BaseParameters, known: Mapping[str, float] = KNOWN
+) -> np.ndarray:
+    """Covariance of ψ as it is known beforehand, `B S Bᵀ` with ψ = B φ and S that of φ (r, r).
+
+    The mechanism's own deviations come before those of `known`.
+    """
+    std = known_deviations(mechanism.known, known)
+    if mechanism.prior_std is not None:
+        std = np.where(np.isfinite(mechanism.prior_std), mechanism.prior_std, std)
+    B = parameters.regroup(np.diag(std))
     covariance = B.T @ B
     return covariance + np.diag(LEAST_KNOWN**2 * np.full(len(covariance), np.diag(covariance).max(initial=1e-12)))

@@ -1,6 +1,8 @@
 """Entries of a mapping file: tables, lists of numbers and poses, each checked."""
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,21 @@ from scipy.spatial.transform import Rotation
 from ident.errors import LogError
 from ident.recordings.table import short
 from ident.tolerances import HUGE
+
+
+def toml(path: Path) -> dict[str, Any]:
+    """What a mapping file holds.
+
+    Raises:
+        LogError: It is missing or malformed.
+    """
+    if not path.is_file():
+        raise LogError(f"{path}: a mapping of columns is a TOML file that exists.")
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    # Not all are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
+    except (ValueError, RecursionError) as error:
+        raise LogError(f"{path}: a mapping of columns needs to be TOML in UTF-8 ({error}).") from None
 
 
 def table(where: str, value: Any) -> Mapping[str, Any]:

@@ -1,6 +1,5 @@
 """The mapping of a log: which of its columns hold what, in which units, as names or a TOML file tell."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,8 +13,9 @@ from ident.recordings import plates
 from ident.recordings.column import KINDS, Columns, Sum
 from ident.recordings.column_entries import factor_of, joints_of_motors, several, single
 from ident.recordings.csv_file import Layout
-from ident.recordings.entries import check_keys, pose, table, vector
+from ident.recordings.entries import check_keys, pose, table, toml, vector
 from ident.recordings.plates import Plate
+from ident.recordings.segments import segments_told
 from ident.recordings.selection import Selection, Span
 from ident.recordings.table import short
 from ident.recordings.wrench import GROUND, Sensor
@@ -93,13 +93,7 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
     Raises:
         LogError: The file is missing or malformed, or names what the mechanism does not have.
     """
-    if not path.is_file():
-        raise LogError(f"{path}: a mapping of columns is a TOML file that exists.")
-    try:
-        entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    # Not all are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: a mapping of columns needs to be TOML in UTF-8 ({error}).") from None
+    entries = toml(path)
     try:
         return _mapping(entries, joint_kinds(tree), tree.names)
     except LogError as error:
@@ -125,8 +119,9 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
 
 
 def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
-    tables = ("time", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select")
+    tables = ("time", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
+    segments_told(entries.get("segments", {}))
     mapping = ColumnMapping(setup=_deviations("setup", entries, SETUP), known=_deviations("known", entries, KNOWN))
     mapping.layout, mapping.selection = _layout(entries), _selection(entries)
     if "time" in entries:

@@ -1,0 +1,210 @@
+"""A prior from tables of people: bodies of a mechanism as segments of somebody of a mass, a height and a sex."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.errors import InputError, ModelError
+from ident.geometry.inertia import parameters_from_com
+from ident.mechanism.body import BASE
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.parameters.anthropometry import LANDMARKS, Segment, segments, spread
+from ident.parameters.prior import KNOWN, known_deviations
+
+SIDES = ("right", "left", "r", "l")
+"""What stands before or behind a segment's name in the name of a body, with `_` between."""
+
+ASIDE = 0.5
+"""Share of the mass on one child from which another one next to it makes a body's end doubtful."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """Somebody whose segments a table describes.
+
+    Attributes:
+        table: `winter`, `deleva` or `dumas`.
+        mass: Body mass, kg.
+        height: Height, m.
+        sex: `female` or `male`.
+    """
+
+    table: str
+    mass: float
+    height: float
+    sex: str
+
+    def __post_init__(self) -> None:
+        segments(self.table, self.sex)
+        if not 1 < self.mass < 500 or not 0.3 < self.height < 3:
+            raise InputError(f"A person has a mass in kg and a height in m, got {self.mass:g} and {self.height:g}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """What segment a body is.
+
+    Attributes:
+        segment: Name of the segment.
+        proximal: Its proximal end in the body's frame, m (3,); None for the body's joint.
+        distal: Its distal end, m (3,); None for the joint of the body that it carries, or as far as the height tells.
+    """
+
+    segment: str
+    proximal: np.ndarray | None = None
+    distal: np.ndarray | None = None
+
+
+def with_person(mechanism: Mechanism, person: Person, placed: Mapping[str, Placed] | None = None) -> Mechanism:
+    """The mechanism with a table's masses, centres and inertias for its prior, as well known as published.
+
+    Bodies that are no segment keep what the model states.
+
+    Args:
+        mechanism: The mechanism, its lengths those of the person.
+        person: Whose it is.
+        placed: What segments bodies are, by the bodies' names; by default those that are named so, as `thigh`,
+            `thigh_r` or `left_thigh`.
+
+    Raises:
+        ModelError: No body is a segment, or its ends cannot be found; the message says which.
+        InputError: A body or a segment does not exist.
+    """
+    table = segments(person.table, person.sex)
+    placed = _by_name(mechanism.bodies, table) if placed is None else placed
+    if not placed:
+        raise ModelError(
+            f"No body is named as a segment ({', '.join(table)}); map the bodies {', '.join(mechanism.bodies)} under "
+            "[segments] of the columns file."
+        )
+    places = JointPlaces(mechanism)
+    prior = np.zeros((len(mechanism.bodies), 10)) if mechanism.prior is None else mechanism.prior.reshape(-1, 10).copy()
+    std = np.full_like(prior, np.nan)
+    for name, own in placed.items():
+        if name not in mechanism.bodies or own.segment not in table:
+            raise InputError(
+                f"[segments] names bodies, {', '.join(mechanism.bodies)}, and what they are by this table, "
+                f"{', '.join(table)}; got {name} = '{own.segment}'."
+            )
+        k, segment = mechanism.bodies.index(name), table[own.segment]
+        proximal, distal = _ends(places, name, own, segment, person.height)
+        prior[k] = _parameters(segment, person.mass, proximal, distal)
+        mass, center = spread(own.segment, person.sex)
+        length = float(np.linalg.norm(distal - proximal))
+        std[k] = known_deviations(prior[k], {**KNOWN, "mass": mass, "center": center * length})
+    return replace(mechanism, prior=prior.ravel(), prior_std=std.ravel())
+
+
+def _by_name(bodies: tuple[str, ...], table: Mapping[str, Segment]) -> dict[str, Placed]:
+    """Bodies named as segments, a side before or behind."""
+    names = {form.format(s, side): s for s in table for side in SIDES for form in ("{0}_{1}", "{1}_{0}", "{0}")}
+    return {body: Placed(names[body.lower()]) for body in bodies if body.lower() in names}
+
+
+def _parameters(segment: Segment, mass: float, proximal: np.ndarray, distal: np.ndarray) -> np.ndarray:
+    """φ of a segment between its ends (10,)."""
+    length = float(np.linalg.norm(distal - proximal))
+    axis = (distal - proximal) / length
+    along = np.outer(axis, axis)
+    radii = segment.across**2 * (np.eye(3) - along) + segment.along**2 * along
+    own = segment.mass * mass
+    return parameters_from_com(own, proximal + segment.center * (distal - proximal), own * length**2 * radii)
+
+
+def _ends(
+    joints: "JointPlaces", name: str, own: Placed, segment: Segment, height: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Proximal and distal end of a body's segment in its frame."""
+    wanted = f"{segment.ends[0]} to {segment.ends[1]}"
+    example = f"{name} = {{ segment = '{own.segment}', proximal = [0, 0, 0], distal = [0, -0.4, 0] }}"
+    ask = f"say where in its frame, in m, as in {example}"
+    doubtful = own.segment in LANDMARKS or segment.ends[0] == "heel"
+    proximal = own.proximal if own.proximal is not None else joints.own(name)
+    if proximal is None or (doubtful and own.proximal is None and not segment.length):
+        raise ModelError(f"The segment of '{name}' goes from {wanted}; {ask} under [segments].")
+    distal = own.distal
+    if distal is None and not segment.length and not doubtful:
+        distal = joints.next(name)
+    if distal is None and segment.length:
+        # The model says in which direction, the person's height how far.
+        toward = joints.center(name) - proximal
+        if size := float(np.linalg.norm(toward)):
+            distal = proximal + toward / size * segment.length * height
+    if distal is None or not np.linalg.norm(distal - proximal) > 0:
+        raise ModelError(f"The segment of '{name}' goes from {wanted}; {ask} under [segments].")
+    return proximal, distal
+
+
+class JointPlaces:
+    """Where joints are in the frames of the bodies next to them, at coordinates zero."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.tree = mechanism.tree
+        self.poses = self.tree.poses(_zero(self.tree))
+        prior = mechanism.prior if mechanism.prior is not None else np.zeros(10 * len(mechanism.bodies))
+        self.masses = dict(zip(self.tree.inertial, prior[::10].tolist(), strict=True))
+        self.phi = dict(zip(mechanism.bodies, prior.reshape(-1, 10), strict=True))
+
+    def own(self, name: str) -> np.ndarray | None:
+        """The joint that carries a body, None where it moves freely or is welded to the base."""
+        point = self._joint(self.tree.names.index(name))
+        return None if point is None else self._within(name, point)
+
+    def next(self, name: str) -> np.ndarray | None:
+        """The joint of the body that a body carries; of several, of the heaviest; None where that is in doubt."""
+        body = self.tree.names.index(name)
+        carried = {i: self._weight(i) for i in self.tree.inertial if i != body and self._carrier(i) == body}
+        order = sorted(carried, key=lambda i: carried[i], reverse=True)
+        if not order or (len(order) > 1 and carried[order[1]] > ASIDE * carried[order[0]]):
+            return None
+        point = self._joint(order[0])
+        return None if point is None else self._within(name, point)
+
+    def center(self, name: str) -> np.ndarray:
+        """The model's centre of mass of a body, its frame's origin where it has no mass."""
+        phi = self.phi[name]
+        return phi[1:4] / phi[0] if phi[0] else np.zeros(3)
+
+    def _chain(self, i: int) -> list[int]:
+        """A body and the massless links of its joint."""
+        chain = [i]
+        while (parent := self.tree.bodies[chain[-1]].parent) != BASE and self.tree.bodies[parent].massless:
+            chain.append(parent)
+        return chain
+
+    def _carrier(self, i: int) -> int:
+        """The body with mass that carries another one, or `BASE`."""
+        return self.tree.bodies[self._chain(i)[-1]].parent
+
+    def _weight(self, i: int) -> float:
+        """Mass of a body and of all on it."""
+        return sum(self.masses.get(k, 0.0) for k in self.tree.carried(i))
+
+    def _joint(self, i: int) -> np.ndarray | None:
+        """The point next to all axes of a body's joint, in the base frame; what they leave open is its origin's."""
+        chain = self._chain(i)
+        axes = [k for k in chain if self.tree.bodies[k].motions[3:].any()]
+        slides = [k for k in chain if self.tree.bodies[k].freedoms and k not in axes]
+        if len(slides) > 2 or not axes:
+            return None
+        origin = self.poses[i][:3, 3]
+        rows, values = [1e-6 * np.eye(3)], [1e-6 * origin]
+        for k in axes:
+            body, R, p = self.tree.bodies[k], self.poses[k][:3, :3], self.poses[k][:3, 3]
+            for v, w in body.motions.T.reshape(-1, 2, 3):
+                across = np.eye(3) - np.outer(R @ w, R @ w)
+                rows.append(across)
+                values.append(across @ (R @ np.cross(w, v) + p))
+        return np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=None)[0]
+
+    def _within(self, name: str, point: np.ndarray) -> np.ndarray:
+        """A point of the base frame in that of a body."""
+        T = self.poses[self.tree.names.index(name)]
+        return T[:3, :3].T @ (point - T[:3, 3])
+
+
+def _zero(tree: Tree) -> np.ndarray:
+    """Coordinates zero, balls not turned (n_q,)."""
+    return np.concatenate([np.zeros(0), *([1.0, 0, 0, 0] if b.is_ball else [0.0] * b.coordinates for b in tree.bodies)])

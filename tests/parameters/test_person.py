@@ -1,0 +1,167 @@
+"""Priors from tables of people: the tables' sums, bodies of known lengths by hand, and what is asked for where."""
+
+import numpy as np
+import pytest
+
+from ident.errors import InputError, ModelError
+from ident.geometry import se3
+from ident.mechanism.body import BASE, Body
+from ident.mechanism.follower import Follower
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.parameters.anthropometry import SEXES, TABLES, segments, spread
+from ident.parameters.base_parameters import structural_base_parameters
+from ident.parameters.person import Person, Placed, with_person
+from ident.parameters.prior import KNOWN, known_covariance
+
+GRAVITY = np.array([0, -9.81, 0])
+WHOLE = {
+    "winter": {"head_and_trunk": 1, "arm": 2, "leg": 2},
+    "deleva": {"head": 1, "trunk": 1, "upper_arm": 2, "forearm": 2, "hand": 2, "thigh": 2, "shank": 2, "foot": 2},
+    "dumas": {"head": 1, "torso": 1, "pelvis": 1, "upper_arm": 2, "forearm": 2, "hand": 2, "thigh": 2, "shank": 2}
+    | {"foot": 2},
+}
+HINGE = np.array([0, 0, 0, 0, 0, 1.0])
+
+
+def at(x, y, z=0.0):
+    return se3.pose(np.eye(3), np.array([x, y, z]))
+
+
+def leg(names=("pelvis", "thigh_r", "shank_r", "foot_r")):
+    """Pelvis, thigh of 0.4 m, shank of 0.42 m whose frame is 0.1 m below the knee, patella and foot."""
+    below_knee = np.array([0.1, 0, 0, 0, 0, 1.0])
+    bodies = (
+        Body(names[0], BASE, at(0, 1), HINGE, "tilt"),
+        Body(names[1], 0, at(0.1, -0.1), HINGE, "hip"),
+        Body("slide", 1, at(0, -0.4), np.eye(6)[0], "", True, Follower("knee", (0.0, 0.02))),
+        Body(names[2], 2, at(0, -0.1), below_knee, "knee"),
+        Body("patella", 1, at(0.05, -0.38), HINGE, "", False, Follower("knee", (0.0, 0.5))),
+        Body(names[3], 3, at(0, -0.32), HINGE, "ankle"),
+    )
+    prior = np.zeros((5, 10))
+    prior[:, 0] = 10, 8, 4, 0.1, 1
+    prior[-1, 1:4] = 0.1, -0.05, 0
+    return Mechanism(Tree(bodies), GRAVITY, prior.ravel())
+
+
+@pytest.mark.parametrize("sex", SEXES)
+@pytest.mark.parametrize("table", TABLES)
+def test_a_person_weighs_what_the_segments_do(table, sex):
+    own = segments(table, sex)
+    assert sum(own[name].mass * number for name, number in WHOLE[table].items()) == pytest.approx(1, abs=0.003)
+    for segment in own.values():
+        # Moments of a rigid body: A + B ≥ C.
+        assert 0 < segment.along <= np.sqrt(2) * segment.across
+        assert 0 < segment.center < 1
+
+
+def test_a_segment_lies_between_its_joints():
+    arm = with_person(leg(), Person("deleva", 70, 1.75, "female"), {"thigh_r": Placed("thigh")})
+    phi = arm.prior.reshape(-1, 10)
+    np.testing.assert_allclose(phi[1][:4], 0.1478 * 70 * np.array([1, 0, -0.3612 * 0.4, 0]), rtol=1e-12, atol=1e-14)
+    mass, r = phi[1][0], 0.3612 * 0.4
+    across = mass * 0.4**2 * (0.369**2 + 0.364**2) / 2 + mass * r**2
+    np.testing.assert_allclose(phi[1][4:], [across, mass * 0.4**2 * 0.162**2, across, 0, 0, 0], rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(phi[[0, 2, 3, 4]], leg().prior.reshape(-1, 10)[[0, 2, 3, 4]])
+
+
+def test_a_joint_may_be_beside_the_bodys_frame():
+    arm = with_person(leg(), Person("dumas", 80, 1.8, "male"), {"shank_r": Placed("shank")})
+    phi = arm.prior.reshape(-1, 10)[2]
+    # From the knee, 0.1 m above the frame, to the ankle 0.32 m below it.
+    np.testing.assert_allclose(phi[:4], 0.048 * 80 * np.array([1, 0, 0.1 - 0.41 * 0.42, 0]), rtol=1e-12, atol=1e-12)
+
+
+def test_bodies_are_found_by_their_names():
+    arm = with_person(leg(("hips", "right_Thigh", "SHANK_r", "shoe")), Person("winter", 60, 1.6, "female"))
+    moved = abs(arm.prior - leg().prior).reshape(-1, 10).max(axis=1) > 0
+    assert moved.tolist() == [False, True, True, False, False]
+    assert arm.prior[10] == pytest.approx(6)
+
+
+def test_a_hand_is_as_long_as_its_owners_height_says_toward_the_models_own_centre():
+    bodies = (Body("forearm", BASE, np.eye(4), HINGE, "elbow"), Body("hand", 0, at(0, -0.3), HINGE, "wrist"))
+    prior = np.zeros((2, 10))
+    prior[:, 0], prior[1, 1:4] = (1.0, 0.5), (0.03, -0.04, 0)
+    arm = with_person(Mechanism(Tree(bodies), GRAVITY, prior.ravel()), Person("deleva", 70, 1.9, "male"))
+    length = 0.0862 / 1.741 * 1.9
+    np.testing.assert_allclose(arm.prior[11:14] / arm.prior[10], 0.79 * length * np.array([0.6, -0.8, 0]), rtol=1e-12)
+
+
+def test_ends_that_are_stated_are_taken():
+    placed = {"pelvis": Placed("pelvis", np.array([0, 0.1, 0]), np.array([0, 0, 0]))}
+    arm = with_person(leg(), Person("dumas", 80, 1.8, "male"), placed)
+    np.testing.assert_allclose(arm.prior[1:4] / arm.prior[0], [0, 0.1 - 0.028, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("placed", "message"),
+    [
+        ({"pelvis": Placed("pelvis")}, "'pelvis' goes from lumbar joint to middle of the hips; say where"),
+        (
+            {"foot_r": Placed("foot")},
+            "'foot_r' goes from ankle to metatarsal heads; say where in its frame, in m, as in",
+        ),
+        ({"nose": Placed("foot")}, "got nose = 'foot'"),
+        ({"foot_r": Placed("nose")}, "thigh, shank, foot; got foot_r = 'nose'"),
+        ({}, "No body is named as a segment"),
+    ],
+)
+def test_what_cannot_be_known_is_asked_for(placed, message):
+    with pytest.raises(InputError, match=message):
+        with_person(leg(), Person("dumas", 80, 1.8, "male"), placed)
+
+
+def test_a_child_as_heavy_as_another_leaves_the_end_open():
+    two_legs = (
+        Body("trunk", BASE, np.eye(4), HINGE, "tilt"),
+        *(Body(name, 0, at(0, -0.1, z), HINGE, name) for name, z in (("left", 0.1), ("right", -0.1))),
+    )
+    prior = np.zeros((3, 10))
+    prior[:, 0] = 1
+    with pytest.raises(ModelError, match="'trunk' goes from hip to knee"):
+        with_person(
+            Mechanism(Tree(two_legs), GRAVITY, prior.ravel()),
+            Person("winter", 60, 1.6, "male"),
+            {"trunk": Placed("thigh")},
+        )
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("vitruvius", 70, 1.7, "male"), "one of winter, deleva, dumas, got 'vitruvius'"),
+        (("dumas", 70, 1.7, "m"), "one of female, male, got 'm'"),
+        (("dumas", 70, 175, "male"), "a height in m, got 70 and 175"),
+        (("dumas", 70, float("nan"), "male"), "got 70 and nan"),
+    ],
+)
+def test_a_person_has_a_table_a_mass_a_height_and_a_sex(given, message):
+    with pytest.raises(InputError, match=message):
+        Person(*given)
+
+
+def test_the_width_is_what_is_published():
+    # Cheng's thigh: 13.6 ± 1.8 %; Winter, de Leva and Dumas: 10, 14.16 and 12.3 % for men.
+    shares = np.array([0.1, 0.1416, 0.123])
+    mass, center = spread("thigh", "male")
+    assert mass == pytest.approx(np.hypot(1.8 / 13.6, shares.std(ddof=1) / shares.mean()))
+    assert center == pytest.approx(np.hypot(0.035, np.std([0.433, 0.4095, 0.429], ddof=1)))
+    arm = with_person(leg(), Person("deleva", 70, 1.75, "male"), {"thigh_r": Placed("thigh")})
+    std, phi = arm.prior_std.reshape(-1, 10), arm.prior.reshape(-1, 10)
+    np.testing.assert_allclose(std[1][:4], phi[1][0] * np.array([mass, *3 * [center * 0.4]]))
+    assert np.isnan(std[[0, 2, 3, 4]]).all()
+
+
+def test_what_is_known_of_base_parameters_has_these_widths():
+    arm = with_person(leg(), Person("deleva", 70, 1.75, "male"), {"thigh_r": Placed("thigh")})
+    base = structural_base_parameters(arm)
+    usual = np.where(np.isnan(arm.prior_std), np.nan, arm.prior_std)
+    mine = known_covariance(arm, base, KNOWN)
+    without = known_covariance(Mechanism(arm.tree, GRAVITY, arm.prior), base, KNOWN)
+    B = base.regroup(np.eye(50)).T
+    change = np.diag(np.nan_to_num(usual)[10:20] ** 2)
+    std = np.array([0.2 * arm.prior[10], *3 * [0.05 * arm.prior[10]]])
+    before = np.diag([*std**2, *change.diagonal()[4:]])
+    np.testing.assert_allclose(mine - without, B[:, 10:20] @ (change - before) @ B[:, 10:20].T, atol=1e-6)
