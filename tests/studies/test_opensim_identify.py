@@ -1,0 +1,141 @@
+"""A leg from an OpenSim file, whose knee slides as it bends, from model and log to verdict and back into the file."""
+
+import warnings
+
+import numpy as np
+import pytest
+from commands import refusal
+from opensim_files import Joint, constant, coordinate, document, linear, spatial, table
+
+import sim
+from experiments import identify
+from ident.errors import LogError
+from ident.estimation.preparation import prepared
+from ident.estimation.setup import PRIORS
+from ident.geometry.inertia import parameters_from_com
+from ident.identification import identified
+from ident.model.regressor import base_wrench_regressor
+from ident.recordings.log import read_log
+from ident.recordings.mapping import read_segments
+from sim.models.notes import ModelNote
+
+SEGMENTS = """[segments]
+femur = "thigh"
+tibia = { segment = "shank", proximal = [0, 0, 0], distal = [0, -0.4, 0] }
+"""
+
+
+def read(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelNote)
+        return sim.mechanism(path)
+
+
+def bodies():
+    """What the leg is in truth, and what the file says of it."""
+    shapes = {"femur": (8.0, -0.17, 0.13), "tibia": (4.0, -0.2, 0.06)}
+    true = {
+        name: parameters_from_com(m, np.array([0.01, y, 0]), np.diag([k, 0.1 * k, k]))
+        for name, (m, y, k) in shapes.items()
+    }
+    return true, {name: 1.2 * phi for name, phi in true.items()}
+
+
+def leg(tmp_path, phi):
+    """Femur on the ground by a pin, tibia by a knee that slides on a spline."""
+    x = np.linspace(-2, 0.2, 7)
+    slide = table(x, 0.03 * np.sin(1.2 * x))
+    along = ("knee", [1, 0, 0], slide), ("", [0, 1, 0], constant(-0.4))
+    still = [("", axis, constant(0)) for axis in np.eye(3)]
+    axes = spatial([*still[:2], ("knee", [0, 0, 1], linear(1)), *along, still[2]])
+    joints = [
+        Joint("PinJoint", "hip", "ground", "femur", [coordinate("hip")], at=(np.array([0, 1.0, 0]), np.zeros(3))),
+        Joint("CustomJoint", "knee", "femur", "tibia", [coordinate("knee", limits=(-2.0, 0.2))], axes),
+    ]
+    path = tmp_path / "leg.osim"
+    path.write_text(document(joints, phi), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def swing(tmp_path_factory):
+    """A model file that is 20 % off, a log of angles and the ground's wrench, and the true φ."""
+    folder = tmp_path_factory.mktemp("leg")
+    true, stated = bodies()
+    path = leg(folder, stated)
+    arm = read(path)
+    t, rng = np.arange(0, 5, 0.01), np.random.default_rng(0)
+    w = 2 * np.pi * np.array([[0.5, 0.9], [1.1, 0.4]])
+    size = np.array([[0.4, 0.5], [0.2, 0.3]])
+    phase = np.array([[0.0, 1.0], [2.0, 0.5]])
+    arg = w * t[:, None, None] + phase
+    q = (size * np.sin(arg)).sum(axis=1) - [0, 0.9]
+    dq, ddq = (size * w * np.cos(arg)).sum(axis=1), (-size * w**2 * np.sin(arg)).sum(axis=1)
+    phi = np.concatenate(list(true.values()))
+    wrench = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ phi
+    noisy = wrench + rng.normal(size=wrench.shape) * [0.5, 0.5, 0.5, 0.2, 0.2, 0.2]
+    angles = q + 0.002 * rng.normal(size=q.shape)
+    names = ["time", "hip", "knee", *(f"ground_f{a}" for a in "xyz"), *(f"ground_t{a}" for a in "xyz")]
+    log = folder / "swing.csv"
+    np.savetxt(log, np.column_stack([t, angles, noisy]), delimiter=",", header=",".join(names), comments="")
+    return path, log, phi
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
+    path, log, phi = swing
+    columns = tmp_path / "columns.toml"
+    columns.write_text(SEGMENTS)
+    person = ["--prior", "deleva", "--mass", "70", "--height", "1.7", "--sex", "male"]
+    given = [str(path), str(log), "--columns", str(columns), "--out", str(tmp_path), "--name", "leg"]
+    assert identify.main([*given, *person]) == 0
+    assert "Usable" in capsys.readouterr().out
+    arm, updated = read(path), read(tmp_path / "leg" / "model.osim")
+    assert updated.tree == arm.tree
+    # The motion does not tell a mass of the shin from a first moment of the thigh, but every wrench.
+    q, dq, ddq = np.random.default_rng(5).uniform(-1, 0, size=(3, 100, 2)) * np.array([[[1]], [[3]], [[10]]])
+    Y = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity)
+    error, size = (np.sqrt(np.mean(x**2, axis=0)) for x in (Y @ (updated.prior - phi), Y @ phi))
+    assert max(error[[0, 1, 5]] / size[[0, 1, 5]]) < 0.05
+    stated = np.sqrt(np.mean((Y @ (arm.prior - phi)) ** 2, axis=0))
+    assert min(stated[[0, 1, 5]] / error[[0, 1, 5]]) > 3
+
+
+def test_the_joint_estimate_knows_how_the_knee_slides(swing):
+    path, log, phi = swing
+    arm = read(path)
+    estimate = identified(prepared(arm, read_log(log, arm)), setup=dict.fromkeys(PRIORS, 0.0))
+    z = (estimate.psi - estimate.base.regroup(phi)) / estimate.std
+    assert np.sqrt(np.mean(z**2)) < 1.6
+    assert max(estimate.held_out.ratio[:2]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["winter", "--mass", "70"], "--prior winter needs --mass, --height, --sex; --height, --sex is missing."),
+        (["auto", "--mass", "70"], "--mass belongs to a table of people, --prior winter, deleva, dumas."),
+        (["dumas", "--mass", "70", "--height", "1.7", "--sex", "male"], "got femur = 'thighs'"),
+        (["dumas", "--mass", "-7", "--height", "1.7", "--sex", "male"], "got -7 and 1.7"),
+    ],
+)
+def test_a_table_needs_its_person(swing, tmp_path, capsys, options, message):
+    path, log, _ = swing
+    (tmp_path / "columns.toml").write_text(SEGMENTS.replace('"thigh"', '"thighs"'))
+    given = [str(path), str(log), "--columns", str(tmp_path / "columns.toml"), "--out", str(tmp_path), "--prior"]
+    assert message in refusal(identify.main, [*given, *options], capsys)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("femur = 3", "segments.femur needs a table of entries, got 3"),
+        ("femur = { proximal = [0, 0, 0] }", "segments.femur needs the name of a segment"),
+        ('femur = { segment = "thigh", distal = [0, 1] }', "segments.femur.distal needs a list of 3 numbers"),
+        ('femur = { segment = "thigh", middle = [0, 1, 0] }', "segments.femur has no entry 'middle'"),
+    ],
+)
+def test_segments_are_names_or_tables(tmp_path, table, message):
+    (tmp_path / "columns.toml").write_text(f"[segments]\n{table}\n")
+    with pytest.raises(LogError, match=message):
+        read_segments(tmp_path / "columns.toml")
