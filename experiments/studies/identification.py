@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ident.estimation.preparation import Prepared, prepared
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
@@ -53,6 +55,8 @@ def prepare(
     if person is not None:
         arm = with_person(arm, person, read_segments(columns) if columns else None)
     log = recorded(arm, log_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
+    if person is not None:
+        log = replace(log, notes=(*log.notes, _of_person(arm, person)))
     ready = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))
     felt = [arm.tree.joints[k] for k in ready.equations.torques]
     if isinstance(arm.source, Origin):
@@ -76,3 +80,12 @@ def recorded(
         sentence = f"Columns of joints that --fix holds still were not read: {', '.join(unread)}."
         log = replace(log, notes=(*log.notes, sentence))
     return log
+
+
+def _of_person(arm: Mechanism, person: Person) -> str:
+    """A sentence on whose bodies the prior has."""
+    assert arm.prior_std is not None
+    known = np.isfinite(arm.prior_std.reshape(-1, 10)).all(axis=1)
+    bodies = ", ".join(name for name, is_known in zip(arm.bodies, known, strict=True) if is_known)
+    whose = f"a {person.sex} person of {person.mass:g} kg and {person.height:g} m"
+    return f"The model's {bodies} are taken from the table '{person.table}', of {whose}."

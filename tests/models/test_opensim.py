@@ -266,6 +266,17 @@ def test_an_entity_is_not_followed(tmp_path):
         read(written(tmp_path, evil))
 
 
+def test_elements_in_entities_are_not_written_back(tmp_path):
+    text = re.sub("<mass>[^<]*</mass>", "&m;", every_kind(1)[0], count=1)
+    text = text.replace("?>\n", '?>\n<!DOCTYPE x [<!ENTITY m "<mass>3</mass>">]>\n', 1)
+    path = written(tmp_path, text)
+    arm = read(path)
+    assert arm.prior[0] == 3
+    with pytest.raises(ModelError, match="come from entities"):
+        sim.write_model(tmp_path / "new.osim", arm, 2 * arm.prior)
+    assert not (tmp_path / "new.osim").exists()
+
+
 def test_an_ignored_constraint_lets_its_coordinate_go(tmp_path):
     arm = read(written(tmp_path, every_kind(1)[0]), ignore=["couple_beta_0"])
     assert "beta_0" in arm.tree.joints

@@ -15,6 +15,7 @@ from ident.estimation.setup import PRIORS
 from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor
+from ident.parameters.anthropometry import TABLES
 from ident.recordings.log import read_log
 from ident.recordings.mapping import read_segments
 from sim.models.notes import ModelNote
@@ -89,7 +90,9 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
     person = ["--prior", "deleva", "--mass", "70", "--height", "1.7", "--sex", "male"]
     given = [str(path), str(log), "--columns", str(columns), "--out", str(tmp_path), "--name", "leg"]
     assert identify.main([*given, *person]) == 0
-    assert "Usable" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Usable" in said
+    assert "The model's femur, tibia are taken from the table 'deleva', of a male person of 70 kg and 1.7 m." in said
     arm, updated = read(path), read(tmp_path / "leg" / "model.osim")
     assert updated.tree == arm.tree
     # The motion does not tell a mass of the shin from a first moment of the thigh, but every wrench.
@@ -108,6 +111,10 @@ def test_the_joint_estimate_knows_how_the_knee_slides(swing):
     z = (estimate.psi - estimate.base.regroup(phi)) / estimate.std
     assert np.sqrt(np.mean(z**2)) < 1.6
     assert max(estimate.held_out.ratio[:2]) < 0.1
+
+
+def test_every_table_is_a_prior():
+    assert set(identify.PRIOR) == {"auto", "on", "off", *TABLES}
 
 
 @pytest.mark.parametrize(

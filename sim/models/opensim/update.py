@@ -50,7 +50,7 @@ def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray) -> None:
         phi: φ of its bodies, welds kept (10 b,).
 
     Raises:
-        ModelError: The file is in an encoding of two bytes a letter, or does not read back as φ.
+        ModelError: The file is in an encoding of two bytes a letter, has elements in entities, or does not read back.
         InputError: φ does not fit the bodies, one is not physical, or the file would not end in `.osim`.
     """
     origin: OpenSimOrigin = mechanism.source
@@ -121,7 +121,8 @@ def _places(data: bytes) -> dict[str, _BodyText]:
     def start(tag: str, attributes: dict[str, str]) -> None:
         at = parser.CurrentByteIndex
         match = _TAG.match(data, at)
-        assert match is not None
+        if match is None:
+            raise ModelError("A file whose elements come from entities cannot be written back; let OpenSim save it.")
         element = _Element(at, match.end(), at, bool(match[1]))
         path.append(tag)
         open_elements.append(element)
