@@ -28,7 +28,7 @@ from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from sim.models.notes import ModelNote
 from sim.models.opensim.functions import CLOSE
 
-DATA = Path(__file__).parents[1] / "data"
+DATA = Path(__file__).parents[1] / "data" / "opensim"
 ROTATIONS = [("", np.eye(3)[k], constant(0)) for k in range(3)]
 
 
