@@ -37,7 +37,7 @@ readme: $(INSTALLED)
 clean:
 	rm -rf $(VENV) build dist *.egg-info results
 
-$(INSTALLED): pyproject.toml $(CONSTRAINTS)
+$(INSTALLED): pyproject.toml ident/model/blocks.c $(CONSTRAINTS)
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and \
 		'Python 3.11 or newer is needed, $(PYTHON) is older: use make PYTHON=python3.12, say.')"
 	$(PYTHON) -m venv $(VENV)

@@ -107,14 +107,15 @@ class Measurement:
 
     def _run(self, program: Program, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Results (K, N), those of one sample beside each other in memory."""
-        inputs = np.concatenate([*states.swapaxes(1, 2), wrenches.reshape(len(wrenches), -1).T])
+        rows = [*states.swapaxes(1, 2), wrenches.reshape(len(wrenches), -1).T]
+        inputs = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
         out = np.empty((len(wrenches), program.results))
         some = np.zeros((program.results, min(CHUNK, len(wrenches))))
         program.fill(some)
         for first in range(0, len(out), CHUNK):
             part = slice(first, first + CHUNK)
             results = some[:, : len(out[part])]
-            program.run([*inputs[:, part], *theta], results)
+            program.run(inputs[:, part], results, theta)
             out[part] = results.T
         return out.T
 

@@ -15,13 +15,16 @@ from ident.errors import InputError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.model import closed_form
+from ident.model import closed_form, compiled
 from ident.model.tape import Program, Tape
 from ident.tolerances import DRIVE, STRIBECK
 
-CHUNK = 4096
-"""Samples worked on together: few enough for the intermediate results to stay in the cache, and enough to make the
-calls that work on them worth their while."""
+CHUNK, LEAST_CHUNK = 4096, 1024
+"""Samples worked on together, at most and at least: enough to make the calls that work on them worth their while."""
+
+MEMORY, MEMORY_COMPILED = 2**24, 2**21
+"""Bytes that results and registers of a program take then: few enough to stay in a cache. Large programs would take
+less, but without compiled code the calls of numpy for fewer samples take longer than their memory does."""
 
 FEW = 5
 """Samples below which the equations are not recorded but evaluated one by one."""
@@ -174,16 +177,28 @@ def _one_sample(
     return Y.T[list(columns)].ravel()
 
 
+def chunk(program: Program) -> int:
+    """How many samples to work on together."""
+    compiled_too = compiled.available()
+    rows = program.results if compiled_too else program.results + program.registers
+    most = (MEMORY_COMPILED if compiled_too else MEMORY) // (8 * max(rows, 1))
+    return min(max(most, LEAST_CHUNK), CHUNK)
+
+
 def _freedoms(tree: Tree) -> np.ndarray:
     """Where joint coordinates, velocities and accelerations end among the inputs."""
     return np.cumsum([sum(body.coordinates for body in tree.bodies), len(tree.freedoms), len(tree.freedoms)])
 
 
 def program_inputs(motion: Motion, gravity: np.ndarray) -> np.ndarray:
-    """Inputs of a `regressor_program` for a motion: joint states, and the base's motion if it moves (n, N)."""
+    """Inputs of a `regressor_program` for a motion: joint states, and the base's motion if it moves (n, N).
+
+    The samples of an input are next to each other in memory.
+    """
     rows = [x.T for x in motion.states]
     if (base := motion.base) is not None:
         w, v = base.V[:, 3:], base.V[:, :3]
         down = np.asarray(gravity, float) @ base.T[:, :3, :3]
         rows += [w.T, base.dV[:, 3:].T, (base.dV[:, :3] + np.cross(w, v) - down).T]
-    return np.concatenate(rows)
+    out = np.empty((sum(map(len, rows)), len(motion)))
+    return np.concatenate(rows, out=out)

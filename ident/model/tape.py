@@ -5,10 +5,13 @@ Zeros and ones fold away, an operation that stands on the tape already is not wr
 its outputs need and no more. What a mechanism's geometry makes zero or constant therefore costs nothing later.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+
+from ident.model import compiled
 
 Number = int | float
 
@@ -173,15 +176,35 @@ class Program:
         for k, value in self.constants:
             out[k] = value
 
-    def run(self, inputs: Iterable[np.ndarray | float], out: np.ndarray) -> None:
+    @cached_property
+    def written(self) -> np.ndarray:
+        """Which results are not zero whatever the inputs are (K,)."""
+        out = np.zeros(self.results, bool)
+        first = self.inputs + len(self.numbers)
+        out[[k for k, _ in self.constants]] = True
+        out[[target - first for *_, target in self.code if first <= target < first + self.results]] = True
+        return out
+
+    @cached_property
+    def encoded(self) -> compiled.Encoded:
+        """The same for compiled code."""
+        operands = self.inputs + len(self.numbers)
+        return compiled.Encoded((operands, self.results, self.registers), self.code)
+
+    def run(self, inputs: np.ndarray, out: np.ndarray, constants: Sequence[float] | np.ndarray = ()) -> None:
         """Writes the results that depend on the inputs into `out` (K, C), and leaves the others as they are.
 
         Args:
-            inputs: The n inputs, an array (C,) or one number for all samples each.
-            out: Where to.
+            inputs: The first of the inputs, samples next to each other in memory (n - k, C).
+            out: Where to, likewise.
+            constants: The last inputs, if they are the same for all samples (k,).
         """
+        numbers = np.array([*constants, *self.numbers])
+        if out.shape[1] >= compiled.BLOCK and compiled.available():
+            self.encoded.run(numbers, inputs, out)
+            return
         registers = np.empty((self.registers, out.shape[1]))
-        row = [*inputs, *map(np.float64, self.numbers), *out, *registers]
+        row = [*inputs, *numbers, *out, *registers]
         for operation, a, b, target in self.code:
             if b is None:
                 operation(row[a], row[target])

@@ -1,0 +1,173 @@
+"""Programs carried out by compiled code, `blocks.c`, where a compiler was there when this package was installed.
+
+Everything works without it, and gives the same numbers but for sines and cosines, which may differ in their last two
+digits of fifty-three. The environment variable MULTICONTACT_COMPILED=0 switches it off.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from ctypes import CDLL, POINTER, Structure, byref, c_int64, c_void_p
+from functools import cache
+from importlib.util import find_spec
+from math import prod
+from typing import Any
+
+import numpy as np
+
+VARIABLE = "MULTICONTACT_COMPILED"
+"""Environment variable that switches compiled code off."""
+
+BLOCK, COLUMN = 32, 136
+"""Samples that programs work on at once, and need at least; and the room for a column of samples whose products are
+taken at once."""
+
+LANES = 8
+"""Sums that grow side by side, to be added at the end."""
+
+OPERATIONS = (
+    np.negative,
+    np.positive,
+    np.sin,
+    np.cos,
+    np.tanh,
+    np.add,
+    np.subtract,
+    np.multiply,
+    np.divide,
+)
+"""Operations in the order of `blocks.c`."""
+
+LINE = 64
+"""Bytes that processors fetch together; rows that begin with one are read and written faster."""
+
+
+class _Program(Structure):
+    """A program as `blocks.c` has it."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("inputs", "numbers", "results", "registers", "steps")),
+        ("code", c_void_p),
+    )
+
+
+def available() -> bool:
+    """Whether there is compiled code, and it is not switched off."""
+    return os.environ.get(VARIABLE) != "0" and _library() is not None
+
+
+@contextmanager
+def switched(on: bool) -> Iterator[None]:
+    """Switches compiled code on or off for a block, for this process and those that it starts."""
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = str(int(on))
+    try:
+        yield
+    finally:
+        del os.environ[VARIABLE]
+        if before is not None:
+            os.environ[VARIABLE] = before
+
+
+class Encoded:
+    """A program in the form that compiled code takes."""
+
+    def __init__(self, sizes: tuple[int, int, int], code: Sequence[tuple[np.ufunc, int, int | None, int]]) -> None:
+        """From its numbers of operands that are inputs or numbers, of results and of registers, and from its code."""
+        self.operands, self.results, self.registers = sizes
+        steps = [(OPERATIONS.index(operation), a, a if b is None else b, target) for operation, a, b, target in code]
+        self.code = np.array(steps, np.int32).reshape(-1, 4)
+
+    def run(self, numbers: np.ndarray, inputs: np.ndarray, out: np.ndarray) -> None:
+        """Carries it out.
+
+        Args:
+            numbers: Numbers among its operands; their places come after the inputs'.
+            inputs: Inputs, samples last and next to each other (n, C).
+            out: Where results go, likewise (K, C), of at least `BLOCK` samples.
+        """
+        program, operands, places, room, _held = self._with(numbers)
+        _loaded().run(program, operands, *_rows(inputs), *_rows(out), out.shape[1], places, room)
+
+    def grams(
+        self,
+        numbers: np.ndarray,
+        inputs: np.ndarray,
+        rows: np.ndarray,
+        measured: np.ndarray,
+        weights: np.ndarray | None,
+        inverse: np.ndarray,
+        first: Sequence[int],
+    ) -> np.ndarray:
+        """Gram matrices of columns times a triangular matrix, of which the program computes the first ones.
+
+        Args:
+            numbers: As for `run`, also `inputs`.
+            rows: All columns, with those that are constant written (k, C, COLUMN); overwritten.
+            measured: The last column (n, C).
+            weights: What rows are multiplied by (n, C).
+            inverse: Upper triangular (k, k).
+            first: The first column that each channel sees (C,).
+
+        Returns:
+            Gram matrix of each channel (C, k, k).
+        """
+        (k, channels, _), samples = rows.shape, len(measured)
+        program, operands, places, room, _held = self._with(numbers)
+        measured, inverse = np.ascontiguousarray(measured, float), np.ascontiguousarray(inverse)
+        weights = None if weights is None else np.ascontiguousarray(weights, float)
+        even = k + k % 2
+        starts, work = np.array(first, np.int64) // 2 * 2, zeros(even, COLUMN)
+        sums, products = np.empty((channels, even, even, LANES)), np.empty((channels, even, even))
+        _loaded().grams(
+            program,
+            operands,
+            *_rows(inputs),
+            measured.ctypes.data,
+            None if weights is None else weights.ctypes.data,
+            *(samples, channels, k, inverse.ctypes.data, starts.ctypes.data, places, room),
+            *(rows.ctypes.data, work.ctypes.data, sums.ctypes.data, products.ctypes.data),
+        )
+        below = np.tril(products[:, :k, :k])
+        return below + np.swapaxes(np.tril(below, -1), 1, 2)
+
+    def _with(self, numbers: np.ndarray) -> tuple[Any, int, int, int, object]:
+        """The program, addresses of its numbers and of what it works in, and what holds that."""
+        places = np.empty(self.operands + self.results + self.registers, np.intp)
+        room = zeros(len(numbers) + self.registers, BLOCK)
+        sizes = self.operands - len(numbers), len(numbers), self.results, self.registers, len(self.code)
+        program = _Program(*sizes, self.code.ctypes.data)
+        return byref(program), numbers.ctypes.data, places.ctypes.data, room.ctypes.data, (numbers, places, room)
+
+
+def zeros(*shape: int) -> np.ndarray:
+    """Zeros that begin where a line of the cache does."""
+    number = prod(shape)
+    memory = np.zeros(number + LINE // 8)
+    start = -memory.ctypes.data % LINE // 8
+    return memory[start : start + number].reshape(shape)
+
+
+def _rows(x: np.ndarray) -> tuple[int, int]:
+    """Where rows begin, and how many numbers apart they are."""
+    return x.ctypes.data, x.strides[0] // 8
+
+
+def _loaded() -> CDLL:
+    library = _library()
+    assert library is not None
+    return library
+
+
+@cache
+def _library() -> CDLL | None:
+    """The compiled code, if it was built."""
+    spec = find_spec("ident.model._blocks")
+    if spec is None or spec.origin is None:
+        return None
+    library = CDLL(spec.origin)
+    program, address, number = POINTER(_Program), c_void_p, c_int64
+    library.run.argtypes = (program, address, *(address, number) * 2, number, address, address)
+    library.grams.argtypes = (program, *(address,) * 2, number, *(address,) * 2, *(number,) * 3, *(address,) * 8)
+    library.run.restype = library.grams.restype = None
+    return library
