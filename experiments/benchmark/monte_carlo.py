@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from experiments.benchmark.mechanisms import Subject, double_pendulum
 from experiments.benchmark.peers import PINOCCHIO_NAME, Pinocchio
 from experiments.benchmark.timing import Comparison, Effort, alternating
 from experiments.cli.defaults import SCENE
+from ident.estimation.accumulator import accumulate
 from ident.estimation.least_squares import least_squares
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
@@ -65,7 +66,13 @@ class Trials:
 
     def identified(self, seeds: Iterable[int]) -> np.ndarray:
         """Our ψ of each trial (trials, r)."""
-        return np.array([least_squares(self.mechanism.equations, self.drawn(seed)).psi for seed in seeds])
+        equations = self.mechanism.equations
+        return np.array([least_squares(equations, self.drawn(seed), factor=self.factor).psi for seed in seeds])
+
+    @cached_property
+    def factor(self) -> np.ndarray:
+        """Coordinates that suit all trials, those of the samples without noise."""
+        return accumulate(self.mechanism.equations, self.true).factor
 
     def solved(self, peer: Pinocchio, columns: Sequence[int] | None, seeds: Iterable[int]) -> np.ndarray:
         """What Pinocchio's regressor and least squares on some columns give for each trial (trials, columns)."""

@@ -134,7 +134,8 @@ def separated(accumulated: Accumulator, equations: Equations) -> tuple[Accumulat
     fewer = equations.with_offsets([equations.offsets[k - first] for k in kept if k >= first])
     # Rows in the coordinates of P are Z P, of which some columns are Z Q R.
     Q, R = np.linalg.qr(accumulated.factor[:, [*kept, len(equations.names)]])
-    return replace(accumulated, names=fewer.names, factor=R, grams=Q.T @ accumulated.grams @ Q), fewer
+    grams = Q.T @ accumulated.grams @ Q
+    return replace(accumulated, names=fewer.names, factor=R, order=np.arange(len(R)), grams=grams), fewer
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,9 @@ Of every channel the Gram matrix of its rows `[Y_b | Γ]` is kept, in coordinate
 orthonormal: `Z = [Y_b | Γ] P⁻¹`, with the triangular factor P of a QR decomposition of a few samples. So the condition
 number is not squared, and the sum is as accurate as a Householder QR of all rows. Where later samples excite what the
 first ones did not, P is renewed by a QR of all that is known stacked on the chunk.
+
+Columns that only few channels see come first (`Equations.order`), so that for the other channels the triangle P begins
+behind them: forces do not see inertias.
 """
 
 from dataclasses import dataclass, replace
@@ -13,6 +16,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.errors import InputError
+from ident.estimation.chunks import Chunk, chunks
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 
@@ -21,9 +25,6 @@ PROBE = 64
 
 FLOOR = 1e-7
 """Columns of the coordinates stick out of the span of others by this fraction at least, whether excited or not."""
-
-SMALL = 16
-"""Columns below which a general matrix product is faster than a symmetric one."""
 
 SPREAD = 100.0
 """How far from orthogonal columns may become in their coordinates before these are renewed."""
@@ -37,7 +38,8 @@ class Accumulator:
 
     Attributes:
         names: Names of the r columns.
-        factor: P, upper triangular (r + 1, r + 1).
+        factor: P, upper triangular if its columns are taken in their order (r + 1, r + 1).
+        order: That order, the measurements last (r + 1,).
         grams: Gram matrix of the rows `[Y_b | Γ] P⁻¹` of each channel (C, r + 1, r + 1).
         samples: Number of samples.
         chunks: Number of chunks they came in.
@@ -47,6 +49,7 @@ class Accumulator:
 
     names: tuple[str, ...]
     factor: np.ndarray
+    order: np.ndarray
     grams: np.ndarray
     samples: int
     chunks: int
@@ -81,32 +84,38 @@ class Accumulator:
             )
         a, b, factored = self, other, self.factored + other.factored
         if not np.array_equal(a.factor, b.factor):
-            common = _factor(np.vstack([a.root, b.root]))
+            common = _factor(np.vstack([a.root, b.root]), a.order)
             a, b = a._in(common), b._in(common)
         samples, chunks = a.samples + b.samples, a.chunks + b.chunks
-        return Accumulator(a.names, a.factor, a.grams + b.grams, samples, chunks, factored, a.weighted)
+        return Accumulator(a.names, a.factor, a.order, a.grams + b.grams, samples, chunks, factored, a.weighted)
 
     def _in(self, factor: np.ndarray) -> "Accumulator":
-        """The same in other coordinates."""
+        """The same in other coordinates, whose factor is triangular in the same order."""
         # Solved for, not multiplied with an inverse: coordinates of a joint at rest are far from orthogonal.
-        change = lapack.dtrtrs(factor, self.factor.T, trans=1)[0].T
+        change = lapack.dtrtrs(factor[:, self.order], self.factor[:, self.order].T, trans=1)[0].T
         return replace(self, factor=factor, grams=change.T @ self.grams @ change)
 
-    def with_rows(self, rows: np.ndarray) -> "Accumulator":
-        """With the rows of another chunk, columns `[Y_b | Γ]` first (r + 1, C, n)."""
-        number = {"samples": self.samples + rows.shape[2], "chunks": self.chunks + 1}
-        grams = self.grams + _grams(rows, self.factor)
+    def with_chunk(self, chunk: Chunk) -> "Accumulator":
+        """With another chunk of samples."""
+        samples, count = self.samples + chunk.samples, self.chunks + 1
+        grams = self.grams + chunk.grams(self.factor[:, self.order])
         if _is_orthogonal(grams.sum(axis=0)):
-            return replace(self, grams=grams, **number)
-        renewed = self._in(_factor(np.vstack([self.root, rows.reshape(len(rows), -1).T])))
-        grams = renewed.grams + _grams(rows, renewed.factor)
-        return replace(renewed, grams=grams, factored=self.factored + 1, **number)
+            return replace(self, grams=grams, samples=samples, chunks=count)
+        renewed = self._in(_factor(np.vstack([self.root, _natural(chunk.rows(1), self.order)]), self.order))
+        grams = renewed.grams + chunk.grams(renewed.factor[:, self.order])
+        return replace(renewed, grams=grams, samples=samples, chunks=count, factored=self.factored + 1)
 
 
-def _first_factor(rows: np.ndarray) -> np.ndarray:
-    """Coordinates P for rows like those of a first chunk (r + 1, C, n)."""
-    step = max(1, rows.shape[2] // max(PROBE, len(rows)))
-    return _factor(rows[:, :, ::step].reshape(len(rows), -1).T)
+def _first_factor(chunk: Chunk, order: np.ndarray) -> np.ndarray:
+    """Coordinates P for rows like those of a first chunk."""
+    return _factor(_natural(chunk.rows(max(1, chunk.samples // max(PROBE, len(order)))), order), order)
+
+
+def _natural(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Rows (m, r + 1) of columns in their order (r + 1, C, n)."""
+    out = np.empty((rows[0].size, len(order)))
+    out[:, order] = rows.reshape(len(rows), -1).T
+    return out
 
 
 def square_root(gram: np.ndarray) -> np.ndarray:
@@ -145,26 +154,24 @@ def accumulate(
     if start is not None and (start.names, start.weighted) != (equations.names, weighted):
         raise InputError("Samples are added to an accumulator of the same base parameters and weighting only.")
     total = start
-    for rows in equations.rows(samples, factors):
+    for chunk in chunks(equations, samples, factors):
         if total is None:
-            own = _first_factor(rows) if factor is None else factor
-            total = Accumulator(equations.names, own, np.zeros((rows.shape[1], *own.shape)), 0, 0, 0, weighted)
-        total = total.with_rows(rows)
+            order, _ = equations.order(samples)
+            own = _first_factor(chunk, order) if factor is None else factor
+            grams = np.zeros((len(equations.channels), *own.shape))
+            total = Accumulator(equations.names, own, order, grams, 0, 0, 0, weighted)
+        total = total.with_chunk(chunk)
     return cast(Accumulator, total)
 
 
-def _grams(rows: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """Gram matrices of each channel's rows in the coordinates of a factor (C, r + 1, r + 1)."""
-    to_coordinates = inverse_of(factor).T
-    grams = np.empty((rows.shape[1], len(rows), len(rows)))
-    for gram, channel in zip(grams, np.moveaxis(rows, 1, 0), strict=True):
-        Z = to_coordinates @ channel
-        # Times itself numpy takes it to BLAS's symmetric product, which is slower than the general one if it is small.
-        np.matmul(Z, (Z.copy() if len(Z) < SMALL else Z).T, out=gram)
-    return grams
+def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Factor of rows (m, k), triangular with its columns in an order, regular whatever they are (k, k)."""
+    out = np.empty((len(order), len(order)))
+    out[:, order] = _regular_triangle(rows[:, order])
+    return out
 
 
-def _factor(rows: np.ndarray) -> np.ndarray:
+def _regular_triangle(rows: np.ndarray) -> np.ndarray:
     """Triangular factor of rows (m, k), regular whatever they are (k, k)."""
     size = rows.shape[1]
     triangle = triangle_of(np.vstack([rows, np.zeros((max(size - len(rows), 0), size))]))
@@ -181,11 +188,6 @@ def _factor(rows: np.ndarray) -> np.ndarray:
 def triangle_of(rows: np.ndarray) -> np.ndarray:
     """Triangular factor of a QR decomposition."""
     return np.asarray(np.linalg.qr(rows, mode="r"))
-
-
-def inverse_of(factor: np.ndarray) -> np.ndarray:
-    """Inverse of a regular upper triangular matrix."""
-    return lapack.dtrtri(factor)[0]
 
 
 def _is_orthogonal(gram: np.ndarray) -> bool:

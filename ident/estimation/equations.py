@@ -9,7 +9,9 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation.samples import Samples, check_samples, whitened
 from ident.mechanism.mechanism import Mechanism
-from ident.model.regressor import CHUNK, drive_columns, drive_names, program_inputs, regressor_program
+from ident.model.compiled import zeros
+from ident.model.regressor import chunk, drive_columns, drive_names, program_inputs, regressor_program
+from ident.model.tape import Program
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.tolerances import DRIVE
@@ -79,7 +81,61 @@ class Equations:
         check_samples(samples, self.mechanism.tree, len(self.channels), where)
         return replace(samples, motion=samples.motion.checked(self.mechanism.tree))
 
-    def rows(self, samples: Samples, factors: np.ndarray | None = None) -> Iterator[np.ndarray]:
+    def order(self, samples: Samples) -> tuple[np.ndarray, tuple[int, ...]]:
+        """Columns `[Y_b | drives | offsets | measured]` in an order in which those that few channels see come first.
+
+        Args:
+            samples: Samples that fit.
+
+        Returns:
+            Base columns in this order, and then the others as they are (columns + 1,); and the first of the columns in
+            this order that each channel sees (C,).
+        """
+        moving = samples.motion.base is not None
+        if moving not in self._orders:
+            seen, rank = self._seen(moving), self.parameters.rank
+            order = np.append(np.argsort(seen[:rank].sum(axis=1), kind="stable"), np.arange(rank, len(seen)))
+            self._orders[moving] = order, tuple(seen[order].argmax(axis=0).tolist())
+        return self._orders[moving]
+
+    @cached_property
+    def _orders(self) -> dict[bool, tuple[np.ndarray, tuple[int, ...]]]:
+        return {}
+
+    def _seen(self, moving: bool) -> np.ndarray:
+        """Which columns and measurements are not zero whatever the motion is (columns + 1, C)."""
+        rank, (wrench, torques) = self.parameters.rank, self._parts()
+        seen = np.ones((len(self.names) + 1, len(self.channels)), bool)
+        if wrench:
+            of_wrench = self.program(moving=moving, torques=False).written.reshape(rank, 6)
+            seen[:rank, wrench] = of_wrench if self.wrench is None else of_wrench @ (self.wrench != 0).T
+        if torques:
+            own = self.program(moving=moving, torques=True).written.reshape(rank, -1)
+            seen[:rank, torques] = own[:, list(self.torques)]
+        seen[rank:-1, wrench] = False
+        seen[rank + len(self.drives) + np.arange(len(self.offsets)), list(self.offsets)] = True
+        return seen
+
+    @property
+    def straight(self) -> bool:
+        """Whether the channels are all six components of the wrench, which come straight from the program."""
+        return self.wrench is None and not self.torques
+
+    def block(self, samples: int) -> np.ndarray:
+        """Memory for columns and measurements of some samples (columns + 1, C, samples), offsets written."""
+        out = zeros(len(self.names) + 1, len(self.channels), samples)
+        out[self.parameters.rank + len(self.drives) + np.arange(len(self.offsets)), list(self.offsets)] = 1
+        return out
+
+    def program(self, *, moving: bool, torques: bool, order: np.ndarray | None = None) -> Program:
+        """What computes the base columns, by default in their own order."""
+        kept = self.parameters.kept
+        kept = kept if order is None else tuple(kept[k] for k in order[: self.parameters.rank])
+        return regressor_program(self.mechanism, kept, moving=moving, torques=torques)
+
+    def rows(
+        self, samples: Samples, factors: np.ndarray | None = None, *, order: np.ndarray | None = None
+    ) -> Iterator[np.ndarray]:
         """Columns and measurements of samples that fit, chunk by chunk in the same memory.
 
         They are whitened where the samples have a covariance.
@@ -87,39 +143,39 @@ class Equations:
         Args:
             samples: The samples (N).
             factors: What each row is multiplied by (N, C).
+            order: As `order` gives it, by default the columns' own.
 
         Yields:
             Columns first, measurements last (columns + 1, C, chunk).
         """
-        arm, rank, kept = self.mechanism, self.parameters.rank, self.parameters.kept
+        arm, rank = self.mechanism, self.parameters.rank
         down = arm.gravity.astype(float)
-        moving = samples.motion.base is not None
-        size, (wrench, torques) = min(CHUNK, len(samples)), self._parts()
-        block = np.zeros((len(self.names) + 1, len(self.channels), size))
-        block[rank + len(self.drives) + np.arange(len(self.offsets)), list(self.offsets)] = 1
-        # All six components of the wrench come straight from the program; others are made of these.
-        straight = self.wrench is None and not self.torques
+        moving, (wrench, torques) = samples.motion.base is not None, self._parts()
+        of_wrench = self.program(moving=moving, torques=False, order=order) if wrench else None
+        of_torques = self.program(moving=moving, torques=True, order=order) if torques else None
+        used = [program for program in (of_wrench, of_torques) if program]
+        size = min(min(map(chunk, used)), len(samples))
+        block, straight = self.block(size), self.straight
         seen = block[:rank] if straight else np.zeros((rank, 6, size))
-        felt = np.zeros((rank, len(arm.tree.freedoms) if self.torques else 0, size))
-        programs = [(seen, regressor_program(arm, kept, moving=moving, torques=False))] if wrench else []
-        programs += [(felt, regressor_program(arm, kept, moving=moving, torques=True))] if self.torques else []
+        felt = np.zeros((rank, len(arm.tree.freedoms) if torques else 0, size))
+        programs = [(out, program) for out, program in ((seen, of_wrench), (felt, of_torques)) if program]
         for out, program in programs:
             program.fill(out.reshape(-1, size))
-        for first in range(0, len(samples), CHUNK):
-            part = samples[first : first + CHUNK]
+        for first in range(0, len(samples), size):
+            part = samples[first : first + size]
             count, inputs = len(part), program_inputs(part.motion, down)
             for out, program in programs:
                 program.run(inputs, out.reshape(-1, size)[:, :count])
             rows = block[:, :, :count]
             if not straight and wrench:
                 rows[:rank, wrench] = seen[:, :, :count] if self.wrench is None else self.wrench @ seen[:, :, :count]
-            if self.torques:
+            if torques:
                 rows[:rank, torques] = felt[:, list(self.torques), :count]
                 rows[rank : rank + len(self.drives), torques] = self._drives(part)
             rows[-1] = part.measured.T
             if part.covariance is not None:
                 rows = whitened(rows, part.covariance)
-            yield rows if factors is None else rows * factors[first : first + CHUNK].T
+            yield rows if factors is None else rows * factors[first : first + size].T
 
     def _parts(self) -> tuple[range, range]:
         """Where the channels of the wrench and of the torques stand."""

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.errors import InputError
-from ident.estimation.accumulator import PROBE, Accumulator, accumulate, inverse_of, square_root, triangle_of
+from ident.estimation.accumulator import PROBE, Accumulator, accumulate, square_root, triangle_of
+from ident.estimation.chunks import inverse_of
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import check_excitation, noise_rows
 from ident.estimation.in_order import in_order
@@ -118,6 +119,7 @@ def least_squares(
     source: Source,
     *,
     state_noise: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    factor: np.ndarray | None = None,
     executor: Executor | None = None,
     ahead: int | None = None,
 ) -> Fit:
@@ -135,6 +137,8 @@ def least_squares(
         source: Samples or a recording, or an iterable of such pieces.
         state_noise: Standard deviations of the noise on the columns of q, dq and ddq. With them a joint that rests but
             whose sensors are noisy does not pass for excited.
+        factor: Coordinates to start from (`Accumulator.factor`), as of another trial of the same motion; by default
+            they are found first.
         executor: Where pieces are worked on, by default here. Pieces in memory are split for it. Its workers are best
             held to one thread for linear algebra (`OPENBLAS_NUM_THREADS=1`).
         ahead: Number of pieces to submit ahead, more than there are workers; by default as `in_order`.
@@ -150,12 +154,12 @@ def least_squares(
     first = next(stream)
     noise = None if state_noise is None else noise_rows(equations, first, state_noise)
     if executor is None:
-        accumulated = accumulate(equations, first)
+        accumulated = accumulate(equations, first, factor=factor)
         for piece in stream:
             accumulated = accumulate(equations, piece, start=accumulated)
     else:
         # In common coordinates accumulators add without a change of them.
-        factor = accumulate(equations, first[:PROBE]).factor
+        factor = accumulate(equations, first[:PROBE]).factor if factor is None else factor
         work = partial(accumulate, equations, factor=factor)
         accumulated = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
     return solve(accumulated, equations, noise)
@@ -183,13 +187,17 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
             f"This was accumulated for {', '.join(accumulated.names)}, not for {', '.join(equations.names)}."
         )
     m, gram = len(accumulated.names), accumulated.gram
-    P_b, p, scale = accumulated.factor[:m, :m], accumulated.factor[:m, m], accumulated.factor[m, m]
+    order = accumulated.order[:m]
+    P_b, p, scale = accumulated.factor[:m, order], accumulated.factor[:m, m], accumulated.factor[m, m]
     # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, and its Cholesky factor that of QR.
     try:
         A = np.linalg.cholesky(gram[:m, :m]).T
     except np.linalg.LinAlgError:
         A = triangle_of(square_root(gram[:m, :m]))
+    natural = np.argsort(order)
     R = A @ P_b
+    if (natural[1:] < natural[:-1]).any():
+        R = triangle_of(R[:, natural])
     check_excitation(R, accumulated.names, accumulated.samples, noise)
     inverse = inverse_of(A)
     shift = scale * inverse @ (inverse.T @ gram[:m, m])
@@ -198,7 +206,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
     squares = np.maximum(residual @ accumulated.grams @ residual, 0)
     own = accumulated.grams[:, :m, :m]
     seen = np.trace(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * np.trace(gram[:m, :m])
-    half = inverse_of(P_b) @ inverse
+    half = (inverse_of(P_b) @ inverse)[natural]
     if accumulated.weighted:
         covariance = half @ half.T
     else:
@@ -206,7 +214,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
         covariance = half @ np.tensordot(_variances(squares, shares, accumulated.samples), shares, axes=1) @ half.T
     return Fit(
         equations=equations,
-        values=lapack.dtrtrs(P_b, p + shift)[0],
+        values=lapack.dtrtrs(P_b, p + shift)[0][natural],
         covariance=covariance,
         weighted=accumulated.weighted,
         triangle=R,

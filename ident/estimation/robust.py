@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.accumulator import accumulate, inverse_of
+from ident.estimation.accumulator import accumulate
+from ident.estimation.chunks import inverse_of
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, huber_white, least_squares, solve
 from ident.estimation.noise import Sandwich

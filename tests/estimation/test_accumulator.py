@@ -11,7 +11,7 @@ from fits import equations, fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, tilted_axis
 from scipy import linalg
 
-from ident.estimation.accumulator import Accumulator, _factor, accumulate
+from ident.estimation.accumulator import Accumulator, _regular_triangle, accumulate
 from ident.estimation.least_squares import huber_white, solve
 from ident.model.regressor import CHUNK, base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
@@ -244,11 +244,11 @@ def test_coordinates_are_regular_and_leave_what_is_excited(out, least):
     rng = np.random.default_rng(0)
     Q = linalg.qr(rng.normal(size=(50, 4)), mode="economic")[0]
     rows = np.column_stack([Q[:, 0], Q[:, 1], Q[:, :2] @ [0.6, 0.8] + out * Q[:, 2], Q[:, 3]]) * [1, 10, 0.1, 100]
-    P = _factor(rows)
+    P = _regular_triangle(rows)
     sizes = abs(np.diag(P)) / np.linalg.norm(P, axis=0)
     np.testing.assert_allclose(sizes, [1, 1, least / np.hypot(1, out), 1], rtol=0.01)
     np.testing.assert_allclose(np.linalg.norm(P, axis=0), np.linalg.norm(rows, axis=0), rtol=1e-9)
     # One that is nothing but zeros, or rounding, is measured against the others.
     still = np.column_stack([Q[:, 0], 1e-20 * out * Q[:, 1], Q[:, 2]])
-    np.testing.assert_allclose(abs(np.diag(_factor(still))), [1, 1e-14, 1], rtol=0.01)
-    np.testing.assert_allclose(abs(np.diag(_factor(np.zeros((3, 2))))), 1e-7, rtol=0.01)
+    np.testing.assert_allclose(abs(np.diag(_regular_triangle(still))), [1, 1e-14, 1], rtol=0.01)
+    np.testing.assert_allclose(abs(np.diag(_regular_triangle(np.zeros((3, 2))))), 1e-7, rtol=0.01)

@@ -25,7 +25,12 @@ class Columns:
     def checked(self, samples, where=""):
         return samples
 
-    def rows(self, samples, factors=None):
+    straight = False
+
+    def order(self, samples):
+        return np.arange(len(self.names) + 1), (0,) * len(self.channels)
+
+    def rows(self, samples, factors=None, order=None):
         rows = np.concatenate([samples.motion, samples.measured[..., None]], axis=2).transpose(2, 1, 0)
         yield rows if factors is None else rows * factors.T
 

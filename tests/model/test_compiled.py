@@ -1,0 +1,104 @@
+"""What compiled code gives is what numpy gives."""
+
+import numpy as np
+import pytest
+from mechanisms import random_states, random_tree
+
+from ident.estimation.accumulator import accumulate
+from ident.estimation.equations import Equations
+from ident.estimation.samples import Samples
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import BaseMotion, Motion
+from ident.model import adjoint, compiled, regressor
+from ident.model.tape import Program, Tape
+
+pytestmark = pytest.mark.skipif(not compiled.available(), reason="built without a compiler, or switched off")
+
+SAMPLES = (compiled.BLOCK, compiled.BLOCK + 1, 333)
+
+
+def both(function):
+    """What a function gives with compiled code and without."""
+    with compiled.switched(False):
+        plain = function()
+    with compiled.switched(True):
+        return function(), plain
+
+
+@pytest.mark.parametrize("torques", [False, True])
+@pytest.mark.parametrize("seed", range(20))
+def test_regressors_of_random_trees_are_those_of_numpy(seed, torques):
+    rng = np.random.default_rng(seed)
+    tree, samples = random_tree(rng), SAMPLES[seed % 3]
+    states, gravity = random_states(rng, tree, samples), rng.normal(size=3)
+    base = BaseMotion.from_free_joint(rng.normal(size=(samples, 7)), *rng.normal(size=(2, samples, 6)))
+    of = regressor.joint_torque_regressor if torques else regressor.base_wrench_regressor
+    for moving in (None, base):
+        fast, plain = both(lambda moving=moving: of(tree, *states, gravity=gravity, base=moving))
+        np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-13 * np.max(abs(plain), initial=1e-300))
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("seed", range(12))
+def test_gram_matrices_are_those_of_blas(seed, weighted):
+    """Few columns are multiplied by compiled code, with constant offsets and weights, and blocks that overlap."""
+    rng = np.random.default_rng(seed)
+    tree, samples = random_tree(rng, 2 + seed % 3), (*SAMPLES, 1000)[seed % 4]
+    equations = Equations.of_wrench(Mechanism(tree, rng.normal(size=3))).with_offsets(range(seed % 3))
+    given = Samples(Motion(*random_states(rng, tree, samples)), rng.normal(size=(samples, 6)))
+    weights = rng.uniform(0.1, 1, size=(samples, 6)) if weighted else None
+    factor = accumulate(equations, given).factor
+    fast, plain = both(lambda: accumulate(equations, given, factor=factor, factors=weights))
+    assert fast.factored == plain.factored
+    for ours, theirs in ((fast.grams, plain.grams), (fast.factor, plain.factor)):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13 * abs(theirs).max() * len(factor))
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e3, 2.0**19 - 1, 1e9])
+def test_sines_and_cosines_are_right_to_two_units_in_the_last_place(size):
+    """Near multiples of quarter turns too, where only what is left of the argument counts."""
+    quarters = np.arange(-50, 51) * np.pi / 2
+    angles = np.concatenate([np.random.default_rng(0).uniform(-size, size, 1000), quarters[abs(quarters) <= size]])
+    tape = Tape(1)
+    program = Program.of(tape, [np.sin(tape.inputs[0]), np.cos(tape.inputs[0])])
+    out = np.zeros((2, len(angles)))
+    with compiled.switched(True):
+        program.run(angles[None], out)
+    exact = np.sin(angles.astype(np.longdouble)), np.cos(angles.astype(np.longdouble))
+    for found, right in zip(out, exact, strict=True):
+        assert (abs(found - right) <= 2.5 * np.spacing(abs(right.astype(float)))).all()
+
+
+def test_what_is_no_number_or_infinite_gives_none():
+    tape = Tape(1)
+    program = Program.of(tape, [np.sin(tape.inputs[0])])
+    x = np.ones((1, 40))
+    x[0, [3, 38]] = np.nan, np.inf
+    out = np.zeros((1, 40))
+    with compiled.switched(True), np.errstate(invalid="ignore"):
+        program.run(x, out)
+    np.testing.assert_array_equal(np.isnan(out), ~np.isfinite(x))
+
+
+def test_every_operation_of_the_tape_is_known():
+    assert set(adjoint._DERIVATIVES) | {np.positive} == set(compiled.OPERATIONS)
+
+
+def test_the_last_inputs_may_be_numbers():
+    tape = Tape(3)
+    a, b, c = tape.inputs
+    program = Program.of(tape, [a * b + c, c, b / 3])
+    x, out, spread = np.arange(40.0)[None], np.zeros((3, 40)), np.zeros((3, 40))
+    program.run(x, out, [2.0, 5.0])
+    program.run(np.vstack([x, np.full((1, 40), 2.0), np.full((1, 40), 5.0)]), spread)
+    np.testing.assert_array_equal(out, spread)
+    np.testing.assert_array_equal(out[0], 2 * x[0] + 5)
+
+
+def test_the_environment_switches_it_off(monkeypatch):
+    assert compiled.available()
+    monkeypatch.setenv(compiled.VARIABLE, "0")
+    assert not compiled.available()
+    with compiled.switched(True):
+        assert compiled.available()
+    assert not compiled.available()
