@@ -8,7 +8,7 @@ the stream's part of it (Wood and Fasiolo, Biometrics 73, 2017, doi:10.1111/biom
 which becomes known when all pieces are.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -37,9 +37,8 @@ class Stream(NamedTuple):
 def channel_streams(rows: Rows, eliminated: Eliminated) -> Stream:
     """Of rows that see all coordinates (s = C)."""
     S, _, C, w = rows.windows.shape
-    p = eliminated.windows.shape[-1]
-    inverse, by_theta = eliminated.inverse.reshape(S, w, w), eliminated.windows.reshape(S, w, p)
-    return _with_sums(rows, [_taken(rows, c, inverse, by_theta) for c in range(C)], p)
+    inverse, by_theta = eliminated.inverse.reshape(S, w, w), eliminated.windows.reshape(S, w, -1)
+    return Stream(rows.squares, rows.number, *_taken(rows, slice(0, C), inverse, by_theta))
 
 
 def state_streams(rows: Mapping[int, Rows], eliminated: Eliminated) -> Stream:
@@ -54,7 +53,9 @@ def state_streams(rows: Mapping[int, Rows], eliminated: Eliminated) -> Stream:
     kinds = [Stream(nothing, nothing, nothing, np.zeros((3, n, p, p)))] * 3
     for kind, own in rows.items():
         seen = [(eliminated.inverse[:, :, j, :, j], eliminated.windows[:, :, j]) for j in range(n)]
-        kinds[kind] = _with_sums(own, [_taken(own, j, *seen[j]) for j in range(n)], p)
+        parts = [_taken(own, slice(j, j + 1), *seen[j]) for j in range(n)]
+        taken, squares = (np.concatenate(x, axis=1) for x in zip(*parts, strict=True))
+        kinds[kind] = Stream(own.squares, own.number, taken, squares)
     return Stream(*(np.concatenate(x, axis=1) for x in zip(*kinds, strict=True)))
 
 
@@ -70,35 +71,31 @@ def penalty_streams(spline: Spline, coefficients: np.ndarray, jerk: np.ndarray, 
     return Stream(spline.squared_jerk(coefficients), rank, jerk * np.array(curvature), np.array(squares))
 
 
-def _taken(rows: Rows, stream: int, inverse: np.ndarray, by_theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`tr(J A⁻¹ Jᵀ)` (3,) and `Eᵀ E` (3, p, p) of one stream.
+def _taken(rows: Rows, which: slice, inverse: np.ndarray, by_theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`tr(J A⁻¹ Jᵀ)` (3, s) and `Eᵀ E` (3, s, p, p) of some streams that see the same functions.
 
     Args:
         rows: Rows, of windows of w functions.
-        stream: Which of their streams.
+        which: Which of their streams.
         inverse: What these windows see of `A⁻¹` (S, w, w).
         by_theta: What they see of `A⁻¹ B` (S, w, p).
     """
-    parts = [(rows.windows[:, :, stream], rows.border[:, :, stream])]
-    for h in np.flatnonzero(rows.coloured == stream):
-        parts += [(half.windows[:, :, h], half.border[:, :, h]) for half in rows.halves]
-    taken, squares = np.zeros(3), np.zeros((3, *by_theta.shape[2:] * 2))
-    for k, (J, T) in enumerate(parts):
-        E = J @ by_theta
-        E[..., rows.columns] -= T
-        taken[k], squares[k] = np.vdot(J @ inverse, J), _squared(E)
+    streams, p = which.stop - which.start, by_theta.shape[-1]
+    taken, squares = np.zeros((3, streams)), np.zeros((3, streams, p, p))
+    coloured = (which.start <= rows.coloured) & (rows.coloured < which.stop)
+    parts = [(rows.windows[:, :, which], rows.border[:, :, which], np.arange(streams))]
+    for half in rows.halves:
+        own = rows.coloured[coloured] - which.start
+        parts.append((half.windows[:, :, coloured], half.border[:, :, coloured], own))
+    for k, (windows, border, own) in enumerate(parts):
+        # All streams of an interval together: few large products are faster than many small ones.
+        J = windows.reshape(len(windows), -1, windows.shape[3])
+        E = (J @ by_theta).reshape(*border.shape[:3], p)
+        E[..., rows.columns] -= border
+        taken[k, own] = np.einsum("imsw,imsw->s", (J @ inverse).reshape(windows.shape), windows)
+        for s, stream in enumerate(own):
+            squares[k, stream] = _squared(E[:, :, s])
     return taken, squares
-
-
-def _with_sums(rows: Rows, parts: Sequence[tuple[np.ndarray, np.ndarray]], p: int) -> Stream:
-    """The sums that stand in rows, and what is taken of every stream."""
-    taken, by_theta = (np.array([part[k] for part in parts]) for k in range(2))
-    return Stream(
-        rows.squares,
-        rows.number,
-        taken.reshape(len(parts), 3).T,
-        by_theta.reshape(len(parts), 3, p, p).swapaxes(0, 1),
-    )
 
 
 def _squared(E: np.ndarray) -> np.ndarray:
