@@ -18,6 +18,10 @@ from ident.estimation.spline import ORDER, Spline
 from ident.estimation.whitening import Rows
 
 
+TOGETHER = 32
+"""Intervals whose rows are worked on together, so that they stay in the cache."""
+
+
 class Stream(NamedTuple):
     """What the streams of one kind say of their noise: by innovations, by their slow halves, and by their fast ones.
 
@@ -80,21 +84,23 @@ def _taken(rows: Rows, which: slice, inverse: np.ndarray, by_theta: np.ndarray) 
         inverse: What these windows see of `A⁻¹` (S, w, w).
         by_theta: What they see of `A⁻¹ B` (S, w, p).
     """
+    first, last = np.searchsorted(rows.coloured, (which.start, which.stop))
+    parts = [(rows.windows[:, :, which], rows.border[:, :, which], np.arange(which.stop - which.start))]
+    for half in rows.halves:
+        own = rows.coloured[first:last] - which.start
+        parts.append((half.windows[:, :, first:last], half.border[:, :, first:last], own))
     streams, p = which.stop - which.start, by_theta.shape[-1]
     taken, squares = np.zeros((3, streams)), np.zeros((3, streams, p, p))
-    coloured = (which.start <= rows.coloured) & (rows.coloured < which.stop)
-    parts = [(rows.windows[:, :, which], rows.border[:, :, which], np.arange(streams))]
-    for half in rows.halves:
-        own = rows.coloured[coloured] - which.start
-        parts.append((half.windows[:, :, coloured], half.border[:, :, coloured], own))
     for k, (windows, border, own) in enumerate(parts):
-        # All streams of an interval together: few large products are faster than many small ones.
-        J = windows.reshape(len(windows), -1, windows.shape[3])
-        E = (J @ by_theta).reshape(*border.shape[:3], p)
-        E[..., rows.columns] -= border
-        taken[k, own] = np.einsum("imsw,imsw->s", (J @ inverse).reshape(windows.shape), windows)
-        for s, stream in enumerate(own):
-            squares[k, stream] = _squared(E[:, :, s])
+        for start in range(0, len(windows), TOGETHER):
+            some = slice(start, start + TOGETHER)
+            # All streams of an interval in one product: few large ones are faster than many small ones.
+            J = windows[some].reshape(len(windows[some]), -1, windows.shape[3])
+            E = (J @ by_theta[some]).reshape(*border[some].shape[:3], p)
+            E[..., rows.columns] -= border[some]
+            taken[k, own] += np.einsum("imsw,imsw->s", (J @ inverse[some]).reshape(windows[some].shape), windows[some])
+            for s, stream in enumerate(own):
+                squares[k, stream] += _squared(E[:, :, s])
     return taken, squares
 
 
