@@ -1,15 +1,25 @@
 """Base parameters of your own mechanism from your own recording, and whether to believe them."""
 
 import argparse
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from experiments.cli import options, own_model
 from ident.errors import InputError
 from ident.tolerances import DRIVE, HOLDOUT
 
+if TYPE_CHECKING:
+    from ident.estimation.preparation import Prepared
+
 PRIOR = {"auto": None, "on": True, "off": False, **dict.fromkeys(("winter", "deleva", "dumas"), True)}
 """Whether the model's bodies, or those of a table of people, count as known beforehand."""
+
+PAYS = 30_000
+"""Samples times joints from which the joint estimate gains more by several processes than it takes to start them."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -28,12 +38,27 @@ def run(args: argparse.Namespace) -> None:
     read |= {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args)}
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
-    fitting |= {"known": PRIOR[args.prior], "physical": args.physical}
-    result = identified(logs, estimator=args.estimator, judges=judges, report=own_model.progress, **fitting)
+    fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}
+    with _workers(args, logs) as executor:
+        result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
     with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
         identify_report.write(result, folder, args.model, args.logs, own_model.provenance(args, result.logs))
     print(identify_report.text(result))
     print(f"Everything is in {out}; open report.html.")
+
+
+@contextmanager
+def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[Executor | None]:
+    """Processes for the pieces of the joint estimate, none where one is enough."""
+    from experiments.runs.workers import worker_pool
+
+    work = sum(log.samples.motion.q.size for log in logs)
+    number = args.workers or ((os.cpu_count() or 1) if work >= PAYS else 1)
+    if args.estimator != "joint" or number == 1:
+        yield None
+    else:
+        with worker_pool(number) as pool:
+            yield pool.executor
 
 
 def _person(args: argparse.Namespace) -> Any:
@@ -102,6 +127,8 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
     out.add_argument("--height", type=float, help="of a table: height of the person, m")
     out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")
+    otherwise = " of the joint estimate; by default as many as there are processors if the recordings are long"
+    options.add_local_workers(out, default=None, otherwise=otherwise)
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
     return out
 

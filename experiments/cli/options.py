@@ -82,7 +82,7 @@ def add_trials(parser: argparse.ArgumentParser) -> None:
 
 def add_workers(group: argparse._ActionsContainer) -> None:
     """Adds the options of runs that several workers share."""
-    group.add_argument("--workers", type=whole_number(1, 1024), default=1, help="local processes that share the work")
+    add_local_workers(group, default=1)
     group.add_argument(
         "--scheduler",
         type=_address,
@@ -99,6 +99,12 @@ def add_workers(group: argparse._ActionsContainer) -> None:
         help="PEM files for tls://, if Dask's own configuration has none: the authority's certificate, yours, its key",
     )
     group.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
+
+
+def add_local_workers(group: argparse._ActionsContainer, *, default: int | None, otherwise: str = "") -> None:
+    """Adds the number of local processes, and says what it is otherwise, where the default is None."""
+    told = f"local processes that share the work{otherwise}"
+    group.add_argument("--workers", type=whole_number(1, 1024), default=default, help=told)
 
 
 def add_mechanism(parser: argparse.ArgumentParser) -> None:

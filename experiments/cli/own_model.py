@@ -61,7 +61,7 @@ def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]
         for path, (log, part) in zip(args.logs, logs, strict=True)
     ]
     files = {"model": told(args.model), "logs": fitted, "held_out": [told(path) for path in _judges(args)]}
-    given = {key: _text(value) for key, value in vars(args).items()}
+    given = {key: _text(value) for key, value in vars(args).items() if key != "workers"}
     return report.provenance(given, files | ({"columns": told(args.columns)} if args.columns else {}))
 
 
