@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.benchmark.mechanisms import Subject, chain, double_pendulum, mechanisms, subject
 from experiments.benchmark.peers import PINOCCHIO_NAME, Pinocchio
-from experiments.benchmark.timing import Comparison, Effort, alternating
+from experiments.benchmark.timing import Comparison, Effort, alternating, with_and_without
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, least_squares
@@ -15,10 +15,12 @@ from ident.estimation.samples import Samples
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters
 
 REGRESSOR, ACCUMULATION = "regressor", "accumulation"
+AGAIN = "regressor, memory used again"
 ALL_COLUMNS, BASE_COLUMNS = "identification, all columns", "identification, base columns"
 
 TASKS = {
     REGRESSOR: "the matrix Y of all columns (N, 6, 10 b), against the loop that fills such a matrix",
+    AGAIN: "the same into the memory of an earlier call (`out`), against the same loop, which fills new memory",
     ACCUMULATION: "all that least squares needs of the base columns (`accumulate`), against the same loop alone",
     ALL_COLUMNS: "from joint states and wrench to base parameters and their covariance (`least_squares`), the "
     "regrouping found before, against the loop and np.linalg.lstsq on all columns, without a covariance",
@@ -74,8 +76,9 @@ def _compared(
     _check(mechanism, samples[: effort.sizes[0]], peer)
     ways = _ways(mechanism, samples, peer)
     for task in tasks:
-        if task in (REGRESSOR, ACCUMULATION) or number * len(mechanism.tree.bodies) <= LARGEST:
-            yield _comparison(task, mechanism, number, alternating(ways[task], effort.seconds, effort.least))
+        if task in (REGRESSOR, AGAIN, ACCUMULATION) or number * len(mechanism.tree.bodies) <= LARGEST:
+            times = alternating(with_and_without(*ways[task]), effort.seconds, effort.least)
+            yield _comparison(task, mechanism, number, times)
 
 
 def _ways(mechanism: Subject, samples: Samples, peer: Pinocchio) -> dict[str, Ways]:
@@ -88,6 +91,7 @@ def _ways(mechanism: Subject, samples: Samples, peer: Pinocchio) -> dict[str, Wa
 
     return {
         REGRESSOR: (partial(mechanism.regressor, samples), loop),
+        AGAIN: (partial(mechanism.regressor, samples, out=mechanism.regressor(samples)), loop),
         ACCUMULATION: (partial(_accumulated, mechanism, samples), loop),
         ALL_COLUMNS: (partial(_identified, mechanism, samples, None), lambda: solved(loop(), samples.measured)),
         BASE_COLUMNS: (partial(_identified, mechanism, samples, given), lambda: solved(loop(), samples.measured, kept)),
@@ -146,7 +150,7 @@ def _streamed(mechanism: Subject, effort: Effort) -> Comparison:
         for piece in states:
             peer.regressor(*piece)
 
-    times = alternating((ours, theirs), effort.seconds, effort.least)
+    times = alternating(with_and_without(ours, theirs), effort.seconds, effort.least)
     return _comparison(ACCUMULATION, mechanism, effort.streamed, times)
 
 

@@ -61,10 +61,12 @@ class Subject(Mechanism):
         for seed, start in enumerate(range(0, number, size)):
             yield self.samples(min(size, number - start), seed)
 
-    def regressor(self, samples: Samples, columns: Sequence[int] | None = None) -> np.ndarray:
-        """Ours, all columns or some (N, 6, ·)."""
+    def regressor(
+        self, samples: Samples, columns: Sequence[int] | None = None, out: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Ours, all columns or some, in new memory or in that of an earlier one (N, 6, ·)."""
         states, base = samples.motion.states, samples.motion.base
-        return base_wrench_regressor(self.tree, *states, gravity=self.gravity, base=base, columns=columns)
+        return base_wrench_regressor(self.tree, *states, gravity=self.gravity, base=base, columns=columns, out=out)
 
     @cached_property
     def equations(self) -> Equations:

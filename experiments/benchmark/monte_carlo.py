@@ -10,7 +10,7 @@ import scenes
 from experiments.benchmark.identification import check_agreement, solved
 from experiments.benchmark.mechanisms import Subject, double_pendulum
 from experiments.benchmark.peers import PINOCCHIO_NAME, Pinocchio
-from experiments.benchmark.timing import Comparison, Effort, alternating
+from experiments.benchmark.timing import Comparison, Effort, alternating, with_and_without
 from experiments.cli.defaults import SCENE
 from ident.estimation.accumulator import accumulate
 from ident.estimation.least_squares import least_squares
@@ -93,7 +93,7 @@ def comparisons(effort: Effort) -> list[Comparison]:
     check_agreement("Monte Carlo", trials.identified([0]), trials.solved(peer, kept, [0]))
     for task, columns in ((ALL_COLUMNS, None), (BASE_COLUMNS, kept)):
         ways = partial(trials.identified, seeds), partial(trials.solved, peer, columns, seeds)
-        times = alternating(ways, 0, BLOCKS) / len(seeds)
+        times = alternating(with_and_without(*ways), 0, BLOCKS) / len(seeds)
         bodies = len(mechanism.tree.bodies)
         found.append(Comparison.of(task, mechanism.name, bodies, effort.samples, PINOCCHIO_NAME, times))
     return found

@@ -23,7 +23,7 @@ def tables(results: Results) -> dict[str, Table]:
 
 
 def table_overview(results: Results) -> Table:
-    """Ratios of all tasks, a row for every mechanism and number of samples.
+    """Ratios of all tasks, without compiled code in brackets; a row for every mechanism and number of samples.
 
     Raises:
         InputError: Nothing was compared.
@@ -31,9 +31,9 @@ def table_overview(results: Results) -> Table:
     compared = [row for row in results["comparisons"] if row["task"] in TASKS and row["mechanism"] != CHAIN]
     if not compared:
         raise InputError("This table needs results of a benchmark with a library to compare with (extra 'peers').")
-    ratios: dict[tuple[str, int, int], dict[str, float]] = {}
+    ratios: dict[tuple[str, int, int], dict[str, Cell]] = {}
     for row in compared:
-        ratios.setdefault((row["mechanism"], row["bodies"], row["samples"]), {})[row["task"]] = row["ratio"]
+        ratios.setdefault((row["mechanism"], row["bodies"], row["samples"]), {})[row["task"]] = _ratio(row)
     order = list(dict.fromkeys(mechanism for mechanism, *_ in ratios))
     rows = (
         (mechanism, str(bodies), f"{samples:,}", *map(ratios[mechanism, bodies, samples].get, TASKS))
@@ -42,15 +42,20 @@ def table_overview(results: Results) -> Table:
     return Table("", ("mechanism", "bodies", "samples", *TASKS), tuple(rows), decimals=1)
 
 
+def _ratio(row: Mapping[str, Any]) -> Cell:
+    """A ratio, and in brackets that without compiled code."""
+    return row["ratio"] if row["numpy"] is None else f"{row['ratio']:.1f} ({row['theirs'] / row['numpy']:.1f})"
+
+
 def table_ratios(results: Results) -> Table:
     """Every comparison with its spread."""
     return _table(
         "Times a sample in microseconds, medians; their ratios, and the extremes of neighbouring repetitions",
-        ("task", "mechanism", "bodies", "N", "peer", "ours", "theirs", "ratio", "lowest", "highest"),
+        ("task", "mechanism", "bodies", "N", "peer", "ours", "theirs", "numpy alone", "ratio", "lowest", "highest"),
         (
             (
                 *_texts(row, "task mechanism bodies samples peer"),
-                *(1e6 * time / row["samples"] for time in _numbers(row, "ours theirs")),
+                *(time and 1e6 * time / row["samples"] for time in (row["ours"], row["theirs"], row["numpy"])),
                 *_numbers(row, "ratio lowest highest"),
             )
             for row in results["comparisons"]

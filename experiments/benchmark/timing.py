@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.studies import paper
+from ident.model import compiled
 
 MOST = 51
 """Repetitions at most."""
@@ -53,6 +54,7 @@ class Comparison:
         peer: Whose the other way is.
         ours: Median of our times, s.
         theirs: Median of theirs, s.
+        numpy: Median of ours without compiled code, s; None where there is none.
         ratio: Of the medians, theirs to ours.
         lowest: Smallest ratio of two neighbouring repetitions.
         highest: Largest one.
@@ -66,6 +68,7 @@ class Comparison:
     peer: str
     ours: float
     theirs: float
+    numpy: float | None
     ratio: float
     lowest: float
     highest: float
@@ -73,9 +76,20 @@ class Comparison:
 
     @classmethod
     def of(cls, task: str, mechanism: str, bodies: int, samples: int, peer: str, times: np.ndarray) -> "Comparison":
-        """From alternating times, ours and theirs, s (repetitions, 2)."""
-        ours, theirs = np.median(times, axis=0).tolist()
-        return cls(task, mechanism, bodies, samples, peer, ours, theirs, *ratio(times), len(times))
+        """From alternating times, s (repetitions, 2 or 3): ours, theirs and, with compiled code, ours without it."""
+        ours, theirs, *numpy = np.median(times, axis=0).tolist()
+        plain = numpy[0] if numpy else None
+        return cls(task, mechanism, bodies, samples, peer, ours, theirs, plain, *ratio(times[:, :2]), len(times))
+
+
+def with_and_without(ours: Callable[[], object], theirs: Callable[[], object]) -> list[Callable[[], object]]:
+    """Our way, theirs, and ours without compiled code, if there is some."""
+
+    def plain() -> object:
+        with compiled.switched(False):
+            return ours()
+
+    return [ours, theirs, plain] if compiled.available() else [ours, theirs]
 
 
 def alternating(ways: Sequence[Callable[[], object]], seconds: float, least: int) -> np.ndarray:

@@ -21,7 +21,7 @@ def readme_block(results: Results) -> str:
     tasks = [f"*{task}*: {what}" for task, what in identification.TASKS.items()]
     return "\n".join(
         [
-            f"Measured on {machine(results)}. Times of the loop over times of ours:\n",
+            f"Measured on {machine(results)}. Times of the loop over times of ours, in brackets with numpy alone:\n",
             table_overview(results).markdown(),
             *(f"- {line}." for line in (*tasks, EMPTY, *findings(results), *missed(results))),
             "",

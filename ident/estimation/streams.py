@@ -17,7 +17,6 @@ from ident.estimation.arrow import Eliminated, stacked
 from ident.estimation.spline import ORDER, Spline
 from ident.estimation.whitening import Rows
 
-
 TOGETHER = 32
 """Intervals whose rows are worked on together, so that they stay in the cache."""
 

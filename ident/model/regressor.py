@@ -39,6 +39,7 @@ def base_wrench_regressor(
     gravity: np.ndarray,
     base: BaseMotion | None = None,
     columns: Sequence[int] | None = None,
+    out: np.ndarray | None = None,
 ) -> np.ndarray:
     """Regressor of the wrench that everything outside exerts on a mechanism: `Γ_0 = Y φ` (Eq. 14).
 
@@ -52,15 +53,17 @@ def base_wrench_regressor(
         gravity: Acceleration of gravity in the base frame, m/s² (3,); in the frame of `base.T` where that is given.
         base: Motion of the base frame (N samples), without it at rest.
         columns: Indices of the columns wanted, by default all; only these are computed.
+        out: What an earlier call with as many samples and columns has returned, to be overwritten: memory that is
+            touched for the first time costs more than the numbers that go there.
 
     Returns:
         Y (N, 6, 10 b), rows `[F; τ]` in the base frame, columns in the order of `geometry.inertia.PARAMETERS`, or those
         wanted in their order. The array is a view of a C-contiguous (10 b, 6, N) block.
 
     Raises:
-        InputError: The joint arrays do not have these shapes, a quaternion is zero, or a column does not exist.
+        InputError: The joint arrays or `out` do not have these shapes, a quaternion is zero, or there is no such column.
     """
-    return _regressor(False, Mechanism(tree, gravity), Motion(q, dq, ddq, base), columns)
+    return _regressor(False, Mechanism(tree, gravity), Motion(q, dq, ddq, base), columns, out)
 
 
 def joint_torque_regressor(
@@ -117,23 +120,42 @@ def _check_drive(drive: Sequence[str]) -> None:
         raise InputError(f"Drive parameters are a list out of {', '.join(DRIVE)}, got {', '.join(unknown)}.")
 
 
-def _regressor(torques: bool, mechanism: Mechanism, motion: Motion, columns: Sequence[int] | None) -> np.ndarray:
+def _regressor(
+    torques: bool,
+    mechanism: Mechanism,
+    motion: Motion,
+    columns: Sequence[int] | None,
+    out: np.ndarray | None = None,
+) -> np.ndarray:
     """Rows of the base wrench or of the joint torques (N, rows, columns)."""
     tree, gravity = mechanism.tree, mechanism.gravity.astype(float)
     motion, wanted = motion.checked(tree), _checked_columns(tree, columns)
     samples, rows = len(motion), len(tree.freedoms) if torques else 6
-    out = np.zeros((len(wanted), rows, samples))
-    flat = out.reshape(len(wanted) * rows, samples)
+    shape = len(wanted), rows, samples
+    memory = np.zeros(shape) if out is None else _checked_memory(out, shape)
+    flat = memory.reshape(len(wanted) * rows, samples)
     if samples < FEW:
         for k, x in enumerate(program_inputs(motion, gravity).T):
             flat[:, k] = _one_sample(tree, gravity, wanted, x, torques)
-        return out.transpose(2, 1, 0)
+        return memory.transpose(2, 1, 0)
     program = regressor_program(mechanism, wanted, moving=motion.base is not None, torques=torques)
+    if out is not None:
+        flat[~program.written] = 0
     program.fill(flat)
     for start in range(0, samples, CHUNK):
         part = slice(start, start + CHUNK)
         program.run(program_inputs(motion[part], gravity), flat[:, part])
-    return out.transpose(2, 1, 0)
+    return memory.transpose(2, 1, 0)
+
+
+def _checked_memory(out: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
+    """The block behind an earlier result (columns, rows, N)."""
+    block = out.T
+    if block.shape != shape or block.dtype != float or not block.flags.c_contiguous or not block.flags.writeable:
+        raise InputError(
+            f"`out` needs to be what an earlier call returned, {shape[::-1]}, got {out.dtype} {out.shape}."
+        )
+    return block
 
 
 def _checked_columns(tree: Tree, columns: Sequence[int] | None) -> tuple[int, ...]:

@@ -107,6 +107,21 @@ def test_lapack_takes_the_matrix_without_a_copy():
     assert Y.transpose(2, 1, 0).flags.c_contiguous
 
 
+@pytest.mark.parametrize("samples", [3, 70])
+def test_memory_is_used_again(samples):
+    rng = np.random.default_rng(0)
+    tree, other = double_pendulum(), double_pendulum(tilted_axis(5, 10), tilted_axis(7, 40))
+    states = random_states(rng, tree, samples)
+    expected = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY)
+    memory = regressor.base_wrench_regressor(other, *states, gravity=GRAVITY)
+    found = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, out=memory)
+    assert np.shares_memory(found, memory)
+    np.testing.assert_array_equal(found, expected)
+    for wrong in (memory[:2], memory.copy(order="C"), memory.astype(np.float32)):
+        with pytest.raises(ValueError, match="what an earlier call returned"):
+            regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, out=wrong)
+
+
 def test_parallel_axes_leave_the_force_along_them_empty():
     rng = np.random.default_rng(0)
     tree = double_pendulum()
