@@ -165,7 +165,10 @@ def _library() -> CDLL | None:
     spec = find_spec("ident.model._blocks")
     if spec is None or spec.origin is None:
         return None
-    library = CDLL(spec.origin)
+    try:
+        library = CDLL(spec.origin)
+    except OSError:  # It was built for another system.
+        return None
     program, address, number = POINTER(_Program), c_void_p, c_int64
     library.run.argtypes = (program, address, *(address, number) * 2, number, address, address)
     library.grams.argtypes = (program, *(address,) * 2, number, *(address,) * 2, *(number,) * 3, *(address,) * 8)

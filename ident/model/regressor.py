@@ -61,7 +61,7 @@ def base_wrench_regressor(
         wanted in their order. The array is a view of a C-contiguous (10 b, 6, N) block.
 
     Raises:
-        InputError: The joint arrays or `out` do not have these shapes, a quaternion is zero, or there is no such column.
+        InputError: The joint arrays or `out` do not have these shapes, a quaternion is zero, or a column is not there.
     """
     return _regressor(False, Mechanism(tree, gravity), Motion(q, dq, ddq, base), columns, out)
 
