@@ -85,15 +85,15 @@ class Accumulator:
         a, b, factored = self, other, self.factored + other.factored
         if not np.array_equal(a.factor, b.factor):
             common = _factor(np.vstack([a.root, b.root]), a.order)
-            a, b = a._in(common), b._in(common)
+            a, b = a._in(common, a.order), b._in(common, a.order)
         samples, chunks = a.samples + b.samples, a.chunks + b.chunks
         return Accumulator(a.names, a.factor, a.order, a.grams + b.grams, samples, chunks, factored, a.weighted)
 
-    def _in(self, factor: np.ndarray) -> "Accumulator":
-        """The same in other coordinates, whose factor is triangular in the same order."""
+    def _in(self, factor: np.ndarray, order: np.ndarray) -> "Accumulator":
+        """The same in other coordinates, whose factor is triangular in an order."""
         # Solved for, not multiplied with an inverse: coordinates of a joint at rest are far from orthogonal.
-        change = lapack.dtrtrs(factor[:, self.order], self.factor[:, self.order].T, trans=1)[0].T
-        return replace(self, factor=factor, grams=change.T @ self.grams @ change)
+        change = lapack.dtrtrs(factor[:, order], self.factor[:, order].T, trans=1)[0].T
+        return replace(self, factor=factor, order=order, grams=change.T @ self.grams @ change)
 
     def with_chunk(self, chunk: Chunk) -> "Accumulator":
         """With another chunk of samples."""
@@ -101,7 +101,8 @@ class Accumulator:
         grams = self.grams + chunk.grams(self.factor[:, self.order])
         if _is_orthogonal(grams.sum(axis=0)):
             return replace(self, grams=grams, samples=samples, chunks=count)
-        renewed = self._in(_factor(np.vstack([self.root, _natural(chunk.rows(1), self.order)]), self.order))
+        rows = np.vstack([self.root, _natural(chunk.rows(1), self.order)])
+        renewed = self._in(_factor(rows, self.order), self.order)
         grams = renewed.grams + chunk.grams(renewed.factor[:, self.order])
         return replace(renewed, grams=grams, samples=samples, chunks=count, factored=self.factored + 1)
 
