@@ -1,0 +1,61 @@
+"""What is left out of products is zero whatever the motion is, and nothing else is."""
+
+import numpy as np
+import pytest
+from mechanisms import random_states, random_tree
+
+from ident.estimation.chunks import chunks
+from ident.estimation.equations import Equations
+from ident.estimation.samples import Samples
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
+from ident.model import compiled
+
+SAMPLES = 300
+
+
+def random_equations(seed):
+    """Of some components of the wrench, or all, of joint torques with drives, or of both; and random samples."""
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, kinds=("revolute", "prismatic", "ball", "welded"))
+    mechanism = Mechanism(tree, rng.normal(size=3))
+    parameters, freedoms = Equations.of_wrench(mechanism).parameters, len(tree.freedoms)
+    wrench = (None, np.eye(6)[:4], rng.normal(size=(2, 6)), np.zeros((0, 6)))[seed % 4]
+    torques = tuple(range(freedoms)) if seed % 3 and freedoms else ()
+    number = 6 if wrench is None else len(wrench)
+    if not number + len(torques):
+        wrench, number = None, 6
+    channels = tuple(f"c{k}" for k in range(number + len(torques)))
+    drives = tuple(f"Fv({tree.freedoms[k]})" for k in torques)
+    equations = Equations(mechanism, parameters, wrench, torques, channels, drives, tuple(range(0, len(channels), 2)))
+    motion = Motion(*random_states(rng, tree, SAMPLES))
+    return equations, Samples(motion, rng.normal(size=(SAMPLES, len(channels))))
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_what_a_channel_does_not_see_is_zero(seed):
+    equations, samples = random_equations(seed)
+    order, first = equations.order(samples)
+    rows = np.concatenate([chunk.copy() for chunk in equations.rows(samples, order=order)], axis=2)
+    natural = np.concatenate([chunk.copy() for chunk in equations.rows(samples)], axis=2)
+    np.testing.assert_allclose(rows, natural[order], rtol=0, atol=1e-13 * abs(natural).max())
+    assert sorted(order) == list(range(len(rows))) and order[-1] == len(rows) - 1
+    for c, start in enumerate(first):
+        assert not rows[:start, c].any()
+        assert rows[start, c].any()
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_gram_matrices_are_those_of_all_rows(seed):
+    equations, samples = random_equations(seed)
+    order, _ = equations.order(samples)
+    rng = np.random.default_rng(seed)
+    factor = np.triu(rng.normal(size=(len(order), len(order)))) + 5 * np.eye(len(order))
+    factors = rng.uniform(0.5, 2, size=samples.measured.shape)
+    rows = np.concatenate([chunk.copy() for chunk in equations.rows(samples, factors, order=order)], axis=2)
+    Z = np.linalg.solve(factor.T, np.moveaxis(rows, 1, 0))
+    for on in (False, True):
+        with compiled.switched(on):
+            found = sum(chunk.grams(factor) for chunk in chunks(equations, samples, factors))
+        expected = Z @ np.swapaxes(Z, 1, 2)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * abs(expected).max())
