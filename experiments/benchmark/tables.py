@@ -44,7 +44,7 @@ def table_overview(results: Results) -> Table:
 
 def _ratio(row: Mapping[str, Any]) -> Cell:
     """A ratio, and in brackets that without compiled code."""
-    return row["ratio"] if row["numpy"] is None else f"{row['ratio']:.1f} ({row['theirs'] / row['numpy']:.1f})"
+    return row["ratio"] if row.get("numpy") is None else f"{row['ratio']:.1f} ({row['theirs'] / row['numpy']:.1f})"
 
 
 def table_ratios(results: Results) -> Table:
@@ -55,7 +55,7 @@ def table_ratios(results: Results) -> Table:
         (
             (
                 *_texts(row, "task mechanism bodies samples peer"),
-                *(time and 1e6 * time / row["samples"] for time in (row["ours"], row["theirs"], row["numpy"])),
+                *(time and 1e6 * time / row["samples"] for time in (row["ours"], row["theirs"], row.get("numpy"))),
                 *_numbers(row, "ratio lowest highest"),
             )
             for row in results["comparisons"]

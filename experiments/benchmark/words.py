@@ -18,10 +18,12 @@ def readme_block(results: Results) -> str:
     Raises:
         InputError: Nothing was compared.
     """
+    both = any(row.get("numpy") for row in results["comparisons"])
+    brackets = ", in brackets without compiled code" if both else ""
     tasks = [f"*{task}*: {what}" for task, what in identification.TASKS.items()]
     return "\n".join(
         [
-            f"Measured on {machine(results)}. Times of the loop over times of ours, in brackets with numpy alone:\n",
+            f"Measured on {machine(results)}. Times of the loop over times of ours{brackets}:\n",
             table_overview(results).markdown(),
             *(f"- {line}." for line in (*tasks, EMPTY, *findings(results), *missed(results))),
             "",
