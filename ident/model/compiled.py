@@ -150,7 +150,7 @@ def zeros(*shape: int) -> np.ndarray:
 
 def _rows(x: np.ndarray) -> tuple[int, int]:
     """Where rows begin, and how many numbers apart they are."""
-    assert x.dtype == float and x.strides[1] == x.itemsize
+    assert x.dtype == float and (not x.size or x.strides[1] == x.itemsize)
     return x.ctypes.data, x.strides[0] // 8
 
 
