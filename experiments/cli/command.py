@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import experiments.__main__
 import experiments.benchmark.__main__
 from experiments import (
+    angles,
     derive,
     excite,
     identify,
@@ -30,6 +31,7 @@ COMMANDS = {
     "multicontact": multicontact,
     "noise": noise,
     "sweep": sweep,
+    "angles": angles,
     "identify": identify,
     "payload": payload,
     "stream": stream,

@@ -111,6 +111,11 @@ def add_mechanism(parser: argparse.ArgumentParser) -> None:
     """Adds what is said of a user's model."""
     parser.add_argument("--base", help="body whose frame is {0}, by default the world")
     parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    add_fixed(parser)
+
+
+def add_fixed(parser: argparse.ArgumentParser) -> None:
+    """Adds which joints do not move; `fixed` gives them."""
     parser.add_argument(
         "--fix",
         nargs="+",

@@ -63,7 +63,7 @@ def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpe
         InputError: φ does not fit its bodies, or a body is not physical.
     """
     origin, source, phi = _given(mechanism, phi)
-    spec = _specification(source)
+    spec = specification(source)
     _write_into(spec, _inertials(spec, origin, phi))
     _check(_compiled(spec, source), "The model", phi, origin)
     return spec
@@ -94,7 +94,7 @@ def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
-    spec = _specification(source)
+    spec = specification(source)
     inertials = _inertials(spec, origin, phi, unchanged=urdf)
     if urdf:
         root = _urdf(parsed(Path(str(source))), inertials, spec)
@@ -108,7 +108,7 @@ def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies
         _keep_files(root, spec, path.parent, source)
     with replacing(path) as temporary:
         temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
-        _check(_compiled(_specification(temporary), path, as_stated=urdf), path, phi, origin)
+        _check(_compiled(specification(temporary), path, as_stated=urdf), path, phi, origin)
 
 
 def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Editable, np.ndarray]:
@@ -123,7 +123,12 @@ def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Edit
     return origin, origin.text, np.asarray(getattr(phi, "phi", phi), float)
 
 
-def _specification(source: Editable) -> mujoco.MjSpec:
+def specification(source: Editable) -> mujoco.MjSpec:
+    """A copy of a specification, or that of an MJCF or URDF file.
+
+    Raises:
+        ModelError: The file does not exist, or MuJoCo cannot read it.
+    """
     if isinstance(source, mujoco.MjSpec):
         return source.copy()
     if _is_urdf(source):

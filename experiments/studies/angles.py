@@ -1,0 +1,112 @@
+"""Joint angles of a trial from its markers, from the files to the results."""
+
+import argparse
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+
+from experiments.cli import options
+from experiments.output import angles_report, report
+from ident.errors import InputError
+from ident.recordings.marker_files import Markers, read_markers
+from ident.recordings.recording import Recording
+from sim.markers.lengths import Scaling, grouped, scaling
+from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_positions
+from sim.markers.recording import recording
+from sim.markers.settings import UP, Settings, read_settings
+from sim.markers.swaps import Swap, swaps
+from sim.markers.trial_fit import Postures, fit_trial
+
+
+@dataclass(frozen=True, eq=False)
+class Angles:
+    """What was found of a trial.
+
+    Attributes:
+        markers: The markers of the file.
+        unmatched: Labels that no site belongs to.
+        postures: Fitted postures.
+        swaps: Markers whose labels seem exchanged.
+        base: Body whose frame is {0}, None for the world's.
+        recording: Joint positions, their noise and the base's poses.
+        scaling: Lengths of segments, None if they are the model's.
+    """
+
+    markers: Markers
+    unmatched: tuple[str, ...]
+    postures: Postures
+    swaps: tuple[Swap, ...]
+    base: str | None
+    recording: Recording
+    scaling: Scaling | None
+
+
+def run(args: argparse.Namespace) -> None:
+    """Fits a trial, and writes and prints what was found."""
+    _check(args)
+    found = study(args)
+    inputs = [path for path in (args.model, args.markers, args.places, args.scale_from) if path is not None]
+    given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
+    with report.results_folder(args.out, stale=angles_report.OUTPUTS, inputs=inputs) as folder:
+        angles_report.write(found, folder, args.model, args.markers, report.provenance(given), args.formats)
+    print(angles_report.text(found))
+    print(f"Everything is in {args.out}; open report.html.")
+
+
+def study(args: argparse.Namespace) -> Angles:
+    """What the options ask for."""
+    settings = read_settings(args.places) if args.places is not None else Settings()
+    fix = options.fixed(args.fix)
+    markers = read_markers(args.markers, settings.unit)
+    marked, unmatched = marked_model(args.model, markers.labels, settings.places, fix)
+    base = base_of(marked.model, args.base)
+    positions = marked_positions(markers, unmatched, UP[settings.up])
+    lengths = None
+    if args.scale:
+        own = (marked, positions) if args.scale_from is None else _other_trial(args, settings)
+        lengths = _scaling(*own, settings, args)
+        marked = marked.with_lengths(lengths.model)
+    postures = fit_trial(marked, positions)
+    source = {"markers": str(args.markers), "model": str(args.model), "base": base, "sigma_m": _number(postures.sigma)}
+    trial = recording(postures, markers.time, base, source)
+    trial = replace(trial, notes=(*trial.notes, *_constraint_note(marked)))
+    found = tuple(swaps(postures, positions))
+    return Angles(markers, tuple(unmatched), postures, found, base, trial, lengths)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Refuses options that contradict each other."""
+    for option in ("symmetric", "scale_from", "mass"):
+        if getattr(args, option) and not args.scale:
+            raise InputError(f"--{option.replace('_', '-')} is about lengths that --scale finds; give --scale as well.")
+    if args.mass is not None and not (isfinite(args.mass) and args.mass > 0):
+        raise InputError(f"--mass needs a positive number of kg, got {args.mass}.")
+
+
+def _other_trial(args: argparse.Namespace, settings: Settings) -> tuple[MarkedModel, np.ndarray]:
+    """Model and positions of the markers of the trial that lengths are found from."""
+    markers = read_markers(args.scale_from, settings.unit)
+    marked, unmatched = marked_model(args.model, markers.labels, settings.places, options.fixed(args.fix))
+    return marked, marked_positions(markers, unmatched, UP[settings.up])
+
+
+def _scaling(marked: MarkedModel, positions: np.ndarray, settings: Settings, args: argparse.Namespace) -> Scaling:
+    groups = grouped(marked.model, settings.groups, alike=args.symmetric)
+    total = float(marked.model.body_mass.sum())
+    if args.mass is not None and total == 0:
+        raise InputError("--mass needs bodies that have masses; those of this model have none.")
+    return scaling(marked, positions, groups, 1.0 if args.mass is None else args.mass / total)
+
+
+def _constraint_note(marked: MarkedModel) -> list[str]:
+    """What there is to say of equality constraints."""
+    if not marked.model.neq:
+        return []
+    return [f"The model's equality constraints ({marked.model.neq}) are not kept: joints follow the markers alone."]
+
+
+def _number(value: float) -> float | None:
+    """A number as JSON has it."""
+    return value if isfinite(value) else None

@@ -1,0 +1,1 @@
+"""Motion capture: joint angles, their covariance and segment lengths from the positions of markers."""

@@ -1,0 +1,96 @@
+"""One posture of a model from the positions of its markers, by least squares.
+
+    min over q of  Σ_m w_m |x_m - p_m(q)|²
+
+by Levenberg and Marquardt's method with MuJoCo's Jacobians. Damping holds still what the markers do not tell of; where
+the method ends, the gradient is zero whatever the damping, so that it leaves no bias.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import lapack
+
+from sim.markers.kinematics import Kinematics
+
+ROUNDS = 100
+"""Steps at most, most of them where a posture is far from the first guess."""
+
+SETTLED = 1e-7
+"""Step in rad or m at which a posture counts as found; the next one would be that much smaller again."""
+
+LEAST, MOST = 1e-9, 1e6
+"""Damping, m²/rad²: no less, so that normal equations can be solved; and no more, where no step helps."""
+
+LONGEST = 0.5
+"""Longest step of a degree of freedom in rad or m; the positions are no straight lines beyond that."""
+
+
+class Posture(NamedTuple):
+    """A fitted posture.
+
+    Attributes:
+        qpos: Coordinates (nq,).
+        residual: Measured less fitted positions, NaN where a marker was not seen (M, 3).
+        cost: Weighted sum of squares, m².
+    """
+
+    qpos: np.ndarray
+    residual: np.ndarray
+    cost: float
+
+
+def fitted(
+    kinematics: Kinematics, qpos: np.ndarray, measured: np.ndarray, weights: np.ndarray, rounds: int = ROUNDS
+) -> Posture:
+    """The posture that fits best, from a first guess.
+
+    Args:
+        kinematics: The model's.
+        qpos: First guess (nq,).
+        measured: Positions, NaN where a marker was not seen, m (M, 3).
+        weights: Weights of squared distances, zero for markers not seen (M,).
+        rounds: Steps at most.
+    """
+    seen, damping = np.flatnonzero(weights > 0), LEAST
+    w, x = weights[seen, None], measured[seen]
+    now = Posture(qpos, measured - kinematics.positions(qpos), 0.0)
+    now = now._replace(cost=_cost(w, now.residual[seen]))
+    for _ in range(rounds):
+        J = kinematics.jacobian()[seen]
+        normal, gradient = normal_equations(J, w, now.residual[seen])
+        while True:
+            step = _step(normal, gradient, damping)
+            size = float(np.abs(step).max(initial=0.0))
+            trial = kinematics.moved(now.qpos, step)
+            residual = x - kinematics.positions(trial)[seen]
+            cost = _cost(w, residual)
+            if cost <= now.cost or size < SETTLED or damping > MOST:
+                break
+            damping *= 10
+        damping = max(damping / 10, LEAST)
+        if cost <= now.cost:
+            now = Posture(trial, measured - kinematics.positions(trial), cost)
+        if size < SETTLED or damping > MOST / 10:
+            break
+    return now
+
+
+def normal_equations(J: np.ndarray, w: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`JᵀWJ` (n, n) and `JᵀWr` (n,) of markers (M, 3, n), their weights (M, 1) and residuals (M, 3)."""
+    rows = J.reshape(-1, J.shape[-1])
+    weighted = (np.repeat(w, 3)[:, None] * rows).T
+    return weighted @ rows, weighted @ residual.ravel()
+
+
+def _step(normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
+    damped = normal.copy()
+    damped.flat[:: len(normal) + 1] += damping
+    _, step, fault = lapack.dposv(damped, gradient)
+    if fault:
+        step = np.linalg.lstsq(damped, gradient, rcond=None)[0]
+    return step * min(1.0, LONGEST / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+
+
+def _cost(w: np.ndarray, residual: np.ndarray) -> float:
+    return float((w * residual**2).sum())

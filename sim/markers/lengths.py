@@ -1,0 +1,184 @@
+"""Lengths of a model's segments, one factor for each body or group of bodies, from markers.
+
+At given angles every position is linear in the factors, so that its derivatives by them are differences of positions.
+Angles and factors are found at once: the angles of each frame are eliminated from the normal equations (their Schur
+complement), as in bundle adjustment. Factors have a prior, 1 ± `SPREAD`: what no marker tells of stays
+as the model has it.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+from itertools import chain
+
+import mujoco
+import numpy as np
+from scipy import linalg
+
+from ident.errors import InputError
+from sim.markers.frame_fit import normal_equations
+from sim.markers.kinematics import Kinematics
+from sim.markers.marked_model import MarkedModel
+from sim.markers.trial_fit import Postures, fit_trial, plain_fits
+from sim.models.names import body_id, body_name
+
+SPREAD = 0.2
+"""Standard deviation of what is known of a factor beforehand: how far people's proportions depart from a model's."""
+
+FRAMES = 40
+"""Frames that the factors are found from at most, evenly over the trial."""
+
+ROUNDS, SETTLED = 30, 1e-6
+"""Steps at most, and the largest change of a factor that counts as none."""
+
+LEAST, MOST = 0.3, 3.0
+"""Factors beyond which the model is another one's."""
+
+FINEST = 1e-6
+"""Noise in m that markers have at least."""
+
+DAMPING = 1e-8
+"""What is added to the curvature of angles, m²/rad²."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """Factors on lengths.
+
+    Attributes:
+        groups: Names of the bodies that share each factor.
+        factors: Factors (g,).
+        std: Standard deviations, at most `SPREAD`, which is what is known without markers (g,).
+        model: The model with these lengths.
+        mass: Factor on all masses.
+    """
+
+    groups: tuple[tuple[str, ...], ...]
+    factors: np.ndarray
+    std: np.ndarray
+    model: mujoco.MjModel
+    mass: float
+
+
+def grouped(
+    model: mujoco.MjModel, given: Sequence[Sequence[str]] = (), *, alike: bool = False
+) -> list[tuple[str, ...]]:
+    """Names of the bodies that share each factor.
+
+    Args:
+        model: The model.
+        given: Groups that are stated; all other bodies are on their own.
+        alike: Whether the left side is as long as the right one: bodies whose names differ by these words, or by l and
+            r, in groups of two.
+
+    Raises:
+        ModelError: The model has no body of a name.
+        InputError: A body is in two groups.
+    """
+    flat = list(chain(*given))
+    for name in flat:
+        body_id(model, name)
+        if flat.count(name) > 1:
+            raise InputError(f"Body '{name}' is in two groups of scale.groups; it can have one factor only.")
+    names = [name for b in range(1, model.nbody) if (name := body_name(model, b)) not in flat]
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(_side_removed(name) if alike else name, []).append(name)
+    return [*map(tuple, given), *map(tuple, groups.values())]
+
+
+def _side_removed(name: str) -> str:
+    """A body's name with what tells its side replaced."""
+    words = name.lower().replace("-", "_").split("_")
+    return "_".join("?" if word in ("left", "right", "l", "r") else word for word in words)
+
+
+def scaled_model(
+    model: mujoco.MjModel, groups: Sequence[Sequence[str]], factors: np.ndarray, mass: float = 1.0
+) -> mujoco.MjModel:
+    """A model with other lengths: all places in a body's frame times its factor.
+
+    These are places of joints, sites, geoms, child bodies and the centre of mass. Inertias grow with the mass and the
+    square of the length; so do sizes of geoms with the length, but meshes stay as they are.
+
+    Args:
+        model: The model; it is copied.
+        groups: Names of the bodies that share each factor.
+        factors: Factors (g,).
+        mass: Factor on all masses.
+    """
+    own = np.ones(model.nbody)
+    for group, factor in zip(groups, factors, strict=True):
+        own[[body_id(model, name) for name in group]] = factor
+    out = copy(model)
+    out.body_pos *= own[model.body_parentid, None]
+    for array, bodies in (
+        (out.body_ipos, np.arange(model.nbody)),
+        (out.jnt_pos, model.jnt_bodyid),
+        (out.site_pos, model.site_bodyid),
+    ):
+        array *= own[bodies, None]
+    shaped = np.where(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH, 1.0, own[model.geom_bodyid])
+    out.geom_pos *= shaped[:, None]
+    out.geom_size *= shaped[:, None]
+    out.body_mass *= mass
+    out.body_inertia *= mass * own[:, None] ** 2
+    return out
+
+
+def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence[str]], mass: float = 1.0) -> Scaling:
+    """Factors that let the markers of a trial fit best.
+
+    Args:
+        marked: The model as it is, and its markers.
+        measured: Positions in the model's world, NaN where a marker was not seen, m (N, M, 3).
+        groups: Names of the bodies that share each factor.
+        mass: Factor on all masses.
+
+    Raises:
+        InputError: A factor leaves the range from `LEAST` to `MOST`, as where labels, units or the model are wrong.
+    """
+    model, factors = marked.model, np.ones(len(groups))
+    x = measured[np.unique(np.linspace(0, len(measured) - 1, FRAMES).round().astype(int))]
+    qpos = np.array([posture.qpos for posture in plain_fits(marked, x)])
+    for _ in range(ROUNDS):
+        now = fit_trial(marked.with_lengths(scaled_model(model, groups, factors)), x, qpos)
+        qpos = now.qpos
+        curvature, gradient = _reduced(now, groups, factors)
+        # Never quite zero, so that the prior counts where nothing else does.
+        sigma = max(float(np.nan_to_num(now.sigma)), FINEST)
+        prior = (sigma / SPREAD) ** 2
+        step = np.linalg.solve(curvature + prior * np.eye(len(groups)), gradient + prior * (1 - factors))
+        factors = factors + step
+        if not ((factors > LEAST) & (factors < MOST)).all():
+            names = ", ".join(groups[int(np.abs(np.log(np.abs(factors))).argmax())])
+            raise InputError(
+                f"The lengths of {names} would have to be scaled by more than {LEAST:g} to {MOST:g}: check unit, "
+                "labels and places of the markers (the residuals of a run without --scale tell which)."
+            )
+        if np.abs(step).max() < SETTLED:
+            break
+    std = sigma * np.sqrt(np.diag(np.linalg.inv(curvature + prior * np.eye(len(groups)))))
+    return Scaling(tuple(map(tuple, groups)), factors, std, scaled_model(model, groups, factors, mass), mass)
+
+
+def _reduced(postures: Postures, groups: Sequence[Sequence[str]], factors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Curvature (g, g) and gradient (g,) of the factors with the angles eliminated."""
+    marked, model = postures.marked, postures.marked.model
+    kinematics, n, g = Kinematics(marked), len(marked.dofs), len(groups)
+    longer = [
+        Kinematics(marked.with_lengths(scaled_model(model, [group], np.array([1 + 1 / factor]))))
+        for group, factor in zip(groups, factors, strict=True)
+    ]
+    curvature, gradient = np.zeros((g, g)), np.zeros(g)
+    for qpos, residual, robust in zip(postures.qpos, postures.residuals, postures.robust, strict=True):
+        used = robust > 0
+        p = kinematics.positions(qpos)
+        L = np.stack([(other.positions(qpos) - p)[used] for other in longer], axis=2)
+        J = np.concatenate([kinematics.jacobian()[used], L], axis=2)
+        normal, right = normal_equations(J, (robust * marked.weights)[used, None], residual[used])
+        normal[:n, :n] += DAMPING * np.eye(n)
+        solved = linalg.solve(normal[:n, :n], np.column_stack([normal[:n, n:], right[:n]]), assume_a="pos")
+        curvature += normal[n:, n:] - normal[n:, :n] @ solved[:, :-1]
+        gradient += right[n:] - normal[n:, :n] @ solved[:, -1]
+    return curvature, gradient

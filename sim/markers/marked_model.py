@@ -1,0 +1,187 @@
+"""A model and where markers are on it."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from ident.errors import InputError, ModelError
+from ident.recordings.marker_files import Markers
+from ident.recordings.table import short
+from sim.markers.settings import Place
+from sim.models.model_update import specification
+from sim.models.mujoco_model import compiled
+from sim.models.names import body_id, id_of, name_of
+
+_SITE = mujoco.mjtObj.mjOBJ_SITE
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+@dataclass(frozen=True, eq=False)
+class MarkedModel:
+    """A compiled model with a site for every marker.
+
+    Attributes:
+        spec: The specification it was compiled from, which has all the sites.
+        model: The compiled model.
+        labels: Labels of the markers that have a site.
+        sites: Ids of the sites (M,).
+        weights: Weights of squared distances (M,).
+        rest: Coordinates of the reference configuration, but for those of joints that do not move (nq,).
+        dofs: Degrees of freedom that move (n,).
+    """
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    labels: tuple[str, ...]
+    sites: np.ndarray
+    weights: np.ndarray
+    rest: np.ndarray
+    dofs: np.ndarray
+
+    def with_lengths(self, model: mujoco.MjModel) -> "MarkedModel":
+        """The same markers on a model with other lengths."""
+        return replace(self, model=model)
+
+    @property
+    def dof_names(self) -> list[str]:
+        """A name for each degree of freedom that moves: its joint's, with the axis where that has several."""
+        out = []
+        for d in self.dofs:
+            j = int(self.model.dof_jntid[d])
+            axis = int(d - self.model.jnt_dofadr[j])
+            names = {6: ("x", "y", "z", "rx", "ry", "rz"), 3: ("rx", "ry", "rz")}.get(self.dofs_of(j))
+            out.append(name_of(self.model, mujoco.mjtObj.mjOBJ_JOINT, j) + (f".{names[axis]}" if names else ""))
+        return out
+
+    def dofs_of(self, j: int) -> int:
+        """How many degrees of freedom a joint has."""
+        return {_FREE: 6, int(mujoco.mjtJoint.mjJNT_BALL): 3}.get(int(self.model.jnt_type[j]), 1)
+
+
+def marked_model(
+    source: str | Path | mujoco.MjSpec,
+    labels: Sequence[str],
+    places: Mapping[str, Place] | None = None,
+    fix: Mapping[str, Sequence[float]] | None = None,
+) -> tuple[MarkedModel, list[str]]:
+    """A model, and its sites for the labels of a file.
+
+    Args:
+        source: MJCF or URDF file, or a specification, which is not changed but copied.
+        labels: Labels of the markers; what stands before a colon in all of them, a subject's name, does not count.
+        places: What markers stand for where that is not the site of their name, by the labels.
+        fix: Joints that do not move, with their coordinates; none for those of the reference configuration.
+
+    Returns:
+        The model, and the labels that no site belongs to.
+
+    Raises:
+        ModelError: The model is malformed, or has no site, body or joint of a name.
+        InputError: No marker has a site, two have the same, or a joint to fix has another number of coordinates.
+    """
+    places, spec = dict(places or {}), specification(source)
+    short_labels = _without_subject(labels)
+    _check_labels(places, labels, short_labels)
+    places = {full: places.get(full) or places.get(own) or Place(own) for full, own in short_labels.items()}
+    names = _add_sites(spec, places)
+    model = compiled(spec)
+    ids = {name_of(model, _SITE, s): s for s in range(model.nsite)}
+    _check_sites(ids, places, short_labels)
+    used = [label for label in labels if names[label] in ids]
+    if not used:
+        raise InputError(
+            f"No marker has a site of its name: the markers are {_listed(labels)}, the model's sites {_listed(ids)}; "
+            "map labels to sites or places on bodies (--places FILE)."
+        )
+    sites = [ids[names[label]] for label in used]
+    for a, b in pairwise(sorted(range(len(used)), key=lambda k: sites[k])):
+        if sites[a] == sites[b]:
+            raise InputError(f"Markers '{short(used[a])}' and '{short(used[b])}' have the same site.")
+    weights = np.array([places[label].weight for label in used])
+    rest, still = _fixed(model, fix or {})
+    dofs = np.array([d for d in range(model.nv) if model.dof_jntid[d] not in still], int)
+    kept = tuple(short_labels[label] for label in used)
+    marked = MarkedModel(spec, model, kept, np.array(sites), weights, rest, dofs)
+    return marked, [label for label in labels if label not in used]
+
+
+def marked_positions(markers: Markers, unmatched: Collection[str], rotation: np.ndarray) -> np.ndarray:
+    """Positions of the markers that have a site, in the model's world, m (N, M, 3)."""
+    kept = [k for k, label in enumerate(markers.labels) if label not in unmatched]
+    return markers.positions[:, kept] @ rotation.T
+
+
+def _without_subject(labels: Sequence[str]) -> dict[str, str]:
+    """Labels without what stands before a colon, by the labels; as they are where that is not the same in all."""
+    subjects = {label.rpartition(":")[0] for label in labels}
+    cut = len(subjects) == 1 and subjects != {""}
+    return {label: label.rpartition(":")[2] if cut else label for label in labels}
+
+
+def _check_labels(places: Mapping[str, Place], labels: Sequence[str], short_labels: Mapping[str, str]) -> None:
+    known = {*labels, *short_labels.values()}
+    if unknown := [label for label in places if label not in known]:
+        raise InputError(f"The file has no marker '{short(unknown[0])}' ([markers]); it has {_listed(labels)}.")
+
+
+def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, Place]) -> dict[str, str]:
+    """Adds sites at places on bodies, and returns the names of all sites by label."""
+    names, bodies = {}, {body.name: body for body in spec.bodies}
+    taken = {site.name for site in spec.sites}
+    for label, place in places.items():
+        names[label] = place.site
+        if place.body:
+            if place.body not in bodies:
+                raise ModelError(f"markers.{label}: the model has no body '{place.body}', but {_listed(bodies)}.")
+            name = label if label not in taken else f"{label}_marker"
+            while name in taken:
+                name += "_"
+            taken.add(name)
+            bodies[place.body].add_site(name=name, pos=place.position)
+            names[label] = name
+    return names
+
+
+def _check_sites(ids: Mapping[str, int], places: Mapping[str, Place], short_labels: Mapping[str, str]) -> None:
+    """Refuses sites that were named and are not there."""
+    for label, place in places.items():
+        if place.site and place.site != short_labels[label] and place.site not in ids:
+            raise ModelError(f"markers.{label}: the model has no site '{place.site}', but {_listed(ids)}.")
+
+
+def _fixed(model: mujoco.MjModel, fix: Mapping[str, Sequence[float]]) -> tuple[np.ndarray, set[int]]:
+    """Coordinates with joints where they are fixed (nq,), and the ids of these joints."""
+    rest, still = model.qpos0.copy(), set()
+    ends = [*model.jnt_qposadr[1:].tolist(), model.nq]
+    for name, values in fix.items():
+        j = id_of(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        own = slice(int(model.jnt_qposadr[j]), ends[j])
+        if len(values) not in (0, own.stop - own.start):
+            raise InputError(f"--fix {name} needs {own.stop - own.start} coordinates, got {len(values)}.")
+        if values:
+            rest[own] = values
+        still.add(j)
+    return rest, still
+
+
+def _listed(names: Collection[str]) -> str:
+    """Names for a message, not all of many."""
+    some = [short(name) for name in names][:40]
+    return ", ".join(some + ["..."] * (len(names) > len(some))) or "none"
+
+
+def base_of(model: mujoco.MjModel, name: str | None) -> str | None:
+    """The body whose frame is {0}: the one that is named, else that of the model's only free joint, else the world.
+
+    Raises:
+        ModelError: No body has that name.
+    """
+    if name is not None:
+        body_id(model, name)
+        return name
+    free = [j for j in range(model.njnt) if model.jnt_type[j] == _FREE]
+    return name_of(model, mujoco.mjtObj.mjOBJ_BODY, int(model.jnt_bodyid[free[0]])) if len(free) == 1 else None

@@ -1,0 +1,91 @@
+"""A model with other lengths as an MJCF file, and read back to see that it is what was meant."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from ident.errors import ModelError
+from ident.recordings.atomic import replacing
+from sim.models.inertials import OVERRIDING
+from sim.models.refusals import refusals
+
+READ_BACK = 1e-9
+"""Largest difference of a length in m, or of an inertia relative to the largest, that counts as none."""
+
+
+def write_scaled(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """Writes a specification with the places and inertias of a model of the same bodies, all digits kept.
+
+    Args:
+        path: MJCF file to write; its folder must exist. Meshes and textures are looked for where the specification did.
+        spec: The specification, compiled before.
+        model: The model with other lengths.
+
+    Raises:
+        ModelError: MuJoCo does not read the file back as the model.
+    """
+    with refusals("The model"):
+        root = ET.fromstring(spec.to_xml())
+    for compiler in root.findall("compiler"):
+        for key in OVERRIDING:
+            compiler.attrib.pop(key, None)
+        compiler.set("inertiafromgeom", "auto")
+    bodies = [body for world in root.findall("worldbody") for body in (world, *world.iter("body"))]
+    for b, body in enumerate(bodies):
+        _place(model, b, body)
+    _keep_files(root, spec)
+    with replacing(path) as temporary:
+        temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
+        with refusals(path):
+            written = mujoco.MjModel.from_xml_path(str(temporary))
+        _check(path, written, model)
+
+
+def _place(model: mujoco.MjModel, b: int, body: ET.Element) -> None:
+    """Writes the numbers of a body and of what is fixed to it."""
+    if b:
+        _set(body, pos=model.body_pos[b], quat=model.body_quat[b])
+    joints = [each for each in body if each.tag in ("joint", "freejoint")]
+    for j, joint in zip(np.flatnonzero(model.jnt_bodyid == b), joints, strict=True):
+        if joint.tag == "joint" and model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE:
+            _set(joint, pos=model.jnt_pos[j], axis=model.jnt_axis[j])
+    for s, site in zip(np.flatnonzero(model.site_bodyid == b), body.findall("site"), strict=True):
+        _set(site, pos=model.site_pos[s], quat=model.site_quat[s])
+    for g, geom in zip(np.flatnonzero(model.geom_bodyid == b), body.findall("geom"), strict=True):
+        if model.geom_type[g] != mujoco.mjtGeom.mjGEOM_MESH:
+            _set(geom, pos=model.geom_pos[g], size=model.geom_size[g])
+    for old in body.findall("inertial"):
+        body.remove(old)
+    if b and model.body_mass[b]:
+        inertial = ET.Element("inertial", mass=repr(float(model.body_mass[b])))
+        _set(inertial, pos=model.body_ipos[b], quat=model.body_iquat[b], diaginertia=model.body_inertia[b])
+        body.insert(0, inertial)
+
+
+def _set(element: ET.Element, **numbers: Iterable[float]) -> None:
+    """Sets attributes with all digits."""
+    for key, values in numbers.items():
+        element.set(key, " ".join(repr(float(x)) for x in values))
+
+
+def _keep_files(root: ET.Element, spec: mujoco.MjSpec) -> None:
+    """Lets a file in another folder find the meshes and textures of the specification's."""
+    if root.findall("asset/*[@file]"):
+        home = Path(spec.modelfiledir)
+        for compiler in root.findall("compiler"):
+            for key in ("assetdir", "meshdir", "texturedir"):
+                compiler.attrib.pop(key, None)
+        folders = {key: str((home / getattr(spec, key)).resolve()) for key in ("meshdir", "texturedir")}
+        root.insert(0, ET.Element("compiler", folders))
+
+
+def _check(path: Path, written: mujoco.MjModel, model: mujoco.MjModel) -> None:
+    """Refuses a file that does not hold the model."""
+    for name in ("body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "body_mass", "body_ipos", "body_inertia"):
+        a, b = getattr(written, name), getattr(model, name)
+        rows = slice(1, None) if name.startswith("body") else slice(None)
+        if a.shape != b.shape or (np.abs(a - b)[rows] > READ_BACK * max(1.0, float(np.abs(b).max(initial=0.0)))).any():
+            raise ModelError(f"{path}: MuJoCo does not read the scaled model back as it was written ({name}).")

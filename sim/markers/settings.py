@@ -1,0 +1,134 @@
+"""What a TOML file says of markers: the sites or places they stand for, their weights, and which bodies scale alike.
+
+unit = "mm"                  # of a table that states none
+up = "y"                     # axis of the laboratory that points up; z if not given
+[markers.KNEE]               # a label
+site = "knee"                # a site of the model; that of the label's name if not given
+weight = 0.5                 # of its squared distance; 1 if not given
+[markers.HEEL]
+body = "foot"                # in place of a site: a place on a body
+position = [-0.05, 0, -0.04] # m
+[scale]
+groups = [["left_thigh", "right_thigh"]]
+"""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.recordings.column import UNITS
+from ident.recordings.table import short
+from ident.tolerances import HUGE
+
+UP = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+}
+"""Rotations from a laboratory with that axis upwards to one with Z upwards."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """What a marker stands for.
+
+    Attributes:
+        site: Name of a site, "" where a body is named.
+        body: Name of a body, "" where a site is named.
+        position: Position in the body's frame, m.
+        weight: Weight of the squared distance.
+    """
+
+    site: str
+    body: str = ""
+    position: tuple[float, ...] = ()
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All that a file says.
+
+    Attributes:
+        unit: Unit of a table, None if nothing is said.
+        up: Axis of the laboratory that points up.
+        places: What markers stand for, by their labels.
+        groups: Names of bodies that share a scale factor.
+    """
+
+    unit: str | None = None
+    up: str = "z"
+    places: Mapping[str, Place] = field(default_factory=dict)
+    groups: tuple[tuple[str, ...], ...] = ()
+
+
+def read_settings(path: Path) -> Settings:
+    """Reads a file of settings.
+
+    Raises:
+        InputError: It is missing or malformed; the message names what is.
+    """
+    try:
+        entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        return _settings(entries)
+    except OSError as error:
+        raise InputError(f"{path}: settings of markers are a TOML file ({error.strerror}).") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    # Not all are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: settings of markers need to be TOML in UTF-8 ({error}).") from None
+
+
+def _settings(entries: Mapping[str, Any]) -> Settings:
+    _check("the file", entries, ("unit", "up", "markers", "scale"))
+    unit, up = entries.get("unit"), entries.get("up", "z")
+    if unit is not None and unit not in list(UNITS["length"]):
+        raise InputError(f"unit is one of {', '.join(UNITS['length'])}, got {short(unit)}.")
+    if up not in list(UP):
+        raise InputError(f"up is the axis that points up, x, y or z, got {short(up)}.")
+    markers = _check("[markers]", entries.get("markers", {}))
+    scale = _check("[scale]", entries.get("scale", {}), ("groups",))
+    groups = scale.get("groups", [])
+    if not isinstance(groups, list) or not all(isinstance(group, list) and _names(group) for group in groups):
+        raise InputError(f"scale.groups is a list of lists of bodies, got {short(groups)}.")
+    places = {label: _place(f"markers.{label}", label, entry) for label, entry in markers.items()}
+    return Settings(unit, up, places, tuple(map(tuple, groups)))
+
+
+def _place(where: str, label: str, entry: Any) -> Place:
+    _check(f"[{where}]", entry, ("site", "body", "position", "weight"))
+    weight = entry.get("weight", 1.0)
+    if type(weight) not in (int, float) or not 0 < weight < HUGE:
+        raise InputError(f"{where}.weight needs a positive number, got {short(weight)}.")
+    if "body" not in entry and "position" not in entry:
+        site = entry.get("site", label)
+        if not _names([site]):
+            raise InputError(f"{where}.site needs the name of a site, got {short(site)}.")
+        return Place(site, weight=float(weight))
+    if "site" in entry:
+        raise InputError(f"[{where}] needs a site, or a body with a position, got both.")
+    body, position = entry.get("body"), entry.get("position")
+    numbers = isinstance(position, list) and all(type(x) in (int, float) and abs(x) < HUGE for x in position)
+    if not _names([body]) or not numbers or len(position) != 3:
+        raise InputError(f"[{where}] needs the name of a body and a position [x, y, z] in m on it.")
+    return Place("", body, tuple(map(float, position)), float(weight))
+
+
+def _names(values: list[Any]) -> bool:
+    return all(isinstance(value, str) and value for value in values)
+
+
+def _check(what: str, entry: Any, keys: tuple[str, ...] | None = None) -> Mapping[str, Any]:
+    """A table of the file, which has no keys but these."""
+    if not isinstance(entry, dict):
+        raise InputError(f"{what} needs to be a table, got {short(entry)}.")
+    for key in entry:
+        if keys is not None and key not in keys:
+            raise InputError(f"{what} takes {', '.join(keys)}, got '{short(key)}'.")
+    return entry

@@ -1,0 +1,203 @@
+"""Postures over a trial, the markers' noise, and markers that do not belong.
+
+All frames are fitted by least squares first, each from the one before. The noise then follows from the middle of the
+residuals, which outlying markers hardly move; frames with residuals far beyond it are fitted again with weights
+
+    min(1, (K σ / |r|)²)        after        min(1, K σ / |r|)
+
+by which a marker pulls the less the farther it is off, so that one that is mislabelled loses all say.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy import stats
+
+from sim.markers.first_posture import first_posture
+from sim.markers.frame_fit import Posture, fitted, normal_equations
+from sim.markers.kinematics import Kinematics
+from sim.markers.marked_model import MarkedModel
+
+FAR = 4.0
+"""K: distances from the fit in standard deviations of a coordinate beyond which markers lose weight; one in 900 of good
+ones is."""
+
+OUTLYING = 0.25
+"""Weight below which a marker counts as outlying, twice as far off."""
+
+REWEIGHTED, ROUNDS_BETWEEN, SETTLED_WEIGHTS = 15, 2, 5e-3
+"""How often a frame is weighted anew at most, steps in between, and the change of weights that counts as none."""
+
+SCALES = 2
+"""How often noise and weights follow from each other."""
+
+EXACT = 1e-9
+"""Noise in m that positions have in any case: they are rounded."""
+
+LEAST_INFORMATION = 1e-8
+"""What is added to the curvature, m²/rad², so that what markers do not tell of has a large variance, not none."""
+
+LOOSE = 100.0
+"""Standard deviation of a coordinate, in rad or m for a metre of noise, from which on it counts as not determined: a
+millimetre then turns it by six degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """Fitted postures of all frames.
+
+    Attributes:
+        marked: Model and markers.
+        qpos: Coordinates (N, nq).
+        residuals: Measured less fitted positions, NaN where a marker was not seen, m (N, M, 3).
+        robust: Factor on each marker's weight, 1 but for markers far off, 0 where one was not seen (N, M).
+        sigma: Standard deviation of a coordinate of a marker of weight 1, m; NaN where markers are too few to tell.
+        spread: Covariance of the degrees of freedom for sigma = 1 m (N, n, n).
+    """
+
+    marked: MarkedModel
+    qpos: np.ndarray
+    residuals: np.ndarray
+    robust: np.ndarray
+    sigma: float
+    spread: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the degrees of freedom, `σ² (JᵀWJ)⁻¹` (N, n, n)."""
+        return self.sigma**2 * self.spread
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the degrees of freedom, rad or m (N, n)."""
+        return self.sigma * np.sqrt(np.diagonal(self.spread, axis1=1, axis2=2))
+
+    @property
+    def determined(self) -> np.ndarray:
+        """Whether the markers determine each degree of freedom (N, n)."""
+        return np.diagonal(self.spread, axis1=1, axis2=2) < LOOSE**2
+
+    @property
+    def distances(self) -> np.ndarray:
+        """Distances of the markers from the fit, NaN where one was not seen, m (N, M)."""
+        return np.linalg.norm(self.residuals, axis=2)
+
+    @property
+    def outlying(self) -> np.ndarray:
+        """Whether each marker was seen, but far from where the others have it (N, M)."""
+        return np.isfinite(self.distances) & (self.robust < OUTLYING)
+
+
+def fit_trial(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | None = None) -> Postures:
+    """Postures of all frames.
+
+    Args:
+        marked: Model and markers.
+        measured: Positions in the model's world, NaN where a marker was not seen, m (N, M, 3).
+        guess: Coordinates to begin with (N, nq), if there are any.
+    """
+    kinematics, seen = Kinematics(marked), np.isfinite(measured).all(axis=2)
+    weights = seen * marked.weights
+    postures = plain_fits(marked, measured, guess)
+    robust = seen.astype(float)
+    for _ in range(SCALES):
+        sigma = _middle_noise(postures, weights, len(marked.dofs))
+        for k in range(len(measured)):
+            if _far(postures[k], weights[k], sigma).any():
+                own = postures[k], robust[k]
+                # What is mislabelled in the frame before most often is so here.
+                start = (postures[k - 1], robust[k - 1]) if k and (robust[k - 1] < seen[k - 1]).any() else own
+                refitted = partial(_refitted, kinematics, measured=measured[k], weights=weights[k], sigma=sigma)
+                fit = refitted(*start)
+                if start is not own and _loss(fit[0], weights[k], sigma) > _loss(own[0], weights[k], sigma):
+                    fit = refitted(*own)
+                postures[k], robust[k] = fit
+    return _with_spread(marked, kinematics, postures, weights, robust)
+
+
+def plain_fits(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | None = None) -> list[Posture]:
+    """Postures of all frames by least squares, all markers having their say; arguments as for `fit_trial`."""
+    kinematics, weights = Kinematics(marked), np.isfinite(measured).all(axis=2) * marked.weights
+    if guess is None:
+        return _followed(marked, kinematics, measured, weights)
+    return [fitted(kinematics, *each) for each in zip(guess, measured, weights, strict=True)]
+
+
+def _followed(marked: MarkedModel, kinematics: Kinematics, measured: np.ndarray, weights: np.ndarray) -> list[Posture]:
+    """Least squares frame by frame, from the one with the most markers to the end and to the beginning."""
+    first = int((weights > 0).sum(axis=1).argmax())
+    begin = first_posture(marked, measured[first], weights[first])
+    out = {first: begin}
+    for frames in (range(first + 1, len(measured)), range(first - 1, -1, -1)):
+        qpos = begin.qpos
+        for k in frames:
+            out[k] = fitted(kinematics, qpos, measured[k], weights[k])
+            qpos = out[k].qpos
+    return [out[k] for k in range(len(measured))]
+
+
+def _middle_noise(postures: list[Posture], weights: np.ndarray, n: int) -> float:
+    """Standard deviation of a coordinate from the median of the squared distances, m."""
+    squared = weights * np.array([(p.residual**2).sum(axis=1) for p in postures])
+    free = max(1 - n / (3 * max((weights > 0).sum(axis=1).mean(), 1.0)), 0.1)
+    used = squared[weights > 0]
+    return max(float(np.sqrt(np.median(used) / (stats.chi2.median(3) * free))) if used.size else 0.0, EXACT)
+
+
+def _far(posture: Posture, weights: np.ndarray, sigma: float) -> np.ndarray:
+    """How far each marker is off in units of `FAR` standard deviations, 0 where that is less than one (M,)."""
+    squared = np.where(weights > 0, weights * (posture.residual**2).sum(axis=1), 0.0)
+    far = np.sqrt(squared) / (FAR * sigma)
+    return np.where(far > 1, far, 0.0)
+
+
+def _loss(posture: Posture, weights: np.ndarray, sigma: float) -> float:
+    """The function that a fit with weights that fall with the square of the distance makes least."""
+    far = np.maximum(_far(posture, weights, sigma), 1.0)
+    squared = np.where(weights > 0, weights * (posture.residual**2).sum(axis=1), 0.0)
+    return float((np.where(far > 1, (FAR * sigma) ** 2 * (1 + 2 * np.log(far)), squared)).sum())
+
+
+def _refitted(
+    kinematics: Kinematics,
+    posture: Posture,
+    factor: np.ndarray,
+    measured: np.ndarray,
+    weights: np.ndarray,
+    sigma: float,
+) -> tuple[Posture, np.ndarray]:
+    """A frame with markers that lose weight where they are far off, and these factors (M,).
+
+    It begins with the posture and the factors given; if these are all 1, with weights that fall more slowly.
+    """
+    posture = fitted(kinematics, posture.qpos, measured, weights * factor, ROUNDS_BETWEEN)
+    for power in (1, 2) if (factor == (weights > 0)).all() else (2,):
+        for _ in range(REWEIGHTED):
+            before, far = factor, _far(posture, weights, sigma)
+            factor = (weights > 0) * np.maximum(far, 1.0) ** -power
+            posture = fitted(kinematics, posture.qpos, measured, weights * factor, ROUNDS_BETWEEN)
+            if np.abs(factor - before).max() < SETTLED_WEIGHTS:
+                break
+    return fitted(kinematics, posture.qpos, measured, weights * factor), factor
+
+
+def _with_spread(
+    marked: MarkedModel, kinematics: Kinematics, postures: list[Posture], weights: np.ndarray, robust: np.ndarray
+) -> Postures:
+    """Postures with their covariances, and the noise from residuals over degrees of freedom."""
+    n, total, free = len(marked.dofs), 0.0, 0.0
+    spread = np.empty((len(postures), n, n))
+    for k, (posture, w) in enumerate(zip(postures, weights * robust, strict=True)):
+        kinematics.positions(posture.qpos)
+        used = w > 0
+        residual = posture.residual[used]
+        normal, _ = normal_equations(kinematics.jacobian()[used], w[used, None], residual)
+        spread[k] = np.linalg.inv(normal + LEAST_INFORMATION * np.eye(n))
+        # Markers that lost their weight are no evidence of noise.
+        kept = robust[k] >= OUTLYING
+        total += float((w[kept, None] * posture.residual[kept] ** 2).sum())
+        free += 3 * float(kept.sum()) - (n - LEAST_INFORMATION * float(np.trace(spread[k])))
+    sigma = float(np.sqrt(total / free)) if free > 0.5 else np.nan
+    residuals = np.array([posture.residual for posture in postures])
+    return Postures(marked, np.array([p.qpos for p in postures]), residuals, robust, sigma, spread)
