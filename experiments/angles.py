@@ -30,6 +30,13 @@ def parser() -> argparse.ArgumentParser:
         help="body whose frame is {0}, by default the one with the model's only free joint, or the world",
     )
     options.add_fixed(out)
+    out.add_argument(
+        "--wrenches",
+        type=Path,
+        metavar="LOG",
+        help="CSV or npz file with wrenches on the same clock, columns time, NAME_force.x to NAME_torque.z, to go into "
+        "the same file as the angles",
+    )
     scale = out.add_argument_group("lengths of segments")
     scale.add_argument(
         "--scale", action="store_true", help="find a factor on the lengths of each body, and write the model with them"

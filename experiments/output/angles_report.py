@@ -32,7 +32,7 @@ def markers_table(postures: Postures) -> report.Table:
     """How far each marker is from the fit, in frames that count it, and in how many it is missing or outlying."""
     distances, outlying = postures.distances, postures.outlying
     kept = np.where(outlying | np.isnan(distances), np.nan, distances)
-    columns = {
+    columns: dict[str, Sequence[report.Cell]] = {
         "marker": postures.marked.labels,
         "rms_mm": [MM * float(np.sqrt(np.mean(x**2))) if x.size else np.nan for x in map(_finite, kept.T)],
         "largest_mm": [MM * float(x.max()) if x.size else np.nan for x in map(_finite, distances.T)],
@@ -47,7 +47,7 @@ def _finite(x: np.ndarray) -> np.ndarray:
 
 
 def joints_table(postures: Postures) -> report.Table:
-    """Range and standard deviation of every degree of freedom, and the frames in which it is beyond the model's range."""
+    """Range and standard deviation of every degree of freedom, and the frames beyond the model's range."""
     marked, model = postures.marked, postures.marked.model
     rows: list[tuple[report.Cell, ...]] = []
     for k, (d, name) in enumerate(zip(marked.dofs, marked.dof_names, strict=True)):

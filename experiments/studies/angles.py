@@ -47,7 +47,9 @@ def run(args: argparse.Namespace) -> None:
     """Fits a trial, and writes and prints what was found."""
     _check(args)
     found = study(args)
-    inputs = [path for path in (args.model, args.markers, args.places, args.scale_from) if path is not None]
+    inputs = [
+        path for path in (args.model, args.markers, args.places, args.scale_from, args.wrenches) if path is not None
+    ]
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     with report.results_folder(args.out, stale=angles_report.OUTPUTS, inputs=inputs) as folder:
         angles_report.write(found, folder, args.model, args.markers, report.provenance(given), args.formats)
@@ -70,7 +72,8 @@ def study(args: argparse.Namespace) -> Angles:
         marked = marked.with_lengths(lengths.model)
     postures = fit_trial(marked, positions)
     source = {"markers": str(args.markers), "model": str(args.model), "base": base, "sigma_m": _number(postures.sigma)}
-    trial = recording(postures, markers.time, base, source)
+    felt = None if args.wrenches is None else _wrenches(args.wrenches)
+    trial = recording(postures, markers.time, base, source, felt)
     trial = replace(trial, notes=(*trial.notes, *_constraint_note(marked)))
     found = tuple(swaps(postures, positions))
     return Angles(markers, tuple(unmatched), postures, found, base, trial, lengths)
@@ -83,6 +86,14 @@ def _check(args: argparse.Namespace) -> None:
             raise InputError(f"--{option.replace('_', '-')} is about lengths that --scale finds; give --scale as well.")
     if args.mass is not None and not (isfinite(args.mass) and args.mass > 0):
         raise InputError(f"--mass needs a positive number of kg, got {args.mass}.")
+
+
+def _wrenches(path: Path) -> Recording:
+    """A recording that has wrenches."""
+    felt = Recording.load(path)
+    if not felt.wrenches:
+        raise InputError(f"{path}: no wrench is in this file; it needs columns NAME_force.x to NAME_torque.z.")
+    return felt
 
 
 def _other_trial(args: argparse.Namespace, settings: Settings) -> tuple[MarkedModel, np.ndarray]:

@@ -18,7 +18,11 @@ _BALL, _FREE, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind 
 
 
 def recording(
-    postures: Postures, time: np.ndarray, base: str | None, provenance: Mapping[str, Any] | None = None
+    postures: Postures,
+    time: np.ndarray,
+    base: str | None,
+    provenance: Mapping[str, Any] | None = None,
+    felt: Recording | None = None,
 ) -> Recording:
     """What an estimate takes of a trial: `JOINT_position` of hinges and slides and `base:pose` of a base that moves.
 
@@ -31,11 +35,14 @@ def recording(
         time: Times of the frames, s (N,).
         base: Body whose frame is {0}, None for the world's.
         provenance: Where the markers come from.
+        felt: A recording of wrenches on the same clock, which are put in, interpolated at the frames.
 
     Raises:
         InputError: The markers determine no joint, or never the base.
     """
-    marked, streams, units, noise = postures.marked, {}, {}, {}
+    marked = postures.marked
+    streams: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    units, noise = dict[str, str](), dict[str, float]()
     determined: np.ndarray = postures.determined
     std = postures.std
     notes: list[str] = []
@@ -63,9 +70,14 @@ def recording(
         streams[BASE] = time, np.where(there.reshape(-1, 1), _poses(postures, base), np.nan)
         if not there.all():
             notes.append(f"The base is interpolated in {int((~there).sum())} frames that do not determine it.")
+    if felt is not None:
+        channels = [f"{name}_{kind}" for name in felt.wrenches for kind in ("force", "torque")]
+        streams |= {channel: felt.as_measured(channel) for channel in channels}
+        units |= {channel: felt.units[channel] for channel in channels if channel in felt.units}
+        noise |= {channel: felt.noise[channel] for channel in channels if channel in felt.noise}
     more = {"units": units, "noise": noise, "provenance": dict(provenance or {}), "notes": notes}
     rate = (len(time) - 1) / float(time[-1] - time[0]) if len(time) > 1 else None
-    return Recording.from_streams(streams, rate=rate, **more)
+    return Recording.from_streams(streams, rate=rate, sensors={} if felt is None else felt.sensors, **more)
 
 
 def joints(marked: MarkedModel, base: str | None) -> list[int]:
