@@ -17,7 +17,7 @@ from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_
 from sim.markers.recording import recording
 from sim.markers.settings import UP, Settings, read_settings
 from sim.markers.swaps import Swap, swaps
-from sim.markers.trial_fit import Postures, fit_trial
+from sim.markers.trial_fit import Postures, check_fit, fit_trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,7 @@ def study(args: argparse.Namespace) -> Angles:
         lengths = _scaling(*own, settings, args)
         marked = marked.with_lengths(lengths.model)
     postures = fit_trial(marked, positions)
+    check_fit(postures)
     source = {"markers": str(args.markers), "model": str(args.model), "base": base, "sigma_m": _number(postures.sigma)}
     felt = None if args.wrenches is None else _wrenches(args.wrenches)
     trial = recording(postures, markers.time, base, source, felt)

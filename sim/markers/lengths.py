@@ -19,7 +19,7 @@ from ident.errors import InputError
 from sim.markers.frame_fit import normal_equations
 from sim.markers.kinematics import Kinematics
 from sim.markers.marked_model import MarkedModel
-from sim.markers.trial_fit import Postures, fit_trial, plain_fits
+from sim.markers.trial_fit import Postures, check_fit, fit_trial, plain_fits
 from sim.models.names import body_id, body_name
 
 SPREAD = 0.2
@@ -122,6 +122,7 @@ def scaled_model(
     out.geom_pos *= shaped[:, None]
     out.geom_size *= shaped[:, None]
     out.body_mass *= mass
+    out.body_subtreemass *= mass
     out.body_inertia *= mass * own[:, None] ** 2
     return out
 
@@ -136,7 +137,8 @@ def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence
         mass: Factor on all masses.
 
     Raises:
-        InputError: A factor leaves the range from `LEAST` to `MOST`, as where labels, units or the model are wrong.
+        InputError: A factor leaves the range from `LEAST` to `MOST`, or the fit is poor whatever the lengths, as where
+            labels, units or the model are wrong.
     """
     model, factors = marked.model, np.ones(len(groups))
     x = measured[np.unique(np.linspace(0, len(measured) - 1, FRAMES).round().astype(int))]
@@ -158,6 +160,7 @@ def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence
             )
         if np.abs(step).max() < SETTLED:
             break
+    check_fit(now)
     std = sigma * np.sqrt(np.diag(np.linalg.inv(curvature + prior * np.eye(len(groups)))))
     return Scaling(tuple(map(tuple, groups)), factors, std, scaled_model(model, groups, factors, mass), mass)
 

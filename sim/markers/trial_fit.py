@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from scipy import stats
 
+from ident.errors import InputError
 from sim.markers.first_posture import first_posture
 from sim.markers.frame_fit import Posture, fitted, normal_equations
 from sim.markers.kinematics import Kinematics
@@ -34,6 +35,9 @@ SCALES = 2
 
 EXACT = 1e-9
 """Noise in m that positions have in any case: they are rounded."""
+
+POOR = 0.1
+"""Noise in m beyond which model and markers do not belong together."""
 
 LEAST_INFORMATION = 1e-8
 """What is added to the curvature, m²/rad², so that what markers do not tell of has a large variance, not none."""
@@ -114,6 +118,19 @@ def fit_trial(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | Non
                     fit = refitted(*own)
                 postures[k], robust[k] = fit
     return _with_spread(marked, kinematics, postures, weights, robust)
+
+
+def check_fit(postures: Postures) -> None:
+    """Refuses a fit that cannot be meant.
+
+    Raises:
+        InputError: Markers are more than `POOR` from where the model can have them.
+    """
+    if postures.sigma > POOR:
+        raise InputError(
+            f"The markers are {postures.sigma:.2g} m from where the model can have them: check their unit, the axis "
+            "that points up, and whether model and labels are those of the trial."
+        )
 
 
 def plain_fits(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | None = None) -> list[Posture]:

@@ -1,15 +1,18 @@
 """Angles from markers: exact without noise, and with noise within the covariance that is said."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
+from marked import errors, labels_of, marked_person, trial
 
+from ident.errors import InputError
 from sim.markers.kinematics import Kinematics
 from sim.markers.marked_model import marked_model
 from sim.markers.settings import Place
 from sim.markers.swaps import swaps
-from sim.markers.trial_fit import fit_trial
-from tests.marked import errors, labels_of, marked_person, trial
+from sim.markers.trial_fit import check_fit, fit_trial
 
 FRAMES = 60
 
@@ -105,6 +108,13 @@ def test_outlying_and_exchanged_markers_are_found_and_do_no_harm(person):
     assert postures.sigma == pytest.approx(0.002, rel=0.06)
     chi, _ = chi_squared(marked, postures, qpos)
     assert chi.mean() == pytest.approx(41, rel=0.15)
+
+
+def test_markers_of_something_else_are_refused(person):
+    marked, *_, x = person
+    check_fit(postures := fit_trial(marked, x[:3]))
+    with pytest.raises(InputError, match=r"The markers are 0\.2 m from where the model can have them: check"):
+        check_fit(replace(postures, sigma=0.2))
 
 
 def test_weights_tell_which_markers_are_noisier(person):

@@ -1,0 +1,167 @@
+"""Joint angles from markers, by the command: what it writes, what `identify` makes of it, what it refuses."""
+
+import json
+
+import mujoco
+import numpy as np
+import pytest
+from commands import refusal
+from marked import labels_of, marked_person, trc, trial
+
+import ident
+import scenes
+import sim
+from experiments.angles import main
+from experiments.identify import main as identify
+from ident.recordings.log import read_log
+from ident.recordings.recording import Recording
+from sim.markers.lengths import grouped, scaled_model
+from sim.motion.excitation import DOUBLE_PENDULUM
+
+STD = 0.002
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A person's model and trial, and the double pendulum's with its wrenches."""
+    out, rng = tmp_path_factory.mktemp("markers"), np.random.default_rng(0)
+    spec = marked_person()
+    model = spec.compile()
+    (out / "person.xml").write_text(spec.to_xml())
+    groups = grouped(model)
+    factors = np.random.default_rng(2).uniform(0.9, 1.1, len(groups))
+    time, qpos, x = trial(scaled_model(model, groups, factors), 40)
+    x += STD * rng.normal(size=x.shape)
+    x[10:13, 4] = np.nan
+    (out / "walk.trc").write_text(trc(time, [f"Anna:{label}" for label in labels_of(model)], x))
+    np.savez(out / "truth.npz", qpos=qpos, factors=factors)
+    return out
+
+
+def test_a_person_is_scaled_and_her_angles_are_found(folder, tmp_path, capsys):
+    arguments = [str(folder / "person.xml"), str(folder / "walk.trc"), "--scale", "--mass", "70"]
+    assert main([*arguments, "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
+    said = capsys.readouterr().out
+    assert "54 markers in 40 frames; {0} is the frame of 'pelvis'." in said
+    truth, out = np.load(folder / "truth.npz"), tmp_path / "out"
+    person = sim.mechanism(out / "model_scaled.xml", base="pelvis")
+    assert person.known.reshape(-1, 10)[:, 0].sum() == pytest.approx(70)
+    found = Recording.load(out / "angles.npz")
+    knee = person.source.model.joint("left_knee").qposadr[0]
+    z = (found["left_knee_position"] - truth["qpos"][:, knee]) / found.noise["left_knee_position"]
+    assert np.sqrt((z**2).mean()) < 2
+    assert found["neck_orientation"].shape == (40, 4) and found.base.shape == (40, 4, 4)
+    np.testing.assert_allclose(found.base[:, :3, 3], truth["qpos"][:, :3], atol=0.006)
+    covariance = np.load(out / "covariance.npz")
+    assert covariance["covariance"].shape == (40, 41, 41) and "left_knee" in covariance["names"]
+    assert json.loads((out / "provenance.json").read_text())["options"]["mass"] == 70
+    assert "table_lengths" in {path.stem for path in out.iterdir()} and "<h1>" in (out / "report.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory):
+    """The double pendulum with markers: model, markers and wrenches as files, and what was recorded."""
+    out, rng = tmp_path_factory.mktemp("pendulum"), np.random.default_rng(1)
+    spec = scenes.load("double_pendulum")
+    recorded = sim.simulate(spec, DOUBLE_PENDULUM, samples=200, seed=1)
+    names = [body.name for body in spec.bodies[1:] if body.name != "load_cell"]
+    for body in names:
+        for k in range(4):
+            spec.body(body).add_site(name=f"{body}_{k}", pos=rng.normal(scale=0.15, size=3))
+    model = spec.compile()
+    (out / "arm.xml").write_text(spec.to_xml())
+    data, sites = mujoco.MjData(model), [f"{body}_{k}" for body in names for k in range(4)]
+    joints = sim.mechanism(spec, base="base").tree.joints
+    x = []
+    for q in np.stack([recorded.true[f"{joint}_position"] for joint in joints], axis=1):
+        data.qpos = q
+        mujoco.mj_kinematics(model, data)
+        x.append([data.site(site).xpos.copy() for site in sites])
+    (out / "run.trc").write_text(trc(recorded.time, sites, np.array(x) + STD * rng.normal(size=(200, len(sites), 3))))
+    wrenches = {name: recorded[name] for name in ("ground_force", "ground_torque")}
+    Recording(recorded.time, wrenches).save(out / "wrenches.csv")
+    return out, recorded, joints
+
+
+def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path):
+    folder, recorded, joints = pendulum
+    arguments = [str(folder / "arm.xml"), str(folder / "run.trc"), "--wrenches", str(folder / "wrenches.csv")]
+    assert main([*arguments, "--base", "base", "--out", str(tmp_path / "angles"), "--formats", "png"]) == 0
+    arm = sim.mechanism(folder / "arm.xml", base="base")
+    log = read_log(tmp_path / "angles" / "angles.csv", arm)
+    found = Recording.load(tmp_path / "angles" / "angles.csv")
+    for joint in joints:
+        error = log[f"{joint}_position"] - recorded.true[f"{joint}_position"]
+        assert np.sqrt((error**2).mean()) == pytest.approx(found.noise[f"{joint}_position"], rel=0.15)
+    log_file = str(tmp_path / "angles" / "angles.npz")
+    assert identify([str(folder / "arm.xml"), log_file, "--base", "base", "--out", str(tmp_path), "--name", "e"]) == 0
+    estimate = json.loads((tmp_path / "e" / "estimate.json").read_text())
+    regrouped = sim.mechanism(scenes.load("double_pendulum"), base="base").known
+    truth = ident.find_base_parameters(arm.tree, gravity=arm.gravity).regroup(regrouped)
+    z = (np.array(estimate["values"])[: len(truth)] - truth) / np.array(estimate["std"])[: len(truth)]
+    assert np.sqrt((z**2).mean()) < 2
+
+
+def test_places_on_bodies_and_the_upward_axis_come_from_a_file(pendulum, tmp_path, capsys):
+    folder, recorded, joints = pendulum
+    model = sim.mechanism(folder / "arm.xml").source.model
+    places = {model.site(s).name: s for s in range(model.nsite) if model.site(s).name[-2:-1] == "_"}
+    entries = "".join(
+        f'[markers.{label}]\nbody = "{model.body(model.site_bodyid[s]).name}"\n'
+        f"position = {model.site_pos[s].tolist()}\n"
+        for label, s in places.items()
+    )
+    (tmp_path / "places.toml").write_text('up = "y"\n' + entries)
+    lines = (folder / "run.trc").read_text().split("\n")
+    for k, line in enumerate(lines[6:-1], start=6):
+        cells = line.split("\t")
+        for c in range(2, len(cells), 3):
+            x, y, z = cells[c : c + 3]
+            cells[c : c + 3] = x, z, repr(-float(y))
+        lines[k] = "\t".join(cells)
+    (tmp_path / "up.trc").write_text("\n".join(lines))
+    bare = scenes.load("double_pendulum")
+    bare.compile()
+    (tmp_path / "bare.xml").write_text(bare.to_xml())
+    arguments = [str(tmp_path / "bare.xml"), str(tmp_path / "up.trc"), "--places", str(tmp_path / "places.toml")]
+    assert main([*arguments, "--base", "base", "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
+    found = Recording.load(tmp_path / "out" / "angles.csv")
+    for joint in joints:
+        np.testing.assert_allclose(found[f"{joint}_position"], recorded.true[f"{joint}_position"], atol=0.05)
+
+
+REFUSED = {
+    "no site": ("", {"model": "bare.xml"}, "No marker has a site of its name: the markers are"),
+    "no such marker": ('[markers.NOSE]\nsite = "pelvis_0"', {}, "The file has no marker 'NOSE'"),
+    "no such site": ('[markers.pelvis_0]\nsite = "nose"', {}, "the model has no site 'nose'"),
+    "no such body": ('[markers.pelvis_0]\nbody = "x"\nposition = [0, 0, 0]', {}, "the model has no body 'x'"),
+    "no position": ('[markers.pelvis_0]\nbody = "pelvis"', {}, "a position [x, y, z] in m on it"),
+    "both": ('[markers.pelvis_0]\nbody = "pelvis"\nsite = "a"', {}, "got both"),
+    "one site": ('[markers.pelvis_0]\nsite = "pelvis_1"', {}, "'Anna:pelvis_1' have the same site"),
+    "weight": ("[markers.pelvis_0]\nweight = 0", {}, "markers.pelvis_0.weight needs a positive number, got 0"),
+    "key": ("sight = 1", {}, "takes unit, up, markers, scale, got 'sight'"),
+    "up": ('up = "w"', {}, "up is the axis that points up, x, y or z, got w"),
+    "unit": ('unit = "m"', {}, "states that lengths are in mm, but m was given"),
+    "groups": ('[scale]\ngroups = ["pelvis"]', {}, "scale.groups is a list of lists of bodies"),
+    "toml": ("a = = 1", {}, "need to be TOML in UTF-8"),
+    "mass alone": ("", {"more": ["--mass", "70"]}, "--mass is about lengths that --scale finds"),
+    "mass": ("", {"more": ["--scale", "--mass", "-1"]}, "--mass needs a positive number of kg, got -1.0"),
+    "base": ("", {"more": ["--base", "tail"]}, "no body named 'tail'"),
+    "fix": ("", {"more": ["--fix", "left_knee", "1", "2"]}, "--fix left_knee needs 1 coordinates, got 2"),
+    "wrenches": ("", {"more": ["--wrenches", "no_wrench.csv"]}, "no wrench is in this file"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_does_not_fit_is_refused_in_a_sentence(folder, tmp_path, capsys, monkeypatch, name):
+    settings, others, expected = REFUSED[name]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "places.toml").write_text(settings)
+    (tmp_path / "bare.xml").write_text('<mujoco><worldbody><body name="a"><geom size="1"/></body></worldbody></mujoco>')
+    (tmp_path / "no_wrench.csv").write_text("time,a\n0,1\n1,2\n")
+    lines = (folder / "walk.trc").read_text().split("\n")
+    lines[2] = lines[2].replace("\t40\t", "\t3\t")
+    (tmp_path / "short.trc").write_text("\n".join(lines[:9]) + "\n")
+    model = others.get("model", str(folder / "person.xml"))
+    said = refusal(main, [model, "short.trc", "--places", "places.toml", *others.get("more", [])], capsys)
+    assert expected in said and said.count("\n") == 1
