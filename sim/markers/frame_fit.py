@@ -19,6 +19,10 @@ ROUNDS = 100
 SETTLED = 1e-7
 """Step in rad or m at which a posture counts as found; the next one would be that much smaller again."""
 
+GAIN = 1e-10
+"""Share of the cost by which a step has to lower it for another one to be made: what is left to gain then is a
+hundred-thousandth of a standard deviation."""
+
 LEAST, MOST = 1e-9, 1e6
 """Damping, m²/rad²: no less, so that normal equations can be solved; and no more, where no step helps."""
 
@@ -69,9 +73,10 @@ def fitted(
                 break
             damping *= 10
         damping = max(damping / 10, LEAST)
-        if cost <= now.cost:
+        gain = now.cost - cost
+        if gain >= 0:
             now = Posture(trial, measured - kinematics.positions(trial), cost)
-        if size < SETTLED or damping > MOST / 10:
+        if size < SETTLED or damping > MOST / 10 or 0 <= gain <= GAIN * cost:
             break
     return now
 
