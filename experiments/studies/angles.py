@@ -10,7 +10,8 @@ import numpy as np
 from experiments.cli import options
 from experiments.output import angles_report, report
 from ident.errors import InputError
-from ident.recordings.marker_files import Markers, read_markers
+from ident.recordings.marker_files import read_markers
+from ident.recordings.markers import Markers
 from ident.recordings.recording import Recording
 from sim.markers.lengths import Scaling, grouped, scaling
 from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_positions

@@ -1,110 +1,71 @@
-"""Labelled positions of markers over time, and the files that hold them."""
+"""Files of markers: those of motion capture, which state their unit, and tables."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.c3d_markers import c3d_markers
-from ident.recordings.files import read_tables
 from ident.recordings.column import UNITS
+from ident.recordings.files import read_tables
+from ident.recordings.formats import c3d, trc
+from ident.recordings.markers import Markers
+from ident.recordings.npz import LIMIT
 from ident.recordings.table import SUFFIXES, Table, short
-from ident.recordings.trc_file import LENGTHS, trc_markers
-from ident.tolerances import HUGE
 
-SUFFIX = {".trc", ".c3d", ".csv", ".tsv", ".txt", ".npz"}
-"""What names of files with markers end in."""
+CAPTURED: Mapping[str, Callable[[Path, int], Markers]] = {".trc": trc.markers, ".c3d": c3d.markers}
+"""What reads files that state their unit, given the path and the bytes it may take in memory."""
 
-
-@dataclass(frozen=True, eq=False)
-class Markers:
-    """Positions of labelled markers.
-
-    Attributes:
-        time: Times of the frames, s (N,).
-        labels: Names of the markers, each once.
-        positions: Positions in the laboratory's frame, NaN where a marker was not seen, m (N, M, 3).
-    """
-
-    time: np.ndarray
-    labels: tuple[str, ...]
-    positions: np.ndarray
-
-    def __post_init__(self) -> None:
-        N, M = len(self.time), len(self.labels)
-        if not N or not M or self.positions.shape != (N, M, 3):
-            raise LogError(
-                f"{M} markers in {N} frames need positions ({N}, {M}, 3), one or more of each, got shape "
-                f"{self.positions.shape}."
-            )
-        if twice := [label for label in self.labels if self.labels.count(label) > 1]:
-            raise LogError(f"marker '{short(twice[0])}' is there more than once; labels have to differ.")
-        if not np.isfinite(self.time).all() or not (np.diff(self.time) > 0).all():
-            late = int(np.argmin([True, *(np.diff(self.time) > 0)]))
-            raise LogError(f"times of frames must be finite and increase; frame {late + 1} does not.")
-        if (far := np.argwhere(np.abs(self.positions) >= HUGE)).size:
-            k, m, _ = far[0]
-            raise LogError(f"frame {k + 1}: marker '{short(self.labels[m])}' needs positions below {HUGE:g} m.")
-
-    @property
-    def seen(self) -> np.ndarray:
-        """Whether each marker was seen (N, M)."""
-        return np.isfinite(self.positions).all(axis=2)
+TABLES = (".csv", ".tsv", ".txt", ".npz")
+"""What names of tables with markers end in."""
 
 
-def read_markers(path: str | Path, unit: str | None = None) -> Markers:
+def read_markers(path: str | Path, unit: str | None = None, *, limit: int = LIMIT) -> Markers:
     """Reads the markers of a file.
 
     Args:
-        path: A `.trc` or `.c3d` file, which state their unit, or a table (`.csv`, `.tsv`, `.txt`, `.npz`) with a column
-            `time` in s and the columns LABEL.x, LABEL.y and LABEL.z of every marker, cells being empty or NaN where it
-            was not seen.
-        unit: Unit of the lengths in a table, `m` if not given; a file that states another is refused.
+        path: A `.trc` or `.c3d` file, or a table (`.csv`, `.tsv`, `.txt`, `.npz`) with a column `time` in s and the
+            columns LABEL.x, LABEL.y and LABEL.z of every marker, cells being empty or NaN where it was not seen.
+        unit: Unit of the lengths in a table, `m` if not given; refused where a file states its own.
+        limit: Bytes that the file may take in memory, as for `npz.check_size`.
 
     Raises:
-        LogError: The file is missing or malformed; the message names it and the row, column or marker.
+        LogError: The file is missing or malformed; the message names it and the row, column, frame or marker.
+        InputError: The library that reads it is not installed.
     """
     path = Path(path)
-    if path.suffix.lower() not in SUFFIX or not path.is_file():
-        raise LogError(f"{path}: markers are in a .trc, .c3d, .csv, .tsv, .txt or .npz file that exists.")
+    suffix = path.suffix.lower()
+    if suffix not in (*CAPTURED, *TABLES) or not path.is_file():
+        raise LogError(f"{path}: markers are in a file that exists and ends in {', '.join((*CAPTURED, *TABLES))}.")
     try:
-        if path.suffix.lower() == ".trc":
-            time, labels, positions, stated = trc_markers(path)
-        elif path.suffix.lower() == ".c3d":
-            time, labels, positions, stated = c3d_markers(path)
-        else:
-            time, labels, positions = _of_table(path)
-            stated = unit or "m"
-        if unit is not None and LENGTHS[stated] != UNITS["length"][unit]:
-            raise LogError(f"the file states that lengths are in {stated}, but {unit} was given.")
-        return Markers(time, labels, LENGTHS[stated] * positions)
+        if suffix in TABLES:
+            return _of_table(path, UNITS["length"][unit or "m"], limit)
+        if unit is not None:
+            raise LogError(f"the file states its unit; leave out that lengths are in {unit}.")
+        return CAPTURED[suffix](path, limit)
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def _of_table(path: Path) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
-    """Times, labels and positions (N, M, 3) of a table."""
-    tables = list(read_tables(path))
+def _of_table(path: Path, factor: float, limit: int) -> Markers:
+    """Markers of a table, in a unit of so many metres."""
+    tables = list(read_tables(path, limit=limit))
     if not tables:
         raise LogError("a file of markers needs frames, it has none.")
     (table,) = tables
     if "time" not in table.cells:
         raise LogError(f"markers need a column 'time'; {table.available()}.")
-    labels = tuple(dict.fromkeys(name[:-2] for name in table.cells if name[-2:] in (".x", ".y", ".z") and name[:-2]))
+    ends = tuple(f".{axis}" for axis in SUFFIXES[3])
+    labels = tuple(dict.fromkeys(name[:-2] for name in table.cells if name.endswith(ends) and name[:-2]))
     if not labels:
         raise LogError(f"markers need columns LABEL.x, LABEL.y and LABEL.z; {table.available()}.")
     positions = np.stack([_marker(table, label) for label in labels], axis=1)
-    return table.column("time"), labels, positions
+    return Markers(table.column("time"), labels, factor * positions)
 
 
 def _marker(table: Table, label: str) -> np.ndarray:
-    """Positions of a marker (N, 3), NaN in all components or in none."""
+    """Positions of a marker, NaN where cells are empty (N, 3)."""
     names = [f"{label}.{axis}" for axis in SUFFIXES[3]]
     if missing := [name for name in names if name not in table.cells]:
         raise LogError(f"marker '{short(label)}' lacks the column '{short(missing[0])}'.")
-    xyz = np.stack([table.column(name, gaps=True) for name in names], axis=1)
-    partly = np.isnan(xyz).any(axis=1) & ~np.isnan(xyz).all(axis=1)
-    if partly.any():
-        raise LogError(f"{table.row(int(partly.argmax()))}: marker '{short(label)}' has some of x, y and z only.")
-    return xyz
+    return np.stack([table.column(name, gaps=True) for name in names], axis=1)

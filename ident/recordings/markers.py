@@ -1,38 +1,66 @@
-"""Positions of labelled markers, as motion capture measures them."""
+"""Positions of labelled markers over time, as motion capture measures them."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.table import Table, short
+from ident.recordings.table import Table, short, vector_columns
+from ident.tolerances import HUGE
 
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Positions of markers in the laboratory's frame.
+    """Positions of labelled markers.
 
     Attributes:
-        time: Sample times, s (N,).
-        rate: Samples per second, Hz.
-        positions: Positions by label, m, NaN where a marker was not seen (N, 3).
+        time: Times of the frames, s (N,).
+        labels: Names of the markers, each once.
+        positions: Positions in the laboratory's frame, NaN where a marker was not seen, m (N, M, 3).
     """
 
     time: np.ndarray
-    rate: float
-    positions: Mapping[str, np.ndarray]
+    labels: tuple[str, ...]
+    positions: np.ndarray
+
+    def __post_init__(self) -> None:
+        N, M = len(self.time), len(self.labels)
+        if not N or not M or self.positions.shape != (N, M, 3):
+            raise LogError(
+                f"{M} markers in {N} frames need positions ({N}, {M}, 3), one or more of each, got shape "
+                f"{self.positions.shape}."
+            )
+        check_labels(self.labels)
+        wrong = ~np.isfinite(self.time)
+        wrong[1:] |= ~(self.time[1:] > self.time[:-1])
+        if wrong.any():
+            raise LogError(f"times of frames must be finite and increase; frame {int(wrong.argmax()) + 1} does not.")
+        missing = np.isnan(self.positions)
+        self._refuse(missing.any(axis=2) & ~missing.all(axis=2), "has some of x, y and z only")
+        self._refuse((np.abs(self.positions) >= HUGE).any(axis=2), f"needs positions below {HUGE:g} m")
+
+    def _refuse(self, wrong: np.ndarray, what: str) -> None:
+        """Refuses the first marker that something is wrong with (N, M)."""
+        if wrong.any():
+            k, m = np.argwhere(wrong)[0]
+            raise LogError(f"frame {k + 1}: marker '{short(self.labels[m])}' {what}.")
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Whether each marker was seen (N, M)."""
+        return np.isfinite(self.positions).all(axis=2)
 
     @property
     def table(self) -> Table:
         """The same as columns `LABEL.x`, `LABEL.y` and `LABEL.z` beside `time`."""
         cells = {"time": self.time}
-        for label, x in self.positions.items():
-            cells |= {f"{label}.{axis}": column for axis, column in zip("xyz", x.T, strict=True)}
+        for label, x in zip(self.labels, self.positions.swapaxes(0, 1), strict=True):
+            cells |= vector_columns(label, x)
         return Table(cells, range(len(self.time)), "frame", units=dict.fromkeys(cells, "SI"))
 
 
-def check_labels(labels: list[str]) -> None:
+def check_labels(labels: Sequence[str]) -> None:
     """Refuses labels that are given twice.
 
     Raises:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ident.errors import InputError, ModelError
-from ident.recordings.marker_files import Markers
+from ident.recordings.markers import Markers
 from ident.recordings.table import short
 from sim.markers.settings import Place
 from sim.models.model_update import specification

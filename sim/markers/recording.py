@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from ident.errors import InputError
+from ident.geometry.quaternion import without_jumps
 from ident.recordings.recording import Recording
 from ident.recordings.table import BASE
 from sim.markers.marked_model import MarkedModel
@@ -24,11 +25,11 @@ def recording(
     provenance: Mapping[str, Any] | None = None,
     felt: Recording | None = None,
 ) -> Recording:
-    """What an estimate takes of a trial: `JOINT_position` of hinges and slides and `base:pose` of a base that moves.
+    """What an estimate takes of a trial: `JOINT_position` of all joints and `base:pose` of a base that moves.
 
-    A ball joint gives `JOINT_orientation`, a quaternion. The noise of a channel is the root mean square of the standard
-    deviations of all frames. Where markers do not determine a coordinate in some frames it is interpolated in between;
-    where they do in none, there is no channel.
+    That of a ball is a quaternion, whose noise is that of each component of a rotation vector. The noise of a channel
+    is the root mean square of the standard deviations of all frames. Where markers do not determine a coordinate in
+    some frames it is interpolated in between; where they do in none, there is no channel.
 
     Args:
         postures: Fitted postures.
@@ -53,8 +54,8 @@ def recording(
         if not there.any():
             notes.append(f"The markers do not determine joint '{name}', which has no channel.")
             continue
-        channel = f"{name}_orientation" if ball else f"{name}_position"
-        values = postures.qpos[:, first : first + 4] if ball else postures.qpos[:, first]
+        channel = f"{name}_position"
+        values = without_jumps(postures.qpos[:, first : first + 4]) if ball else postures.qpos[:, first]
         streams[channel] = time, np.where(there.reshape(-1, 1) if ball else there, values, np.nan)
         units[channel] = "1" if ball else "m" if marked.model.jnt_type[j] == _SLIDE else "rad"
         if np.isfinite(postures.sigma):

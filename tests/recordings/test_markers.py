@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from commands import refusal
 from marked import trc
+from written_formats import write_c3d
 
 from experiments.angles import main
 from ident.errors import LogError
-from ident.recordings.marker_files import Markers, read_markers
+from ident.recordings.csv_file import write_csv
+from ident.recordings.marker_files import read_markers
+from ident.recordings.markers import Markers
 
 TIME = np.arange(4) / 100
 LABELS = ("KNEE", "HIP")
@@ -42,23 +45,15 @@ def damaged(row, old, new):
 
 
 DAMAGED = {
-    "empty": ("", "begins with 'PathFileType' and has four more lines"),
-    "no header": ("\n".join(TEXT.split("\n")[3:]), "begins with 'PathFileType'"),
-    "cut off": ("\n".join(TEXT.split("\n")[:-2]), "row 3 states 4 frames, the file has 3; was it cut off"),
-    "no unit": (damaged(2, "Units", "Unit"), "rows 2 and 3 .* Units is missing"),
-    "odd unit": (damaged(3, "mm", "ft"), "row 3: Units are one of .*, got 'ft'"),
-    "no count": (damaged(3, "\t2\t", "\ttwo\t"), "row 3: NumMarkers needs a whole number, got 'two'"),
-    "other count": (damaged(3, "\t2\t", "\t3\t"), "row 3 states 3 markers, but row 4 names 2"),
-    "same label": (damaged(4, "HIP", "KNEE"), "row 4 names marker 'KNEE' more than once"),
+    "empty": ("", "begins with PathFileType, and has four more rows"),
+    "cut off": ("\n".join(TEXT.split("\n")[:-2]), "promises 4 as NumFrames, the file has 3"),
+    "no count": (damaged(3, "\t2\t", "\ttwo\t"), "promises two as NumMarkers, the file has 2"),
     "no frames": (damaged(4, "Frame#", "Image"), "row 4 .* begins with Frame# and Time, got 'Image'"),
-    "no number": (damaged(8, "0.01\t", "0.01\tnot "), "row 8, cell 3 needs a finite number, got 'not -?[0-9.]+'"),
-    "infinite": (damaged(8, "0.01\t", "0.01\tinf\t").replace("\tinf\t", "\tinf", 1), "row 8, cell 3"),
-    "too many cells": (damaged(8, "0.01\t", "0.01\t1\t"), "row 8 has 9 cells where the header has 8"),
-    "half a marker": (damaged(9, "\t\t", "\t3.5\t"), "row 9: marker 'HIP' has some of X, Y and Z only"),
-    "back in time": (damaged(9, "0.02", "0.005"), "row 9: times have to be there and to increase, got 0.005 s"),
-    "no time": (damaged(9, "0.02", ""), "row 9: times have to be there"),
+    "infinite": (damaged(8, "0.01\t", "0.01\tinf\t").replace("\tinf\t", "\tinf", 1), "row 8 needs finite numbers"),
+    "half a marker": (damaged(9, "\t\t", "\t3.5\t"), "frame 3: marker 'HIP' has some of x, y and z only"),
+    "back in time": (damaged(9, "0.02", "0.005"), "times of frames must be finite and increase; frame 3 does not"),
     "far away": (trc(TIME, LABELS, np.where(np.isnan(X), 1e30, X)), "frame 3: marker 'HIP' needs positions below"),
-    "binary": (b"PathFileType\xff\xfe", "is text in UTF-8, byte 12 is not"),
+    "binary": (b"PathFileType\xff\xfe", "needs to be text in UTF-8, a byte 0xff is not"),
 }
 
 
@@ -95,7 +90,7 @@ def test_tables_are_read(tmp_path):
         ("t,A.x,A.y,A.z\n0,1,2,3\n", "markers need a column 'time'"),
         ("time,A.x,A.y\n0,1,2\n", "marker 'A' lacks the column 'A.z'"),
         ("time,A\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
-        ("time,A.x,A.y,A.z\n0,1,,3\n1,1,2,3\n", "row 2: marker 'A' has some of x, y and z only"),
+        ("time,A.x,A.y,A.z\n0,1,,3\n1,1,2,3\n", "frame 1: marker 'A' has some of x, y and z only"),
         ("time,A.x,A.y,A.z\n1,1,2,3\n0,1,2,3\n", "times of frames must be finite and increase; frame 2"),
         ("time,A.x,A.y,A.z\n", "needs frames, it has none"),
     ],
@@ -109,7 +104,32 @@ def test_other_files_and_units_are_refused(tmp_path):
     with pytest.raises(LogError, match="file that exists"):
         read_markers(tmp_path / "nothing.trc")
     (tmp_path / "a.trc").write_text(TEXT)
-    with pytest.raises(LogError, match="states that lengths are in mm, but m was given"):
+    with pytest.raises(LogError, match="the file states its unit; leave out that lengths are in m"):
         read_markers(tmp_path / "a.trc", "m")
-    with pytest.raises(LogError, match="marker 'A' is there more than once"):
+    with pytest.raises(LogError, match="markers need different labels, 'A' is given to more than one"):
         Markers(TIME[:1], ("A", "A"), np.zeros((1, 2, 3)))
+
+
+@pytest.mark.parametrize("time", [[np.nan, 1, 2], [0, 1, np.inf], [0, 1, 1]])
+def test_times_of_frames_are_finite_and_increase(time):
+    late = 1 if np.isnan(time[0]) else 3
+    with pytest.raises(LogError, match=f"finite and increase; frame {late} does not"):
+        Markers(np.array(time, float), ("A",), np.zeros((3, 1, 3)))
+
+
+def test_markers_are_columns_of_a_table(tmp_path):
+    found = Markers(TIME, LABELS, X).table
+    write_csv(tmp_path / "a.csv", found.cells, {})
+    np.testing.assert_array_equal(read_markers(tmp_path / "a.csv").positions, X)
+
+
+def test_markers_of_c3d_files_are_read(tmp_path):
+    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    write_c3d(tmp_path / "a.c3d", 50.0, dict(zip(LABELS, X.swapaxes(0, 1), strict=True)), angles=("HIP",))
+    found = read_markers(tmp_path / "a.c3d")
+    assert found.labels == ("KNEE",)
+    np.testing.assert_allclose(found.positions[:, 0], X[:, 0], atol=1e-6)
+    np.testing.assert_allclose(found.time, np.arange(4) / 50)
+    write_c3d(tmp_path / "b.c3d", 50.0, {"HIP": X[:, 1]}, angles=("HIP",))
+    with pytest.raises(LogError, match="0 markers in 4 frames need positions"):
+        read_markers(tmp_path / "b.c3d")

@@ -50,7 +50,7 @@ def test_a_person_is_scaled_and_her_angles_are_found(folder, tmp_path, capsys):
     knee = person.source.model.joint("left_knee").qposadr[0]
     z = (found["left_knee_position"] - truth["qpos"][:, knee]) / found.noise["left_knee_position"]
     assert np.sqrt((z**2).mean()) < 2
-    assert found["neck_orientation"].shape == (40, 4) and found.base.shape == (40, 4, 4)
+    assert found["neck_position"].shape == (40, 4) and found.base.shape == (40, 4, 4)
     np.testing.assert_allclose(found.base[:, :3, 3], truth["qpos"][:, :3], atol=0.006)
     covariance = np.load(out / "covariance.npz")
     assert covariance["covariance"].shape == (40, 41, 41) and "left_knee" in covariance["names"]
@@ -141,7 +141,7 @@ REFUSED = {
     "weight": ("[markers.pelvis_0]\nweight = 0", {}, "markers.pelvis_0.weight needs a positive number, got 0"),
     "key": ("sight = 1", {}, "takes unit, up, markers, scale, got 'sight'"),
     "up": ('up = "w"', {}, "up is the axis that points up, x, y or z, got w"),
-    "unit": ('unit = "m"', {}, "states that lengths are in mm, but m was given"),
+    "unit": ('unit = "m"', {}, "the file states its unit; leave out that lengths are in m"),
     "groups": ('[scale]\ngroups = ["pelvis"]', {}, "scale.groups is a list of lists of bodies"),
     "toml": ("a = = 1", {}, "need to be TOML in UTF-8"),
     "mass alone": ("", {"more": ["--mass", "70"]}, "--mass is about lengths that --scale finds"),

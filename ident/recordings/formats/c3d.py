@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
+from ident.recordings.column import UNITS
 from ident.recordings.formats.c3d_layout import check_layout
 from ident.recordings.formats.reading import SI, checked_rate, library, undamaged
 from ident.recordings.markers import Markers, check_labels
@@ -49,11 +50,12 @@ def markers(path: Path, limit: int) -> Markers:
         rate, labelled = _labelled(content)
         computed = {label for kind in COMPUTED for label in _strings(content["parameters"]["POINT"], kind)}
         unit = _unit(content["parameters"]["POINT"], "UNITS", "m")
-        if unit not in SI:
+        if unit not in UNITS["length"]:
             raise LogError(f"a C3D file needs markers in a unit of length, got '{unit}'.")
-        positions = {label: SI[unit] * x for label, x in labelled.items() if label not in computed}
+        kept = tuple(label for label in labelled if label not in computed)
         frames = content["data"]["points"].shape[2]
-        return Markers(np.arange(frames) / rate, rate, positions)
+        positions = np.reshape([UNITS["length"][unit] * labelled[label] for label in kept], (len(kept), frames, 3))
+        return Markers(np.arange(frames) / rate, kept, positions.swapaxes(0, 1))
 
 
 def _content(path: Path, limit: int) -> Any:

@@ -1,19 +1,37 @@
-"""Marker positions as text, `.trc`: two rows of what is known, two of labels and axes, then a row for each frame."""
+"""Marker positions as text, `.trc`: two rows of what is known, two of labels and axes, then a row for each frame.
 
+Cells are between tabs, the labels over three columns each:
+
+    PathFileType  4  (X/Y/Z)  walk.trc
+    DataRate  CameraRate  NumFrames  NumMarkers  Units  OrigDataRate  OrigDataStartFrame  OrigNumFrames
+    100  100  2  1  mm  100  1  2
+    Frame#  Time  KNEE
+            X1  Y1  Z1
+    1  0.00  1.5  2.5  3.5
+    2  0.01  1.6  2.6  3.6
+"""
+
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from ident.errors import LogError
 from ident.recordings.column import UNITS
-from ident.recordings.csv_file import Line, lines_of
+from ident.recordings.csv_file import lines_of
 from ident.recordings.formats.reading import checked_rate
-from ident.recordings.markers import Markers, check_labels
+from ident.recordings.markers import Markers
 from ident.recordings.table import Table, short
 from ident.recordings.text_file import opened_text
 
 NEEDED = ("DataRate", "NumFrames", "NumMarkers", "Units")
 """Entries of the header that the positions cannot do without."""
+
+LENGTHS: Mapping[str, float] = {**UNITS["length"], "meters": 1.0, "centimeters": 1e-2, "millimeters": 1e-3}
+"""Units of length that headers state, as factors to the metre."""
+
+Row = tuple[int, list[str]]
+"""Cells of a row, with its number from 1."""
 
 
 def tables(path: Path, limit: int) -> list[Table]:
@@ -28,56 +46,65 @@ def tables(path: Path, limit: int) -> list[Table]:
 def markers(path: Path, limit: int) -> Markers:
     """Positions of the markers of a `.trc` file.
 
+    Markers are missing where cells are empty, NaN, or all three zero, as some programs write.
+
     Raises:
         LogError: The header is incomplete or contradicts the rows, or a row is malformed.
     """
     with opened_text(path, limit) as text:
-        lines = list(lines_of(text))
-    if len(lines) < 6 or not lines[0][1].startswith("PathFileType"):
-        raise LogError("a .trc file begins with PathFileType, and has five rows before its frames; this one has not.")
-    header = dict(zip(_cells(lines[1]), _cells(lines[2]), strict=False))
+        rows = [(number, [cell.strip() for cell in line.split("\t")]) for number, line in lines_of(text)]
+    if len(rows) < 5 or rows[0][1][0] != "PathFileType":
+        raise LogError("a .trc file begins with PathFileType, and has four more rows before its frames; this has not.")
+    header = dict(zip(rows[1][1], rows[2][1], strict=False))
     if missing := [key for key in NEEDED if not header.get(key)]:
         raise LogError(f"the header of a .trc file needs {', '.join(NEEDED)}; it lacks {', '.join(missing)}.")
-    rate = checked_rate(_number(lines[2], header["DataRate"]), "the DataRate of a .trc file")
-    factor = UNITS["length"].get(header["Units"])
-    if factor is None:
-        raise LogError(f"the markers' Units need to be one of {', '.join(UNITS['length'])}; got {header['Units']}.")
-    labels = [label for label in _cells(lines[3])[2:] if label]
-    check_labels(labels)
-    rows = lines[5:] if not lines[4][1].split()[0].lstrip("-").isdigit() else lines[4:]
-    for key, count in (("NumFrames", len(rows)), ("NumMarkers", len(labels))):
+    rate = checked_rate(_number(rows[2], header["DataRate"]), "the DataRate of a .trc file")
+    if header["Units"] not in LENGTHS:
+        raise LogError(f"the markers' Units need to be one of {', '.join(LENGTHS)}; got {short(header['Units'])}.")
+    labels = _labels(rows[3])
+    # Some files leave out the row of axes.
+    frames = rows[4 if rows[4][1][0].isdecimal() else 5 :]
+    for key, count in (("NumFrames", len(frames)), ("NumMarkers", len(labels))):
         if header[key] != str(count):
             raise LogError(f"the header promises {short(header[key])} as {key}, the file has {count}.")
-    table = np.array([_frame(row, 2 + 3 * len(labels)) for row in rows])
-    time, x = table[:, 1], factor * table[:, 2:].reshape(len(rows), -1, 3)
-    _check_rate(time, rate)
-    return Markers(time, rate, {label: x[:, k] for k, label in enumerate(labels)})
+    columns = 2 + 3 * len(labels)
+    table = np.reshape([_frame(row, columns) for row in frames], (len(frames), columns))
+    x = table[:, 2:].reshape(len(frames), len(labels), 3)
+    x[(x == 0).all(axis=2)] = np.nan
+    found = Markers(table[:, 1], labels, LENGTHS[header["Units"]] * x)
+    _check_rate(found.time, rate)
+    return found
 
 
-def _cells(line: Line) -> list[str]:
-    return [cell.strip() for cell in line[1].rstrip("\r\n").split("\t")]
+def _labels(row: Row) -> tuple[str, ...]:
+    """The labels, each over three columns."""
+    number, cells = row
+    if [cell.rstrip("#").lower() for cell in cells[:2]] != ["frame", "time"]:
+        raise LogError(f"row {number} of a .trc file begins with Frame# and Time, got '{short(cells[0])}'.")
+    return tuple(label for label in cells[2:] if label)
 
 
-def _frame(line: Line, columns: int) -> list[float]:
+def _frame(row: Row, columns: int) -> list[float]:
     """Numbers of a row, NaN for cells that are empty or left out at its end."""
-    cells = _cells(line)
+    number, cells = row
     if any(cells[columns:]):
-        raise LogError(f"row {line[0]} has {len(cells)} cells where the labels ask for {columns}.")
-    numbers = [_number(line, cell or "nan") for cell in cells[:columns]]
+        raise LogError(f"row {number} has {len(cells)} cells where the labels ask for {columns}.")
+    numbers = [_number(row, cell or "nan") for cell in cells[:columns]]
     return numbers + [np.nan] * (columns - len(numbers))
 
 
-def _number(line: Line, cell: str) -> float:
+def _number(row: Row, cell: str) -> float:
     try:
-        return float(cell)
+        value = np.inf if "_" in cell else float(cell)
     except ValueError:
-        raise LogError(f"row {line[0]} needs numbers, got '{short(cell)}'.") from None
+        value = np.inf
+    if np.isinf(value):
+        raise LogError(f"row {row[0]} needs finite numbers, got '{short(cell)}'.")
+    return value
 
 
 def _check_rate(time: np.ndarray, rate: float) -> None:
     """Refuses times that are not those of the rate."""
-    if not np.isfinite(time).all():
-        raise LogError("every frame needs a time, some have none.")
     steps = np.diff(time)
     if len(steps) and not 0.9 < np.median(steps) * rate < 1.1:
         raise LogError(f"the header promises {rate:g} Hz, but frames are {np.median(steps):g} s apart.")

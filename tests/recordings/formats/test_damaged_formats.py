@@ -144,15 +144,18 @@ def test_damaged_motion_files(tmp_path, damage, message):
 TRC = {
     "no markers' file": (changed("PathFileType", "FileType"), "a .trc file begins with PathFileType"),
     "no unit": (changed("Units", "Unit"), "needs DataRate, NumFrames, NumMarkers, Units; it lacks Units"),
-    "feet": (changed("\tmm\t", "\tft\t"), "Units need to be one of m, cm, mm; got ft"),
+    "feet": (
+        changed("\tmm\t", "\tft\t"),
+        "Units need to be one of m, cm, mm, meters, centimeters, millimeters; got ft",
+    ),
     "zero rate": (changed("100.0\t", "0\t"), "the DataRate of a .trc file needs to be positive, the file says 0 Hz"),
-    "rate of no number": (changed("100.0\t", "fast\t"), "row 3 needs numbers, got 'fast'"),
+    "rate of no number": (changed("100.0\t", "fast\t"), "row 3 needs finite numbers, got 'fast'"),
     "another rate": (changed("100.0\t", "250\t"), "promises 250 Hz, but frames are 0.01 s apart"),
     "more frames": (changed("\t40\t", "\t41\t"), "promises 41 as NumFrames, the file has 40"),
     "more markers": (changed("\t2\tmm", "\t3\tmm"), "promises 3 as NumMarkers, the file has 2"),
     "labels twice": (changed("ankle", "hip"), "markers need different labels, 'hip' is given to more than one"),
-    "a word": (changed("\t0.050000\t", "\tlate\t"), "row 12 needs numbers, got 'late'"),
-    "no time": (changed("\t0.050000\t", "\t\t"), "every frame needs a time"),
+    "a word": (changed("\t0.050000\t", "\tlate\t"), "row 12 needs finite numbers, got 'late'"),
+    "no time": (changed("\t0.050000\t", "\t\t"), "times of frames must be finite and increase; frame 6 does not"),
     "a long row": (changed("\t0.050000\t", "\t0.05\t1\t"), "row 12 has 9 cells where the labels ask for 8"),
 }
 
