@@ -60,11 +60,16 @@ class Seen:
 
         Raises:
             ModelError: Nothing moves.
-            LogError: A joint is a ball, which recordings do not hold.
+            LogError: A joint is a ball, whose channels are not summed sample by sample.
         """
         if not tree.moving:
             raise ModelError(f"Nothing moves on this base: {', '.join(tree.names)} without joints; see --base.")
         kinds = joint_kinds(tree)
+        if balls := [joint for joint, kind in kinds.items() if kind == "ball"]:
+            raise LogError(
+                "One pass over recordings takes hinges, slides and the pose of a moving base, but not the ball joint "
+                f"'{balls[0]}'; `identify` does."
+            )
         return cls({f"{joint}_{rate}": f"{kind} {rate}" for joint, kind in kinds.items() for rate in STATES})
 
     def check(self, recording: Recording, wrenches: Iterable[str]) -> None:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.column import KINDS, UNITS, Columns
+from ident.geometry.quaternion import without_jumps
+from ident.recordings.column import BALL, KINDS, UNITS, Columns
 from ident.recordings.mapping import ColumnMapping, check_no_column_twice
 from ident.recordings.sampled import AS_MEASURED
 from ident.recordings.table import BASE, Table, short
@@ -21,7 +22,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
     Args:
         mapping: What is known of the columns.
         table: The file.
-        joints: Whether each joint is a `hinge` or a `slide`, by name.
+        joints: Whether each joint is a `hinge`, a `slide` or a `ball`, by name.
 
     Raises:
         LogError: A mapped column, the time or the position of a joint is not to be found, names are ambiguous, or a
@@ -30,15 +31,15 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
     columns, sensors = dict(mapping.columns), dict(mapping.sensors)
     if "time" not in columns:
         columns["time"] = Columns((_named(table, "time", ("time", "t")),))
-    for joint in joints:
-        for kind, patterns in KINDS.items():
+    for joint, joint_kind in joints.items():
+        for kind in KINDS:
             if f"joints.{joint}.{kind}" not in columns:
-                name = _named(table, f"the {kind} of joint '{joint}'", [p.format(joint) for p in patterns])
-                columns[f"joints.{joint}.{kind}"] = Columns((name,))
-        if not columns[f"joints.{joint}.position"].names[0]:
-            names = ", ".join(p.format(joint) for p in KINDS["position"])
+                columns[f"joints.{joint}.{kind}"] = _of_joint(table, joint, joint_kind, kind)
+        if not all(columns[f"joints.{joint}.position"].names):
+            names, ball = ", ".join(p.format(joint) for p in KINDS["position"]), joint_kind == "ball"
             raise LogError(
-                f"joint '{joint}' needs a column of its positions, named {names} or mapped; {table.available()}. "
+                f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "
+                f"{'with .w, .x, .y and .z ' if ball else ''}or mapped; {table.available()}. "
                 f"Where it does not move, --fix {joint} [VALUE] leaves it out."
             )
     if not columns["time"].names[0]:
@@ -63,6 +64,13 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             if name not in table.cells:
                 raise LogError(f"{key} is mapped to column '{short(name)}', but {table.available()}.")
     return replace(mapping, columns=columns, sensors=sensors)
+
+
+def _of_joint(table: Table, joint: str, joint_kind: str, kind: str) -> Columns:
+    """Columns of a joint by their names, "" for those that are missing."""
+    ends = [f".{component}" for component in BALL[kind]] if joint_kind == "ball" else [""]
+    what = f"the {kind} of joint '{joint}'"
+    return Columns(tuple(_named(table, what, [f"{p.format(joint)}{end}" for p in KINDS[kind]]) for end in ends))
 
 
 def _with_unit_of_file(key: str, columns: Columns, table: Table, joints: Mapping[str, str]) -> Columns:
@@ -125,8 +133,9 @@ def read_channels(
         notes.append(
             f"Columns {', '.join(others)} look like a wrench; without an entry under [wrenches] it is not used."
         )
-    if "base.quaternion" in channels:
-        channels["base.quaternion"] = _continuous(table, channels["base.quaternion"])
+    for key, x in channels.items():
+        if key == "base.quaternion" or (key.startswith("joints.") and key.endswith(".position") and x.shape[1] == 4):
+            channels[key] = _continuous(table, key, x)
     return channels
 
 
@@ -162,13 +171,11 @@ def _tame(table: Table, names: Sequence[str]) -> Table:
     return replace(table, cells={**table.cells, **cells})
 
 
-def _continuous(table: Table, quaternion: np.ndarray) -> np.ndarray:
-    """Unit quaternions whose signs do not jump (N, 4)."""
+def _continuous(table: Table, key: str, quaternion: np.ndarray) -> np.ndarray:
+    """Unit quaternions whose signs do not jump, NaN where a component is missing (N, 4)."""
     norm = np.linalg.norm(quaternion, axis=1)
     wrong = np.abs(norm - 1) > 0.01
     if wrong.any():
         i = int(wrong.argmax())
-        raise LogError(f"{table.row(i)}, base.quaternion needs a norm of 1, got {norm[i]:g}.")
-    turned = (quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0
-    signs = np.where(np.cumsum([False, *turned]) % 2, -1.0, 1.0)
-    return quaternion * (signs / norm)[:, None]
+        raise LogError(f"{table.row(i)}, {key} needs a norm of 1, got {norm[i]:g}.")
+    return without_jumps(quaternion / norm[:, None])

@@ -13,20 +13,29 @@ KINDS = {
     "acceleration": ("{}_acceleration", "ddq_{}"),
     "torque": ("{}_torque", "tau_{}"),
 }
-"""What a log may hold of a joint, and the names of the column that holds it."""
+"""What a log may hold of a joint, and the names of the column that holds it; of a ball, before `.w`, `.x` and so on."""
+
+BALL = {"position": "wxyz", "velocity": "xyz", "acceleration": "xyz", "torque": "xyz"}
+"""Suffixes of a ball's columns: a quaternion, and what is in the body's frame."""
 
 _DEG = np.pi / 180
 _SQUARED = ("^2", "2", "²")
 _ANGLE = {"rad": 1.0, "deg": _DEG}
+_RATE = {f"{u}/s": f for u, f in _ANGLE.items()}
+_ACCELERATION = {f"{u}/s{s}": f for u, f in _ANGLE.items() for s in _SQUARED}
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _FORCE = {"N": 1.0, "kN": 1e3}
 _MOMENT = {"N m": 1.0, "Nm": 1.0, "N mm": 1e-3, "Nmm": 1e-3, "kN m": 1e3, "kNm": 1e3}
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "hinge position": _ANGLE,
-    "hinge velocity": {f"{u}/s": f for u, f in _ANGLE.items()} | {"rpm": np.pi / 30},
-    "hinge acceleration": {f"{u}/s{s}": f for u, f in _ANGLE.items() for s in _SQUARED},
+    "hinge velocity": _RATE | {"rpm": np.pi / 30},
+    "hinge acceleration": _ACCELERATION,
     "hinge torque": _MOMENT,
+    "ball position": {"1": 1.0},
+    "ball velocity": _RATE,
+    "ball acceleration": _ACCELERATION,
+    "ball torque": _MOMENT,
     "slide position": _LENGTH,
     "slide velocity": {f"{u}/s": f for u, f in _LENGTH.items()},
     "slide acceleration": {f"{u}/s{s}": f for u, f in _LENGTH.items() for s in _SQUARED},

@@ -175,10 +175,10 @@ def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
         channel = f"{name}_{kind}"
         if channel in measured:
             raise LogError(f"a joint and a wrench are both named '{name}', and both have torques; rename the wrench.")
-        measured[channel] = x[:, 0] if room == "joints" else x
+        measured[channel] = x[:, 0] if x.shape[1] == 1 else x
         if key in repaired.streams:
             time, values = repaired.streams[key]
-            streams[channel] = Sampled(time, values[:, 0] if room == "joints" else values)
+            streams[channel] = Sampled(time, values[:, 0] if x.shape[1] == 1 else values)
         if mapping.columns[key].unit:
             units[channel] = mapping.columns[key].unit
     base = _base(repaired.channels, len(repaired.time))

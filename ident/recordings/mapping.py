@@ -10,7 +10,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.mechanism.tree import Tree
 from ident.recordings import plates
-from ident.recordings.column import KINDS, Columns, Sum
+from ident.recordings.column import BALL, KINDS, Columns, Sum
 from ident.recordings.column_entries import factor_of, joints_of_motors, several, single
 from ident.recordings.csv_file import Layout
 from ident.recordings.entries import check_keys, pose, table, toml, vector
@@ -73,18 +73,9 @@ class ColumnMapping:
 
 
 def joint_kinds(tree: Tree) -> dict[str, str]:
-    """Whether each joint is a `hinge` or a `slide`, by its name.
-
-    Raises:
-        LogError: One is a ball, which logs cannot hold.
-    """
+    """Whether each joint is a `hinge`, a `slide` or a `ball`, by its name."""
     bodies = [tree.bodies[i] for i in tree.moving]
-    if balls := [body.joint for body in bodies if body.is_ball]:
-        raise LogError(
-            f"A log can hold hinges, slides and the pose of a moving base, but not the ball joint '{balls[0]}'; name "
-            "the body it carries as the base (--base), and map its pose under [base]."
-        )
-    return {body.joint: "hinge" if body.twist[3:].any() else "slide" for body in bodies}
+    return {body.joint: "ball" if body.is_ball else "hinge" if body.turns else "slide" for body in bodies}
 
 
 def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
@@ -132,9 +123,14 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
         check_keys(f"[joints.{joint}]", table(f"joints.{joint}", quantities), tuple(KINDS))
         for kind, entry in quantities.items():
             key = f"joints.{joint}.{kind}"
-            mapping.columns[key] = single(key, entry, f"{joints[joint]} {kind}")
+            mapping.columns[key] = (
+                several(key, entry, len(BALL[kind]))
+                if joints[joint] == "ball"
+                else single(key, entry, f"{joints[joint]} {kind}")
+            )
+    with_axes = {joint: kind for joint, kind in joints.items() if kind != "ball"}
     for name, entry in table("motors", entries.get("motors", {})).items():
-        for key, columns in joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), joints).items():
+        for key, columns in joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), with_axes).items():
             if key in mapping.columns:
                 raise LogError(f"{key} is mapped twice, under [joints] and by motors; it can be one only.")
             mapping.columns[key] = columns

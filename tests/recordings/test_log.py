@@ -26,7 +26,7 @@ from malformed_logs import (
 from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
-from ident.mechanism.body import Body, ball_twist
+from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.column import UNITS
@@ -342,9 +342,6 @@ def test_files_that_are_no_logs(tmp_path):
     (tmp_path / "log.csv").write_text(text(PLAIN))
     with pytest.raises(ValueError, match=r"no.toml: a mapping of columns is a TOML file that exists"):
         read_log(tmp_path / "log.csv", MECHANISM, columns=tmp_path / "no.toml")
-    with pytest.raises(ValueError, match="but not the ball joint 'hip'"):
-        ball = Body("leg", -1, np.eye(4), ball_twist(np.zeros(3)), "hip")
-        read_log(tmp_path / "log.csv", Mechanism(Tree((ball,)), np.zeros(3)))
 
 
 @pytest.mark.parametrize(

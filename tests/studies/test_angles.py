@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from commands import refusal
 from marked import labels_of, marked_person, trc, trial
+from scipy.spatial.transform import Rotation
 
 import ident
 import scenes
@@ -50,7 +51,13 @@ def test_a_person_is_scaled_and_her_angles_are_found(folder, tmp_path, capsys):
     knee = person.source.model.joint("left_knee").qposadr[0]
     z = (found["left_knee_position"] - truth["qpos"][:, knee]) / found.noise["left_knee_position"]
     assert np.sqrt((z**2).mean()) < 2
-    assert found["neck_position"].shape == (40, 4) and found.base.shape == (40, 4, 4)
+    first = int(person.source.model.joint("neck").qposadr[0])
+    neck, true = (
+        Rotation.from_quat(x, scalar_first=True)
+        for x in (read_log(out / "angles.csv", person)["neck_position"], truth["qpos"][:, first : first + 4])
+    )
+    assert np.sqrt(((neck.inv() * true).as_rotvec() ** 2).mean()) < 2 * found.noise["neck_position"]
+    assert found.base.shape == (40, 4, 4)
     np.testing.assert_allclose(found.base[:, :3, 3], truth["qpos"][:, :3], atol=0.006)
     covariance = np.load(out / "covariance.npz")
     assert covariance["covariance"].shape == (40, 41, 41) and "left_knee" in covariance["names"]
