@@ -44,7 +44,9 @@ def test_a_person_is_scaled_and_her_angles_are_found(folder, tmp_path, capsys):
     assert main([*arguments, "--out", str(tmp_path / "out"), "--formats", "png"]) == 0
     said = capsys.readouterr().out
     assert "54 markers in 40 frames; {0} is the frame of 'pelvis'." in said
-    truth, out = np.load(folder / "truth.npz"), tmp_path / "out"
+    out = tmp_path / "out"
+    with np.load(folder / "truth.npz") as archive:
+        truth = dict(archive)
     person = sim.mechanism(out / "model_scaled.xml", base="pelvis")
     assert person.known.reshape(-1, 10)[:, 0].sum() == pytest.approx(70)
     found = Recording.load(out / "angles.npz")
@@ -59,8 +61,8 @@ def test_a_person_is_scaled_and_her_angles_are_found(folder, tmp_path, capsys):
     assert np.sqrt(((neck.inv() * true).as_rotvec() ** 2).mean()) < 2 * found.noise["neck_position"]
     assert found.base.shape == (40, 4, 4)
     np.testing.assert_allclose(found.base[:, :3, 3], truth["qpos"][:, :3], atol=0.006)
-    covariance = np.load(out / "covariance.npz")
-    assert covariance["covariance"].shape == (40, 41, 41) and "left_knee" in covariance["names"]
+    with np.load(out / "covariance.npz") as covariance:
+        assert covariance["covariance"].shape == (40, 41, 41) and "left_knee" in covariance["names"]
     assert json.loads((out / "provenance.json").read_text())["options"]["mass"] == 70
     assert "table_lengths" in {path.stem for path in out.iterdir()} and "<h1>" in (out / "report.html").read_text()
 
