@@ -10,6 +10,7 @@ import experiments.__main__
 import experiments.benchmark.__main__
 from experiments import (
     angles,
+    columns,
     derive,
     excite,
     identify,
@@ -32,6 +33,7 @@ COMMANDS = {
     "noise": noise,
     "sweep": sweep,
     "angles": angles,
+    "columns": columns,
     "identify": identify,
     "payload": payload,
     "stream": stream,

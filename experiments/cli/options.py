@@ -29,6 +29,12 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
         return action.help if action.default in (None, []) else super()._get_help_string(action)
 
 
+def plain_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser of any command; arguments as for `command_parser`."""
+    prog = f"python -m experiments.{name}".rstrip(".")
+    return argparse.ArgumentParser(prog=prog, description=description, formatter_class=_Help)
+
+
 def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser of everything that writes results.
 
@@ -36,8 +42,7 @@ def command_parser(name: str, description: str | None) -> argparse.ArgumentParse
         name: Name of the command, `python -m experiments.NAME`.
         description: What it does, for `--help`.
     """
-    prog = f"python -m experiments.{name}".rstrip(".")
-    parser = argparse.ArgumentParser(prog=prog, description=description, formatter_class=_Help)
+    parser = plain_parser(name, description)
     parser.add_argument("--out", type=Path, default=Path("results") / name, help="folder for the results")
     return parser
 
@@ -155,6 +160,11 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     """Adds how a user's recordings are read, and whether offsets are fitted."""
     parser.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
     parser.add_argument("--offsets", action=argparse.BooleanOptionalAction, default=True, help="fit constant offsets")
+    add_size(parser)
+
+
+def add_size(parser: argparse.ArgumentParser) -> None:
+    """Adds how much memory a log may take; `size_limit` gives it in bytes."""
     parser.add_argument(
         "--max-size",
         type=whole_number(1, 1_000_000),

@@ -31,7 +31,7 @@ def check_rates(recording: Recording, hinges: Sequence[str]) -> None:
         x, dx = (recording.measured.get(f"{joint}_{quantity}") for quantity in (kind, rate))
         if x is None or dx is None:
             continue
-        factor = _rate_factor(recording.time, x, dx)
+        factor = rate_factor(recording.time, x, dx)
         if any(0.8 < abs(factor) / suspected < 1.25 for suspected in (180 / np.pi, np.pi / 180)):
             raise LogError(
                 f"the {rate} of joint '{joint}' is {factor:.3g} times the derivative of its {kind}, so one of them is "
@@ -39,7 +39,7 @@ def check_rates(recording: Recording, hinges: Sequence[str]) -> None:
             )
 
 
-def _rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
+def rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
     """How many times the derivative of x is dx; 0 where they have little to do with each other."""
     m = max(1, len(time) // 100)
     # Differences over many samples, and means over them, hold less noise than derivatives.

@@ -5,12 +5,10 @@ import re
 from collections.abc import Sequence
 
 from ident.recordings.table import short
+from ident.recordings.wrench_names import Component, wrench_groups
 
-WORDS = {
-    "force": r"force|grf|(?<![a-z])f",
-    "torque": r"torque|moment|grm|(?<![a-z])[mt]",
-}
-"""What a component of a wrench is called before its axis, in small letters."""
+KINDS = ("force", "torque")
+"""What makes a wrench, moments being about the origin."""
 
 JOINT_TORQUE = r"torque|moment|effort|(?<![a-z])(tau|trq|t)(?![a-z])"
 """What the torque of a joint is called, in small letters."""
@@ -42,23 +40,17 @@ def suggested_mapping(columns: Sequence[str], joints: Sequence[str]) -> str:
 
 def _ground(names: Sequence[str]) -> list[str]:
     """Lines for the most complete wrench among the columns."""
-    groups: dict[str, dict[tuple[str, str], str]] = {}
-    for name in names:
-        for kind, words in WORDS.items():
-            # OpenSim calls the components of a force vx, vy and vz.
-            match = re.search(rf"(?:{words})([\W_\d]*)v?[\W_]*([xyz])(?![a-z])", name.lower())
-            if match:
-                number = "".join(re.findall(r"\d+", match[1]))
-                rest = f"{name[: match.start()]}|{number}|{name[match.end() :]}"
-                groups.setdefault(rest, {}).setdefault((kind, match[2]), name)
-                break
+    wrenches = (
+        {key: name for key, name in group.items() if key[0] in KINDS} for group in wrench_groups(names).values()
+    )
+    groups = [group for group in wrenches if group]
     if not groups:
         return []
-    best = max(groups.values(), key=len)
-    return ["[wrenches.ground]", *(f"{kind} = [{_listed(best, kind)}]" for kind in WORDS)]
+    best = max(groups, key=len)
+    return ["[wrenches.ground]", *(f"{kind} = [{_listed(best, kind)}]" for kind in KINDS)]
 
 
-def _listed(group: dict[tuple[str, str], str], kind: str) -> str:
+def _listed(group: dict[Component, str], kind: str) -> str:
     return ", ".join(_quoted(group.get((kind, axis), "")) for axis in "xyz")
 
 

@@ -1,0 +1,55 @@
+"""What the columns of your own logs are: a mapping to correct, guessed from names, numbers and the model."""
+
+import argparse
+import shlex
+from pathlib import Path
+
+from experiments.cli import options
+from ident.errors import InputError
+
+
+def run(args: argparse.Namespace) -> None:
+    """Looks at the logs, prints what is believed of them, and writes it as a mapping."""
+    from experiments.guesses.guess import believed, is_complete, write_mapping
+    from experiments.guesses.written import table
+    from sim.models.mechanism import mechanism
+
+    out = args.out or args.logs[0].with_name(args.logs[0].name.partition(".")[0] + ".toml")
+    if out.resolve() in {path.resolve() for path in (args.model, *args.logs)}:
+        raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
+    arm = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=options.fixed(args.fix))
+    log, belief = believed(arm, args.logs, limit=options.size_limit(args))
+    write_mapping(out, log, belief, arm.joints, force=args.force)
+    lines = [*log.told(), "", *table(log, belief)]
+    lines += [""] * bool(belief.open or belief.notes)
+    lines += [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
+    lines += [f"Nothing was found for {', '.join(belief.unused)}."] if belief.unused else []
+    print("\n".join(lines))
+    gaps = bool(log.missing)
+    then = "then" if is_complete(belief, arm.joints) else "then, when every joint has a position"
+    print(f"\nCorrect {out}; {then}:\n{_identify(args, out, gaps=gaps)}")
+
+
+def _identify(args: argparse.Namespace, columns: Path, *, gaps: bool) -> str:
+    """The command that comes next."""
+    words = ["python", "-m", "experiments.identify", str(args.model), *map(str, args.logs), "--columns", str(columns)]
+    words += ["--base", args.base] if args.base else []
+    words += ["--ignore", *args.ignore] if args.ignore else []
+    for joint in args.fix:
+        words += ["--fix", *joint]
+    return shlex.join([*words, "--gaps"] if gaps else words)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.plain_parser("columns", __doc__)
+    out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
+    out.add_argument("logs", type=Path, nargs="+", metavar="log", help="files that identify reads, of the same columns")
+    out.add_argument("--out", type=Path, help="file to write, by default beside the first log, with its name and .toml")
+    out.add_argument("--force", action="store_true", help="replace the file if there is one")
+    options.add_mechanism(out)
+    options.add_size(out)
+    return out
+
+
+main = options.main(__name__, run, parser)

@@ -1,0 +1,76 @@
+"""Which column of a log holds its times, and in which unit."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.guesses.words import words
+from ident.errors import LogError
+from ident.recordings.column import UNITS
+
+ROWS = 20_000
+"""Samples of a log that are looked at."""
+
+SLOWEST = {"s": 0.2, "ms": 200.0, "us": 2e5, "ns": 2e8}
+"""Longest steps, in each unit, of what counts in it: nobody records a motion at less than 5 Hz."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """A column of times.
+
+    Attributes:
+        column: Its name.
+        unit: Its unit.
+        why: Why it is believed to be that.
+    """
+
+    column: str
+    unit: str
+    why: str
+
+    @property
+    def factor(self) -> float:
+        """The unit as a factor to seconds."""
+        return UNITS["time"][self.unit]
+
+
+def clock_of(columns: Mapping[str, np.ndarray]) -> Clock:
+    """The column of times: one that only grows, by its name or else the steadiest.
+
+    Args:
+        columns: Columns of numbers by name (N,).
+
+    Raises:
+        LogError: None grows, or several without a name that says so.
+    """
+    steps = {name: np.diff(x) for name, x in columns.items()}
+    growing = {name: dx for name, dx in steps.items() if len(dx) and (dx >= 0).all() and np.median(dx) > 0}
+    named = [name for name in growing if words(name).kind == "time" or words(name).unit in UNITS["time"]]
+    # Counters of samples grow as steadily, but by one.
+    others = [name for name in growing if not (steps[name] == 1).all() and _steady(steps[name])]
+    candidates = named or others or list(growing)
+    if not candidates:
+        raise LogError(f"no column of it grows as times do, of {', '.join(list(columns)[:20])}; a log needs one.")
+    exact = [name for name in candidates if name.lower() in ("time", "t")] or candidates
+    if len(exact) > 1:
+        exact = [name for name in exact if "_ros" not in name and words(name).core == ()] or exact
+    if len(exact) > 1 and not all(_alike(columns[exact[0]], columns[name]) for name in exact):
+        raise LogError(f"its times may be any of {', '.join(exact)}; name one of them time, or take the others out.")
+    column = exact[0]
+    said, step = words(column).unit, float(np.median(steps[column]))
+    by_step = next((unit for unit, slowest in SLOWEST.items() if step <= slowest), "ns")
+    unit = said if said in UNITS["time"] else by_step
+    how = "its name says so" if unit == said else f"steps of {step:.4g} are {step * UNITS['time'][unit]:.3g} s then"
+    what = "named so" if column in named else "it alone grows steadily"
+    return Clock(column, unit, f"{what}; {unit} since {how}")
+
+
+def _steady(steps: np.ndarray) -> bool:
+    return bool(np.median(np.abs(steps / np.median(steps) - 1)) < 0.5)
+
+
+def _alike(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two columns of times are the same in other units or from another day."""
+    return bool(np.corrcoef(a, b)[0, 1] > 1 - 1e-6)

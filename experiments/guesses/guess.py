@@ -1,0 +1,69 @@
+"""From a log and a model to a mapping of columns."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from experiments.guesses.belief import Belief
+from experiments.guesses.checked import check_positions, check_wrenches_and_torques
+from experiments.guesses.joints import add_named, set_rates, set_units
+from experiments.guesses.seen import Seen, check_same_columns, seen
+from experiments.guesses.unnamed import add_unnamed
+from experiments.guesses.wrenches import add_wrenches
+from experiments.guesses.written import toml_text
+from ident.errors import InputError
+from ident.mechanism.mechanism import Mechanism
+from ident.recordings.atomic import replacing
+from ident.recordings.mapping import joint_kinds
+from ident.recordings.npz import LIMIT
+from ident.recordings.wrench_names import wrench_groups
+
+
+def believed(mechanism: Mechanism, logs: Sequence[Path], *, limit: int = LIMIT) -> tuple[Seen, Belief]:
+    """What is believed of the columns of some logs, which are those of the first.
+
+    Args:
+        mechanism: Whose joints and bodies are looked for.
+        logs: Files that `read_log` reads.
+        limit: Bytes that an archive may take in memory.
+
+    Raises:
+        LogError: One is missing, damaged or without times, or lacks columns of the first that are used.
+        InputError: The library that reads such files is not installed.
+    """
+    kinds, held = joint_kinds(mechanism.tree), not mechanism.tree.floats
+    log, belief = seen(logs[0], limit), Belief()
+    components = [c for g in wrench_groups(log.names).values() if len(g) > 2 for c in g.values()]
+    add_named(belief, log, mechanism.joints, components)
+    small = set_units(belief, log, kinds)
+    add_wrenches(belief, log, mechanism, held)
+    lacking = [joint for joint in mechanism.joints if joint not in belief.of("position")]
+    add_unnamed(belief, log, mechanism, mechanism.joints, held)
+    signs = check_positions(belief, log, mechanism, kinds, small)
+    set_rates(belief, log, kinds)
+    lacking = [joint for joint in lacking if joint not in belief.of("position")]
+    for joint in lacking:
+        if not any(f"'{joint}'" in sentence or f" {joint}" in sentence for sentence in belief.open):
+            belief.open.append(f"No column looks like the position of '{joint}'; --fix {joint} leaves out what rests.")
+    if not lacking and mechanism.prior is not None:
+        check_wrenches_and_torques(belief, log, mechanism, limit, axes=signs)
+    clock = {log.clock.column} if log.clock else set()
+    belief.unused = [name for name in log.names if name not in belief.columns]
+    check_same_columns(log, logs[1:], {*belief.columns, *clock} - {""}, limit)
+    return log, belief
+
+
+def write_mapping(path: Path, log: Seen, belief: Belief, joints: Sequence[str], *, force: bool = False) -> None:
+    """Writes the mapping.
+
+    Raises:
+        InputError: There is a file already, and it is not to be replaced.
+    """
+    if path.exists() and not force:
+        raise InputError(f"'{path}' is there already; --force replaces it, --out NAME writes another.")
+    with replacing(path) as temporary:
+        temporary.write_text(toml_text(log, belief, joints), encoding="utf-8")
+
+
+def is_complete(belief: Belief, joints: Sequence[str]) -> bool:
+    """Whether every joint has a position."""
+    return set(joints) <= belief.of("position").keys()

@@ -1,0 +1,163 @@
+"""Columns of joints: by their names, as derivatives of one another, and in which units."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from experiments.guesses.belief import LIKELY, SURE, Belief, Quantity
+from experiments.guesses.seen import Seen
+from experiments.guesses.words import LIKE, NEAR, Words, likeness, unit_of, words
+from ident.recordings.column import CURRENT, KINDS, UNITS
+from ident.recordings.plausibility import rate_factor
+
+ROUND = 2 * np.pi + 0.5
+"""Angles beyond it are hardly radians."""
+
+LONG = 20.0
+"""Travels of a slide beyond it are hardly metres."""
+
+
+def add_named(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
+    """Adds the columns that are named like joints, where there is no choice.
+
+    Args:
+        belief: Where to.
+        seen: The log.
+        joints: Joints whose columns are looked for.
+        taken: Columns that are something else.
+    """
+    own = {joint: _of_joint(joint) for joint in joints}
+    for kind, patterns in KINDS.items():
+        said = {name: words(name) for name in seen.names if name not in (*taken, *belief.columns)}
+        said = {name: about for name, about in said.items() if not name.isdigit()}
+        fitting = {"position": ("position", ""), "torque": ("torque", "current")}.get(kind, (kind,))
+        likes = {
+            (name, joint): 1.01 if name in [p.format(joint) for p in patterns] else likeness(about, own[joint])
+            for name, about in said.items()
+            for joint in joints
+            if about.kind in fitting or name in [p.format(joint) for p in patterns]
+        }
+        # A column that stands still is taken by its exact name only.
+        likes = {pair: like for pair, like in likes.items() if pair[0] in seen.columns or like >= 0.99}
+        _add_best(belief, {pair: like for pair, like in likes.items() if like >= LIKE}, kind)
+
+
+def _of_joint(joint: str) -> Words:
+    """Words of a joint's name, all of them where nothing else is left."""
+    about = words(joint)
+    return about if about.core else Words((joint.lower(),))
+
+
+def _add_best(belief: Belief, likes: dict[tuple[str, str], float], kind: str) -> None:
+    """Takes pairs of column and joint from the likest on; where another is as likely, none."""
+    while likes:
+        name, joint = max(likes, key=lambda pair: likes[pair])
+        like = likes[name, joint]
+        columns = [c for c, j in likes if j == joint and likes[c, j] > like - NEAR]
+        others = [j for c, j in likes if c == name and likes[c, j] > like - NEAR]
+        if len(columns) > 1 and like <= 1:
+            belief.open.append(f"The {kind} of '{joint}' may be in {' or in '.join(columns)}.")
+            belief.ambiguous |= {joint} if kind == "position" else set()
+        elif len(others) > 1 and like <= 1:
+            belief.open.append(f"Column '{name}' may be the {kind} of {' or of '.join(others)}.")
+            belief.ambiguous |= set(others) if kind == "position" else set()
+        else:
+            sure, why = (SURE, "named so") if like >= 0.99 else (LIKELY, f"named alike ({100 * like:.0f} %)")
+            found = Quantity(joint, kind, name, sure, [why])
+            belief.quantities[found.key] = found
+            columns, others = [name], [joint]
+        likes = {(c, j): x for (c, j), x in likes.items() if c not in columns and j not in others}
+
+
+def set_units(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> list[str]:
+    """Units of positions by what the file, their names and their size say.
+
+    Args:
+        belief: Whose positions get units.
+        seen: The log.
+        kinds: Whether each joint is a `hinge` or a `slide`.
+
+    Returns:
+        Joints with angles that may be radians, since they are small, or degrees.
+    """
+    left: list[Quantity] = []
+    for joint, found in belief.of("position").items():
+        said = unit_of(f"{kinds[joint]} position", words(found.column).unit)
+        if found.column in seen.units:
+            found.why.append("the file knows its unit")
+        elif said:
+            found.unit = said
+            found.why.append(f"{said} by its name")
+        else:
+            left.append(found)
+    for kind, limit, larger, usual in (("hinge", ROUND, "deg", "rad"), ("slide", LONG, "mm", "m")):
+        those = [found for found in left if kinds[found.joint] == kind and found.column in seen.columns]
+        sizes = [np.abs(seen.columns[found.column]).max() for found in those]
+        # A program has one unit for all angles.
+        unit = larger if max(sizes, default=0) > limit else usual
+        for found, size in zip(those, sizes, strict=True):
+            found.unit = unit
+            found.why.append(f"{unit} since it goes to {size:.3g}" + ("" if size > limit or unit == usual else ", and "
+                             f"another to {max(sizes):.3g}"))  # fmt: skip
+    return [x.joint for x in left if x.unit == "rad"]
+
+
+def set_rates(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> None:
+    """Units and signs of velocities and accelerations, as derivatives; what is none is left out."""
+    for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
+        for joint, found in belief.of(kind).items():
+            x = _position_or_rate(belief, seen, kinds, joint, of)
+            dx = seen.columns.get(found.column)
+            if x is None or dx is None:
+                continue
+            choices = UNITS[f"{kinds[joint]} {kind}"]
+            said = unit_of(f"{kinds[joint]} {kind}", words(found.column).unit)
+            of_file = _factor(seen, found.column, found.unit, f"{kinds[joint]} {kind}")
+            factor = rate_factor(seen.time, x, dx)
+            fits = {unit: factor * c for unit, c in choices.items() if 0.8 < abs(factor * c) < 1.25}
+            if found.column in seen.units:
+                fits = {"": factor * of_file} if 0.8 < abs(factor * of_file) < 1.25 else {}
+            if not fits:
+                found.why = [f"it is {factor:.3g} times the derivative" if factor else "it is not the derivative"]
+                belief.notes.append(
+                    f"Column '{found.column}' is named like the {kind} of '{joint}', but {found.why[0]} of what is "
+                    "taken for its {of}; it is left out.".replace("{of}", of)
+                )
+                found.column, found.sure = "", SURE
+                continue
+            found.unit = said if said in fits else next(iter(fits))
+            ratio = fits[found.unit]
+            found.gain = -1.0 if ratio < 0 else 1.0
+            found.why.append(f"{ratio:.2f} times the derivative of the {of}" + (f" in {found.unit}" * bool(found.unit)))
+            found.sure = SURE
+
+
+def _position_or_rate(belief: Belief, seen: Seen, kinds: Mapping[str, str], joint: str, kind: str) -> np.ndarray | None:
+    """A joint's position, or its velocity, in the SI's units; the velocity from the position if need be (N,)."""
+    found = belief.of(kind).get(joint)
+    if found and found.column in seen.columns:
+        return (
+            seen.columns[found.column] * found.gain * _factor(seen, found.column, found.unit, f"{kinds[joint]} {kind}")
+        )
+    if kind == "velocity" and (x := _position_or_rate(belief, seen, kinds, joint, "position")) is not None:
+        return np.gradient(x, seen.time)
+    return None
+
+
+def position(belief: Belief, seen: Seen, kinds: Mapping[str, str], joint: str) -> np.ndarray | None:
+    """A joint's position in rad or m at the common times (N,); None if there is none that changes."""
+    return _position_or_rate(belief, seen, kinds, joint, "position")
+
+
+def _factor(seen: Seen, column: str, unit: str, quantity: str) -> float:
+    """The unit of a column, its own or the file's, as a factor to the SI's."""
+    if unit:
+        return UNITS[quantity][unit]
+    of_file = next((u for u in UNITS[quantity] if seen.units.get(column) == "deg" and u.startswith("deg")), None)
+    return UNITS[quantity][of_file] if of_file else 1.0
+
+
+def is_current(found: Quantity) -> bool:
+    """Whether the name of what is taken for a torque says that it is a motor's current."""
+    about = words(found.column)
+    return about.kind == "current" or about.unit in CURRENT

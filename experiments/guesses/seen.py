@@ -1,0 +1,178 @@
+"""A log as it comes: how its text is laid out, its columns of numbers at common times, and what is odd about them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from experiments.guesses.clock import ROWS, Clock, clock_of
+from ident.errors import LogError
+from ident.recordings.csv_file import Layout
+from ident.recordings.files import TEXT, has_several_clocks, read_clocks, read_tables
+from ident.recordings.npz import LIMIT
+from ident.recordings.sampled import Sampled, interpolated
+from ident.recordings.table import TRUE, Table, is_number
+
+PREAMBLE = 40
+"""Lines before a table that are tried to be left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A log as it was found.
+
+    Attributes:
+        path: The file.
+        layout: How its text is laid out.
+        clock: Its column of times, None where the file knows the times of its columns.
+        time: Common times of the columns, uniform, s (N,).
+        columns: Columns of numbers that change, at these times (N,).
+        constant: Values of columns that never change.
+        missing: Share of missing numbers in each column that has some.
+        unread: What is wrong with columns that have no numbers, by name.
+        units: What the file says of units, by column.
+    """
+
+    path: Path
+    layout: Layout
+    clock: Clock | None
+    time: np.ndarray
+    columns: dict[str, np.ndarray]
+    constant: dict[str, float] = field(default_factory=dict)
+    missing: dict[str, float] = field(default_factory=dict)
+    unread: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def rate(self) -> float:
+        """Samples per second, Hz."""
+        return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
+
+    @property
+    def names(self) -> list[str]:
+        """Columns with numbers, those that never change among them."""
+        return [*self.columns, *self.constant]
+
+    def told(self) -> list[str]:
+        """Lines on the file and each of its columns."""
+        size = max((len(name) for name in self.columns), default=0)
+        lines = [
+            f"{self.path}: {len(self.names)} columns of numbers, {self.time[-1] - self.time[0]:.4g} s at "
+            f"{self.rate:.4g} Hz" + ("" if self.layout.header else "; no header, so columns go by their numbers") + "."
+        ]
+        lines += [f"{self.layout.skip} lines before the table are left out."] if self.layout.skip else []
+        for name, x in self.columns.items():
+            lost = f", {100 * self.missing[name]:.2g} % missing" if name in self.missing else ""
+            lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}{lost}")
+        if self.constant:
+            lines.append(
+                f"  never changing: {', '.join(f'{name} ({value:g})' for name, value in self.constant.items())}"
+            )
+        return lines + [f"  not read: {why}" for why in self.unread.values()]
+
+
+def seen(path: Path, limit: int = LIMIT) -> Seen:
+    """Looks at a log, of a long one at its first `ROWS` samples.
+
+    Raises:
+        LogError: The file is missing or damaged, has no numbers, or none of its columns can be times.
+        InputError: The library that reads such files is not installed.
+    """
+    try:
+        if has_several_clocks(path):
+            return _at_common_times(path, Layout(), None, read_clocks(path, limit=limit))
+        layout = _layout(path, limit)
+        tables = read_tables(path, ROWS, limit=limit, layout=layout)
+        table = next(tables, None)
+        if table is None:
+            raise LogError("it has no rows of numbers.")
+        clock = clock_of(_numbers(table, {}))
+        return _at_common_times(path, layout, clock, [table])
+    except (LogError, OSError) as error:
+        raise LogError(f"{path}: {error}") from None
+
+
+def _layout(path: Path, limit: int) -> Layout:
+    """How a file of text is laid out: the first way in which it reads."""
+    if not path.name.lower().endswith(TEXT) or not path.is_file():
+        return Layout()
+    first: LogError | None = None
+    for skip in range(PREAMBLE):
+        try:
+            row = next(read_tables(path, 1, limit=limit, layout=Layout(False, skip)), None)
+            if row is None:
+                break
+            cells = [str(cell[0]) for cell in row.cells.values()]
+            layout = Layout(not all(is_number(cell) for cell in cells if cell), skip)
+            several = [_numbers(table, {}) for table in islice(read_tables(path, 50, limit=limit, layout=layout), 1)]
+        except LogError as error:
+            first = first or error
+            continue
+        if several and len(several[0]) > 1:
+            return layout
+    raise first or LogError("a log needs a table with two columns of numbers or more, none was found.")
+
+
+def _numbers(table: Table, unread: dict[str, str]) -> dict[str, np.ndarray]:
+    """Columns that hold numbers, NaN where one is missing (N,); what is wrong with the others is put into `unread`."""
+    numbers = {}
+    for name in table.cells:
+        if name.startswith(TRUE):
+            continue
+        try:
+            if not name.isprintable() or name != name.strip():
+                raise LogError(f"column {name!r} has a name that a mapping cannot hold.")
+            x = table.column(name, gaps=True)
+        except LogError as error:
+            unread[name] = str(error)
+            continue
+        if np.isfinite(x).any():
+            numbers[name] = x
+        else:
+            unread[name] = f"column '{name}' is empty."
+    return numbers
+
+
+def _at_common_times(path: Path, layout: Layout, clock: Clock | None, tables: Sequence[Table]) -> Seen:
+    """Columns of one table or several, interpolated at uniform times that all of them cover."""
+    unread: dict[str, str] = {}
+    sampled: dict[str, Sampled] = {}
+    units: dict[str, str] = {}
+    for table in tables:
+        numbers = _numbers(table, unread)
+        own = numbers.pop(clock.column if clock else "time", np.empty(0)) * (clock.factor if clock else 1.0)
+        if len(own) < 10:
+            raise LogError(f"a log needs at least 10 samples, it has {len(own)}.")
+        # Of times that come again, or go back, the first count.
+        kept = np.flatnonzero(own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
+        sampled |= {name: Sampled(own[kept] - (own[0] if clock else 0), x[kept]) for name, x in numbers.items()}
+        units |= table.units
+    if not sampled:
+        raise LogError("it has times, but no other column of numbers.")
+    start, end = max(x.time[0] for x in sampled.values()), min(x.time[-1] for x in sampled.values())
+    step = min(float(np.median(np.diff(x.time))) for x in sampled.values())
+    if not end - start > 10 * step:
+        raise LogError("a log needs at least 10 samples that all columns cover.")
+    time = np.linspace(start, end, min(ROWS, round((end - start) / step) + 1))
+    missing = {name: float(np.isnan(x.values).mean()) for name, x in sampled.items() if np.isnan(x.values).any()}
+    changing = {name: x for name, x in sampled.items() if np.nanmax(x.values) > np.nanmin(x.values)}
+    columns = {name: interpolated(Sampled(x.time, x.values), time) for name, x in changing.items()}
+    constant = {name: float(np.nanmean(x.values)) for name, x in sampled.items() if name not in changing}
+    return Seen(path, layout, clock, time, columns, constant, missing, unread, units)
+
+
+def check_same_columns(first: Seen, others: Sequence[Path], used: set[str], limit: int = LIMIT) -> None:
+    """Refuses logs that lack columns of the mapping.
+
+    Raises:
+        LogError: One does, or cannot be read.
+    """
+    for path in others:
+        another = seen(path, limit)
+        if lacking := sorted(used - {*another.names, another.clock.column if another.clock else ""}):
+            raise LogError(
+                f"{path}: one mapping serves logs of the same columns, and here is no {', '.join(lacking)} as in "
+                f"{first.path.name}; map it by a run of its own."
+            )

@@ -1,0 +1,140 @@
+"""What the name of a column says: the quantity, its unit, and whose it is."""
+
+import re
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+
+from ident.recordings.column import UNITS
+
+KINDS = {
+    "position": {"q", "pos", "position", "angle", "angles", "ang", "theta", "value", "encoder", "coordinate"},
+    "velocity": {"dq", "qd", "qdot", "vel", "velocity", "speed", "omega", "rate"},
+    "acceleration": {"ddq", "qdd", "qddot", "acc", "accel", "acceleration"},
+    "torque": {"tau", "torque", "trq", "effort", "moment"},
+    "current": {"current", "cur", "amps", "i"},
+    "time": {"time", "t", "timestamp", "stamp", "clock"},
+}
+"""Words of names by what the column holds."""
+
+COMMANDED = {"ref", "cmd", "des", "desired", "target", "command", "commanded", "setpoint", "goal"}
+"""Words of what was asked for rather than measured."""
+
+EMPTY = {"joint", "jnt", "j", "axis", "meas", "measured", "actual", "fb", "feedback", "jointset", "motor", "link"}
+"""Words that say nothing of which joint it is."""
+
+SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
+
+SPELLED = {
+    "deg": "deg",
+    "degs": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "°": "deg",
+    "dps": "deg",
+    "rad": "rad",
+    "rads": "rad",
+    "radian": "rad",
+    "radians": "rad",
+    "rpm": "rpm",
+    "mm": "mm",
+    "cm": "cm",
+    "kn": "kN",
+    "nm": "N m",
+    "nmm": "N mm",
+    "knm": "kN m",
+    "ma": "mA",
+    "amp": "A",
+    "ms": "ms",
+    "msec": "ms",
+    "us": "us",
+    "usec": "us",
+    "ns": "ns",
+    "nsec": "ns",
+    "sec": "s",
+    "secs": "s",
+}
+"""Units by how names spell them, in small letters."""
+
+BRACKETED = {"m": "m", "n": "N", "a": "A", "s": "s", "µs": "us", "n.m": "N m", "n*m": "N m", "n·m": "N m"}
+"""Units that are so only in brackets, being letters of much else."""
+
+LIKE = 0.6
+"""Likeness of names from which on they may mean the same."""
+
+NEAR = 0.05
+"""Likenesses that differ by less leave open which is meant."""
+
+
+@dataclass(frozen=True)
+class Words:
+    """What a name says.
+
+    Attributes:
+        core: The words that are left: whose quantity it is.
+        kind: One of `KINDS`, or "".
+        unit: One of the units of `SPELLED` and `BRACKETED`, without `/s`, or "".
+        commanded: Whether it is what was asked for.
+    """
+
+    core: tuple[str, ...]
+    kind: str = ""
+    unit: str = ""
+    commanded: bool = False
+
+    @property
+    def numbers(self) -> set[str]:
+        """The numbers among the words."""
+        return {word for word in self.core if word.isdigit()}
+
+    @property
+    def sides(self) -> set[str]:
+        """Left or right."""
+        return {word for word in self.core if word in SIDES.values()}
+
+
+def words(name: str) -> Words:
+    """What the name of a column or a joint says."""
+    name, unit = _without_unit(name)
+    split = [part.lower() for part in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_]+|\d+", name)]
+    split = [str(int(part)) if part.isdigit() else part for part in split]
+    kinds = [kind for part in split for kind, those in KINDS.items() if part in those]
+    # Of `motor_current_position` the last word says what it is; `current` is a quantity only without another.
+    kind = next((kind for kind in reversed(kinds) if kind != "current" or set(kinds) == {"current"}), "")
+    spoken = set().union(*KINDS.values()) | EMPTY | COMMANDED
+    core = tuple(SIDES.get(part, part) for part in split if part not in spoken)
+    return Words(core, kind, unit, any(part in COMMANDED for part in split))
+
+
+def _without_unit(name: str) -> tuple[str, str]:
+    """A name without its unit, and the unit."""
+    if found := re.search(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$", name):
+        said = re.sub(r"\s|/\s*s(ec)?([\^]?2|²)?$", "", found[1].lower())
+        if unit := SPELLED.get(said) or BRACKETED.get(said):
+            return name[: found.start()], unit
+    pieces = re.split(r"([\W_]+)", name)
+    for k in range(len(pieces) - 1, -1, -1):
+        if k and (unit := SPELLED.get(pieces[k].lower())):
+            return "".join(pieces[:k]), unit
+    return name, ""
+
+
+def likeness(column: Words, joint: Words) -> float:
+    """How much a column's name is that of a joint or body, from 0 to 1: numbers and sides have to agree."""
+    if column.sides != joint.sides or not column.core or not joint.core or not joint.numbers <= column.numbers:
+        return 0.0
+    there, asked = set(column.core), set(joint.core)
+    if there == asked:
+        like = 1.0
+    elif asked <= there:
+        like = 0.95 - 0.02 * len(there - asked)
+    elif there <= asked:
+        like = 0.8 - 0.02 * len(asked - there)
+    else:
+        like = 0.85 * SequenceMatcher(None, "".join(column.core), "".join(joint.core)).ratio()
+    return like - (0.2 if column.commanded else 0.0)
+
+
+def unit_of(quantity: str, said: str) -> str:
+    """The unit of a quantity of `UNITS` whose name says so, "" if it says none that the quantity can have."""
+    rate = {"velocity": "/s", "acceleration": "/s^2"}.get(quantity.split(" ")[-1], "")
+    return next((unit for unit in (said, said + rate) if said and unit in UNITS[quantity]), "")

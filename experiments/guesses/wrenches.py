@@ -1,0 +1,189 @@
+"""Columns of wrenches: groups by their names, what they are measured about, and what they may act on."""
+
+import re
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
+from experiments.guesses.seen import Seen
+from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
+from ident.mechanism.mechanism import Mechanism
+from ident.recordings.column import CURRENT
+from ident.recordings.plates import AUTO
+from ident.recordings.wrench import GROUND
+from ident.recordings.wrench_names import Component, wrench_groups
+
+FEET = re.compile(r"foot|calcn|feet|sole|heel", re.IGNORECASE)
+"""What stands on the ground, by name."""
+
+GROUNDS = re.compile(r"ground|base|plate|floor", re.IGNORECASE)
+"""What the wrench at the base is named after."""
+
+SAME = 0.999
+"""Correlation of the sizes of two forces from which on they are one."""
+
+Parts = dict[Component, str]
+"""Columns by component."""
+
+ABOUT_ORIGIN = 0.05
+"""Share of a moment's variance beside that of p × F, up to which it is about the origin rather than about the point."""
+
+
+def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool) -> None:
+    """Adds the columns that are named like wrenches.
+
+    Args:
+        belief: Where to.
+        seen: The log.
+        mechanism: What the wrenches may act on.
+        held: Whether something holds the base.
+    """
+    names = [name for name in seen.names if name not in belief.columns]
+    bare = {_bare(n): n for n in names if words(n).unit not in CURRENT and not words(n).commanded}
+    found: list[tuple[str, Parts]] = []
+    for rest, components in wrench_groups(list(bare)).items():
+        parts = {key: bare[name] for key, name in components.items()}
+        if sum(kind != "point" for kind, _ in parts) < 2 or not any(name in seen.columns for name in parts.values()):
+            continue
+        own = re.sub(r"\W+", "_", rest).strip("_")
+        if same := next((other for other, those in found if _is_same(seen, parts, those)), None):
+            belief.open.append(f"The wrench '{own}' has the same force as '{same}', and is left out.")
+            continue
+        found.append((own, parts))
+    for k, (rest, parts) in enumerate(found):
+        site = _site(rest, mechanism)
+        grounds = [j for j, (other, _) in enumerate(found) if GROUNDS.search(other)]
+        is_ground = held and not site and (len(found) == 1 or grounds == [k])
+        group = Group(GROUND if is_ground else site or (rest if rest not in ("", GROUND) else f"wrench{k + 1}"), {})
+        group.entries = _entries(seen, parts)
+        if site:
+            _mount(group, mechanism)
+        elif not is_ground:
+            _place(belief, group, mechanism, held)
+        elif "point" in group.entries:
+            group.entries["frame"] = Entry("world", "a point of application rests in the world")
+        belief.groups[group.name] = group
+
+
+def _is_same(seen: Seen, one: Parts, other: Parts) -> bool:
+    """Whether two wrenches have forces of the same size throughout, and so are one that is written twice."""
+    sizes = []
+    for parts in (one, other):
+        forces = [name for (kind, _), name in parts.items() if kind == "force" and name in seen.columns]
+        sizes.append(np.linalg.norm([seen.columns[name] for name in forces] or [0 * seen.time], axis=0))
+    return bool(all(np.ptp(size) > 0 for size in sizes) and np.corrcoef(sizes)[0, 1] > SAME)
+
+
+def _site(rest: str, mechanism: Mechanism) -> str:
+    """The site of the model that a wrench is named after, unless it is at the base; "" if there is none."""
+    own = words(rest)
+    named = [site for site in mechanism.sites if likeness(own, words(site)) >= 0.99]
+    return named[0] if len(named) == 1 and mechanism.sites[named[0]][0] in mechanism.tree.names else ""
+
+
+def _mount(group: Group, mechanism: Mechanism) -> None:
+    """Adds where the model has the site that a wrench is named after."""
+    body, pose = mechanism.site(group.name)
+    angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+    group.entries["body"] = Entry(body, "the model has a site of that name on it")
+    group.entries["position"] = Entry(pose[:3, 3].round(9).tolist(), "of that site")
+    group.entries["rpy_deg"] = Entry((angles.round(7) + 0.0).tolist(), "of that site")
+
+
+def _bare(name: str) -> str:
+    """A name without its unit, whose letters would be taken for a component."""
+    return re.sub(r"\s*[\[(][^\])]*[\])]\s*$|[\W_]+(k?Nm?m?)$", "", name)
+
+
+def _entries(seen: Seen, parts: Parts) -> dict[str, Entry]:
+    """Lines on the columns of a wrench and their units."""
+
+    def listed(kind: str) -> list[str]:
+        return [parts.get((kind, axis), "") for axis in "xyz"]
+
+    there = {kind for kind, _ in parts}
+    entries = {"force": Entry(listed("force"), "named so", SURE)} if "force" in there else {}
+    moment = "torque"
+    if {"point", "force", "torque"} <= there:
+        moment = "torque" if _is_about_origin(seen, parts) else "free_moment"
+        if moment == "free_moment":
+            why = "named so; what has no column is 0 m"
+            entries["point"] = Entry([name or 0.0 for name in listed("point")], why)
+    if "torque" in there:
+        about = {"torque": "about the origin", "free_moment": "about the point, since p × F does not explain it"}
+        entries[moment] = Entry(listed("torque"), f"named so; {about[moment]}")
+    for key, kind, quantity in (
+        ("unit", "force", "force"),
+        ("torque_unit", "torque", "torque"),
+        ("point_unit", "point", "length"),
+    ):
+        if key == "point_unit" and "point" not in entries:
+            continue
+        columns = [name for name in listed(kind) if name]
+        said = {unit_of(quantity, words(name).unit) for name in columns} - {""}
+        if len(said) == 1 and not any(name in seen.units for name in columns):
+            entries[key] = Entry(said.pop(), "by the names")
+        elif key == "point_unit" and not any(name in seen.units for name in columns):
+            # Where nobody stands a point is anything; half of the time somebody does.
+            size = max(float(np.median(np.abs(seen.columns[name]))) for name in columns if name in seen.columns)
+            if size > 10:
+                entries[key] = Entry("mm", f"half of the time it is {size:.3g} or more away")
+    return entries
+
+
+def _is_about_origin(seen: Seen, parts: Parts) -> bool:
+    """Whether moments are those of the force at the point of application, about the origin."""
+
+    def of(kind: str) -> np.ndarray:
+        columns = [seen.columns.get(parts.get((kind, axis), ""), np.zeros(len(seen.time))) for axis in "xyz"]
+        return np.stack(columns, axis=1)
+
+    force, moment, arm = of("force"), of("torque"), np.cross(of("point"), of("force"))
+    pairs = [k for k in range(3) if np.ptp(moment[:, k]) > 0 and np.ptp(arm[:, k]) > 0 and np.ptp(force) > 0]
+    left = [1 - np.corrcoef(moment[:, k], arm[:, k])[0, 1] ** 2 for k in pairs]
+    # About the point there is at most one component, around the plate's normal.
+    return len([x for x in left if x < ABOUT_ORIGIN]) > 1
+
+
+def _place(belief: Belief, group: Group, mechanism: Mechanism, held: bool) -> None:
+    """Adds what a wrench that is not the ground's acts on; where that is open, it stays a remark."""
+    if "point" in group.entries or not held:
+        group.entries["frame"] = Entry("world", "a point of application rests in the world" if held else "plates rest")
+        _stand(belief, group, mechanism)
+        return
+    own = words(group.name)
+    likes = {body: likeness(own, words(body)) for body in mechanism.tree.names}
+    best = max(likes, key=lambda body: likes[body])
+    near = [body for body in likes if likes[body] > likes[best] - NEAR]
+    if likes[best] >= LIKE and len(near) == 1:
+        group.entries["body"] = Entry(best, f"named alike ({100 * likes[best]:.0f} %)")
+    else:
+        group.entries["body"] = Entry("?", f"one of {', '.join(mechanism.tree.names)}", DOUBTFUL)
+        belief.open.append(f"What the wrench '{group.name}' acts on is not to be told by its name.")
+
+
+def _stand(belief: Belief, group: Group, mechanism: Mechanism) -> None:
+    """Adds who may be on a plate."""
+    tree = mechanism.tree
+    carrying = {tree.names[body.parent] for body in tree.bodies if body.parent >= 0}
+    feet = [name for name in tree.names if FEET.search(name)]
+    among = feet or [name for name in tree.names if name not in carrying]
+    what = "named like feet" if feet else "bodies that carry no other"
+    if sides := words(group.name).sides:
+        among = [name for name in among if words(name).sides == sides] or among
+    if len(among) == 1:
+        group.entries["on"] = Entry(among[0], what)
+    elif 1 < len(among) <= 8:
+        group.entries["on"] = Entry(AUTO, "who is nearest to the force, in every episode")
+        group.entries["among"] = Entry(among, what)
+    else:
+        group.entries["on"] = Entry("?", f"one of {', '.join(tree.names)}", DOUBTFUL)
+        belief.open.append(f"Who stands on '{group.name}' is not to be told.")
+
+
+def is_doubtful(group: Group) -> bool:
+    """Whether something of a wrench is open, so that it can be a remark only."""
+    return any(entry.sure == DOUBTFUL for entry in group.entries.values()) or not (
+        {"force", "torque"} & group.entries.keys()
+    )

@@ -1,0 +1,99 @@
+"""A mapping of columns with the reason of every line beside it, to be corrected by hand."""
+
+import json
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Quantity
+from experiments.guesses.seen import Seen
+from experiments.guesses.wrenches import is_doubtful
+
+ORDER = (
+    *("frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
+    *("force", "unit", "point", "point_unit", "free_moment", "torque", "torque_unit"),
+)
+"""Order of the lines of a wrench."""
+
+
+def toml_text(seen: Seen, belief: Belief, joints: Sequence[str]) -> str:
+    """The mapping file; what is doubtful, lacking or unused is in remarks.
+
+    Args:
+        seen: The log.
+        belief: What is believed of it.
+        joints: The mechanism's joints.
+    """
+    lines = [f"# Columns of {_printable(seen.path.name)}, guessed: correct what is wrong. Lines marked ? are guesses."]
+    lines += [f"# Open: {_printable(sentence)}" for sentence in belief.open]
+    lines += [f"# Note: {_printable(sentence)}" for sentence in belief.notes]
+    if seen.clock:
+        lines.append(_line("time", {"column": seen.clock.column, "unit": seen.clock.unit}, seen.clock.why, guess=True))
+    if not seen.layout.header or seen.layout.skip:
+        lines += ["[file]", _line("header", seen.layout.header, "the first row has numbers" * (not seen.layout.header))]
+        lines += [_line("skip", seen.layout.skip, "lines before the table")] if seen.layout.skip else []
+    for joint in joints:
+        lines += _joint(joint, [x for x in belief.quantities.values() if x.joint == joint])
+    for group in belief.groups.values():
+        mark = "# " if is_doubtful(group) else ""
+        lines.append(f"{mark}[wrenches.{_key(group.name)}]")
+        there = [(key, group.entries[key]) for key in ORDER if key in group.entries]
+        lines += [mark + _entry(key, entry) for key, entry in there]
+    if belief.unused:
+        lines.append(f"# Columns that nothing was found for: {', '.join(belief.unused)}")
+    return "\n".join(lines) + "\n"
+
+
+def _joint(joint: str, quantities: Sequence[Quantity]) -> list[str]:
+    """Lines on a joint, remarks alone where nothing of it is believed."""
+    believed = any(x.sure != DOUBTFUL for x in quantities)
+    lines = [f"{'' if believed else '# '}[joints.{_key(joint)}]"]
+    if not any(x.kind == "position" for x in quantities):
+        lines.append('# position = "?"    # no column was found')
+    for x in quantities:
+        mark = "# " if x.sure == DOUBTFUL else ""
+        lines.append(mark + _line(x.kind, x.value, "; ".join(x.why), guess=x.sure != SURE or len(x.why) > 1))
+    return lines
+
+
+def _entry(key: str, entry: Entry) -> str:
+    return _line(key, entry.value, entry.why, guess=entry.sure != SURE)
+
+
+def _line(key: str, value: Any, why: str, *, guess: bool = False) -> str:
+    mark = "? " if guess else ""
+    return f"{key} = {_toml(value)}" + (f"    # {mark}{_printable(why)}" if why else "")
+
+
+def _toml(value: Any) -> str:
+    """A value of TOML; the names of columns that are used have nothing that JSON would write otherwise."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)
+
+
+def _printable(text: str) -> str:
+    """A text for a remark, which is one line."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def table(seen: Seen, belief: Belief) -> list[str]:
+    """What is believed, a line for each quantity: column, unit, how sure, and why."""
+    rows = [("time", seen.clock.column, seen.clock.unit, "likely", seen.clock.why)] if seen.clock else []
+    for x in belief.quantities.values():
+        unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit
+        rows.append((x.key.removeprefix("joints."), x.column or "left out", unit, x.sure, "; ".join(x.why)))
+    for group in belief.groups.values():
+        for key in (key for key in ORDER if key in group.entries):
+            entry = group.entries[key]
+            values = entry.value if isinstance(entry.value, list) else [entry.value]
+            listed = ", ".join(str(each) if each != "" else "-" for each in values)
+            rows.append((f"{group.name}.{key}", listed, "", entry.sure, entry.why))
+    sizes = [max((len(row[k]) for row in rows), default=0) for k in range(4)]
+    return ["  ".join([*(f"{cell:{size}}" for cell, size in zip(row, sizes, strict=False)), row[4]]) for row in rows]
