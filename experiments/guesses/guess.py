@@ -4,15 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from experiments.guesses.belief import Belief
-from experiments.guesses.checked import check_positions, check_wrenches_and_torques
+from experiments.guesses.checked import check_wrenches_and_torques
 from experiments.guesses.joints import add_named, set_rates, set_units
 from experiments.guesses.seen import Seen, check_same_columns, seen
+from experiments.guesses.signs import check_positions
 from experiments.guesses.unnamed import add_unnamed
 from experiments.guesses.wrenches import add_wrenches
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.atomic import replacing
+from ident.recordings.column import KINDS
 from ident.recordings.mapping import joint_kinds
 from ident.recordings.npz import LIMIT
 from ident.recordings.wrench_names import wrench_groups
@@ -32,7 +34,9 @@ def believed(mechanism: Mechanism, logs: Sequence[Path], *, limit: int = LIMIT) 
     """
     kinds, held = joint_kinds(mechanism.tree), not mechanism.tree.floats
     log, belief = seen(logs[0], limit), Belief()
-    components = [c for g in wrench_groups(log.names).values() if len(g) > 2 for c in g.values()]
+    usual = {pattern.format(joint) for joint in kinds for patterns in KINDS.values() for pattern in patterns}
+    others = [name for name in log.names if name not in usual]
+    components = [c for group in wrench_groups(others).values() if len(group) > 2 for c in group.values()]
     add_named(belief, log, mechanism.joints, components)
     small = set_units(belief, log, kinds)
     add_wrenches(belief, log, mechanism, held)

@@ -108,7 +108,7 @@ def _layout(path: Path, limit: int) -> Layout:
             layout = Layout(not all(is_number(cell) for cell in cells if cell), skip)
             several = [_numbers(table, {}) for table in islice(read_tables(path, 50, limit=limit, layout=layout), 1)]
         except LogError as error:
-            first = first or error
+            first = first if skip else error
             continue
         if several and len(several[0]) > 1:
             return layout

@@ -19,7 +19,7 @@ KINDS = {
 COMMANDED = {"ref", "cmd", "des", "desired", "target", "command", "commanded", "setpoint", "goal"}
 """Words of what was asked for rather than measured."""
 
-EMPTY = {"joint", "jnt", "j", "axis", "meas", "measured", "actual", "fb", "feedback", "jointset", "motor", "link"}
+EMPTY = {"joint", "jnt", "j", "axis", "meas", "measured", "actual", "fb", "feedback", "jointset"}
 """Words that say nothing of which joint it is."""
 
 SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}

@@ -76,10 +76,11 @@ def _is_same(seen: Seen, one: Parts, other: Parts) -> bool:
 
 
 def _site(rest: str, mechanism: Mechanism) -> str:
-    """The site of the model that a wrench is named after, unless it is at the base; "" if there is none."""
-    own = words(rest)
-    named = [site for site in mechanism.sites if likeness(own, words(site)) >= 0.99]
-    return named[0] if len(named) == 1 and mechanism.sites[named[0]][0] in mechanism.tree.names else ""
+    """The site of the model that a wrench is named after, on a body that moves; "" if there is none."""
+    own, tree = words(rest), mechanism.tree
+    moving = {tree.names[k] for i in tree.moving for k in tree.carried(i)}
+    named = [s for s, (body, _) in mechanism.sites.items() if body in moving and likeness(own, words(s)) >= 0.99]
+    return named[0] if len(named) == 1 else ""
 
 
 def _mount(group: Group, mechanism: Mechanism) -> None:

@@ -15,6 +15,9 @@ from ident.recordings.table import BASE, Table, short
 from ident.recordings.wrench import GROUND, Sensor, sensors_told
 from ident.tolerances import HUGE
 
+SUGGESTION = " python -m experiments.columns MODEL LOG writes a mapping to correct."
+"""What to do where names do not tell what columns hold, and nothing else does."""
+
 
 def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) -> ColumnMapping:
     """A mapping and what a file tells besides: by the names of its columns, and of their units.
@@ -29,6 +32,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             column has two uses, or is mapped in another unit than the file's.
     """
     columns, sensors = dict(mapping.columns), dict(mapping.sensors)
+    suggestion = "" if columns else SUGGESTION
     if "time" not in columns:
         columns["time"] = Columns((_named(table, "time", ("time", "t")),))
     for joint, joint_kind in joints.items():
@@ -40,10 +44,10 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
             raise LogError(
                 f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "
                 f"{'with .w, .x, .y and .z ' if ball else ''}or mapped; {table.available()}. "
-                f"Where it does not move, --fix {joint} [VALUE] leaves it out."
+                f"Where it does not move, --fix {joint} [VALUE] leaves it out.{suggestion}"
             )
     if not columns["time"].names[0]:
-        raise LogError(f"a log needs a column of times, named time or t or mapped; {table.available()}.")
+        raise LogError(f"a log needs a column of times, named time or t or mapped; {table.available()}.{suggestion}")
     for sensor, place in {GROUND: Sensor(), **sensors_told(table.metadata.get("sensors", {}))}.items():
         parts = {
             f"wrenches.{sensor}.{kind}": tuple(

@@ -1,0 +1,149 @@
+"""Units and signs of joints, by how much of wrenches and torques the model explains with them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.guesses.belief import Belief
+from experiments.guesses.joints import position
+from experiments.guesses.predicted import curves, prediction, unexplained
+from experiments.guesses.seen import Seen
+from ident.estimation.equations import COMPONENTS
+from ident.estimation.loads import SLIP
+from ident.mechanism.mechanism import Mechanism
+
+BETTER, FAR_BETTER = 0.7, 0.5
+"""What another unit, and another sign, has to leave unexplained at most, over what there is without."""
+
+EXPLAINED = 0.02
+"""What may be left unexplained without a doubt about signs."""
+
+
+class Left(NamedTuple):
+    """Shares of variances that the model leaves unexplained.
+
+    Attributes:
+        somehow: Whatever the axes, signs and units of wrenches are.
+        straight: With wrenches in the axes that they are said to be in.
+    """
+
+    somehow: float
+    straight: float
+
+
+def check_positions(
+    belief: Belief, seen: Seen, mechanism: Mechanism, kinds: Mapping[str, str], small: Sequence[str]
+) -> bool:
+    """Holds units and signs of joints against wrenches and torques, whatever the units and axes of those are.
+
+    Args:
+        belief: What is believed.
+        seen: The log.
+        mechanism: The mechanism.
+        kinds: Whether each joint is a `hinge` or a `slide`.
+        small: Joints whose angles may be radians or degrees.
+
+    Returns:
+        Whether no sign is open, which turned axes of wrenches cannot be told from.
+    """
+    joints = [joint for joint in kinds if position(belief, seen, kinds, joint) is not None]
+    if len(joints) < len(kinds) or mechanism.prior is None:
+        return True
+    found = belief.of("position")
+    low = curves(seen, [found[joint].column for joint in joints])
+    states = {}
+    for joint in joints:
+        x, raw = position(belief, seen, kinds, joint), seen.columns[found[joint].column]
+        assert x is not None
+        states[joint] = low.states[found[joint].column] * (np.abs(x).max() / np.abs(raw).max())
+
+    def left(factors: Mapping[str, float]) -> Left | None:
+        return _left(belief, low.levels, mechanism, {j: x * factors.get(j, 1.0) for j, x in states.items()})
+
+    here = left({})
+    if here is None:
+        return True
+    if small:
+        there = left(dict.fromkeys(small, np.pi / 180))
+        if there is not None and there.somehow < BETTER * here.somehow:
+            for joint in small:
+                found[joint].unit = "deg"
+                states[joint] = states[joint] * np.pi / 180
+                shares = f"{_percent(there.somehow)} then, in rad {_percent(here.somehow)}"
+                found[joint].why.append(f"deg since the model explains {shares}")
+            here = there
+    return _turn(belief, joints, left, here)
+
+
+def _turn(
+    belief: Belief, joints: Sequence[str], left: Callable[[Mapping[str, float]], Left | None], here: Left
+) -> bool:
+    """Turns joints around whose opposite sign explains far more, one after the other; where two do, neither is told.
+
+    Args:
+        belief: What is believed.
+        joints: The joints.
+        left: What is left unexplained with factors on some positions.
+        here: The same with none.
+
+    Returns:
+        Whether no sign is open.
+    """
+    found = belief.of("position")
+    turned: dict[str, float] = {}
+    while here.somehow > EXPLAINED:
+        ways = {joint: way for joint in joints if (way := left({**turned, joint: -turned.get(joint, 1.0)})) is not None}
+        good = [joint for joint in ways if ways[joint].somehow < FAR_BETTER * here.somehow]
+        # The mirror image of a motion goes with a plate that is turned by 180°; a plate as it is, is likelier.
+        good.sort(key=lambda joint: (ways[joint].straight, ways[joint].somehow))
+        if not good:
+            return True
+        if len(good) > 1 and ways[good[0]].straight > FAR_BETTER * ways[good[1]].straight:
+            belief.open.append(
+                f"One of {', '.join(sorted(good))} has the opposite sign, which of them depends on how the "
+                "wrench's axes are turned: gain = -1 in its position."
+            )
+            return False
+        joint, before = good[0], here
+        here, turned[joint] = ways[joint], -turned.get(joint, 1.0)
+        found[joint].gain = turned[joint]
+        found[joint].why.append(
+            f"turned, since the model explains {_percent(here.somehow)} then, else {_percent(before.somehow)}"
+        )
+    return True
+
+
+def _percent(left: float) -> str:
+    return f"{100 * (1 - left):.0f} %"
+
+
+def _left(
+    belief: Belief, levels: Mapping[str, np.ndarray], mechanism: Mechanism, states: Mapping[str, np.ndarray]
+) -> Left | None:
+    """What the model leaves unexplained of wrenches and torques, on average; None where there are none."""
+    predicted = prediction(mechanism, list(states.values()))
+    wrench = [predicted[c] for c in COMPONENTS]
+    shares = []
+    for key, basis, part in (("force", wrench[:3], wrench[:3]), ("torque", wrench, wrench[3:])):
+        groups = [group for group in belief.groups.values() if key in group.entries]
+        listed = [[levels.get(name, 0 * wrench[0]) for name in group.entries[key].value] for group in groups]
+        total = np.sum(listed, axis=0).T if listed else np.empty((0, 0))
+        if total.size and np.ptp(total, axis=0).any():
+            shares.append((unexplained(total, basis), _beside_own(total, part)))
+    for joint, found in belief.of("torque").items():
+        if found.column in levels:
+            dq = states[joint][1]
+            rows = np.stack([np.ones_like(dq), dq, np.tanh(dq / SLIP)], axis=1)
+            own = levels[found.column] - rows @ np.linalg.lstsq(rows, levels[found.column], rcond=1e-8)[0]
+            share = unexplained(own[:, None], [predicted[joint], dq, rows[:, 2]])
+            shares.append((share, share))
+    return Left(*np.mean(shares, axis=0).tolist()) if shares else None
+
+
+def _beside_own(measured: np.ndarray, predicted: Sequence[np.ndarray]) -> float:
+    """Share of the variance of components (M, 3) that remains beside their own predictions, with one positive gain."""
+    x, y = np.stack(predicted, axis=1), measured - measured.mean(axis=0)
+    x = x - x.mean(axis=0)
+    gain = max(float((x * y).sum()), 0.0) / max(float((x * x).sum()), 1e-300)
+    return float(((y - gain * x) ** 2).sum() / (y**2).sum())

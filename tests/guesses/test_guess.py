@@ -1,0 +1,142 @@
+"""Odd logs are understood as a person would map them, and what is ambiguous stays open."""
+
+import mujoco
+import numpy as np
+import pytest
+import walker
+import wrist
+from guesses.odd_logs import DEG, GAINS, LOGS, arm, headless, motors, recording, text, vector, write
+
+import ident
+import sim
+from experiments.guesses.guess import believed, write_mapping
+from ident.model.regressor import base_wrench_regressor
+from ident.recordings.mapping import read_mapping
+from ident.recordings.smoothing import smoothed
+
+JOINTS = ("joint1", "joint2")
+
+
+def guessed(path):
+    log, belief = believed(arm(), [path])
+    columns = path.with_name("guessed.toml")
+    write_mapping(columns, log, belief, arm().joints)
+    return belief, columns
+
+
+@pytest.mark.parametrize("log", LOGS, ids=lambda log: log.__name__)
+def test_the_guessed_mapping_reads_as_the_true_one(tmp_path, log):
+    path, true = write(tmp_path, log)
+    belief, columns = guessed(path)
+    assert belief.open == [] and read_mapping(columns, arm().tree)
+    found, expected = (ident.read_log(path, arm(), mapping) for mapping in (columns, true))
+    assert found.measured.keys() == expected.measured.keys() and found.sensors.keys() == expected.sensors.keys()
+    for name, sensor in expected.sensors.items():
+        np.testing.assert_allclose(found.sensors[name].pose, sensor.pose, atol=1e-9)
+        assert found.sensors[name].applied_to_link == sensor.applied_to_link
+    for name, x in expected.measured.items():
+        # Gains of motors are regressed on the model.
+        close = 0.03 if log is motors and name.endswith("torque") else 1e-9
+        np.testing.assert_allclose(found[name], x, rtol=close, atol=1e-9)
+
+
+def test_gains_of_motors_come_with_deviations_that_hold_the_truth(tmp_path):
+    belief, _ = guessed(write(tmp_path, motors)[0])
+    for joint, gain in zip(JOINTS, GAINS, strict=True):
+        found = belief.quantities[f"joints.{joint}.torque"]
+        deviation = float(found.why[-1].split("±")[1].split()[0])
+        assert abs(found.gain - gain) < max(3 * deviation, 5e-4 * abs(gain)) and deviation < 0.1 * abs(gain)
+
+
+def angles():
+    return [recording()[f"{joint}_position"] for joint in JOINTS]
+
+
+def log_of(tmp_path, columns, wrench=None):
+    """A log of some columns beside the ground's force, or beside a whole wrench (N, 6)."""
+    r, path = recording(), tmp_path / "log.csv"
+    columns = {"time": r.time, **columns, **vector("F{}", r["ground_force"] if wrench is None else wrench[:, :3])}
+    path.write_text(text(columns | ({} if wrench is None else vector("M{}", wrench[:, 3:]))), encoding="utf-8")
+    return path
+
+
+def test_two_columns_of_the_same_name_stay_open(tmp_path):
+    q1, q2 = angles()
+    belief, columns = guessed(log_of(tmp_path, {"joint1_motor": q1, "joint1_load": q1, "joint2": q2}))
+    assert "joints.joint1.position" not in belief.quantities
+    assert any("'joint1' may be in joint1_motor or in joint1_load" in sentence for sentence in belief.open)
+    assert {"joint1_motor", "joint1_load"} <= set(belief.unused)
+    written = columns.read_text(encoding="utf-8")
+    assert '# [joints.joint1]\n# position = "?"' in written and "# Open: The position of 'joint1' may be in" in written
+    assert "joint1" not in {key.split(".")[1] for key in read_mapping(columns, arm().tree).columns if "joints" in key}
+
+
+def test_what_is_named_like_a_rate_but_is_none_is_left_out(tmp_path):
+    q1, q2 = angles()
+    noise = np.random.default_rng(0).normal(size=len(q1))
+    belief, columns = guessed(log_of(tmp_path, {"q_joint1": q1, "q_joint2": q2, "dq_joint1": noise}))
+    assert belief.quantities["joints.joint1.velocity"].column == "" and "dq_joint1" in belief.unused
+    assert any("named like the velocity of 'joint1'" in sentence for sentence in belief.notes)
+    assert "joint1_velocity" not in ident.read_log(tmp_path / "log.csv", arm(), columns).measured
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, "rad"), (DEG, "deg")])
+def test_small_angles_are_told_by_the_model(tmp_path, factor, unit):
+    q = 0.03 * np.stack(angles(), axis=1)
+    wrench = base_wrench_regressor(arm().tree, *smoothed(q, 100, 5.0), gravity=arm().gravity) @ arm().known
+    assert np.abs(factor * q).max() < 6
+    belief, _ = guessed(log_of(tmp_path, dict(zip(JOINTS, factor * q.T, strict=True)), wrench))
+    assert {found.unit for found in belief.of("position").values()} == {unit}
+
+
+def test_a_mirrored_joint_before_a_turned_plate_stays_open(tmp_path):
+    r, (q1, q2) = recording(), angles()
+    turn = np.kron(np.eye(2), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    belief, columns = guessed(log_of(tmp_path, {"joint1": q1, "joint2": -q2}, r.wrench("ground").values @ turn.T))
+    assert belief.open[0].startswith("One of joint1, joint2 has the opposite sign")
+    mapping = read_mapping(columns, arm().tree)
+    assert not mapping.sums and mapping.sensors["ground"].applied_to_link
+    np.testing.assert_array_equal(mapping.sensors["ground"].pose, np.eye(4))
+
+
+def test_numbers_without_a_header_and_too_few_to_tell_stay_open(tmp_path):
+    path = tmp_path / "log.csv"
+    rng = np.random.default_rng(0)
+    rows = np.column_stack([np.arange(300) / 100, np.cumsum(rng.normal(size=(300, 4)), axis=0)])
+    path.write_text("\n".join(",".join(map(repr, row)) for row in rows.tolist()))
+    belief, columns = guessed(path)
+    assert belief.quantities == {} and belief.groups == {} and len(belief.open) >= 1
+    assert belief.unused == ["2", "3", "4", "5"] and "header = false" in columns.read_text()
+
+
+def test_headless_places_are_said_to_be_guesses(tmp_path):
+    belief, _ = guessed(write(tmp_path, headless)[0])
+    assert any("taken for Fx by its place alone" in note for note in belief.notes)
+
+
+def test_a_wrist_sensor_is_where_the_model_has_a_site_of_its_name(tmp_path):
+    robot = sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
+    log, path = wrist.log(seconds=6.0), tmp_path / "log.csv"
+    columns = {"time": log.time, **{f"A{k} [deg]": DEG * log[f"{j}_position"] for k, j in enumerate(wrist.JOINTS, 1)}}
+    path.write_text(text(columns | vector("wrist_f{}", log["wrist_force"]) | vector("wrist_m{}", log["wrist_torque"])))
+    seen, belief = believed(robot, [path])
+    write_mapping(tmp_path / "guessed.toml", seen, belief, robot.joints)
+    sensor = ident.read_log(path, robot, tmp_path / "guessed.toml").sensors["wrist"]
+    np.testing.assert_allclose(sensor.pose, log.sensors["wrist"].pose, atol=1e-6)
+    assert sensor.body == "tool" and sensor.applied_to_link and belief.open == []
+
+
+def test_plates_of_a_walker_find_their_feet(tmp_path):
+    columns, both = walker.columns(), walker.wrenches()
+    for name, wrench in (("r", both["right"] + both["rail"]), ("l", both["left"])):
+        point, free = walker.centre_of_pressure(wrench)
+        point = np.nan_to_num(np.column_stack([point, 0 * free]), posinf=0, neginf=0)
+        columns |= vector(f"{name}_ground_force_v{{}}", wrench[:, :3]) | vector(f"{name}_ground_force_p{{}}", point)
+        columns |= vector(f"{name}_ground_torque_{{}}", np.column_stack([0 * free, 0 * free, free]))
+    path = tmp_path / "walk.csv"
+    path.write_text(text(columns), encoding="utf-8")
+    seen, belief = believed(walker.mechanism(), [path])
+    write_mapping(tmp_path / "guessed.toml", seen, belief, walker.mechanism().joints)
+    sensors = ident.read_log(path, walker.mechanism(), tmp_path / "guessed.toml").sensors
+    assert [sensor.body for sensor in sensors.values()] == ["foot_r", "foot_l"] and belief.open == []
+    assert {group.entries["unit"].value for group in belief.groups.values()} == {"N"}

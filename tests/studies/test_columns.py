@@ -1,0 +1,92 @@
+"""From a laboratory's file to parameters in two commands; and bad input in a sentence each."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from commands import refusal
+from guesses.odd_logs import arm, headless, laboratory, motors, write
+
+import ident
+import scenes
+from experiments import columns, identify
+
+MODEL = next(iter(scenes.__path__)) + "/double_pendulum.xml"
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("log", [laboratory, headless, motors], ids=lambda log: log.__name__)
+def test_two_commands_lead_from_a_file_to_its_parameters(tmp_path, capsys, log):
+    path, _ = write(tmp_path, log)
+    assert columns.main([MODEL, str(path), "--base", "base"]) == 0
+    said = capsys.readouterr().out
+    *_, command = said.strip().splitlines()
+    assert command == (
+        f"python -m experiments.identify {MODEL} {path} --columns {path.with_suffix('.toml')} --base base"
+    )
+    assert identify.main([*command.split()[3:], "--out", str(tmp_path), "--name", "out"]) == 0
+    found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    sensors = ident.Sensors(False, True) if log is motors else None
+    parameters = ident.find_base_parameters(arm(), **({"sensors": sensors} if sensors else {}))
+    truth = parameters.regroup(arm().known)
+    values, std = (np.array(found[key])[: len(truth)] for key in ("values", "std_setup"))
+    # Gains of motors are those of the model, to some per cent.
+    assert np.abs((values - truth) / np.hypot(std, 0.03 * np.abs(truth) * (log is motors))).max() < 4
+
+
+def test_what_is_there_is_replaced_by_force_alone(tmp_path, capsys):
+    path, _ = write(tmp_path, laboratory)
+    arguments = [MODEL, str(path), "--base", "base"]
+    assert columns.main(arguments) == 0
+    first = path.with_suffix(".toml").read_bytes()
+    path.with_suffix(".toml").write_text("# mine")
+    said = refusal(columns.main, arguments, capsys)
+    assert re.fullmatch(r"python -m experiments\.columns: error: '.*' is there already; --force .*\n", said)
+    assert path.with_suffix(".toml").read_text() == "# mine"
+    assert columns.main([*arguments, "--force"]) == 0 and path.with_suffix(".toml").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (None, "a log is a .csv"),
+        ("", "the file is empty"),
+        ("hello\n", "needs a table with two columns of numbers"),
+        ("a,b\nx,y\n", "needs"),
+        ("time,a\n1,2\n2,3\n", "needs at least 10 samples"),
+        ("a,b\n" + "".join(f"{(-1) ** k},{k % 3}\n" for k in range(50)), "no column of it grows as times do"),
+        ("time\n" + "".join(f"{k}\n" for k in range(50)), "needs a table with two columns of numbers"),
+    ],
+    ids=["missing", "empty", "words", "no numbers", "short", "no time", "time alone"],
+)
+def test_bad_logs_end_with_a_sentence(tmp_path, capsys, content, sentence):
+    path = tmp_path / "log.csv"
+    if content is not None:
+        path.write_text(content)
+    said = refusal(columns.main, [MODEL, str(path), "--base", "base"], capsys)
+    assert sentence in said and said.count("\n") == 1 and said.startswith("python -m experiments.columns: error: ")
+    assert not path.with_suffix(".toml").exists()
+
+
+def test_other_logs_need_the_same_columns(tmp_path, capsys):
+    path, _ = write(tmp_path, laboratory)
+    another = tmp_path / "another.csv"
+    another.write_text(path.read_text().replace("Joint 2 angle", "Joint 2 winkel"))
+    said = refusal(columns.main, [MODEL, str(path), str(another), "--base", "base"], capsys)
+    assert "another.csv: one mapping serves logs of the same columns, and here is no Joint 2 angle" in said
+
+
+def test_the_mapping_never_takes_the_place_of_what_is_read(tmp_path, capsys):
+    path, _ = write(tmp_path, laboratory)
+    said = refusal(columns.main, [MODEL, str(path), "--base", "base", "--out", str(path), "--force"], capsys)
+    assert "is read; choose another by --out" in said and path.stat().st_size > 1000
+
+
+def test_identify_names_the_way_to_a_mapping_unless_there_is_one(tmp_path, capsys):
+    path, true = write(tmp_path, laboratory)
+    arguments = [MODEL, str(path), "--base", "base", "--out", str(tmp_path / "out")]
+    said = refusal(identify.main, arguments, capsys)
+    assert said.endswith("python -m experiments.columns MODEL LOG writes a mapping to correct.\n")
+    true.write_text("[joints.joint1]\nposition = 'Joint 1 angle'\n")
+    assert "experiments.columns" not in refusal(identify.main, [*arguments, "--columns", str(true)], capsys)
