@@ -25,9 +25,8 @@ def run(args: argparse.Namespace) -> None:
     lines += [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
     lines += [f"Nothing was found for {', '.join(belief.unused)}."] if belief.unused else []
     print("\n".join(lines))
-    gaps = bool(log.missing)
     then = "then" if is_complete(belief, arm.joints) else "then, when every joint has a position"
-    print(f"\nCorrect {out}; {then}:\n{_identify(args, out, gaps=gaps)}")
+    print(f"\nCorrect {out}; {then}:\n{_identify(args, out, gaps=log.has_gaps)}")
 
 
 def _identify(args: argparse.Namespace, columns: Path, *, gaps: bool) -> str:

@@ -1,6 +1,6 @@
 """Columns of joints: by their names, as derivatives of one another, and in which units."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -39,7 +39,7 @@ def add_named(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence
         }
         # A column that stands still is taken by its exact name only.
         likes = {pair: like for pair, like in likes.items() if pair[0] in seen.columns or like >= 0.99}
-        _add_best(belief, {pair: like for pair, like in likes.items() if like >= LIKE}, kind)
+        _add_best(belief, {pair: like for pair, like in likes.items() if like >= LIKE}, kind, seen.constant)
 
 
 def _of_joint(joint: str) -> Words:
@@ -48,7 +48,7 @@ def _of_joint(joint: str) -> Words:
     return about if about.core else Words((joint.lower(),))
 
 
-def _add_best(belief: Belief, likes: dict[tuple[str, str], float], kind: str) -> None:
+def _add_best(belief: Belief, likes: dict[tuple[str, str], float], kind: str, constant: Collection[str]) -> None:
     """Takes pairs of column and joint from the likest on; where another is as likely, none."""
     while likes:
         name, joint = max(likes, key=lambda pair: likes[pair])
@@ -64,6 +64,8 @@ def _add_best(belief: Belief, likes: dict[tuple[str, str], float], kind: str) ->
         else:
             sure, why = (SURE, "named so") if like >= 0.99 else (LIKELY, f"named alike ({100 * like:.0f} %)")
             found = Quantity(joint, kind, name, sure, [why])
+            if name in constant and kind != "position":
+                found = Quantity(joint, kind, "", SURE, [f"'{name}' never changes"])
             belief.quantities[found.key] = found
             columns, others = [name], [joint]
         likes = {(c, j): x for (c, j), x in likes.items() if c not in columns and j not in others}

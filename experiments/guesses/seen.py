@@ -12,7 +12,7 @@ from ident.errors import LogError
 from ident.recordings.csv_file import Layout
 from ident.recordings.files import TEXT, has_several_clocks, read_clocks, read_tables
 from ident.recordings.npz import LIMIT
-from ident.recordings.sampled import Sampled, interpolated
+from ident.recordings.sampled import GAP, Sampled, interpolated
 from ident.recordings.table import TRUE, Table, is_number
 
 PREAMBLE = 40
@@ -33,6 +33,7 @@ class Seen:
         missing: Share of missing numbers in each column that has some.
         unread: What is wrong with columns that have no numbers, by name.
         units: What the file says of units, by column.
+        holes: How many steps of time are gaps.
     """
 
     path: Path
@@ -44,6 +45,12 @@ class Seen:
     missing: dict[str, float] = field(default_factory=dict)
     unread: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    holes: int = 0
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether samples are missing, as cells or as rows, of a file with one clock."""
+        return self.clock is not None and bool(self.missing or self.holes)
 
     @property
     def rate(self) -> float:
@@ -62,6 +69,7 @@ class Seen:
             f"{self.path}: {len(self.names)} columns of numbers, {self.time[-1] - self.time[0]:.4g} s at "
             f"{self.rate:.4g} Hz" + ("" if self.layout.header else "; no header, so columns go by their numbers") + "."
         ]
+        lines += [f"Its times have {self.holes} gaps."] if self.holes else []
         lines += [f"{self.layout.skip} lines before the table are left out."] if self.layout.skip else []
         for name, x in self.columns.items():
             lost = f", {100 * self.missing[name]:.2g} % missing" if name in self.missing else ""
@@ -160,7 +168,9 @@ def _at_common_times(path: Path, layout: Layout, clock: Clock | None, tables: Se
     changing = {name: x for name, x in sampled.items() if np.nanmax(x.values) > np.nanmin(x.values)}
     columns = {name: interpolated(Sampled(x.time, x.values), time) for name, x in changing.items()}
     constant = {name: float(np.nanmean(x.values)) for name, x in sampled.items() if name not in changing}
-    return Seen(path, layout, clock, time, columns, constant, missing, unread, units)
+    steps = np.diff(next(iter(sampled.values())).time)
+    holes = int((steps > GAP * np.median(steps) * (1 + 1e-6)).sum())
+    return Seen(path, layout, clock, time, columns, constant, missing, unread, units, holes)
 
 
 def check_same_columns(first: Seen, others: Sequence[Path], used: set[str], limit: int = LIMIT) -> None:

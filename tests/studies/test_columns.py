@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from commands import refusal
-from guesses.odd_logs import arm, headless, laboratory, motors, write
+from guesses.odd_logs import arm, efforts, headless, laboratory, motors, write
 
 import ident
 import scenes
@@ -33,6 +33,23 @@ def test_two_commands_lead_from_a_file_to_its_parameters(tmp_path, capsys, log):
     values, std = (np.array(found[key])[: len(truth)] for key in ("values", "std_setup"))
     # Gains of motors are those of the model, to some per cent.
     assert np.abs((values - truth) / np.hypot(std, 0.03 * np.abs(truth) * (log is motors))).max() < 4
+
+
+@pytest.mark.parametrize("lost", ["cells", "rows"])
+def test_missing_samples_ask_for_gaps(tmp_path, capsys, lost):
+    path, true = write(tmp_path, efforts)
+    head, *rows = path.read_text(encoding="utf-8").splitlines()
+    if lost == "cells":
+        rows[100:120] = [row.rpartition(",")[0] + "," for row in rows[100:120]]
+    else:
+        del rows[100:120]
+    path.write_text("\n".join([head, *rows]), encoding="utf-8")
+    assert columns.main([MODEL, str(path), "--base", "base"]) == 0
+    assert capsys.readouterr().out.endswith(" --gaps\n")
+    found, expected = (ident.read_log(path, arm(), mapping, gaps=True) for mapping in (path.with_suffix(".toml"), true))
+    assert found.measured.keys() == expected.measured.keys()
+    for name, x in expected.measured.items():
+        np.testing.assert_allclose(found[name], x, rtol=1e-9)
 
 
 def test_what_is_there_is_replaced_by_force_alone(tmp_path, capsys):

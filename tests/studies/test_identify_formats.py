@@ -9,8 +9,10 @@ import pytest
 from commands import refusal
 from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet
 
+import ident
 import scenes
 import sim
+from experiments import columns as columns_command
 from experiments import identify
 from sim.motion.excitation import DOUBLE_PENDULUM
 
@@ -93,6 +95,18 @@ def test_every_format_gives_the_same_estimate(tmp_path, recording, from_csv, kin
     # C3D files hold numbers of single precision; streams are held out at times of their own.
     difference = (np.array(found["values"]) - from_csv["values"]) / from_csv["std"]
     assert np.abs(difference).max() < (0.2 if kind in ("c3d", "bag", "mcap") else 0.02)
+
+
+@pytest.mark.parametrize("kind", ["csv.gz", "mot", "mat", "parquet", "c3d", "bag", "mcap"])
+def test_columns_of_every_format_are_guessed(tmp_path, recording, kind):
+    path = tmp_path / f"log.{kind}"
+    write(path, recording)
+    assert columns_command.main([str(MODEL), str(path), "--base", "base", "--out", str(tmp_path / "guessed.toml")]) == 0
+    arm = sim.mechanism(MODEL, base="base")
+    found = ident.read_log(path, arm, tmp_path / "guessed.toml", gaps=True)
+    close = {"rtol": 1e-5, "atol": 1e-4} if kind == "c3d" else {"rtol": 1e-9, "atol": 1e-9}
+    for name in (*(f"{joint}_position" for joint in JOINTS), "ground_force", "ground_torque"):
+        np.testing.assert_allclose(found[name], recording[name][: len(found.time)], **close)
 
 
 @pytest.mark.parametrize("kind", ["csv.gz", "mot", "mat", "parquet", "c3d", "bag", "mcap"])
