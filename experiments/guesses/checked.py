@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.guesses.belief import DOUBTFUL, LIKELY, Belief, Entry
+from experiments.guesses.belief import DOUBTFUL, Belief, Entry
 from experiments.guesses.gains import set_gains
 from experiments.guesses.joints import is_current
 from experiments.guesses.seen import Seen
@@ -81,13 +81,18 @@ def _set_units(belief: Belief, seen: Seen, log: Prepared) -> bool:
             continue
         ratio = float(np.sqrt((measured**2).sum(axis=1).mean() / 3)) / size
         unit = min(choices, key=lambda u: abs(np.log(max(ratio, 1e-12) / choices[u])))
-        beyond = abs(np.log(max(ratio, 1e-12) / choices[unit])) > np.log(HALF_WAY)
+        if abs(np.log(max(ratio, 1e-12) / choices[unit])) > np.log(HALF_WAY):
+            belief.notes.append(
+                f"The {kind}s have {ratio:.2g} times the size in {next(iter(choices))} that the model predicts, "
+                "which no other unit explains."
+            )
+            continue
         for group in belief.groups.values():
             columns = [name for k in (kind, "free_moment") if k in group.entries for name in group.entries[k].value]
             if key in group.entries or not any(columns) or any(name in seen.units for name in columns):
                 continue
             why = f"in {unit} it has {ratio / choices[unit]:.2g} times the size that the model predicts"
-            group.entries[key] = Entry(unit, why + (", so doubt it" if beyond else ""), LIKELY)
+            group.entries[key] = Entry(unit, why)
             changed = changed or choices[unit] != 1
     return changed
 

@@ -40,11 +40,10 @@ def believed(mechanism: Mechanism, logs: Sequence[Path], *, limit: int = LIMIT) 
     add_named(belief, log, mechanism.joints, components)
     small = set_units(belief, log, kinds)
     add_wrenches(belief, log, mechanism, held)
-    lacking = [joint for joint in mechanism.joints if joint not in belief.of("position")]
     add_unnamed(belief, log, mechanism, mechanism.joints, held)
     signs = check_positions(belief, log, mechanism, kinds, small)
     set_rates(belief, log, kinds)
-    lacking = [joint for joint in lacking if joint not in belief.of("position")]
+    lacking = [joint for joint in mechanism.joints if joint not in belief.of("position")]
     for joint in lacking:
         if not any(f"'{joint}'" in sentence or f" {joint}" in sentence for sentence in belief.open):
             belief.open.append(f"No column looks like the position of '{joint}'; --fix {joint} leaves out what rests.")

@@ -99,6 +99,13 @@ def test_a_mirrored_joint_before_a_turned_plate_stays_open(tmp_path):
     np.testing.assert_array_equal(mapping.sensors["ground"].pose, np.eye(4))
 
 
+def test_a_size_that_no_unit_explains_is_said_and_no_unit_is_made_up(tmp_path):
+    wrench = 1e-9 * recording().wrench("ground").values
+    belief, _ = guessed(log_of(tmp_path, dict(zip(JOINTS, angles(), strict=True)), wrench))
+    assert not {"unit", "torque_unit"} & belief.groups["ground"].entries.keys()
+    assert sum("which no other unit explains" in note for note in belief.notes) == 2
+
+
 def test_numbers_without_a_header_and_too_few_to_tell_stay_open(tmp_path):
     path = tmp_path / "log.csv"
     rng = np.random.default_rng(0)
