@@ -30,9 +30,14 @@ def believed(mechanism: Mechanism, logs: Sequence[Path], *, limit: int = LIMIT) 
 
     Raises:
         LogError: One is missing, damaged or without times, or lacks columns of the first that are used.
-        InputError: The library that reads such files is not installed.
+        InputError: The library that reads such files is not installed, or a joint is a ball.
     """
     kinds, held = joint_kinds(mechanism.tree), not mechanism.tree.floats
+    if balls := [joint for joint, kind in kinds.items() if kind == "ball"]:
+        raise InputError(
+            f"Columns of ball joints are not guessed: call those of '{balls[0]}' {balls[0]}_position.w, .x, .y and .z, "
+            "or map them."
+        )
     log, belief = seen(logs[0], limit), Belief()
     usual = {pattern.format(joint) for joint in kinds for patterns in KINDS.values() for pattern in patterns}
     others = [name for name in log.names if name not in usual]

@@ -10,6 +10,9 @@ from guesses.odd_logs import DEG, GAINS, LOGS, arm, headless, motors, recording,
 import ident
 import sim
 from experiments.guesses.guess import believed, write_mapping
+from ident.mechanism.body import Body, ball_twist
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.mapping import read_mapping
 from ident.recordings.smoothing import smoothed
@@ -147,3 +150,11 @@ def test_plates_of_a_walker_find_their_feet(tmp_path):
     sensors = ident.read_log(path, walker.mechanism(), tmp_path / "guessed.toml").sensors
     assert [sensor.body for sensor in sensors.values()] == ["foot_r", "foot_l"] and belief.open == []
     assert {group.entries["unit"].value for group in belief.groups.values()} == {"N"}
+
+
+def test_ball_joints_are_not_guessed(tmp_path):
+    ball = Body("leg", -1, np.eye(4), ball_twist(np.zeros(3)), "hip")
+    with pytest.raises(
+        ident.InputError, match=r"Columns of ball joints are not guessed: call those of 'hip' hip_position.w"
+    ):
+        believed(Mechanism(Tree((ball,)), np.zeros(3)), [tmp_path / "log.csv"])
