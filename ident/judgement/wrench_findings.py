@@ -75,6 +75,9 @@ def contact_findings(result: "Estimate") -> Iterator[Finding]:
     check = result.checks.contact
     if check is None or check.explained < THROUGH_A_POINT or np.median(result.held_out.ratio) < LARGE:
         return
+    # Noise of a measured contact is a force through its sensor as well.
+    if check.body in {sensor.body for sensor in result.prepared.recording.sensors.values()}:
+        return
     point = ", ".join(f"{x:.2f}" for x in check.point)
     yield Finding(
         f"A contact may be left out: forces through one point of body '{check.body}', ({point}) m in its frame, "
