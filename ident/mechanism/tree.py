@@ -113,8 +113,8 @@ class Tree:
             chain, parent = chain + on_it, on_it[0]
         # Where no axes happen to be parallel.
         poses = self.poses(np.linspace(0.3, 0.9, sum(body.coordinates for body in self.bodies)))
-        screws = [se3.Ad(poses[i]) @ self.bodies[i].motions[:, : self.bodies[i].freedoms] for i in chain]
-        return bool(np.linalg.matrix_rank(np.hstack(screws).astype(float)) == 6)
+        screws = np.hstack([se3.Ad(poses[i]) @ self.bodies[i].motions[:, : self.bodies[i].freedoms] for i in chain])
+        return screws.shape[1] >= 6 and bool(np.linalg.matrix_rank(screws.astype(float)) == 6)
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all bodies on it."""

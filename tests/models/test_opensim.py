@@ -107,7 +107,8 @@ def test_an_mjcf_file_of_the_same_mechanism(tmp_path):
     q, dq, ddq = states(arm, 5)
     for regressor in (base_wrench_regressor, joint_torque_regressor):
         found, expected = (regressor(m.tree, q, dq, ddq, gravity=m.gravity) @ m.prior for m in (arm, other))
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        # MuJoCo 3.3 diagonalises inertias to 1e-7 only.
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
 def knee(tmp_path, functions, limits=(-2.0, 0.1), **options):

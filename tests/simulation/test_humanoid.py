@@ -134,7 +134,8 @@ def test_a_fall_identifies_every_base_parameter(motion, contacts):
     base = find_base_parameters(TREE, sensors=SENSORS)
     total = total_wrench(TREE, joint_states(motion)[0], None, contacts)
     samples = sampled(*joint_states(motion), total.values, pelvis(motion))
-    np.testing.assert_allclose(fitted(TREE, samples, gravity=GRAVITY).psi, base.regroup(PHI), atol=1e-9)
+    # The contact solver's rounding, 1e-10 N, times what the motion makes of it; MuJoCo 3.3 has ten times 4.0's.
+    np.testing.assert_allclose(fitted(TREE, samples, gravity=GRAVITY).psi, base.regroup(PHI), atol=3e-8)
 
 
 def test_contacts_between_its_own_bodies_are_internal(motion):
