@@ -78,12 +78,24 @@ def contact_findings(result: "Estimate") -> Iterator[Finding]:
     # Noise of a measured contact is a force through its sensor as well.
     if check.body in {sensor.body for sensor in result.prepared.recording.sensors.values()}:
         return
+    # Nothing touches a body further away from it than the mechanism is long.
+    if np.linalg.norm(check.point) > _length(result):
+        return
     point = ", ".join(f"{x:.2f}" for x in check.point)
     yield Finding(
         f"A contact may be left out: forces through one point of body '{check.body}', ({point}) m in its frame, "
         f"would explain {check.explained:.0%} of the residual moment.",
         True,
     )
+
+
+def _length(result: "Estimate") -> float:
+    """Largest distance of a body's frame from the base, and from it as far again as twice to its centre of mass, m."""
+    mechanism = result.prepared.mechanism
+    poses = mechanism.tree.poses(result.prepared.samples.motion.q)[:, list(mechanism.tree.inertial)]
+    bodies = mechanism.known.reshape(-1, 10)
+    centres = np.linalg.norm(bodies[:, 1:4], axis=1) / np.maximum(bodies[:, 0], 1e-12)
+    return float((np.linalg.norm(poses[..., :3, 3], axis=-1) + 2 * centres).max())
 
 
 def weight_findings(weight: Weight | None) -> Iterator[Finding]:
