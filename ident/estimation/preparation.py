@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.errors import InputError, LogError
 from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.measurement import joint_states
+from ident.estimation.measurement import base_motion, joint_states
 from ident.estimation.robust import separable
 from ident.estimation.samples import Samples
 from ident.geometry.quaternion import continuous_quaternions, without_jumps
@@ -192,19 +192,7 @@ def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> 
         cutoff: Cut-off of the low-pass, Hz; without it `chosen_cutoff` of the positions and quaternions.
     """
     x = np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
-    x, dx, ddx = smoothed(x, rate, cutoff or chosen_cutoff(x, rate))
-    size = np.linalg.norm(x[:, 3:], axis=1, keepdims=True)
-    turns, rates, accelerations = (part[:, 3:] / size for part in (x, dx, ddx))
-
-    def twice_in_body(rate_of_change: np.ndarray) -> np.ndarray:
-        """Vector part of `2 q⁻¹ q̇`: the angular velocity in the body's frame."""
-        w, u = turns[:, :1], turns[:, 1:]
-        s, v = rate_of_change[:, :1], rate_of_change[:, 1:]
-        return 2 * (w * v - s * u - np.cross(u, v))
-
-    position = np.hstack([x[:, :3], turns])
-    velocity = np.hstack([dx[:, :3], twice_in_body(rates)])
-    return BaseMotion.from_free_joint(position, velocity, np.hstack([ddx[:, :3], twice_in_body(accelerations)]))
+    return base_motion(np.stack(smoothed(x, rate, cutoff or chosen_cutoff(x, rate))))
 
 
 def _without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
