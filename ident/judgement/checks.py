@@ -122,6 +122,12 @@ def upward(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
     return up, known
 
 
+def predicted_wrench(prepared: Prepared) -> np.ndarray:
+    """What the model's own φ predicts of the total wrench in the ground sensor's frame (N, 6)."""
+    by_name = predicted_channels(prepared.mechanism, prepared.samples.motion, prepared.frame)
+    return np.stack([by_name[c] for c in COMPONENTS], axis=1)
+
+
 def wrench_checks(prepared: Prepared) -> tuple[dict[str, FrameCheck], BaseCheck | None]:
     """What is grossly wrong with wrenches, against what the model's own φ predicts.
 
@@ -132,9 +138,7 @@ def wrench_checks(prepared: Prepared) -> tuple[dict[str, FrameCheck], BaseCheck 
     if not np.isfinite(prepared.wrench).any():
         return {}, None
     mechanism, motion = prepared.mechanism, prepared.samples.motion
-    by_name = predicted_channels(mechanism, motion, prepared.frame)
-    predicted = np.stack([by_name[c] for c in COMPONENTS], axis=1)
-    base = None
+    predicted, base = predicted_wrench(prepared), None
     if GROUND in prepared.recording.wrenches:
         base = diagnosis.check_base(mechanism.tree, motion.q[0], prepared.frame, prepared.wrench, predicted)
     return _frames(prepared, predicted), base

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from ident.estimation.equations import COMPONENTS
-from ident.estimation.preparation import LeftOut, Prepared, predicted_channels
+from ident.estimation.preparation import LeftOut, Prepared
 from ident.geometry.se3 import coAd
-from ident.judgement.checks import NotCheckedError, upward
+from ident.judgement.checks import NotCheckedError, predicted_wrench, upward
 from ident.judgement.diagnosis import ContactCheck, check_contact
 
 SHARE = 0.06
@@ -75,8 +74,7 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
         up, known = upward(prepared)
     except NotCheckedError:
         return ()
-    by_name = predicted_channels(prepared.mechanism, prepared.samples.motion, prepared.frame)
-    predicted = np.stack([by_name[c] for c in COMPONENTS], axis=1)
+    predicted = predicted_wrench(prepared)
     needed, carried = ((wrench[:, :3] * up)[:, known].sum(axis=1) for wrench in (predicted, prepared.wrench))
     weight = prepared.mechanism.mass * float(np.linalg.norm(prepared.mechanism.gravity))
     heavier = _heavier(needed, carried, weight)
