@@ -6,14 +6,16 @@
 Rows see a window of seven spline functions each, so that A and B are sums over windows.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from math import prod
 from typing import NamedTuple
 
 import numpy as np
 
-from ident.estimation.block_tridiagonal import WINDOW, BlockTridiagonal
+from ident.estimation.block_tridiagonal import WINDOW, BlockTridiagonal, Factor
 from ident.estimation.spline import LOCAL, Spline
-from ident.estimation.whitening import Rows
 
 
 class Eliminated(NamedTuple):
@@ -24,16 +26,52 @@ class Eliminated(NamedTuple):
         gradient: Its right side, `d - Bᵀ A⁻¹ b` (p,).
         step: Step of the coefficients at fixed θ, `A⁻¹ b` (size n,).
         by_theta: How it changes with a step of θ, `A⁻¹ B` (size n, p).
-        inverse: What every window sees of `A⁻¹` (S, 7, n, 7, n).
-        windows: What every window sees of `A⁻¹ B` (S, 7, n, p).
+        factor: That of A.
     """
 
     schur: np.ndarray
     gradient: np.ndarray
     step: np.ndarray
     by_theta: np.ndarray
+    factor: Factor
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Covariance of the coefficients that every window sees and of θ: `A⁻¹ + W Σ Wᵀ`, `-W Σ` and Σ with `W = A⁻¹ B`.
+
+    Attributes:
+        inverse: What every window sees of `A⁻¹` (S, 7 n, 7 n).
+        followed: What it sees of `W √Σ` (S, 7 n, q).
+        root: A root of the covariance of θ, `√Σ √Σᵀ = Σ` (p, q).
+    """
+
     inverse: np.ndarray
-    windows: np.ndarray
+    followed: np.ndarray
+    root: np.ndarray
+
+    @classmethod
+    def of(cls, eliminated: Eliminated, root: np.ndarray, intervals: int, coordinates: int) -> "Posterior":
+        """That of normal equations, by a root of the covariance of θ (p, q)."""
+        n, width = coordinates, WINDOW * coordinates
+        # The first interval's window begins with a function that there is not.
+        followed = np.vstack([np.zeros((n, root.shape[1])), eliminated.by_theta @ root])
+        seen = np.lib.stride_tricks.sliding_window_view(followed, width, axis=0)[: intervals * n : n]
+        return cls(eliminated.factor.inverse_windows(intervals), transposed(seen), root)
+
+    @cached_property
+    def by_coordinate(self) -> np.ndarray:
+        """Covariance of the seven coefficients of every coordinate (S, n, 7, 7)."""
+        S, width, _ = self.inverse.shape
+        n = width // WINDOW
+        followed = self.followed.reshape(S, WINDOW, n, -1).swapaxes(1, 2)
+        own = np.einsum("sujvj->sjuv", self.inverse.reshape(S, WINDOW, n, WINDOW, n))
+        return own + followed @ transposed(followed)
+
+    def followed_of(self, coordinate: int) -> np.ndarray:
+        """What windows see of `W √Σ` of one coordinate (S, 7, q)."""
+        n = self.inverse.shape[1] // WINDOW
+        return self.followed[:, coordinate::n]
 
 
 class Arrow:
@@ -51,29 +89,42 @@ class Arrow:
         self._right = np.zeros((intervals, WINDOW, n))
         self._corner, self._below = np.zeros((p, p)), np.zeros(p)
 
-    def add(self, rows: Rows) -> None:
-        """Adds rows that see all coordinates; r is p."""
-        J, T, e = (_joined(x) for x in (rows.windows, rows.border, rows.right[..., None]))
+    def add(self, some: slice, J: np.ndarray, T: np.ndarray, right: np.ndarray) -> None:
+        """Adds rows that see all coordinates and all of θ.
+
+        Args:
+            some: Intervals k that they are in.
+            J: Derivatives by the functions of their windows (k, r, 7 n).
+            T: Derivatives by θ (k, r, p).
+            right: Right sides (k, r).
+        """
         Jt = transposed(J)
-        self._normal += (Jt @ J).reshape(self._normal.shape)
-        self._border += (Jt @ T).reshape(self._border.shape)
-        self._right += (Jt @ e).reshape(self._right.shape)
-        self._add_corner(rows)
+        for total, by in ((self._normal, J), (self._border, T), (self._right, right[..., None])):
+            own = total[some]
+            own += (Jt @ by).reshape(own.shape)
+        T = stacked(T)
+        self._corner += T.T @ T
+        self._below += T.T @ right.ravel()
 
-    def add_separate(self, rows: Rows) -> None:
-        """Adds rows whose streams see one coordinate each, in their order."""
-        for j in range(self._right.shape[2]):
-            J, T, e = rows.windows[:, :, j], rows.border[:, :, j], rows.right[:, :, j, None]
-            Jt = transposed(J)
-            self._normal[:, :, j, :, j] += Jt @ J
-            self._border[:, :, j, rows.columns] += Jt @ T
-            self._right[:, :, j] += (Jt @ e)[..., 0]
-        self._add_corner(rows)
+    def add_separate(self, J: np.ndarray, T: np.ndarray, right: np.ndarray, columns: Mapping[int, int]) -> None:
+        """Adds rows whose streams see one coordinate each, in their order, and some of them one entry of θ.
 
-    def _add_corner(self, rows: Rows) -> None:
-        T = stacked(rows.border)
-        self._corner[np.ix_(rows.columns, rows.columns)] += T.T @ T
-        self._below[rows.columns] += T.T @ rows.right.ravel()
+        Args:
+            J: Derivatives by the functions of the coordinate's window (S, m, n, 7).
+            T: Derivatives by the entry of θ (S, m, n).
+            right: Right sides (S, m, n).
+            columns: These entries by the coordinates.
+        """
+        for j in range(J.shape[2]):
+            own, y = J[:, :, j], right[:, :, j]
+            Jt = transposed(own)
+            self._normal[:, :, j, :, j] += Jt @ own
+            self._right[:, :, j] += (Jt @ y[..., None])[..., 0]
+            if j in columns:
+                at, t = columns[j], T[:, :, j]
+                self._border[:, :, j, at] += (Jt @ t[..., None])[..., 0]
+                self._corner[at, at] += (t**2).sum()
+                self._below[at] += (t * y).sum()
 
     def add_penalty(self, jerk: np.ndarray, coefficients: np.ndarray) -> None:
         """Adds the prior `Σ_j λ_j ∫ x⃛_j² dt` with λ (n,) at coefficients (size, n)."""
@@ -97,14 +148,12 @@ class Arrow:
         schur = self._corner - stacked(B).T @ by_theta
         # Functions that no window sees are the first of all, and those that fill the last block.
         own = slice(n, n + self.spline.size * n)
-        seen = np.lib.stride_tricks.sliding_window_view(by_theta, WINDOW * n, axis=0)[: intervals * n : n]
         return Eliminated(
             schur=(schur + schur.T) / 2,
             gradient=self._below - by_theta.T @ b.ravel(),
             step=factor.solve(b).ravel()[own],
             by_theta=by_theta[own],
-            inverse=factor.inverse_windows(intervals).reshape(self._normal.shape),
-            windows=transposed(seen).reshape(self._border.shape),
+            factor=factor,
         )
 
 
@@ -116,11 +165,6 @@ def transposed(x: np.ndarray) -> np.ndarray:
 def stacked(x: np.ndarray) -> np.ndarray:
     """Rows of any shape below each other (…, p) -> (N, p)."""
     return x.reshape(prod(x.shape[:-1]), x.shape[-1])
-
-
-def _joined(x: np.ndarray) -> np.ndarray:
-    """Rows of all streams of an interval, one after the other (S, m, s, …) -> (S, m s, …)."""
-    return x.reshape(x.shape[0], x.shape[1] * x.shape[2], *x.shape[3:])
 
 
 def _summed(windows: np.ndarray, blocks: int) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import linalg
 
 from ident.errors import ExcitationError
-from ident.estimation.piece import Linearised, Noise, Piece, Predictor, cost, linearised
+from ident.estimation.piece import Linearised, Misfit, Noise, Piece, Predictor, linearised, misfit
 from ident.estimation.restricted_likelihood import TINIEST, renewed
 
 ROUNDS = 60
@@ -182,28 +182,23 @@ def fit(
     parts = problem.linearised(at, fitted)
     try:
         for round_ in range(rounds):
-            step, inverse = problem.step(at, parts)
+            step, root = problem.step(at, parts)
             moves = [part.step - part.by_theta @ step[fitted] for part in parts]
-            trace.append(float(np.max(np.abs(step[free]) / np.sqrt(np.diag(inverse)), initial=0)))
-            may = coloured and round_ >= COLOURED
+            trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
+            moved, misfits = problem.lower(at, step, moves)
             noise = at.noise
             if estimate_noise:
-                bends = problem.bends(_moved(at, 1.0, step, moves))
-                noise = renewed(at.noise, parts, inverse, bends, coloured=may)
+                noise = renewed(noise, parts, misfits, coloured=coloured and round_ >= COLOURED)
                 noise = replace(noise, jerk=np.minimum(noise.jerk, problem.smoothest(noise)))
-            if (round_ > COLOURED or not coloured) and _quiet(at, trace[-1], moves, noise):
-                status = "converged"
-                break
-            size = problem.size(at, step, moves)
-            stalled = 0 if size else stalled + 1
-            if stalled > 1:
-                status = "stuck"
-                break
-            moved = _moved(at, size, step, moves)
+            quiet = (round_ > COLOURED or not coloured) and _quiet(at, trace[-1], moves, noise)
+            stalled = 0 if moved is not at else stalled + 1
             at = replace(moved, noise=noise)
+            if quiet or stalled > 1:
+                status = "converged" if quiet else "stuck"
+                break
             if report:
                 report(round_, trace[-1])
-            parts = problem.linearised(at, fitted)
+            parts = problem.linearised(at, fitted, root)
     except KeyboardInterrupt:
         status = "interrupted"
     # What was held is told of as well: by how much it would go if it were not.
@@ -235,9 +230,15 @@ class _Problem:
     selections: Sequence[np.ndarray]
     run: Callable[..., Iterable[Any]]
 
-    def linearised(self, at: Start, wanted: np.ndarray) -> list[Linearised]:
-        """Every piece, its trajectory eliminated, as a function of some entries of θ, the others held."""
-        work = partial(_linearised, self.measurement, at.noise, wanted)
+    def linearised(self, at: Start, wanted: np.ndarray, root: np.ndarray | None = None) -> list[Linearised]:
+        """Every piece, its trajectory eliminated, as a function of some entries of θ (k,), the others held.
+
+        Args:
+            at: Where.
+            wanted: These entries.
+            root: A root of their covariance (k, k), as far as it is known.
+        """
+        work = partial(_linearised, self.measurement, at.noise, wanted, root)
         return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta), self.selections))
 
     def _own(self, theta: np.ndarray) -> list[np.ndarray]:
@@ -245,53 +246,50 @@ class _Problem:
         return [theta[own] for own in self.selections]
 
     def step(self, at: Start, parts: Sequence[Linearised]) -> tuple[np.ndarray, np.ndarray]:
-        """A Gauss-Newton step of θ (p,), and the covariance of what is fitted."""
+        """A Gauss-Newton step of θ (p,), and a root of the covariance of what is fitted (k, k)."""
         free, prior = self.free, self.prior
         pull = -prior.precision @ (at.theta - prior.mean)
         precision = sum((part.schur for part in parts), start=prior.precision[np.ix_(free, free)])
         gradient = sum((part.gradient for part in parts), start=pull[free])
         names = [name for name, fitted in zip(self.names, free, strict=True) if fitted]
-        inverse = inverse_of_precision(precision, names)
+        root = root_of_inverse(precision, names)
         step = np.zeros_like(at.theta)
-        step[free] = inverse @ gradient
-        return step, inverse
-
-    def bends(self, at: Start) -> np.ndarray:
-        """`∫ x⃛² dt` of each coordinate over all pieces (n,)."""
-        squares = [piece.spline.squared_jerk(c) for piece, c in zip(self.pieces, at.coefficients, strict=True)]
-        return np.sum(squares, axis=0)
+        step[free] = root @ (root.T @ gradient)
+        return step, root
 
     def smoothest(self, noise: Noise) -> np.ndarray:
         """The largest λ with which the equations can be solved (n,): coordinates that rest ask for infinite ones."""
         scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in self.pieces]
         return SMOOTHEST * min(scales) / noise.states[0] ** 2
 
-    def size(self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray]) -> float:
-        """The part of a step that lowers the cost: the whole, or a half of it as often as needed; zero for none."""
-
-        def total(size: float) -> float:
+    def lower(self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray]) -> tuple[Start, list[Misfit]]:
+        """Where a step leads that lowers the cost: the whole, or a half of it as often as needed; here if none does."""
+        here, before = self._misfits(at)
+        size = 1.0
+        while size >= SMALLEST_STEP:
             moved = _moved(at, size, step, moves)
-            work = partial(_cost, self.measurement, at.noise)
-            off = moved.theta - self.prior.mean
-            costs = self.run(work, self.pieces, moved.coefficients, self._own(moved.theta))
-            return float(sum(costs) + off @ self.prior.precision @ off)
-
-        size, before = 1.0, total(0.0)
-        while not total(size) <= before * (1 + 1e-12):
+            misfits, cost = self._misfits(moved)
+            if cost <= before * (1 + 1e-12):
+                return moved, misfits
             size /= 2
-            if size < SMALLEST_STEP:
-                return 0.0
-        return size
+        return at, here
+
+    def _misfits(self, at: Start) -> tuple[list[Misfit], float]:
+        """Of all pieces, and the whole cost."""
+        work, off = partial(_misfit, self.measurement, at.noise), at.theta - self.prior.mean
+        misfits = list(self.run(work, self.pieces, at.coefficients, self._own(at.theta)))
+        return misfits, sum(each.cost for each in misfits) + float(off @ self.prior.precision @ off)
 
 
-def _cost(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> float:
-    return cost(measurement, piece, coefficients, theta=theta, noise=noise)
+def _misfit(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:
+    return misfit(measurement, piece, coefficients, theta=theta, noise=noise)
 
 
 def _linearised(
     measurement: Predictor,
     noise: Noise,
     wanted: np.ndarray,
+    root: np.ndarray | None,
     piece: Piece,
     coefficients: np.ndarray,
     theta: np.ndarray,
@@ -299,23 +297,15 @@ def _linearised(
 ) -> Linearised:
     """A piece, its derivatives by its own parameters put where they stand among those that are wanted."""
     columns = np.flatnonzero(np.isin(own, wanted))
-    part = linearised(measurement, piece, coefficients, theta=theta, noise=noise, columns=columns)
+    place = np.searchsorted(wanted, own[columns])
+    root = None if root is None else root[place]
+    part = linearised(measurement, piece, coefficients, theta=theta, noise=noise, columns=columns, root=root)
     if len(columns) == len(wanted):
         return part
-    place = np.searchsorted(wanted, own[columns])
-
-    def spread(x: np.ndarray, axes: int) -> np.ndarray:
-        out = np.zeros((*x.shape[: x.ndim - axes], *[len(wanted)] * axes))
-        out[(..., place) if axes == 1 else (..., place[:, None], place)] = x
-        return out
-
-    streams = {
-        kind: getattr(part, kind)._replace(by_theta=spread(getattr(part, kind).by_theta, 2))
-        for kind in ("states", "channels", "penalty")
-    }
-    return part._replace(
-        schur=spread(part.schur, 2), gradient=spread(part.gradient, 1), by_theta=spread(part.by_theta, 1), **streams
-    )
+    schur, gradient = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
+    by_theta = np.zeros((len(part.by_theta), len(wanted)))
+    schur[np.ix_(place, place)], gradient[place], by_theta[:, place] = part.schur, part.gradient, part.by_theta
+    return part._replace(schur=schur, gradient=gradient, by_theta=by_theta)
 
 
 def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]) -> Start:
@@ -331,17 +321,27 @@ def _quiet(at: Start, step: float, moves: Sequence[np.ndarray], noise: Noise) ->
 
 
 def inverse_of_precision(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
-    """Inverse of a precision matrix, brought to unit diagonal first.
+    """Inverse of a precision matrix.
+
+    Raises:
+        ExcitationError: It is not positive definite; the error has the names.
+    """
+    root = root_of_inverse(precision, names)
+    return root @ root.T
+
+
+def root_of_inverse(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
+    """A root R of the inverse of a precision matrix, R Rᵀ; the matrix is brought to unit diagonal first.
 
     Raises:
         ExcitationError: It is not positive definite; the error has the names.
     """
     scale = np.sqrt(np.maximum(np.diag(precision), TINIEST))
     try:
-        factor = linalg.cho_factor(precision / np.outer(scale, scale))
+        factor = linalg.cholesky(precision / np.outer(scale, scale))
     except linalg.LinAlgError:
         raise ExcitationError("The recording does not determine all parameters.", tuple(names)) from None
-    return linalg.cho_solve(factor, np.eye(len(scale))) / np.outer(scale, scale)
+    return np.asarray(linalg.solve_triangular(factor, np.eye(len(scale)))) / scale[:, None]
 
 
 def embedded(matrix: np.ndarray, free: np.ndarray) -> np.ndarray:

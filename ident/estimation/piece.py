@@ -5,11 +5,11 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ident.estimation.arrow import Arrow
-from ident.estimation.block_tridiagonal import WINDOW
-from ident.estimation.spline import Local, Spline
-from ident.estimation.streams import Stream, channel_streams, penalty_streams, state_streams
-from ident.estimation.whitening import Innovations, Rows, innovations, whitened
+from ident.estimation.arrow import Arrow, Posterior
+from ident.estimation.intervals import Intervals
+from ident.estimation.rows import ChannelRows, Factors, StateRows
+from ident.estimation.spline import ORDER, Local, Spline
+from ident.estimation.whitening import Innovations, Sums, innovations
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,24 +64,46 @@ class Noise:
         return max(float(x.max(initial=0)) for x in logs)
 
 
+class Misfit(NamedTuple):
+    """How far a piece is from what was measured, and how its trajectory bends.
+
+    Streams are the coordinates, their first and second derivatives, and the channels: s = 3 n + C.
+
+    Attributes:
+        cost: What is minimised, but for the prior of θ.
+        squares: Sums of squares of every stream's innovations and of their halves, as `Sums` has them (3, s).
+        number: What these would be on average were the noise not fitted (3, s).
+        bends: `∫ x⃛² dt` of each coordinate (n,).
+        rank: Of each coordinate's penalty (n,).
+    """
+
+    cost: float
+    squares: np.ndarray
+    number: np.ndarray
+    bends: np.ndarray
+    rank: np.ndarray
+
+
 class Linearised(NamedTuple):
     """A piece, its trajectory eliminated.
+
+    With H the whole curvature and H_m a stream's part of it, `tr(H⁻¹ H_m)` of its samples are taken by the fit.
 
     Attributes:
         schur: Precision of θ (p, p).
         gradient: Right side (p,).
         step: Step of the coefficients at fixed θ (size n,).
         by_theta: How it changes with a step of θ, `step - by_theta @ δθ` (size n, p).
-        states: The coordinates' streams, `channels` those of the channels, `penalty` the jerk's.
+        taken: These shares of innovations and of their halves, for halves zero where ρ is (3, s).
+        held: `tr(H⁻¹ λ_j P_j)` of the jerk's penalties (n,).
     """
 
     schur: np.ndarray
     gradient: np.ndarray
     step: np.ndarray
     by_theta: np.ndarray
-    states: Stream
-    channels: Stream
-    penalty: Stream
+    taken: np.ndarray
+    held: np.ndarray
 
 
 class Predictor(Protocol):
@@ -107,20 +129,22 @@ class Predictor(Protocol):
         """Predicted channels (C, M), and their derivatives by the states (C, 3, n, M) and by θ (C, p, M)."""
 
 
-class _States(NamedTuple):
-    """Measured coordinates, or a derivative of them, and where they are on the trajectory.
+class _Sampled(NamedTuple):
+    """Streams of one kind, and where their samples are on the trajectory.
 
     Attributes:
         local: Basis functions at the samples.
-        new: What is new in each sample (N, n).
+        new: What is new in each sample.
     """
 
     local: Local
     new: Innovations
 
 
-def cost(measurement: Predictor, piece: Piece, coefficients: np.ndarray, *, theta: np.ndarray, noise: Noise) -> float:
-    """What is minimised, but for the prior of θ.
+def misfit(
+    measurement: Predictor, piece: Piece, coefficients: np.ndarray, *, theta: np.ndarray, noise: Noise
+) -> Misfit:
+    """How far a trajectory and θ are from what was measured.
 
     Args:
         measurement: Channels and parameters.
@@ -129,13 +153,21 @@ def cost(measurement: Predictor, piece: Piece, coefficients: np.ndarray, *, thet
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness.
     """
-    total = sum(states.new.cost for states in _states(measurement, piece, coefficients, theta, noise).values())
     when = channel_times(measurement, piece, theta)
     local = piece.spline.local(when)
     predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
-    residual = np.where(piece.spline.holds(when)[:, None], piece.measured - predicted.T, np.nan)
-    total += innovations(residual, local.interval, noise.channels, noise.channels_rho).cost
-    return total + float(noise.jerk @ piece.spline.squared_jerk(coefficients))
+    states = _states(measurement, piece, coefficients, theta, noise)
+    channels = _channels(piece, when, local, predicted, noise)
+    bends = piece.spline.squared_jerk(coefficients)
+    every, nothing = [*states.values(), channels], Sums(np.zeros((3, len(bends))), np.zeros((3, len(bends))))
+    sums = [*(states[kind].new.sums if kind in states else nothing for kind in range(3)), channels.new.sums]
+    return Misfit(
+        cost=sum(each.new.cost for each in every) + float(noise.jerk @ bends),
+        squares=np.concatenate([each.squares for each in sums], axis=1),
+        number=np.concatenate([each.number for each in sums], axis=1),
+        bends=bends,
+        rank=np.full(len(bends), float(piece.spline.size - ORDER)),
+    )
 
 
 def linearised(
@@ -146,6 +178,7 @@ def linearised(
     theta: np.ndarray,
     noise: Noise,
     columns: np.ndarray | None = None,
+    root: np.ndarray | None = None,
 ) -> Linearised:
     """The normal equations of a piece at a trajectory and at θ, the trajectory eliminated.
 
@@ -156,30 +189,34 @@ def linearised(
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness.
         columns: Entries of θ that are not held, ascending (k,); by default all are free. What is said of θ is of these.
+        root: A root of their covariance (k, q), which follows from all pieces; by default they take no samples.
 
     Raises:
         numpy.linalg.LinAlgError: The trajectory is not determined.
     """
     columns = np.arange(len(theta)) if columns is None else columns
-    arrow = Arrow(piece.spline, coefficients.shape[1], len(columns))
+    n, S = coefficients.shape[1], piece.spline.intervals
     channels = _channel_rows(measurement, piece, coefficients, theta, noise, columns)
-    arrow.add(channels)
     states = {
         kind: _state_rows(measurement, piece, own, kind, columns)
         for kind, own in _states(measurement, piece, coefficients, theta, noise).items()
     }
+    arrow = Arrow(piece.spline, n, len(columns))
+    channels.add_to(arrow)
     for rows in states.values():
-        arrow.add_separate(rows)
+        rows.add_to(arrow)
     arrow.add_penalty(noise.jerk, coefficients)
     eliminated = arrow.eliminated()
+    posterior = Posterior.of(eliminated, np.zeros((len(columns), 0)) if root is None else root, S, n)
+    taken = [states[kind].taken(posterior) if kind in states else np.zeros((3, n)) for kind in range(3)]
+    curvature = np.einsum("sjuv,uv->j", posterior.by_coordinate[:, :, 1:, 1:], piece.spline.penalty)
     return Linearised(
         schur=eliminated.schur,
         gradient=eliminated.gradient,
         step=eliminated.step,
         by_theta=eliminated.by_theta,
-        states=state_streams(states, eliminated),
-        channels=channel_streams(channels, eliminated),
-        penalty=penalty_streams(piece.spline, coefficients, noise.jerk, eliminated),
+        taken=np.concatenate([*taken, channels.taken(posterior)], axis=1),
+        held=noise.jerk * curvature,
     )
 
 
@@ -193,6 +230,12 @@ def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np
     return when
 
 
+def _channels(piece: Piece, when: np.ndarray, local: Local, predicted: np.ndarray, noise: Noise) -> _Sampled:
+    """The channels, of which (C, M) are predicted; a delay or another clock may put samples beyond the trajectory."""
+    residual = np.where(piece.spline.holds(when)[:, None], piece.measured - predicted.T, np.nan)
+    return _Sampled(local, innovations(residual, local.interval, noise.channels, noise.channels_rho))
+
+
 def _channel_rows(
     measurement: Predictor,
     piece: Piece,
@@ -200,7 +243,7 @@ def _channel_rows(
     theta: np.ndarray,
     noise: Noise,
     columns: np.ndarray,
-) -> Rows:
+) -> ChannelRows:
     """Rows of the channels, which see all coordinates and all of θ that is not held."""
     when = channel_times(measurement, piece, theta)
     local = piece.spline.local(when)
@@ -212,25 +255,26 @@ def _channel_rows(
         by_theta[..., at] = rate * (piece.when - piece.origin)[:, None]
     for at in measurement.of_kind("delay").values():
         by_theta[..., at] = -rate
-    windows = np.zeros((*rate.shape, WINDOW, coefficients.shape[1]))
-    windows[:, :, 1:] = local.basis[:3].transpose(1, 2, 0)[:, None] @ by_states
-    # A delay or another clock may put samples beyond the trajectory's end.
-    residual = np.where(piece.spline.holds(when)[:, None], piece.measured - values.T, np.nan)
-    new = innovations(residual, local.interval, noise.channels, noise.channels_rho)
-    border, every = by_theta[..., columns], np.arange(len(columns))
-    return whitened(new, local.interval, piece.spline.intervals, windows=windows, border=border, columns=every)
+    intervals = Intervals(local.interval, piece.spline.intervals)
+    return ChannelRows(
+        intervals,
+        basis=intervals.dealt(local.basis[:3].transpose(1, 2, 0)),
+        by_states=intervals.dealt(by_states),
+        by_theta=intervals.dealt(by_theta[..., columns]),
+        factors=Factors.of(_channels(piece, when, local, values, noise).new, intervals),
+    )
 
 
 def _states(
     measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
-) -> dict[int, _States]:
+) -> dict[int, _Sampled]:
     """What is measured of the coordinates, by the order of the derivative."""
     local = piece.spline.local(piece.time)
     predicted = local.combined(coefficients)
     for j, at in measurement.zeros.items():
         predicted[0, :, j] += theta[at]
     return {
-        kind: _States(
+        kind: _Sampled(
             local,
             innovations(measured - predicted[kind], local.interval, noise.states[kind], noise.states_rho[kind]),
         )
@@ -239,14 +283,8 @@ def _states(
     }
 
 
-def _state_rows(measurement: Predictor, piece: Piece, states: _States, kind: int, columns: np.ndarray) -> Rows:
+def _state_rows(measurement: Predictor, piece: Piece, states: _Sampled, kind: int, columns: np.ndarray) -> StateRows:
     """Rows of the coordinates or of a derivative, which see one coordinate each, and its zero unless that is held."""
-    interval, basis = states.local
-    N, n = states.new.values.shape
-    windows = np.zeros((N, n, WINDOW, 1))
-    windows[:, :, 1:, 0] = basis[kind][:, None]
-    zeros = {j: at for j, at in measurement.zeros.items() if kind == 0 and at in columns}
-    border = np.zeros((N, n, len(zeros)))
-    border[:, list(zeros), np.arange(len(zeros))] = 1
-    seen = np.searchsorted(columns, list(zeros.values())).astype(int)
-    return whitened(states.new, interval, piece.spline.intervals, windows=windows, border=border, columns=seen)
+    intervals = Intervals(states.local.interval, piece.spline.intervals)
+    zeros = {j: int(np.searchsorted(columns, at)) for j, at in measurement.zeros.items() if kind == 0 and at in columns}
+    return StateRows(intervals, intervals.dealt(states.local.basis[kind]), zeros, Factors.of(states.new, intervals))

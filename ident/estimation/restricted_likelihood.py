@@ -18,8 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.piece import Linearised, Noise
-from ident.estimation.streams import Stream
+from ident.estimation.piece import Linearised, Misfit, Noise
 
 LEAST_LEFT = 0.05
 """Share of a stream's samples that is left over for its noise, however many unknowns they determine."""
@@ -38,39 +37,34 @@ TINY, TINIEST = 1e-3, 1e-300
 """What counts of samples and sums of squares do not fall below."""
 
 
-def renewed(
-    noise: Noise, parts: Sequence[Linearised], covariance: np.ndarray, bends: np.ndarray, *, coloured: bool
-) -> Noise:
+def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit], *, coloured: bool) -> Noise:
     """Restricted-likelihood updates of standard deviations and smoothness, and of the correlation if it is asked for.
 
     Args:
         noise: What it was.
         parts: The pieces at the last iterate.
-        covariance: Covariance of θ (p, p).
-        bends: `∫ x⃛² dt` of each coordinate after the step (n,): that before it belongs to the λ before.
+        misfits: How far they are from what was measured after the step: before it, they are as noise before says.
         coloured: Whether to update the correlation.
     """
-    states, channels, penalty = (
-        _summed([getattr(part, k) for part in parts]) for k in ("states", "channels", "penalty")
+    taken, held = (np.sum([getattr(part, k) for part in parts], axis=0) for k in ("taken", "held"))
+    squares, number, bends, rank = (
+        np.sum([getattr(each, k) for each in misfits], axis=0) for k in ("squares", "number", "bends", "rank")
     )
-    shape = noise.states.shape
+    left = np.maximum(number - taken, np.maximum(LEAST_LEFT * number, TINY))
+    growth = np.where(number > 0, squares / left, 1.0)
+    shape, states = noise.states.shape, noise.states.size
+    of_states, of_channels = growth[:, :states].reshape(3, *shape), growth[:, states:]
     floor = noise.floor_channels * (1 + COLOURED_FLOOR * noise.channels_rho**2)
-    by_states, by_channels = _growth(states, covariance).reshape(3, *shape), _growth(channels, covariance)
     new = {
-        "states": np.maximum(noise.states * np.sqrt(by_states[0]), noise.floor_states),
-        "channels": np.maximum(noise.channels * np.sqrt(by_channels[0]), floor),
-        "jerk": _smoothness(penalty, covariance, bends),
+        "states": np.maximum(noise.states * np.sqrt(of_states[0]), noise.floor_states),
+        "channels": np.maximum(noise.channels * np.sqrt(of_channels[0]), floor),
+        "jerk": np.maximum(rank - held, TINY) / np.maximum(bends, TINIEST),
     }
     if coloured:
-        linked = states.number[1:].sum(axis=0).reshape(shape), channels.number[1:].sum(axis=0)
-        new["states_rho"] = _correlation(noise.states_rho, by_states[1:], linked[0])
-        new["channels_rho"] = _correlation(noise.channels_rho, by_channels[1:], linked[1])
+        linked = number[1:].sum(axis=0)
+        new["states_rho"] = _correlation(noise.states_rho, of_states[1:], linked[:states].reshape(shape))
+        new["channels_rho"] = _correlation(noise.channels_rho, of_channels[1:], linked[states:])
     return replace(noise, **new)
-
-
-def _smoothness(penalty: Stream, covariance: np.ndarray, bends: np.ndarray) -> np.ndarray:
-    """λ of each coordinate (n,)."""
-    return np.maximum(penalty.number - _taken(penalty, covariance), TINY) / np.maximum(bends, TINIEST)
 
 
 def _correlation(rho: np.ndarray, growth: np.ndarray, linked: np.ndarray) -> np.ndarray:
@@ -85,18 +79,3 @@ def _correlation(rho: np.ndarray, growth: np.ndarray, linked: np.ndarray) -> np.
     new = (sums - differences) / (sums + differences)
     white = (rho == 0) & (new < CHANCE / np.sqrt(np.maximum(linked, 1)))
     return np.where(white, 0.0, np.clip(new, 0, MOST_CORRELATED))
-
-
-def _summed(streams: Sequence[Stream]) -> Stream:
-    return Stream(*(sum(values[1:], start=values[0]) for values in zip(*streams, strict=True)))
-
-
-def _taken(stream: Stream, covariance: np.ndarray) -> np.ndarray:
-    """Samples that trajectory and θ take of each stream (s,)."""
-    return stream.taken + np.einsum("...pq,pq->...", stream.by_theta, covariance)
-
-
-def _growth(stream: Stream, covariance: np.ndarray) -> np.ndarray:
-    """By which factors variances change (s,)."""
-    left = np.maximum(stream.number - _taken(stream, covariance), np.maximum(LEAST_LEFT * stream.number, TINY))
-    return np.where(stream.number > 0, stream.squares / left, 1.0)

@@ -8,7 +8,7 @@ import pytest
 from measurements import at, random_measurement
 
 from ident.estimation.measurement import Measurement
-from ident.estimation.piece import Noise, Piece, channel_times, cost, linearised
+from ident.estimation.piece import Noise, Piece, channel_times, linearised, misfit
 from ident.estimation.spline import LOCAL, ORDER, Spline
 from ident.estimation.whitening import HUBER
 
@@ -25,7 +25,15 @@ class Problem:
 
     @cached_property
     def linearised(self):
-        return linearised(self.measurement, self.piece, self.coefficients, theta=self.theta, noise=self.noise)
+        return self.linearised_with(None)
+
+    def linearised_with(self, root):
+        m, piece, c = self.measurement, self.piece, self.coefficients
+        return linearised(m, piece, c, theta=self.theta, noise=self.noise, root=root)
+
+    @cached_property
+    def misfit(self):
+        return misfit(self.measurement, self.piece, self.coefficients, theta=self.theta, noise=self.noise)
 
     @cached_property
     def size(self):
@@ -33,7 +41,7 @@ class Problem:
 
     def cost(self, c, theta):
         c = c.reshape(self.coefficients.shape)
-        return cost(self.measurement, self.piece, c, theta=theta, noise=self.noise)
+        return misfit(self.measurement, self.piece, c, theta=theta, noise=self.noise).cost
 
     def residuals(self, c, theta):
         """Measured less predicted of every kind of stream: values (N, s), times, std and ρ of each."""
@@ -165,39 +173,47 @@ def test_normal_equations_are_the_dense_ones_with_the_trajectory_eliminated(seed
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_streams_take_is_what_they_add_to_the_curvature(seed):
     own = problem(seed)
-    z, J = own.dense
+    _, J = own.dense
     weighted, plain = own.penalty
     size, n = own.size, own.coefficients.shape[1]
-    by_c, by_theta = J[..., :size], J[..., size:]
-    A = np.einsum("skc,skd->cd", by_c[0], by_c[0]) + weighted
-    inverse = np.linalg.inv(A)
-    W = inverse @ np.einsum("skc,skp->cp", by_c[0], by_theta[0])
-    E = by_theta - by_c @ W
-    taken, squares = ((by_c @ inverse) * by_c).sum(axis=(2, 3)), E.swapaxes(2, 3) @ E
+    rows = J[0].reshape(-1, J.shape[-1])
+    H = rows.T @ rows
+    H[:size, :size] += weighted
+    root = np.random.default_rng(seed).normal(size=(len(own.theta), len(own.theta)))
+    # With the covariance of θ, here any, that of the coefficients follows.
+    inverse, W = np.linalg.inv(H[:size, :size]), np.linalg.solve(H[:size, :size], H[:size, size:])
+    moves = np.vstack([-W, np.eye(len(own.theta))]) @ root
+    covariance = moves @ moves.T
+    covariance[:size, :size] += inverse
+    taken = ((J @ covariance) * J).sum(axis=(2, 3))
     white = np.concatenate([rho for *_, rho in own.residuals(own.coefficients, own.theta)]) == 0
     assert white.any()
-    taken[1:, white], squares[1:, white] = 0, 0  # What is taken of halves is known where noise is correlated.
-    states, channels, penalty = own.linearised[4:]
-    for stream, part in ((states, slice(0, 2 * n)), (channels, slice(2 * n, None))):
-        first = slice(0, 2 * n) if stream is states else slice(None)
-        close(stream.taken[:, first], taken[:, part])
-        close(stream.by_theta[:, first], squares[:, part])
-        close(stream.squares[:, first], (z[:, part] ** 2).sum(axis=2))
-        close(stream.number[1:, first], own.numbers[:, part])
-    for field in states:
-        assert not np.any(field[:, 2 * n :])
-    residual = [values for values, *_ in own.residuals(own.coefficients, own.theta)]
-    for values, stream, first in zip(residual, (states, states, channels), (0, n, 0), strict=True):
-        which = slice(first, first + values.shape[1])
-        np.testing.assert_array_equal(stream.number[0, which], np.isfinite(values).sum(axis=0))
+    taken[1:, white] = 0  # What is taken of halves is known where noise is correlated.
+    found = own.linearised_with(root)
+    close(found.taken, np.insert(taken, [2 * n] * n, 0, axis=1))
+    for j in range(n):
+        mine = np.pad(np.arange(size) % n == j, (0, len(own.theta)))
+        part = own.noise.jerk[j] * plain * np.outer(mine, mine)[:size, :size]
+        close(found.held[j], np.trace(covariance[:size, :size] @ part))
+    alone = own.linearised
+    close(alone.taken[0, :n], ((J[0, :n, :, :size] @ inverse) * J[0, :n, :, :size]).sum(axis=(1, 2)))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_sums_are_those_of_innovations_and_halves(seed):
+    own = problem(seed)
+    z, _ = own.dense
+    n, c = own.coefficients.shape[1], own.coefficients.ravel()
+    _, plain = own.penalty
+    nothing = [2 * n] * n
+    close(own.misfit.squares, np.insert((z**2).sum(axis=2), nothing, 0, axis=1))
+    close(own.misfit.number[1:], np.insert(own.numbers, nothing, 0, axis=1))
+    there = [np.isfinite(values).sum(axis=0) for values, *_ in own.residuals(own.coefficients, own.theta)]
+    np.testing.assert_array_equal(own.misfit.number[0], np.insert(np.concatenate(there), nothing, 0))
     assert (np.diff(own.piece.spline.local(own.piece.time).interval) > 1).any()
     for j in range(n):
-        mine = np.arange(size) % n == j
-        part = own.noise.jerk[j] * plain * np.outer(mine, mine)
-        close(penalty.taken[j], np.trace(inverse @ part))
-        close(penalty.by_theta[j], W.T @ part @ W)
-        close(penalty.squares[j], own.coefficients.ravel() @ (plain * mine) @ own.coefficients.ravel())
-    assert (penalty.number == own.piece.spline.size - ORDER).all()
+        close(own.misfit.bends[j], c @ (plain * (np.arange(own.size) % n == j)) @ c)
+    assert (own.misfit.rank == own.piece.spline.size - ORDER).all()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -206,10 +222,9 @@ def test_everything_together_takes_one_for_each_unknown(seed):
     own = problem(seed)
     prior = np.diag(np.full(len(own.theta), 1.0))
     covariance = np.linalg.inv(own.linearised.schur + prior)
-    *streams, penalty = own.linearised[4:]
-    parts = [(stream.taken[0], stream.by_theta[0]) for stream in streams] + [(penalty.taken, penalty.by_theta)]
-    total = sum(taken.sum() + np.einsum("spq,pq->", squares, covariance) for taken, squares in parts)
-    assert total + np.trace(covariance @ prior) == pytest.approx(own.size + len(own.theta))
+    found = own.linearised_with(np.linalg.cholesky(covariance))
+    total = found.taken[0].sum() + found.held.sum() + np.trace(covariance @ prior)
+    assert total == pytest.approx(own.size + len(own.theta))
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.1])

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from ident.estimation import whitening
 from ident.estimation.joint import COLOURED
-from ident.estimation.piece import Noise, Piece, linearised
+from ident.estimation.piece import Noise, Piece, linearised, misfit
 from ident.estimation.restricted_likelihood import MOST_CORRELATED, renewed
 from ident.estimation.spline import LOCAL, Spline
 
@@ -60,15 +60,28 @@ def noise_of(sigma, rho):
     return Noise(states, np.array([SIGMA_CHANNEL]), np.array([JERK]), zero + rho, zero[0], zero, zero[0])
 
 
+def renewal(piece, noise, c, theta, coloured=True):
+    """A step of c and θ, and the noise that follows."""
+    part = linearised(Linear(), piece, c, theta=theta, noise=noise)
+    root = np.linalg.cholesky(np.linalg.inv(part.schur))
+    part = linearised(Linear(), piece, c, theta=theta, noise=noise, root=root)
+    step = root @ root.T @ part.gradient
+    c, theta = c + (part.step - part.by_theta @ step)[:, None], theta + step
+    return c, theta, renewed(noise, [part], [misfit(Linear(), piece, c, theta=theta, noise=noise)], coloured=coloured)
+
+
+def unmoved(piece, noise, c, coloured=True):
+    """The noise that follows without a step."""
+    at = {"theta": np.zeros(2), "noise": noise}
+    part, there = (f(Linear(), piece, np.full((piece.spline.size, 1), c), **at) for f in (linearised, misfit))
+    return renewed(noise, [part], [there], coloured=coloured)
+
+
 def updated(piece, rounds=20):
     """σ and ρ of the coordinate that updates end at, all else given, and the residuals' own correlation."""
     noise, c, theta = noise_of(SIGMA, 0.0), np.zeros((piece.spline.size, 1)), np.zeros(2)
     for k in range(rounds):
-        part = linearised(Linear(), piece, c, theta=theta, noise=noise)
-        covariance = np.linalg.inv(part.schur)
-        step = covariance @ part.gradient
-        c, theta = c + (part.step - part.by_theta @ step)[:, None], theta + step
-        new = renewed(noise, [part], covariance, piece.spline.squared_jerk(c), coloured=k >= COLOURED)
+        c, theta, new = renewal(piece, noise, c, theta, coloured=k >= COLOURED)
         noise = replace(noise, states=new.states, states_rho=new.states_rho)
     residual = piece.states[0][:, 0] - piece.spline.evaluate(c, piece.time)[0, :, 0]
     return noise.states[0, 0], noise.states_rho[0, 0], residual[1:] @ residual[:-1] / (residual @ residual)
@@ -118,10 +131,7 @@ def test_white_noise_stays_white():
 def test_correlation_is_kept_unless_asked_for():
     piece = recording(np.random.default_rng(1), 0.9)
     noise = noise_of(SIGMA, 0.0)
-    part = linearised(Linear(), piece, np.zeros((piece.spline.size, 1)), theta=np.zeros(2), noise=noise)
-    kept, coloured = (
-        renewed(noise, [part], np.linalg.inv(part.schur), np.ones(1), coloured=asked) for asked in (False, True)
-    )
+    kept, coloured = (unmoved(piece, noise, 0.0, asked) for asked in (False, True))
     assert kept.states_rho[0, 0] == 0
     assert coloured.states_rho[0, 0] > 0.9
     assert kept.states[0, 0] == coloured.states[0, 0]
@@ -130,10 +140,7 @@ def test_correlation_is_kept_unless_asked_for():
 def test_correlation_is_capped():
     """Where residuals are all of a curve that the trajectory does not follow yet."""
     piece = recording(np.random.default_rng(1), 0.9)
-    part = linearised(
-        Linear(), piece, np.full((piece.spline.size, 1), 9.0), theta=np.zeros(2), noise=noise_of(9.0, 0.0)
-    )
-    new = renewed(noise_of(9.0, 0.0), [part], np.linalg.inv(part.schur), np.ones(1), coloured=True)
+    new = unmoved(piece, noise_of(9.0, 0.0), 9.0)
     assert new.states_rho[0, 0] == MOST_CORRELATED
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from ident.estimation.whitening import HUBER, innovations, whitened
+from ident.estimation.whitening import HUBER, innovations
 
 
 def test_clipped_normal_noise_has_unit_variance_on_average():
@@ -20,15 +20,7 @@ def test_halves_have_the_variances_that_are_said(rho):
     for k in range(1, len(x)):
         x[k] = rho * x[k - 1] + np.sqrt(1 - rho**2) * x[k]
     new = innovations(std * x, np.arange(len(x)), std, np.array([rho, rho]))
-    rows = whitened(
-        new,
-        np.arange(len(x)),
-        len(x),
-        windows=np.zeros((*x.shape, 7, 1)),
-        border=np.zeros((*x.shape, 0)),
-        columns=np.arange(0),
-    )
-    np.testing.assert_allclose(rows.squares, rows.number, rtol=0.04)
-    share = rows.number[1:] / rows.number[1:].sum(axis=0)
+    squares, number = new.sums
+    np.testing.assert_allclose(squares, number, rtol=0.04)
+    share = number[1:] / number[1:].sum(axis=0)
     np.testing.assert_allclose(share, [[(1 - rho) / 2] * 2, [(1 + rho) / 2] * 2])
-    assert list(rows.coloured) == ([0, 1] if rho else [])

@@ -1,0 +1,44 @@
+"""Samples dealt out to the intervals of a trajectory, so that rows of an interval lie side by side in memory."""
+
+import numpy as np
+
+
+class Intervals:
+    """Room for m samples in every interval; where one has fewer, rows are zero.
+
+    Attributes:
+        number: Number of intervals S.
+        room: Samples m that each has room for.
+    """
+
+    def __init__(self, interval: np.ndarray, number: int) -> None:
+        """Finds every sample's place.
+
+        Args:
+            interval: Interval of each sample, never decreasing (N,).
+            number: Number of intervals.
+        """
+        counts = np.bincount(interval, minlength=number)
+        self.number, self.room = number, max(int(counts.max(initial=0)), 1)
+        self._place = self.room * interval + np.arange(len(interval)) - (np.cumsum(counts) - counts)[interval]
+        self._last = np.maximum(counts - 1, 0)
+
+    def dealt(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of all samples (N, …) by intervals (S, m, …)."""
+        out = np.zeros((self.number * self.room, *rows.shape[1:]))
+        out[self._place] = rows
+        return out.reshape(self.number, self.room, *rows.shape[1:])
+
+    def before(self, rows: np.ndarray, first: int = 0, *, moved: int = 0) -> np.ndarray:
+        """Rows of the samples before, zeros for the first.
+
+        Args:
+            rows: Rows of some intervals (k, m, …).
+            first: Number of the first of these.
+            moved: By how many columns windows move from one interval to the next.
+        """
+        out = np.zeros_like(rows)
+        out[:, 1:] = rows[:, :-1]
+        last = rows[np.arange(len(rows) - 1), self._last[first : first + len(rows) - 1]]
+        out[1:, 0, ..., : rows.shape[-1] - moved] = last[..., moved:]
+        return out

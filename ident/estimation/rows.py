@@ -1,0 +1,196 @@
+"""Rows of a least-squares problem over a window of spline functions and θ, whitened as innovations are.
+
+    z_k - s_k (x_k - ρ x_k-1) · δ,        x = [∂y/∂c, ∂y/∂θ],     s = √weight / std
+
+Samples take a share of themselves, which is known by the quadratic forms `q_kl = x_k Cov x_lᵀ` with the covariance of
+coefficients and θ: whitened ones `s² (q_kk - 2 ρ q_k,k-1 + ρ² q_k-1,k-1)`, halves of innovations, which rows multiply
+by f, `f² (q_kk ± 2 q_k,k-1 + q_k-1,k-1)`.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.estimation.arrow import Arrow, Posterior
+from ident.estimation.block_tridiagonal import WINDOW
+from ident.estimation.intervals import Intervals
+from ident.estimation.whitening import Innovations
+
+TOGETHER = 32
+"""Intervals whose rows are worked on together, so that they stay in the cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """What innovations make of rows, dealt out to intervals.
+
+    Attributes:
+        right: Innovations in standard deviations, weighted (S, m, s).
+        scale: What rows are multiplied by (S, m, s).
+        rho: Which part of the rows before is taken off (S, m, s).
+        slow: What sums are multiplied by in slow halves (S, m, s).
+        fast: What differences are multiplied by in fast ones (S, m, s).
+    """
+
+    right: np.ndarray
+    scale: np.ndarray
+    rho: np.ndarray
+    slow: np.ndarray
+    fast: np.ndarray
+
+    @classmethod
+    def of(cls, new: Innovations, intervals: Intervals) -> "Factors":
+        """Those of innovations."""
+        root = np.sqrt(new.weight)
+        every = new.values * root, new.there * root / new.std, new.rho, *new.halves
+        return cls(*(intervals.dealt(x) for x in every))
+
+    @cached_property
+    def coloured(self) -> np.ndarray:
+        """Which streams have ρ above zero (s,)."""
+        return np.asarray(self.rho.any(axis=(0, 1)))
+
+    def whitened(self, rows: np.ndarray, before: np.ndarray, some: slice = slice(None)) -> np.ndarray:
+        """Rows of some intervals (k, m, s, …), those of the samples before known, as they enter the equations."""
+        each = (some, ..., *[None] * (rows.ndim - 3))
+        if self.coloured.any():
+            rows = rows - self.rho[each] * before
+        return self.scale[each] * rows
+
+    def taken(self, own: np.ndarray, across: np.ndarray, before: np.ndarray, some: slice = slice(None)) -> np.ndarray:
+        """Shares of innovations and halves (3, s) by q_kk, q_k,k-1 and q_k-1,k-1 (k, m, s); halves' only where ρ is."""
+        scale, rho, slow, fast = (x[some] for x in (self.scale, self.rho, self.slow, self.fast))
+        shares = np.stack(
+            [
+                (scale**2 * (own - 2 * rho * across + rho**2 * before)).sum(axis=(0, 1)),
+                (slow**2 * (own + 2 * across + before)).sum(axis=(0, 1)),
+                (fast**2 * (own - 2 * across + before)).sum(axis=(0, 1)),
+            ]
+        )
+        shares[1:, ~self.coloured] = 0
+        return shares
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelRows:
+    """Rows of channels, which see all coordinates and all of θ.
+
+    Attributes:
+        intervals: Where samples are.
+        basis: Values of the functions of each interval, and of their first two derivatives (S, m, 6, 3).
+        by_states: Derivatives of the channels by coordinates and their derivatives (S, m, C, 3, n).
+        by_theta: Derivatives by θ (S, m, C, p).
+        factors: What innovations make of them.
+    """
+
+    intervals: Intervals
+    basis: np.ndarray
+    by_states: np.ndarray
+    by_theta: np.ndarray
+    factors: Factors
+
+    def add_to(self, arrow: Arrow) -> None:
+        """Adds the rows to normal equations."""
+        for some, fresh in self._blocks():
+            J, T = self._windows(some), self.by_theta[some]
+            J_before, T_before = self._before(J, some, self._moved), self._before(T, some)
+            own = slice(some.start + fresh, some.stop)
+            whitened = (self.factors.whitened(x[fresh:], y[fresh:], own) for x, y in ((J, J_before), (T, T_before)))
+            arrow.add(own, *(_joined(x) for x in (*whitened, self.factors.right[own])))
+
+    def taken(self, posterior: Posterior) -> np.ndarray:
+        """Which share of innovations and of their halves is taken (3, C)."""
+        shares = np.zeros((3, self.by_theta.shape[2]))
+        for some, fresh in self._blocks():
+            J = self._windows(some)
+            K = _through(J, posterior.inverse[some])
+            # What θ moves once the trajectory follows it.
+            F = self.by_theta[some] @ posterior.root - _through(J, posterior.followed[some])
+            quadratic = (K * J).sum(axis=-1) + (F * F).sum(axis=-1)
+            across = np.zeros_like(quadratic)
+            if self.factors.coloured.any():
+                J_before, F_before = self._before(J, some, self._moved), self._before(F, some)
+                across = (K * J_before).sum(axis=-1) + (F * F_before).sum(axis=-1)
+            before = self._before(quadratic, some)
+            own = slice(some.start + fresh, some.stop)
+            shares += self.factors.taken(quadratic[fresh:], across[fresh:], before[fresh:], own)
+        return shares
+
+    def _blocks(self) -> Iterator[tuple[slice, int]]:
+        """Some intervals at a time, with one before them for the sample before; how many that is."""
+        for start in range(0, self.intervals.number, TOGETHER):
+            first = max(start - 1, 0)
+            yield slice(first, min(start + TOGETHER, self.intervals.number)), start - first
+
+    @property
+    def _moved(self) -> int:
+        return self.by_states.shape[-1]
+
+    def _before(self, rows: np.ndarray, some: slice, moved: int = 0) -> np.ndarray:
+        return self.intervals.before(rows, some.start, moved=moved)
+
+    def _windows(self, some: slice) -> np.ndarray:
+        """Derivatives by the functions from the one before the interval's first (k, m, C, 7 n)."""
+        by_states = self.by_states[some]
+        k, m, C, _, n = by_states.shape
+        out = np.zeros((k, m, C, WINDOW, n))
+        out[:, :, :, 1:] = self.basis[some, :, None] @ by_states
+        return out.reshape(k, m, C, WINDOW * n)
+
+
+@dataclass(frozen=True, eq=False)
+class StateRows:
+    """Rows of measured coordinates, or of a derivative of them, which see one coordinate each and its zero.
+
+    Attributes:
+        intervals: Where samples are.
+        basis: Values of the functions of each interval (S, m, 6).
+        zeros: Columns of θ that hold zeros of coordinates, by the coordinates.
+        factors: What innovations make of them.
+    """
+
+    intervals: Intervals
+    basis: np.ndarray
+    zeros: Mapping[int, int]
+    factors: Factors
+
+    def add_to(self, arrow: Arrow) -> None:
+        """Adds the rows to normal equations."""
+        J, J_before = (x[:, :, None] for x in self._windows)
+        ones = np.ones_like(self.factors.scale)
+        T = self.factors.whitened(ones, ones)
+        arrow.add_separate(self.factors.whitened(J, J_before), T, self.factors.right, self.zeros)
+
+    def taken(self, posterior: Posterior) -> np.ndarray:
+        """Which share of innovations and of their halves is taken (3, n)."""
+        J, J_before = (x[:, None] for x in self._windows)
+        K = J @ posterior.by_coordinate
+        own, across, before = (K * J).sum(axis=-1), (K * J_before).sum(axis=-1), np.zeros(0)
+        for j, at in self.zeros.items():
+            zero = posterior.root[at]
+            # The zero's covariance with the coefficients is that of what follows θ, with the other sign.
+            mixed = posterior.followed_of(j) @ zero
+            shift, shift_before = (zero @ zero / 2 - x[:, 0] @ mixed[:, :, None] for x in (J, J_before))
+            own[:, j] += 2 * shift[..., 0]
+            across[:, j] += (shift + shift_before)[..., 0]
+        own, across = own.swapaxes(1, 2), across.swapaxes(1, 2)
+        before = self.intervals.before(own)
+        return self.factors.taken(own, across, before)
+
+    @property
+    def _windows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Functions from the one before the interval's first, at samples and at those before (S, m, 7)."""
+        windows = np.pad(self.basis, ((0, 0), (0, 0), (1, 0)))
+        return windows, self.intervals.before(windows, moved=1)
+
+
+def _joined(x: np.ndarray) -> np.ndarray:
+    """Rows of all streams of an interval, one after the other (k, m, s, …) -> (k, m s, …)."""
+    return x.reshape(x.shape[0], x.shape[1] * x.shape[2], *x.shape[3:])
+
+
+def _through(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Rows (k, m, s, w) of each interval times its matrix (k, w, v): (k, m, s, v)."""
+    return (_joined(rows) @ matrix).reshape(*rows.shape[:-1], matrix.shape[-1])
