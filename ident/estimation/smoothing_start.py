@@ -13,6 +13,9 @@ from ident.estimation.piece import Noise, Piece, channel_times
 REWEIGHTED = 4
 """Least-squares fits, each with the channels weighted by the residuals of the one before."""
 
+TOGETHER = 8
+"""Coordinates that are smoothed at once: few calls, but hardly any equations between what has nothing in common."""
+
 FIRST_FITS, FITS, FITS_OF_KNOWN_NOISE = 3, 40, 6
 """Rounds of smoothing: before the noise is estimated, with it, and where it is given."""
 
@@ -88,12 +91,30 @@ def smoothed(pieces: Sequence[Piece], noise: Noise | None = None) -> Start:
         noise: The noise, if it is known.
     """
     none = np.zeros(0)
-    bare = [replace(p, when=none, measured=np.zeros((0, 0)), wrenches=p.wrenches[:0]) for p in pieces]
     own = _first_noise(pieces) if noise is None else noise
     own = replace(own, channels=none, channels_rho=none, floor_channels=none)
-    plan = [(FIRST_FITS, False), (FITS, True)] if noise is None else [(FITS_OF_KNOWN_NOISE, False)]
-    begin = Start(none, own, [_interpolated(piece) for piece in pieces])
-    for rounds, estimate in plan:
+    n = len(own.jerk)
+    groups = [slice(first, first + TOGETHER) for first in range(0, n, TOGETHER)]
+    starts = [_smoothed(pieces, own, some, known=noise is not None) for some in groups]
+    of_states = "states", "states_rho", "floor_states", "jerk"
+    joined = {k: np.concatenate([getattr(each.noise, k) for each in starts], axis=-1) for k in of_states}
+    places = [np.hstack(parts) for parts in zip(*(each.coefficients for each in starts), strict=True)]
+    return Start(none, replace(own, **joined), places)
+
+
+def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, *, known: bool) -> Start:
+    """Some of the coordinates, each smoothed alone; the noise may be known."""
+    none = np.zeros(0)
+    bare = [_bare(piece, some) for piece in pieces]
+    own = replace(
+        noise,
+        states=noise.states[:, some],
+        states_rho=noise.states_rho[:, some],
+        floor_states=noise.floor_states[:, some],
+        jerk=noise.jerk[some],
+    )
+    begin = Start(none, own, [_interpolated(piece) for piece in bare])
+    for rounds, estimate in [(FITS_OF_KNOWN_NOISE, False)] if known else [(FIRST_FITS, False), (FITS, True)]:
         fit = joint.fit(
             _Coordinates(),
             bare,
@@ -106,6 +127,14 @@ def smoothed(pieces: Sequence[Piece], noise: Noise | None = None) -> Start:
         )
         begin = Start(fit.theta, fit.noise, fit.coefficients)
     return begin
+
+
+def _bare(piece: Piece, some: slice) -> Piece:
+    """A piece with some of its coordinates and no channels."""
+    q, dq, ddq = piece.states
+    states = q[:, some], None if dq is None else dq[:, some], None if ddq is None else ddq[:, some]
+    none = np.zeros(0)
+    return replace(piece, states=states, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0])
 
 
 def _first_noise(pieces: Sequence[Piece]) -> Noise:
