@@ -16,8 +16,8 @@ from ident.estimation.physical import physical_fit
 from ident.estimation.piece import Piece
 from ident.estimation.preparation import Prepared
 from ident.estimation.setup import setup_parameters
-from ident.estimation.setup_search import Search, searched
-from ident.estimation.smoothing_start import start
+from ident.estimation.setup_search import Refit, Search, searched
+from ident.estimation.smoothing_start import smoothed, start
 from ident.estimation.trajectory_pieces import cut, knot_distance
 from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
@@ -27,6 +27,9 @@ JUMPS, DRIFTS = 0.15, 0.9
 
 SMALLER = 0.95
 """Part of a channel's noise that has to remain at most for denser knots to be worth it."""
+
+ENOUGH = 10_000
+"""Samples that noise, knots and set-up are found from first: what they say is hardly told better by more."""
 
 OWN = ("offset", "delay")
 """What each of several recordings may have for itself."""
@@ -126,34 +129,96 @@ def joint_estimate(
     first, joints = recordings[0][0], recordings[0][0].mechanism.joints
     measurement = _measurement(first, equations, setup)
     names, selections = _shared(measurement, len(recordings), own)
-    prior, is_setup = _prior(measurement, names, known), _is_setup(measurement, names)
+    prior = _prior(measurement, names, known)
+    task = _Task(measurement, recordings, names, selections, prior, known is not None, search, executor, report)
+    samples = sum(part.stop - part.start for _, part in recordings)
+    share = max(1, round(samples / ENOUGH))
+    if knots:
+        begin = task.estimate(knots, share)
+    else:
+        step = min(knot_distance(prepared.recording, joints) for prepared, _ in recordings)
+        finest = 2 / min(prepared.recording.rate for prepared, _ in recordings)
+        begin = _fine_enough(lambda step: task.estimate(step, share), step, finest)
+    estimate = task.estimate(begin.step, begin=begin) if share > 1 else begin
+    return task.with_physical_bodies(estimate) if physical else estimate
 
-    def estimated(step: float) -> Joint:
-        """The estimate with knots so far apart."""
-        cuts = [cut(prepared, measurement, part, step) for prepared, part in recordings]
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is estimated, and how.
+
+    Attributes:
+        measurement: Channels, and the parameters of one recording.
+        recordings: Mechanism and recording, and the samples to take.
+        names: Names of all parameters.
+        selections: Which of these each recording has.
+        prior: What is known of them.
+        known: Whether that of the model's parameters is put in.
+        search: Whether to look for what of the set-up is not as stated.
+        executor: Where pieces are worked on.
+        report: Called with every round.
+    """
+
+    measurement: Measurement
+    recordings: Sequence[tuple[Prepared, slice]]
+    names: Sequence[str]
+    selections: Sequence[np.ndarray]
+    prior: Prior
+    known: bool
+    search: bool
+    executor: Executor | None
+    report: Report | None
+
+    @cached_property
+    def is_setup(self) -> np.ndarray:
+        """Which parameters are of the set-up (p,)."""
+        return _is_setup(self.measurement, self.names)
+
+    def estimate(self, step: float, share: int = 1, begin: Joint | None = None) -> Joint:
+        """The estimate.
+
+        Args:
+            step: Largest distance of the knots, s.
+            share: One in so many pieces of each recording is taken.
+            begin: An estimate of fewer pieces to go on from.
+        """
+        cuts = [cut(prepared, self.measurement, part, step)[::share] for prepared, part in self.recordings]
         pieces = [piece for own_pieces in cuts for piece in own_pieces]
-        selected = [selections[k] for k, own_pieces in enumerate(cuts) for _ in own_pieces]
+        selected = [self.selections[k] for k, own_pieces in enumerate(cuts) for _ in own_pieces]
+        refit = self._refit(pieces, selected)
+        if begin is None:
+            at, free = _start(self.measurement, pieces, self.prior, selected, ~self.is_setup), ~self.is_setup
+            search = self.search
+        else:
+            at = Start(begin.fit.theta, begin.fit.noise, smoothed(pieces, begin.fit.noise).coefficients)
+            free, search = begin.fit.free, self.search and not begin.search.incredible
+        interrupted = begin is not None and begin.fit.status == "interrupted"
+        fit = refit(at, free, 0 if interrupted else joint.ROUNDS)
+        fit = replace(fit, status="interrupted") if interrupted else fit
+        found = replace(begin.search, fit=fit) if begin else Search(fit)
+        if search:
+            found = searched(found, refit, self.is_setup, _groups(self.measurement, self.names))
+        return Joint(self.measurement, found, tuple(map(len, cuts)), step, self.known)
+
+    def with_physical_bodies(self, estimate: Joint) -> Joint:
+        """The estimate with bodies that are physical."""
+        refit = self._refit(estimate.fit.pieces, estimate.fit.selections)
+        fit = physical_fit(estimate.fit, refit, self.measurement.equations, joint.ROUNDS)
+        return replace(estimate, search=replace(estimate.search, fit=fit))
+
+    def _refit(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray]) -> Refit:
+        """What fits pieces, each with its own of the parameters."""
         solve = partial(
             joint.fit,
-            measurement,
+            self.measurement,
             pieces,
-            prior=prior,
-            names=names,
+            prior=self.prior,
+            names=self.names,
             selections=selected,
-            executor=executor,
-            report=report,
+            executor=self.executor,
+            report=self.report,
         )
-        refit = partial(_with_positive_drives, solve, equations)
-        fit = refit(_start(measurement, pieces, prior, selections, ~is_setup), ~is_setup, joint.ROUNDS)
-        found = searched(fit, refit, is_setup, _groups(measurement, names)) if search else Search(fit, (), False)
-        if physical:
-            found = replace(found, fit=physical_fit(found.fit, refit, equations, joint.ROUNDS))
-        return Joint(measurement, found, tuple(len(own_pieces) for own_pieces in cuts), step, known is not None)
-
-    if knots:
-        return estimated(knots)
-    step = min(knot_distance(prepared.recording, joints) for prepared, _ in recordings)
-    return _fine_enough(estimated, step, 2 / min(prepared.recording.rate for prepared, _ in recordings))
+        return partial(_with_positive_drives, solve, self.measurement.equations)
 
 
 def _fine_enough(estimated: Callable[[float], Joint], step: float, finest: float) -> Joint:

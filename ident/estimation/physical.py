@@ -5,13 +5,13 @@ bodies that are nearest to it (`ident.parameters.consistency`) have a ψ that is
 set-up and the noise are fitted anew; that moves ψ* in turn, until ψ rests.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from ident.estimation.equations import Equations
 from ident.estimation.joint import JointFit, Start, inverse_of_precision
+from ident.estimation.setup_search import Refit
 from ident.parameters.consistency import consistent_parameters
 
 TURNS = 8
@@ -21,9 +21,7 @@ RESTS = 0.05
 """Step of ψ, in standard deviations, from which it rests."""
 
 
-def physical_fit(
-    fit: JointFit, refit: Callable[[Start, np.ndarray, int], JointFit], equations: Equations, rounds: int
-) -> JointFit:
+def physical_fit(fit: JointFit, refit: Refit, equations: Equations, rounds: int) -> JointFit:
     """A joint fit with ψ of physical bodies, which are as close to the model's as the recordings let them be.
 
     Args:

@@ -55,28 +55,27 @@ class Search:
     """
 
     fit: JointFit
-    deviations: tuple[Deviation, ...]
-    incredible: bool
+    deviations: tuple[Deviation, ...] = ()
+    incredible: bool = False
 
 
-def searched(
-    first: JointFit,
-    refit: Callable[[Start, np.ndarray, int], JointFit],
-    candidates: np.ndarray,
-    groups: Mapping[str, np.ndarray],
-) -> Search:
+Refit = Callable[[Start, np.ndarray, int], JointFit]
+"""Fits from a start, with given parameters free (p,), in at most so many rounds."""
+
+
+def searched(first: Search, refit: Refit, candidates: np.ndarray, groups: Mapping[str, np.ndarray]) -> Search:
     """Frees set-up parameters as long as one is significant.
 
     Args:
-        first: The fit with the set-up as stated.
-        refit: Fits from a start, with given parameters free (p,), in at most so many rounds.
+        first: The fit with the set-up as stated, or as far as it was found.
+        refit: What fits again.
         candidates: Which parameters are of the set-up (p,).
         groups: Directions in which several change alike, by what they are (p,) each.
     """
-    fitted, deviations = first, list[Deviation]()
+    fitted, deviations = first.fit, list(first.deviations)
     # All candidates together raise a false alarm as rarely as one test does.
     threshold = float(norm.isf(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
-    known = 1 / np.sqrt(np.maximum(np.diag(first.prior.precision), 1e-300))
+    known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.precision), 1e-300))
     while len(deviations) < MOST_FOUND and fitted.status != "interrupted":
         left = np.flatnonzero(candidates & ~fitted.free)
         if not len(left):
@@ -97,14 +96,14 @@ def searched(
             noise = replace(fitted.noise, channels_rho=0 * fitted.noise.channels_rho)
             tried = refit(Start(theta, noise, fitted.coefficients), free, SEARCH_ROUNDS)
         except ExcitationError:
-            return Search(first, (), True)
+            return replace(first, incredible=True)
         if not abs(tried.theta[found.index]) > threshold * np.sqrt(tried.covariance[found.index, found.index]):
             break
         if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
-            return Search(first, (), True)
+            return replace(first, incredible=True)
         fitted = tried
         deviations.append(found)
-    return Search(fitted, tuple(deviations), False)
+    return replace(first, fit=fitted, deviations=tuple(deviations))
 
 
 def _together(fitted: JointFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:

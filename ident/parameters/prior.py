@@ -34,6 +34,12 @@ def known_deviations(phi: np.ndarray, known: Mapping[str, float] = KNOWN) -> np.
     return np.hstack([known["mass"] * mass, centers, known["inertia"] * inertias]).ravel()
 
 
+def deviations(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -> np.ndarray:
+    """Standard deviations of a mechanism's φ: its own where it has any, otherwise as `known_deviations` (10 b,)."""
+    std = known_deviations(mechanism.known, known)
+    return std if mechanism.prior_std is None else np.where(np.isfinite(mechanism.prior_std), mechanism.prior_std, std)
+
+
 def known_covariance(
     mechanism: Mechanism, parameters: BaseParameters, known: Mapping[str, float] = KNOWN
 ) -> np.ndarray:
@@ -41,9 +47,38 @@ def known_covariance(
 
     The mechanism's own deviations come before those of `known`.
     """
-    std = known_deviations(mechanism.known, known)
-    if mechanism.prior_std is not None:
-        std = np.where(np.isfinite(mechanism.prior_std), mechanism.prior_std, std)
-    B = parameters.regroup(np.diag(std))
+    B = parameters.regroup(np.diag(deviations(mechanism, known)))
     covariance = B.T @ B
     return covariance + np.diag(LEAST_KNOWN**2 * np.full(len(covariance), np.diag(covariance).max(initial=1e-12)))
+
+
+def conditioned(
+    mechanism: Mechanism,
+    parameters: BaseParameters,
+    psi: np.ndarray,
+    covariance: np.ndarray,
+    known: Mapping[str, float] = KNOWN,
+) -> tuple[np.ndarray, np.ndarray]:
+    """All parameters φ from what was known of them and what an estimate that had it for a prior says of ψ = B φ.
+
+        φ̂ = φ_0 + G (ψ̂ - B φ_0),     S - G (B S Bᵀ - C) Gᵀ,     G = S Bᵀ (B S Bᵀ)⁻¹
+
+    Nothing keeps bodies physical; `ident.parameters.consistency` does.
+
+    Args:
+        mechanism: The mechanism with the prior φ_0.
+        parameters: Its base parameters.
+        psi: Their estimate, the prior included (r,).
+        covariance: C of that (r, r).
+        known: How well the prior is known, which makes S.
+
+    Returns:
+        φ̂ (10 b,), and its standard deviations (10 b,).
+    """
+    std = deviations(mechanism, known)
+    SB = (std**2)[:, None] * parameters.regroup(np.eye(len(std)))
+    whole = known_covariance(mechanism, parameters, known)
+    G = np.linalg.solve(whole, SB.T).T
+    phi = mechanism.known + G @ (psi - parameters.regroup(mechanism.known))
+    variance = std**2 - np.einsum("pr,rs,ps->p", G, whole - covariance, G)
+    return phi, np.sqrt(np.maximum(variance, 0))
