@@ -1,4 +1,4 @@
-"""Writes the generated parts of README.md, from the root of a checkout: for maintainers."""
+"""Writes the generated parts of README.md and docs, from the root of a checkout: for maintainers."""
 
 import argparse
 from pathlib import Path
@@ -7,7 +7,7 @@ from experiments.cli import options
 
 
 def run(args: argparse.Namespace) -> None:
-    """Writes README.md, its figures and the record of its benchmark anew."""
+    """Writes the generated parts of the pages, their figures and the record of the benchmark anew."""
     from experiments.output import readme_blocks
 
     readme_blocks.write(args.root)

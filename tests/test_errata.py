@@ -1,4 +1,4 @@
-"""The equations as printed fail where the corrected ones hold; REPRODUCTION.md numbers these tests."""
+"""The equations as printed fail where the corrected ones hold; docs/reproduction.md numbers these tests."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""What the benchmark says in words, for the terminal and README, from what `benchmark.json` holds."""
+"""What the benchmark says in words, for the terminal and docs/speed.md, from what `benchmark.json` holds."""
 
 from collections.abc import Iterator
 
@@ -13,7 +13,7 @@ EMPTY = (
 
 
 def readme_block(results: Results) -> str:
-    """README's part: the machine, the table, what its columns are, and the other findings.
+    """The generated part of docs/speed.md: the machine, the table, what its columns are, and the other findings.
 
     Raises:
         InputError: Nothing was compared.

@@ -1,7 +1,8 @@
-"""The generated parts of README.md: tables of both studies, a figure, and the benchmark."""
+"""The generated parts of README.md and of docs: tables of both studies, figures, and the benchmark."""
 
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ def table_4(result: contacts.Study) -> report.Table:
 
 
 def benchmark_results(root: Path) -> dict[str, Any]:
-    """The benchmark that README shows: that of `results/benchmark`, or the one it shows already.
+    """The benchmark that docs/speed.md shows: that of `results/benchmark`, or the one it shows already.
 
     Raises:
         InputError: That one was made with `--quick`, or of a checkout with changes that nobody has committed.
@@ -64,10 +65,10 @@ def benchmark_results(root: Path) -> dict[str, Any]:
     made, shown = root / "results" / "benchmark" / sections.FILE, root / "docs" / sections.FILE
     results = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
     if results["provenance"]["options"]["quick"]:
-        raise InputError(f"README shows a whole benchmark, but '{made}' is of a quick one: run it without --quick.")
+        raise InputError(f"docs/speed.md shows a whole benchmark, but '{made}' is a quick one: run it without --quick.")
     if made.exists() and str(results["provenance"]["git_commit"]).endswith("-dirty"):
         raise InputError(
-            f"README shows the benchmark of a commit, but '{made}' is of a checkout with changes beyond one."
+            f"docs/speed.md shows the benchmark of a commit, but '{made}' is of a checkout with changes beyond one."
         )
     return results
 
@@ -76,24 +77,34 @@ def with_block(text: str, name: str, content: str) -> str:
     """The text with the part between `<!-- name -->` and `<!-- end name -->` replaced."""
     pattern = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end {name} -->)", re.DOTALL)
     if not pattern.search(text):
-        raise InputError(f"README.md needs a block '<!-- {name} -->' that ends with '<!-- end {name} -->'.")
+        raise InputError(f"The page needs a block '<!-- {name} -->' that ends with '<!-- end {name} -->'.")
     return pattern.sub(lambda match: f"{match[1]}{content}{match[2]}", text)
 
 
 def write(root: Path) -> None:
-    """Writes README.md, its figures and the record of its benchmark anew."""
-    readme, figure = root / "README.md", root / "docs"
-    if not (readme.is_file() and figure.is_dir()):
+    """Writes the generated parts of the pages, the figures, and the record of the benchmark anew."""
+    docs = root / "docs"
+    if not ((root / "README.md").is_file() and docs.is_dir()):
         raise InputError(f"The root of a checkout has a README.md and a folder docs; '{root}' has not.")
     measured = benchmark_results(root)
     tilted, touching = tilted_axes.study(), contacts.study()
-    text = with_block(readme.read_text(encoding="utf-8"), "table 3", table_3(tilted).markdown())
-    text = with_block(text, "wrench errors", table_wrench_errors(tilted).markdown())
-    text = with_block(text, "table 4", table_4(touching).markdown())
-    text = with_block(text, "benchmark", words.readme_block(measured))
-    with report.results_folder(figure) as folder:
+    tables = {
+        "table 3": table_3(tilted).markdown(),
+        "wrench errors": table_wrench_errors(tilted).markdown(),
+        "table 4": table_4(touching).markdown(),
+    }
+    _replace_blocks(docs / "study.md", tables)
+    _replace_blocks(docs / "speed.md", {"benchmark": words.readme_block(measured)})
+    with report.results_folder(docs) as folder:
         figures.save(tilted_axes_report.figure_2(tilted), folder, "figure_2", ["png"])
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
         report.write_json(folder / sections.FILE, measured)
-    with replacing(readme) as temporary:
+
+
+def _replace_blocks(page: Path, contents: Mapping[str, str]) -> None:
+    """Replaces blocks of a page by their names."""
+    text = page.read_text(encoding="utf-8")
+    for name, content in contents.items():
+        text = with_block(text, name, content)
+    with replacing(page) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,114 @@
+"""Pages say what is so: their Python runs, their commands are accepted, what they name and link to exists."""
+
+import importlib
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+import experiments
+import scenes
+import sim
+from experiments.cli.command import COMMANDS
+from sim.motion.excitation import DOUBLE_PENDULUM
+
+ROOT = Path(experiments.__file__).parents[1]
+pytestmark = pytest.mark.skipif(not (ROOT / "docs").exists(), reason="only a checkout has docs")
+PAGES = {path.name: path for path in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])}
+TEXTS = {name: path.read_text(encoding="utf-8") for name, path in PAGES.items()}
+
+
+def blocks(language):
+    """Code of the pages in one language, by page."""
+    found = {name: re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL) for name, text in TEXTS.items()}
+    return {name: codes for name, codes in found.items() if codes}
+
+
+SAID = {
+    "README.md": "m2rz2 \\+ 0.425 m3.*Usable: held-out residuals",
+    "identify.md": r"'ground' is turned by 5\.0\d+ ± 0\.0\d+° about -z .* a turn of all joint axes about z",
+    "python.md": r"± 0\.\d+   m2rz2 \+ 0\.425 m3",
+    "models.md": r"\d bodies touch the floor.*sum of contacts - Y phi: \de-1[0-9]",
+    "long_recordings.md": "3000 samples, one pass in QR coordinates, 0 of 6 chunks by stacked QR",
+}
+"""What the examples of a page print, as a regular expression."""
+
+
+@pytest.mark.parametrize("page", list(blocks("python")))
+def test_examples_run(page, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenes").symlink_to(Path(scenes.__file__).parent)
+    (tmp_path / "arm.xml").symlink_to(Path(scenes.__file__).parent / "double_pendulum.xml")
+    sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM).save("run.csv")
+    for code in blocks("python")[page]:
+        if "viewer" not in code:
+            exec(compile(code, page, "exec"), {})
+    assert re.search(SAID.get(page, ""), capsys.readouterr().out, re.DOTALL)
+    if page == "README.md":
+        assert len(sim.mechanism("arm_identified.xml", base="base").bodies) == 3
+
+
+def commands():
+    """Every `python -m experiments…` of the pages' shell blocks and tables, as arguments, without its remark."""
+    for name, codes in blocks("sh").items():
+        for line in "".join(codes).splitlines():
+            if line.startswith(("python -m experiments", "multicontact ")):
+                yield pytest.param(shlex.split(line, comments=True), id=f"{name}: {line.split('  ')[0]}")
+
+
+@pytest.mark.parametrize("command", list(commands()))
+def test_commands_are_accepted(command):
+    name = command[2].removeprefix("experiments").lstrip(".") if command[0] == "python" else command[1]
+    arguments = command[3:] if command[0] == "python" else command[2:]
+    COMMANDS[name or "paper"].parser().parse_args(arguments)
+
+
+def test_links_lead_somewhere():
+    broken = []
+    for name, text in TEXTS.items():
+        for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"```.*?```", "", text, flags=re.DOTALL)):
+            path, _, anchor = target.partition("#")
+            if target.startswith("http"):
+                continue
+            file = PAGES[name].parent / path if path else PAGES[name]
+            if not file.exists() or (anchor and anchor not in anchors(file)):
+                broken.append(f"{name}: {target}")
+    assert broken == []
+
+
+def anchors(file):
+    """What headings of a page are linked by, as renderers of Markdown make it."""
+    text = re.sub(r"```.*?```", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_what_the_pages_name_exists():
+    named = "\n".join(text for name, text in TEXTS.items() if name != "CHANGELOG.md")
+    rooms = re.findall(r"`((?:ident|sim|experiments|scenes|tests)/[\w/.]*)`", named)
+    assert len(rooms) > 30 and [room for room in rooms if not (ROOT / room).exists()] == []
+    missing = [name for name in re.findall(r"`((?:ident|sim)\.\w+(?:\.\w+)*)[`(]", named) if not resolves(name)]
+    assert missing == []
+    tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py"))
+    assert [name for name in re.findall(r"`(test_\w+)`", named) if f"def {name}(" not in tests] == []
+
+
+def resolves(dotted):
+    """Whether a name is that of a module or of something in one."""
+    parts = dotted.split(".")
+    for cut in range(len(parts), 0, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[cut:]:
+            if not hasattr(found, part):
+                return False
+            found = getattr(found, part)
+        return True
+    return False
+
+
+def test_readme_is_short():
+    assert len(TEXTS["README.md"].splitlines()) <= 150
