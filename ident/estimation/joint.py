@@ -28,7 +28,7 @@ SETTLED, SETTLED_NOISE, SETTLED_MOTION = 0.02, 0.02, 0.1
 coordinates, that end it."""
 
 COLOURED = 3
-"""Round from which noise may be correlated over time: while the fit is bad all residuals are."""
+"""Round from which noise that was white at the start may be correlated: while the fit is bad all residuals are."""
 
 SMOOTHEST = 1e8
 """Largest λ over `h⁶ rate / σ²`: then samples of some twenty knots are averaged."""
@@ -179,6 +179,7 @@ def fit(
     problem = _Problem(measurement, pieces, prior, free, names or measurement.names, selections or every, run)
     at, trace, status, stalled = start, list[float](), "stopped", 0
     fitted = np.flatnonzero(free)
+    white = COLOURED if coloured and not start.noise.channels_rho.any() else 0
     parts = problem.linearised(at, fitted)
     try:
         for round_ in range(rounds):
@@ -188,9 +189,9 @@ def fit(
             moved, misfits = problem.lower(at, step, moves)
             noise = at.noise
             if estimate_noise:
-                noise = renewed(noise, parts, misfits, coloured=coloured and round_ >= COLOURED)
+                noise = renewed(noise, parts, misfits, coloured=coloured and round_ >= white)
                 noise = replace(noise, jerk=np.minimum(noise.jerk, problem.smoothest(noise)))
-            quiet = (round_ > COLOURED or not coloured) and _quiet(at, trace[-1], moves, noise)
+            quiet = round_ >= white + coloured and _quiet(at, trace[-1], moves, noise)
             stalled = 0 if moved is not at else stalled + 1
             at = replace(moved, noise=noise)
             if quiet or stalled > 1:

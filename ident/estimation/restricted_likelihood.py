@@ -26,8 +26,9 @@ LEAST_LEFT = 0.05
 MOST_CORRELATED = 0.99
 """Cap of ρ; beyond it the mean of a channel is free."""
 
-CHANCE = 2.0
-"""Correlation, in standard deviations of that of white noise, up to which what seemed to be white noise stays that."""
+CHANCE, WHITE_AGAIN = 2.0, 1.0
+"""Correlation, in standard deviations of that of white noise, up to which what seemed to be white noise stays that, and
+below which what seemed to be correlated does not any more."""
 
 COLOURED_FLOOR = 15.0
 """How many times higher the floor of a channel's noise is where that is wholly correlated: then the model is not quite
@@ -77,5 +78,5 @@ def _correlation(rho: np.ndarray, growth: np.ndarray, linked: np.ndarray) -> np.
     """
     sums, differences = growth[0] * (1 + rho), growth[1] * (1 - rho)
     new = (sums - differences) / (sums + differences)
-    white = (rho == 0) & (new < CHANCE / np.sqrt(np.maximum(linked, 1)))
+    white = new < np.where(rho == 0, CHANCE, WHITE_AGAIN) / np.sqrt(np.maximum(linked, 1))
     return np.where(white, 0.0, np.clip(new, 0, MOST_CORRELATED))

@@ -93,7 +93,7 @@ def searched(first: Search, refit: Refit, candidates: np.ndarray, groups: Mappin
         free = fitted.free | (np.arange(len(theta)) == found.index)
         try:
             # What was wrong until now has made residuals look correlated.
-            noise = replace(fitted.noise, channels_rho=0 * fitted.noise.channels_rho)
+            noise = fitted.noise
             tried = refit(Start(theta, noise, fitted.coefficients), free, SEARCH_ROUNDS)
         except ExcitationError:
             return replace(first, incredible=True)
