@@ -59,11 +59,15 @@ class HeldOut:
         return rms / np.maximum(signal, 1e-300)
 
     def ratio_with(self, psi: np.ndarray) -> np.ndarray:
-        """The same with other base parameters (r,), drives and offsets as they are likeliest beside them."""
+        """The same with other base parameters (r,)."""
+        return self._ratio(self.residual_with(psi))
+
+    def residual_with(self, psi: np.ndarray) -> np.ndarray:
+        """Residuals with other base parameters (r,), drives and offsets as they are likeliest beside them (M, C)."""
         values, r, covariance = self.fit.values.copy(), len(psi), self.fit.covariance
         values[r:] += covariance[r:, :r] @ np.linalg.pinv(covariance[:r, :r], hermitian=True) @ (psi - values[:r])
         values[:r] = psi
-        return self._ratio(replace(self.fit, values=values).residual(self.samples))
+        return replace(self.fit, values=values).residual(self.samples)
 
     def _ratio(self, residual: np.ndarray) -> np.ndarray:
         return np.sqrt((residual**2).mean(axis=0)) / np.maximum(self.samples.measured.std(axis=0), 1e-300)

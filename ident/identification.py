@@ -246,7 +246,7 @@ def _joint(
         held_out=mended.held_out(fits),
         singular_values=singular_values,
         joint=joint,
-        rivals={} if poor else _rivals(divided, with_offsets, joint),
+        rivals=_rivals(divided, with_offsets, joint, fit, excited=not poor),
         disagreement=rms,
         disagreements=disagreements(joint),
         widening=widening,
@@ -297,15 +297,25 @@ def _corrected(divided: _Divided, joint: Joint) -> _Divided:
     return divided.with_logs(logs, judges)
 
 
-def _rivals(divided: _Divided, equations: Equations, joint: Joint) -> dict[str, np.ndarray]:
-    """What the model as it came, and ordinary least squares, leave of what is judged by, with the set-up as stated."""
-    fit = robust_fit(equations, divided.samples, weighted=False)
-    prior = equations.parameters.regroup(equations.mechanism.known)
+def _rivals(divided: _Divided, equations: Equations, joint: Joint, fit: Fit, *, excited: bool) -> dict[str, np.ndarray]:
+    """What others leave of what is judged by, with the set-up as stated: the model as it came, and least squares.
+
+    Args:
+        divided: What was fitted, and what is judged by.
+        equations: Their columns, with offsets.
+        joint: The joint estimate.
+        fit: The same as a fit.
+        excited: Whether least squares determine all parameters.
+    """
     stated = _corrected(divided, joint.as_stated())
-    model = replace(fit, values=np.r_[prior, np.zeros(len(fit.values) - len(prior))])
-    offsets = model.residual(stated.samples).mean(axis=0)[list(equations.offsets)]
-    model = replace(model, values=np.r_[model.values[: len(fit.values) - len(offsets)], offsets])
-    return {"model": stated.held_out([model]).ratio, "least squares": stated.held_out([fit]).ratio}
+    prior = equations.parameters.regroup(equations.mechanism.known)
+    model = replace(fit, equations=equations, values=np.r_[prior, np.zeros(len(equations.names) - len(prior))])
+    if equations.offsets:
+        model.values[-len(equations.offsets) :] = model.residual(stated.samples).mean(axis=0)[list(equations.offsets)]
+    rivals = {"model": stated.held_out([model]).ratio}
+    if excited:
+        rivals["least squares"] = stated.held_out([robust_fit(equations, divided.samples, weighted=False)]).ratio
+    return rivals
 
 
 def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared]) -> _Divided:

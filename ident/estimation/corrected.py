@@ -63,7 +63,7 @@ def _places(
     smooth = smoothed(pieces, estimate.fit.noise).coefficients if pieces else []
     trajectories = [(piece.spline, c) for piece, c in zip(pieces, smooth, strict=True)]
     if which is not None and part is not None:
-        asked.append((part, 2))
+        asked.append((part, estimate.counts[which]))
         trajectories += [(piece.spline, c) for piece, c in estimate.places_of(which)]
     common = pieces_of(replace(prepared, recording=prepared.recording.without_streams))
     places = [(piece, *trajectory) for piece, trajectory in zip(common, trajectories, strict=True)]

@@ -138,7 +138,7 @@ def joint_estimate(
     else:
         step = min(knot_distance(prepared.recording, joints) for prepared, _ in recordings)
         finest = 2 / min(prepared.recording.rate for prepared, _ in recordings)
-        begin = _fine_enough(lambda step: task.estimate(step, share), step, finest)
+        begin = _fine_enough(partial(task.estimate, share=share), step, finest)
     estimate = task.estimate(begin.step, begin=begin) if share > 1 else begin
     return task.with_physical_bodies(estimate) if physical else estimate
 
@@ -180,23 +180,26 @@ class _Task:
         Args:
             step: Largest distance of the knots, s.
             share: One in so many pieces of each recording is taken.
-            begin: An estimate of fewer pieces to go on from.
+            begin: An estimate to go on from: of fewer pieces, or with other knots; then the set-up is searched anew.
         """
-        cuts = [cut(prepared, self.measurement, part, step)[::share] for prepared, part in self.recordings]
+        # Halves of what is fitted are compared: of one recording, or of several.
+        least = 2 if len(self.recordings) == 1 else 1
+        cuts = [cut(log, self.measurement, part, step, least=least)[::share] for log, part in self.recordings]
         pieces = [piece for own_pieces in cuts for piece in own_pieces]
         selected = [self.selections[k] for k, own_pieces in enumerate(cuts) for _ in own_pieces]
         refit = self._refit(pieces, selected)
+        before = begin.search if begin and begin.step == step else None
+        free = before.fit.free if before else ~self.is_setup
         if begin is None:
-            at, free = _start(self.measurement, pieces, self.prior, selected, ~self.is_setup), ~self.is_setup
-            search = self.search
+            at = _start(self.measurement, pieces, self.prior, selected, free)
         else:
-            at = Start(begin.fit.theta, begin.fit.noise, smoothed(pieces, begin.fit.noise).coefficients)
-            free, search = begin.fit.free, self.search and not begin.search.incredible
+            theta = np.where(free | ~self.is_setup, begin.fit.theta, self.prior.mean)
+            at = Start(theta, begin.fit.noise, smoothed(pieces, begin.fit.noise).coefficients)
         interrupted = begin is not None and begin.fit.status == "interrupted"
         fit = refit(at, free, 0 if interrupted else joint.ROUNDS)
         fit = replace(fit, status="interrupted") if interrupted else fit
-        found = replace(begin.search, fit=fit) if begin else Search(fit)
-        if search:
+        found = replace(before, fit=fit) if before else Search(fit)
+        if self.search and not found.incredible:
             found = searched(found, refit, self.is_setup, _groups(self.measurement, self.names))
         return Joint(self.measurement, found, tuple(map(len, cuts)), step, self.known)
 
@@ -221,7 +224,7 @@ class _Task:
         return partial(_with_positive_drives, solve, self.measurement.equations)
 
 
-def _fine_enough(estimated: Callable[[float], Joint], step: float, finest: float) -> Joint:
+def _fine_enough(estimated: Callable[..., Joint], step: float, finest: float) -> Joint:
     """Knots get denser as long as residuals are correlated, if that makes them smaller: something jumps.
 
     Where they are correlated over long times the model is not quite right, and no trajectory should make up for that.
@@ -234,7 +237,7 @@ def _fine_enough(estimated: Callable[[float], Joint], step: float, finest: float
     fine = coarse = estimated(step)
     try:
         while asks(fine) and fine.fit.status != "interrupted" and fine.step > finest:
-            fine = estimated(max(fine.step / 2, finest))
+            fine = estimated(max(fine.step / 2, finest), begin=fine)
     except (ExcitationError, np.linalg.LinAlgError):
         return coarse
     smaller = (fine.fit.noise.channels < SMALLER * coarse.fit.noise.channels).any()

@@ -58,7 +58,7 @@ def _positions_and_quaternions(poses: np.ndarray) -> np.ndarray:
 
 
 def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, *, least: int = 2) -> list[Piece]:
-    """A part of a recording as two pieces or more, so that halves can be compared; streams at times of their own.
+    """A part of a recording as two pieces or more, or as many as asked for; streams at times of their own.
 
     Args:
         prepared: The recording.
