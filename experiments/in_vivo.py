@@ -1,0 +1,25 @@
+"""A person who bows on a force plate, recorded: what several estimators say of legs and trunk, and predict."""
+
+import argparse
+from pathlib import Path
+
+from experiments.cli import options
+
+
+def run(args: argparse.Namespace) -> None:
+    """Runs the study and writes and prints its results."""
+    from experiments.output import in_vivo_report
+
+    in_vivo_report.run(args)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.output_parser("in_vivo", __doc__)
+    out.add_argument(
+        "--data", type=Path, required=True, metavar="DIR", help="folder of the recording, which is not ours to ship"
+    )
+    return out
+
+
+main = options.main(__name__, run, parser)

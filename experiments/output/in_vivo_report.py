@@ -1,0 +1,126 @@
+"""What estimators say of a person who bows: tables, a figure, key numbers, and the terminal's text."""
+
+import argparse
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.cli.own_model import progress
+from experiments.output import figures, report
+from experiments.output.results import Results
+from experiments.studies import in_vivo
+from experiments.studies.errors import HALF_WIDTH
+from experiments.studies.in_vivo import JUDGED_AT, Study
+
+SHOWN = ("m2rz2", "Iyy2", "m3rz3", "Iyy3")
+"""What a bow tells of: first moments and inertias of the legs with all above, and of the trunk."""
+
+CHANNELS = {"Fx": "N", "Fz": "N", "My": "N m"}
+"""Channels that a bow moves, and their units."""
+
+LINES = {"scaled model": ("0.5", "D"), "joint estimate": ("tab:blue", "o")}
+OTHERS = (("tab:red", "s"), ("tab:orange", "^"))
+"""Colour and marker of each estimator."""
+
+
+def looks(found: Study) -> dict[str, tuple[str, str]]:
+    """Colour and marker by estimator."""
+    return {**LINES, **dict(zip(found.others, OTHERS, strict=True))}
+
+
+def table_parameters(found: Study) -> report.Table:
+    """Base parameters by estimator, with their standard deviations."""
+    columns: dict[str, Any] = {"parameter": found.names}
+    for name, (psi, std) in found.candidates.items():
+        columns[name] = psi.tolist()
+        if std is not None:
+            columns[f"{name}, std"] = std.tolist()
+    return report.Table("Base parameters of a person who bows, SI units", *report.columns(**columns), decimals=2)
+
+
+def table_prediction(found: Study) -> report.Table:
+    """What each estimator leaves of the held-out part."""
+    rows: list[tuple[report.Cell, ...]] = [(name, *map(float, ratio)) for name, ratio in found.ratios.items()]
+    title = (
+        f"What is left of the held-out part below {JUDGED_AT:g} Hz, a constant taken out, over the signal's standard "
+        "deviation"
+    )
+    return report.Table(title, ("estimator", *found.joint.channels), tuple(rows), decimals=3)
+
+
+def figure(found: Study) -> Figure:
+    """Inertias and first moments by estimator, and what is predicted of the held-out part."""
+    with figures.paper_style():
+        drawing = Figure(figsize=(3.5, 5.4))
+        above, *below = drawing.subplots(1 + len(CHANNELS), 1, height_ratios=(1.5, 1, 1, 1))
+        _parameters(above, found)
+        time, measured, predicted = found.held_out
+        for ax, (channel, unit) in zip(below, CHANNELS.items(), strict=True):
+            k = found.joint.channels.index(channel)
+            ax.plot(time, measured[:, k], color="black", lw=1.1, label="measured")
+            for name, (color, _) in looks(found).items():
+                ax.plot(time, predicted[name][:, k], color=color, lw=0.8, label=name)
+            ax.set_ylabel(f"${channel[0]}_{channel[1]}$ ({unit})", labelpad=2)
+            ax.sharex(below[-1])
+            ax.tick_params(labelbottom=ax is below[-1])
+        below[0].set_title(f"(b) Held-out part, below {JUDGED_AT:g} Hz")
+        below[-1].set_xlabel("Time (s)", labelpad=2)
+        handles, labels = below[0].get_legend_handles_labels()
+        drawing.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=7)
+    return drawing
+
+
+def _parameters(ax: Axes, found: Study) -> None:
+    """Estimates of what a bow tells of, over the scaled model's."""
+    places = np.arange(len(SHOWN))
+    which = [found.names.index(name) for name in SHOWN]
+    model = found.candidates["scaled model"][0][which]
+    for number, (name, (color, marker)) in enumerate(looks(found).items()):
+        psi, std = found.candidates[name]
+        bars = None if std is None else HALF_WIDTH * std[which] / model
+        at = places + 0.15 * (number - 1.5)
+        ax.errorbar(at, psi[which] / model, bars, fmt=marker, color=color, ms=3, lw=0.9, capsize=0)
+    ax.axhline(0, color="0.8", lw=0.6, zorder=0)
+    ax.set_xticks(places, [figures.parameter_symbol(name) for name in SHOWN])
+    ax.set_ylabel("Estimate over the model's", labelpad=2)
+    ax.set_title("(a) Legs (2) and trunk (3), 95 % intervals")
+
+
+def numbers(found: Study) -> dict[str, Any]:
+    """Key numbers for scripts."""
+    parameters = {
+        name: {"values": psi.tolist(), "std": None if std is None else std.tolist()}
+        for name, (psi, std) in found.candidates.items()
+    }
+    ratios = {name: dict(zip(found.joint.channels, x.tolist(), strict=True)) for name, x in found.ratios.items()}
+    setup = [{"name": each.name, "value": each.value, "std": each.std} for each in found.joint.setup]
+    told = {"names": found.names, "parameters": parameters, "held_out": ratios}
+    return {**told, "set_up": setup, "verdict": found.joint.verdict()}
+
+
+def results(found: Study) -> Results:
+    """What the study leaves behind."""
+    caption = (
+        "A person who bows on a force plate (Latella et al., 2016): base parameters of several estimators over those "
+        "of the scaled model, with 95 % intervals (a), and what each predicts of the part of the recording that was "
+        "not fitted (b)."
+    )
+    tables = {"table_parameters": table_parameters(found), "table_prediction": table_prediction(found)}
+    return Results(tables, {"figure_in_vivo": (figure(found), caption)}, {"summary": numbers(found)})
+
+
+def run(args: argparse.Namespace) -> None:
+    """Runs the study and writes and prints its results."""
+    with report.unused_vanish(args.out):
+        with report.results_folder(args.out):
+            pass  # Refused before the work if it cannot be written.
+        found = in_vivo.study(args.data, progress)
+    written = results(found) | Results(numbers={"provenance": report.provenance({"formats": args.formats}, {})})
+    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
+        written.write(folder, args.formats)
+    for table in written.tables.values():
+        print(table.text())
+    print(found.joint.verdict())
+    print(f"Tables, figure, summary and provenance are in {args.out}.")

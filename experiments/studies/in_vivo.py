@@ -1,0 +1,121 @@
+"""A person who bows on a force plate, recorded: what several estimators say, beside the scaled model and each other.
+
+The recording is of the Italian Institute of Technology (Latella et al., Sensors 16(5):727, 2016,
+doi:10.3390/s16050727) and not ours to ship.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from ident.errors import InputError
+from ident.estimate import Estimate
+from ident.estimation.joint import Report
+from ident.estimation.preparation import prepared
+from ident.identification import identified
+from ident.mechanism.mechanism import Mechanism
+from ident.recordings.log import read_log
+from ident.recordings.recording import Recording
+from sim.models.mechanism import mechanism
+
+FILES = {"model": "three_link_human.xml", "recording": "bowing.csv"}
+"""What a folder has to hold."""
+
+BASE = "foot"
+"""Body whose frame is {0}, and on which the force plate's wrench is told."""
+
+COLUMNS = Path(__file__).with_name("bowing.toml")
+"""What the recording's columns are."""
+
+JUDGED_AT = 3.0
+"""Cut-off of what predictions are judged at, Hz; a person who bows moves below it."""
+
+USUAL = 6.0
+"""Cut-off that gait laboratories use for markers, Hz."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What estimators say of one recording.
+
+    Attributes:
+        joint: The joint estimate.
+        others: Other estimates by what they are called.
+    """
+
+    joint: Estimate
+    others: Mapping[str, Estimate]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the base parameters."""
+        return self.joint.base.names
+
+    @cached_property
+    def candidates(self) -> dict[str, tuple[np.ndarray, np.ndarray | None]]:
+        """Base parameters and their standard deviations by estimator; none of the model's (r,)."""
+        model = self.joint.base.regroup(self.joint.prepared.mechanism.known)
+        least_squares = {name: (each.psi, each.std_setup) for name, each in self.others.items()}
+        return {
+            "scaled model": (model, None),
+            **least_squares,
+            "joint estimate": (self.joint.psi, self.joint.std_setup),
+        }
+
+    @cached_property
+    def held_out(self) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Times of the held-out part (M,), its channels, and what each estimator predicts of them (M, C).
+
+        All are judged below `JUDGED_AT` and at the same states, smoothed from the angles alone; but for a constant of
+        each channel, by which plates drift.
+        """
+        held, rate = self.joint.held_out, self.joint.prepared.recording.rate
+        low_pass = butter(2, JUDGED_AT, fs=rate, output="sos")
+
+        def below(x: np.ndarray) -> np.ndarray:
+            return np.asarray(sosfiltfilt(low_pass, x, axis=0))
+
+        measured = below(held.samples.measured)
+        left = {name: below(held.residual_with(psi)) for name, (psi, _) in self.candidates.items()}
+        return held.time, measured, {name: measured - x + x.mean(axis=0) for name, x in left.items()}
+
+    @property
+    def ratios(self) -> dict[str, np.ndarray]:
+        """Standard deviation of what predictions leave of the held-out part over that of the signal (C,)."""
+        _, measured, predicted = self.held_out
+        return {name: (measured - x).std(axis=0) / measured.std(axis=0) for name, x in predicted.items()}
+
+
+def study(folder: Path, report: Report | None = None) -> Study:
+    """Identifies the person by several estimators.
+
+    Args:
+        folder: Where the model and the recording are.
+        report: Called with every round of the joint estimate.
+
+    Raises:
+        InputError: One of the files is missing.
+    """
+    who, recording = _read(folder)
+    joint = identified(prepared(who, recording), report=report)
+    others = {
+        f"least squares, {USUAL:g} Hz": identified(prepared(who, recording, cutoff=USUAL), estimator="ordinary"),
+        "weighted, cut-off chosen": identified(prepared(who, recording, cutoff="auto"), estimator="weighted"),
+    }
+    return Study(joint, others)
+
+
+def _read(folder: Path) -> tuple[Mechanism, Recording]:
+    """The person's model and the recording."""
+    missing = [name for name in FILES.values() if not (folder / name).is_file()]
+    if missing:
+        raise InputError(
+            f"--data needs a folder with {' and '.join(FILES.values())}, made of the recordings that the Italian "
+            f"Institute of Technology publishes; '{folder}' has no {' and no '.join(missing)}."
+        )
+    who = mechanism(folder / FILES["model"], BASE)
+    return who, read_log(folder / FILES["recording"], who, COLUMNS)
