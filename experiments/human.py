@@ -1,0 +1,30 @@
+"""A person on two force plates who holds a rail, simulated: what a prior that is wrong by a fifth becomes."""
+
+import argparse
+import os
+
+from experiments.cli import options
+
+
+def run(args: argparse.Namespace) -> None:
+    """Runs the study and writes and prints its results."""
+    from experiments.output import human_report
+
+    human_report.run(args)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Command-line options."""
+    out = options.output_parser("human", __doc__)
+    out.add_argument("--seed", type=options.whole_number(0), default=0, help="of motions, noise and the wrong prior")
+    out.add_argument(
+        "--seconds", type=options.whole_number(2, 120), default=4, help="length of each of five recordings"
+    )
+    out.add_argument("--rate", type=options.whole_number(20, 200), default=50, help="samples per second")
+    out.add_argument("--noise", type=float, default=0.5, help="standard deviation of the angles, degrees")
+    out.add_argument("--decay", type=float, default=0.0, help="correlation of their noise from sample to sample")
+    options.add_local_workers(out, default=min(2, os.cpu_count() or 1))
+    return out
+
+
+main = options.main(__name__, run, parser)

@@ -1,0 +1,172 @@
+"""What recordings say of a person's segments: tables, a figure, key numbers, and the terminal's text."""
+
+import argparse
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.cli.own_model import progress
+from experiments.output import figures, report
+from experiments.output.results import Results
+from experiments.runs.workers import worker_pool
+from experiments.studies import human
+from experiments.studies.errors import HALF_WIDTH
+from experiments.studies.human import Study
+from experiments.studies.person_recordings import Laboratory
+from ident.errors import InputError
+from ident.geometry.inertia import com_from_parameters
+
+COLORS = {"prior": "0.55", "estimate": "tab:blue"}
+
+KINDS = {"masses": slice(0, 1), "first moments": slice(1, 4), "inertias": slice(4, 10)}
+KIND_COLORS = ("tab:blue", "tab:orange", "tab:green")
+"""Parameters of a segment by what they are, and their colours."""
+
+
+def table_segments(found: Study) -> report.Table:
+    """Masses, first moments along the longest axis and largest inertias: truth, prior, estimate and its deviation."""
+    phi, std = found.segments
+    true, prior = (arm.known.reshape(-1, 10) for arm in (found.true, found.mechanism))
+    rows: list[tuple[report.Cell, ...]] = []
+    for k, name in enumerate(found.true.bodies):
+        first = 1 + int(np.argmax(np.abs(true[k, 1:4])))
+        inertia = 4 + int(np.argmax(true[k, 4:7]))
+        cells = [(float(x[k, j]) for x in (true, prior, phi, std)) for j in (0, first, inertia)]
+        rows.append((name, *(cell for several in cells for cell in several)))
+    columns = ["segment"]
+    for what in ("mass", "first_moment", "inertia"):
+        columns += [f"{what}_{which}" for which in ("true", "prior", "estimate", "std")]
+    title = (
+        "Segments: mass (kg), largest component of the first moment (kg m) and of the inertia (kg m²) about the joint"
+    )
+    return report.Table(title, tuple(columns), tuple(rows), decimals=3)
+
+
+def table_prediction(found: Study) -> report.Table:
+    """Errors of the wrench that unseen motions need."""
+    rows: list[tuple[report.Cell, ...]] = [(name, *map(float, errors)) for name, errors in found.errors.items()]
+    title = "Errors of the wrench that unseen motions need, over the wrench's own deviation"
+    return report.Table(title, ("candidate", *found.estimate.channels[:6]), tuple(rows), decimals=3)
+
+
+def figure(found: Study, feet_alone: Study) -> Figure:
+    """Errors of first moments, and what each further recording adds, with the rail and without."""
+    with figures.paper_style():
+        drawing = Figure(figsize=(3.5, 5.2))
+        above, below = drawing.subplots(2, 1, height_ratios=(2.2, 1))
+        _segments(above, found)
+        _growth(below, found, feet_alone)
+    return drawing
+
+
+def _segments(ax: Axes, found: Study) -> None:
+    """Error of each first moment's vector, relative to its size, of prior and estimate."""
+    phi, std = found.segments
+    true, prior = (arm.known.reshape(-1, 10) for arm in (found.true, found.mechanism))
+    size = np.linalg.norm(true[:, 1:4], axis=1)
+    rows = np.arange(len(size))
+    for name, x, offset in (("prior", prior, -0.15), ("estimate", phi, 0.15)):
+        error = 100 * np.linalg.norm((x - true)[:, 1:4], axis=1) / size
+        ax.plot(error, rows + offset, "o", ms=3, color=COLORS[name], label=name)
+    said = 100 * HALF_WIDTH * np.linalg.norm(std[:, 1:4], axis=1) / size
+    ax.hlines(rows + 0.15, 0, said, color=COLORS["estimate"], lw=0.9, alpha=0.5, label="said of the estimate, 95 %")
+    ax.set_yticks(rows, [name.replace("_", " ") for name in found.true.bodies])
+    ax.invert_yaxis()
+    ax.set_xscale("symlog", linthresh=10, linscale=1)
+    ax.set_xlim(left=0)
+    ax.set_xlabel("Error of the first moment (%)", labelpad=2)
+    ax.set_title("(a) First moments of segments")
+    ax.legend(loc="upper right", fontsize=6)
+
+
+def growth(found: Study) -> np.ndarray:
+    """Deviations of masses, first moments and inertias over the prior's, geometric means, by recordings (k + 1, 3)."""
+    deviations = np.array([found.information(range(n)) for n in range(len(found.activities) + 1)])
+    logs = np.log(deviations / deviations[0])
+    return np.exp(np.stack([logs[..., which].mean(axis=(1, 2)) for which in KINDS.values()], axis=1))
+
+
+def _growth(ax: Axes, found: Study, feet_alone: Study) -> None:
+    """How the deviations of segments shrink as recordings are added."""
+    numbers = np.arange(len(found.activities) + 1)
+    for study, style, contacts in ((found, "-", "plates and rail"), (feet_alone, "--", "plates")):
+        for name, marker, color, ratio in zip(KINDS, "osD", KIND_COLORS, growth(study).T, strict=True):
+            ax.plot(numbers, ratio, marker + style, ms=3, lw=0.9, color=color, label=f"{name}, {contacts}")
+    ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in found.activities)], rotation=20, ha="right")
+    ax.set_ylabel("Deviation over the prior's", labelpad=2)
+    ax.set_title(f"(b) Recordings of {found.seconds:g} s each")
+    ax.legend(loc="lower left", fontsize=6)
+
+
+def numbers(found: Study) -> dict[str, Any]:
+    """Key numbers for scripts."""
+    estimate, determined = found.estimate, found.determined
+    phi, std = found.segments
+    z = (estimate.psi - found.psi) / estimate.std_setup
+    segments = {
+        name: {"true": t, "prior": p, "estimate": x, "std": s}
+        for name, t, p, x, s in zip(
+            found.true.bodies,
+            *(y.reshape(-1, 10).tolist() for y in (found.true.known, found.mechanism.known, phi, std)),
+            strict=True,
+        )
+    }
+    centres = {name: com_from_parameters(np.array(each["estimate"]))[1].tolist() for name, each in segments.items()}
+    return {
+        "activities": list(found.activities),
+        "seconds": found.seconds,
+        "base_parameters": len(z),
+        "determined": int(determined.sum()),
+        "coverage_of_determined": found.coverage(determined) if determined.any() else None,
+        "coverage_of_all": found.coverage(np.ones(len(z), bool)),
+        "rms_z": float(np.sqrt((z**2).mean())),
+        "set_up": [{"name": each.name, "value": each.value, "std": each.std} for each in estimate.setup],
+        "verdict": estimate.verdict(),
+        "segments": segments,
+        "growth": growth(found).tolist(),
+        "errors": {name: dict(zip(estimate.channels, x.tolist(), strict=False)) for name, x in found.errors.items()},
+        "centres_of_mass": centres,
+    }
+
+
+def results(found: Study, feet_alone: Study) -> Results:
+    """What the study leaves behind, of a person who holds the rail and of one who does not."""
+    caption = (
+        "A person on two force plates who holds a rail: error of each segment's first moment before and after "
+        f"{len(found.activities)} recordings of {found.seconds:g} s, with what the estimate says of itself (a), and "
+        "standard deviations of all segments' parameters, geometric means over those known beforehand, as recordings "
+        "are added, with the rail and without (b)."
+    )
+    tables = {"table_segments": table_segments(found), "table_prediction": table_prediction(found)}
+    summary = {"plates_and_rail": numbers(found), "plates": numbers(feet_alone)}
+    return Results(tables, {"figure_human": (figure(found, feet_alone), caption)}, {"summary": summary})
+
+
+def run(args: argparse.Namespace) -> Results:
+    """Runs the study and writes, prints and returns its results."""
+    if not 0 <= args.decay < 1 or not 0 < args.noise < 30:
+        raise InputError(
+            f"Noise needs --decay from 0 to below 1 and --noise in degrees, got {args.decay}, {args.noise}."
+        )
+    laboratory = Laboratory(angle_deg=args.noise, decay=args.decay, rate=float(args.rate))
+    with report.unused_vanish(args.out):
+        with report.results_folder(args.out):
+            pass  # Refused before the work if it cannot be written.
+        with worker_pool(args.workers) as pool:
+            shared = {"seed": args.seed, "executor": pool.executor, "report": progress}
+            found, feet_alone = (
+                human.study(float(args.seconds), laboratory=replace(laboratory, rail=rail), **shared)
+                for rail in (True, False)
+            )
+    choices = {key: getattr(args, key) for key in ("seed", "seconds", "rate", "noise", "decay", "formats")}
+    written = results(found, feet_alone) | Results(numbers={"provenance": report.provenance(choices, {})})
+    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
+        written.write(folder, args.formats)
+    for table in written.tables.values():
+        print(table.text())
+    print(found.estimate.verdict())
+    print(f"Tables, figure, summary and provenance are in {args.out}.")
+    return written

@@ -1,0 +1,169 @@
+"""A person on two force plates who holds a rail, identified from a prior that is wrong, and the truth known."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from experiments.studies.competitors import USUAL
+from experiments.studies.person_recordings import Laboratory, humanoid, mistaken, moved, recorded
+from ident.errors import InputError
+from ident.estimate import Estimate
+from ident.estimation.accumulator import accumulate
+from ident.estimation.joint import Report, inverse_of_precision
+from ident.estimation.preparation import prepared
+from ident.estimation.samples import Samples
+from ident.identification import identified
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import joined
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters.prior import conditioned, known_covariance
+from sim.motion.person import ACTIVITIES
+
+UNSEEN = 1000
+"""What is added to the seeds of recordings that are not fitted."""
+
+MOVED = 0.5
+"""Standard deviation of a base parameter, over that known beforehand, below which the recordings determine it."""
+
+LEAST_SEEN = 1e-3
+"""Singular values, over the largest, below which least squares leave the prior as it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What was found.
+
+    Attributes:
+        estimate: The estimate of all recordings.
+        true: The person.
+        activities: What each recording is of.
+        seconds: Length of each, s.
+        seed: Of the first recording.
+    """
+
+    estimate: Estimate
+    true: Mechanism
+    activities: tuple[str, ...]
+    seconds: float
+    seed: int
+
+    @cached_property
+    def psi(self) -> np.ndarray:
+        """True base parameters (r,)."""
+        return self.estimate.base.regroup(self.true.known)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The person with the prior."""
+        return self.estimate.prepared.mechanism
+
+    @cached_property
+    def beforehand(self) -> np.ndarray:
+        """Standard deviations of base parameters as they were known beforehand (r,)."""
+        return np.sqrt(np.diag(known_covariance(self.mechanism, self.estimate.base)))
+
+    @property
+    def determined(self) -> np.ndarray:
+        """Which base parameters the recordings determine (r,)."""
+        return self.estimate.std_setup < MOVED * self.beforehand
+
+    @cached_property
+    def candidates(self) -> dict[str, np.ndarray]:
+        """Base parameters that are compared (r,)."""
+        prior = self.estimate.base.regroup(self.mechanism.known)
+        filtered = least_squares_from_prior(self.estimate)
+        return {"prior": prior, "filtered least squares": filtered, "joint estimate": self.estimate.psi}
+
+    @cached_property
+    def errors(self) -> dict[str, np.ndarray]:
+        """Errors of the wrench that unseen motions need, RMS over the wrench's own deviation, by candidate (6,).
+
+        The motions are exact, so that parameters alone err.
+        """
+        columns = []
+        for number, activity in enumerate(self.activities):
+            time = Laboratory().times(self.seconds)
+            motion = moved(activity, time, UNSEEN + self.seed + number)
+            Y = base_wrench_regressor(self.true.tree, *motion.states, gravity=self.true.gravity, base=motion.base)
+            columns.append(Y[..., list(self.estimate.base.kept)])
+        Y = np.concatenate(columns)
+        signal = (Y @ self.psi).std(axis=0)
+        return {k: np.sqrt(((Y @ (psi - self.psi)) ** 2).mean(axis=0)) / signal for k, psi in self.candidates.items()}
+
+    @cached_property
+    def segments(self) -> tuple[np.ndarray, np.ndarray]:
+        """φ of all segments and standard deviations, by what was known and the estimate (b, 10) each."""
+        return self._conditioned(range(len(self.activities)))
+
+    def coverage(self, which: np.ndarray) -> float:
+        """Share of some base parameters whose 95 % intervals hold the truth."""
+        z = np.abs(self.estimate.psi - self.psi) / self.estimate.std_setup
+        return float((z[which] < 1.96).mean())
+
+    def information(self, recordings: Sequence[int]) -> np.ndarray:
+        """Standard deviations of φ that some of the recordings would give, at the noise that all have shown (b, 10)."""
+        return self._conditioned(recordings)[1]
+
+    def _conditioned(self, recordings: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """φ and its standard deviations, as some recordings tell of it (b, 10) each."""
+        joint, estimate = self.estimate.joint, self.estimate
+        assert joint is not None
+        fit, own = joint.fit, np.repeat(np.arange(len(joint.counts)), joint.counts)
+        taken = [schur for k, (schur, _) in zip(own, fit.shares, strict=True) if k in recordings]
+        precision = sum(taken, start=fit.prior.precision)
+        open_ = (fit.free | joint.is_setup) & (np.diag(precision) > 0)
+        rank = estimate.base.rank
+        covariance = inverse_of_precision(precision[np.ix_(open_, open_)])[:rank, :rank]
+        phi, std = conditioned(self.mechanism, estimate.base, estimate.psi, covariance)
+        return phi.reshape(-1, 10), std.reshape(-1, 10)
+
+
+def least_squares_from_prior(estimate: Estimate) -> np.ndarray:
+    """Base parameters next to the prior that fit best at filtered states, taken for exact (r,)."""
+    logs = [prepared(log.mechanism, log.recording, cutoff=USUAL) for log, _ in estimate.logs]
+    equations = logs[0].equations
+    inner = [log.samples[slice(log.edge, len(log.samples) - log.edge)] for log in logs]
+    samples = Samples(joined([x.motion for x in inner]), np.concatenate([x.measured for x in inner]))
+    R = accumulate(equations, samples).root
+    prior = equations.parameters.regroup(equations.mechanism.known)
+    step, *_ = np.linalg.lstsq(R[:, :-1], R[:, -1] - R[:, :-1] @ prior, rcond=LEAST_SEEN)
+    return np.asarray(prior + step)
+
+
+def study(
+    seconds: float,
+    *,
+    seed: int = 0,
+    laboratory: Laboratory = Laboratory(),  # noqa: B008
+    activities: Sequence[str] = ACTIVITIES,
+    executor: Executor | None = None,
+    report: Report | None = None,
+) -> Study:
+    """Simulates recordings of all activities, and others to judge by, and identifies the person.
+
+    Args:
+        seconds: Length of each recording.
+        seed: Of the motions, the noise and the wrong prior.
+        laboratory: How well it measures.
+        activities: What is recorded.
+        executor: Where the joint estimate works on its pieces.
+        report: Called with every round of it.
+
+    Raises:
+        InputError: Recordings are too short.
+    """
+    if seconds < 2:
+        raise InputError(f"A recording of a person needs two seconds or more, got {seconds:g}.")
+    who, first = mistaken(humanoid(), np.random.default_rng((seed, 2))), seed * len(ACTIVITIES)
+    fitted, judges = (
+        [
+            prepared(who, recorded(activity, seconds, start + number, laboratory), name=activity)
+            for number, activity in enumerate(activities)
+        ]
+        for start in (first, UNSEEN + first)
+    )
+    estimate = identified(fitted, judges=judges, known=True, executor=executor, report=report)
+    return Study(estimate, humanoid(), tuple(activities), seconds, first)

@@ -1,0 +1,156 @@
+"""Recordings of a person on two force plates who holds a rail: the truth is known, sensors are as laboratories' are."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import scenes
+from experiments.studies.noisy_recordings import autoregressive
+from ident.geometry.inertia import com_from_parameters, parameters_from_com
+from ident.geometry.se3 import inverse, pose
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
+from ident.model.regressor import base_wrench_regressor
+from ident.recordings.recording import Recording
+from ident.recordings.wrench import Sensor, transform_wrench
+from sim.models.mechanism import mechanism
+from sim.motion import person
+from sim.motion.person import RAIL, Style
+
+BASE = "pelvis"
+"""The body that everything hangs on."""
+
+PLATES = {"left": (0.0, 0.25, 0.0), "right": (0.0, -0.25, 0.0)}
+"""Centres of the force plates, m; each carries the foot of its side."""
+
+SENSORS = {
+    **{side: Sensor(f"{side}_foot", pose(np.eye(3), np.array(at)), True, "world") for side, at in PLATES.items()},
+    "rail": Sensor("right_hand", pose(np.eye(3), RAIL), True, "world"),
+}
+"""Where wrenches are measured; plates and rail rest in the world."""
+
+HELD = np.array([[4.0, 3.0, 12.0], [6.0, 5.0, 20.0]])
+"""Mean and amplitude of the force on the rail, N."""
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """How well it measures.
+
+    Attributes:
+        angle_deg: Standard deviation of joint angles, degrees.
+        decay: Correlation of their noise from one sample to the next.
+        position: Standard deviation of the pelvis's position, m.
+        force: Of the plates' forces, N; moments have a tenth of it, N m; the rail a third of both.
+        late: Seconds by which plates and rail are late.
+        rate: Samples per second, Hz.
+        rail: Whether there is a rail to hold.
+    """
+
+    angle_deg: float = 0.5
+    decay: float = 0.0
+    position: float = 0.002
+    force: float = 1.5
+    late: float = 0.02
+    rate: float = 100.0
+    rail: bool = True
+
+    def times(self, seconds: float) -> np.ndarray:
+        """Sample times of a recording of such a length, s (N,)."""
+        return np.arange(round(seconds * self.rate)) / self.rate
+
+
+@lru_cache(maxsize=1)
+def humanoid() -> Mechanism:
+    """The person, with the true φ for its prior."""
+    return mechanism(scenes.load("humanoid"), BASE)
+
+
+def mistaken(true: Mechanism, rng: np.random.Generator, share: float = 0.2) -> Mechanism:
+    """The mechanism with a prior that is wrong, each body on its own.
+
+    Masses and central moments are off by such a share, centres of mass by so much of the radius of gyration.
+    """
+    bodies = []
+    for phi in true.known.reshape(-1, 10):
+        mass, centre, central = com_from_parameters(phi)
+        heavier, thicker = np.exp(share * rng.normal(size=2))
+        radius = np.sqrt(np.trace(central) / 2 / mass)
+        moved = centre + share * radius * rng.normal(size=3)
+        bodies.append(parameters_from_com(heavier * mass, moved, heavier * thicker * central))
+    return replace(true, prior=np.concatenate(bodies))
+
+
+def moved(activity: str, time: np.ndarray, seed: int, *, rail: bool = True) -> Motion:
+    """The true motion of an activity at some times, s (N,); the right hand may hold the rail."""
+    rng = np.random.default_rng((seed, 0))
+    style = Style(pace=float(rng.uniform(0.4, 0.65)), size=float(rng.uniform(0.85, 1.1)), rail=rail, seed=seed)
+    return person.motion(humanoid().tree, activity, time, style)
+
+
+def recorded(activity: str, seconds: float, seed: int, laboratory: Laboratory = Laboratory()) -> Recording:
+    """A recording of an activity, from noisy sensors.
+
+    Args:
+        activity: One of `sim.motion.person.ACTIVITIES`.
+        seconds: How long.
+        seed: Of the motion, and of all noise.
+        laboratory: How well it measures.
+    """
+    rng = np.random.default_rng((seed, 1))
+    time, tree = laboratory.times(seconds), humanoid().tree
+    true, late = (moved(activity, t, seed, rail=laboratory.rail) for t in (time, time - laboratory.late))
+    measured = _wrenches(late, rng, laboratory)
+    for body, x in zip(tree.bodies, tree.body_coordinates(true.q), strict=True):
+        if body.coordinates:
+            measured[f"{body.joint}_position"] = _noisy(x, rng, laboratory)
+    assert true.base is not None
+    base = true.base.T.copy()
+    base[:, :3, 3] += laboratory.position * rng.normal(size=(len(time), 3))
+    base[:, :3, :3] = base[:, :3, :3] @ _turns(rng, len(time), laboratory).as_matrix()
+    sensors = {name: sensor for name, sensor in SENSORS.items() if f"{name}_force" in measured}
+    told = {"activity": activity, "seed": seed}
+    return Recording(time, measured, sensors=sensors, base=base, provenance=told)
+
+
+def _wrenches(motion: Motion, rng: np.random.Generator, laboratory: Laboratory) -> dict[str, np.ndarray]:
+    """Channels of the plates and the rail, which together give what the motion needs."""
+    who, base = humanoid(), motion.base
+    assert base is not None
+    Y = base_wrench_regressor(who.tree, *motion.states, gravity=who.gravity, base=base)
+    left_over = transform_wrench(base.T, Y @ who.known)
+    sensed = {}
+    if laboratory.rail:
+        waves = np.sin(2 * np.pi * rng.uniform(0.2, 0.8, 3) * np.arange(len(left_over))[:, None] / laboratory.rate)
+        sensed["rail"] = np.hstack([HELD[0] + HELD[1] * waves, np.zeros((len(left_over), 3))])
+        left_over = left_over - transform_wrench(SENSORS["rail"].pose, sensed["rail"])
+    # Each foot carries as much as its distance from where the whole force acts says.
+    aside = left_over[:, 3] / left_over[:, 2]
+    poses = base.T[:, None] @ who.tree.poses(motion.q)
+    y = {side: poses[:, who.tree.names.index(f"{side}_foot"), 1, 3] for side in PLATES}
+    share = np.clip((aside - y["right"]) / (y["left"] - y["right"]), 0, 1)[:, None]
+    for name, part in (("left", share), ("right", 1 - share)):
+        sensed[name] = transform_wrench(inverse(SENSORS[name].pose), part * left_over)
+    out = {}
+    for name, wrench in sensed.items():
+        std = laboratory.force * (1 if name in PLATES else 1 / 3)
+        out[f"{name}_force"] = wrench[:, :3] + std * rng.normal(size=(len(wrench), 3))
+        out[f"{name}_torque"] = wrench[:, 3:] + std / 10 * rng.normal(size=(len(wrench), 3))
+    return out
+
+
+def _turns(rng: np.random.Generator, samples: int, laboratory: Laboratory) -> Rotation:
+    """Small rotations by chance."""
+    noise = np.stack([autoregressive(rng, samples, laboratory.decay) for _ in range(3)], axis=1)
+    return Rotation.from_rotvec(np.radians(laboratory.angle_deg) * noise)
+
+
+def _noisy(x: np.ndarray, rng: np.random.Generator, laboratory: Laboratory) -> np.ndarray:
+    """Angles (N, 1) or quaternions (N, 4) as they are measured, (N,) or (N, 4)."""
+    if x.shape[1] == 4:
+        turned = Rotation.from_quat(x, scalar_first=True) * _turns(rng, len(x), laboratory)
+        return np.asarray(turned.as_quat(scalar_first=True))
+    noise = autoregressive(rng, len(x), laboratory.decay)
+    return np.asarray(x[:, 0] + np.radians(laboratory.angle_deg) * noise)

@@ -1,0 +1,33 @@
+"""The study of a person, very small: intervals hold, what is wrong of the prior is mended, nothing is lost."""
+
+import json
+
+import pytest
+from commands import refusal
+
+from experiments import human
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_person_from_a_wrong_prior(tmp_path, capsys):
+    out = tmp_path / "person"
+    assert human.main(["--seconds", "2", "--rate", "25", "--noise", "0.2", "--workers", "1", "--out", str(out)]) == 0
+    assert "joint estimate" in capsys.readouterr().out
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    for contacts in ("plates_and_rail", "plates"):
+        found = summary[contacts]
+        assert found["coverage_of_all"] > 0.85 and found["rms_z"] < 1.4
+        (late,) = (each for each in found["set_up"] if each["name"].startswith("delay"))
+        assert abs(late["value"] - 0.02) < 3 * late["std"]
+        prior, joint = (found["errors"][name] for name in ("prior", "joint estimate"))
+        assert sum(joint.values()) < 0.6 * sum(prior.values())
+        growth = found["growth"]
+        assert growth[0] == [1, 1, 1] and all(
+            a >= b for x, y in zip(growth, growth[1:], strict=False) for a, b in zip(x, y, strict=True)
+        )
+
+
+def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
+    for option, value in (("--noise", "40"), ("--decay", "1"), ("--seconds", "1")):
+        said = refusal(human.main, [option, value, "--out", str(tmp_path / "out")], capsys)
+        assert value in said

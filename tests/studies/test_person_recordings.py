@@ -1,0 +1,61 @@
+"""Recordings of a person: all contacts together give what MuJoCo's inverse dynamics asks for; the prior is wrong."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import scenes
+from experiments.studies.person_recordings import SENSORS, Laboratory, humanoid, mistaken, moved, recorded
+from ident.recordings.wrench import transform_wrench
+
+EXACT = Laboratory(angle_deg=0, position=0, force=0, late=0, rate=50)
+
+
+@pytest.mark.parametrize("rail", [True, False])
+def test_contacts_together_give_what_the_motion_needs(rail):
+    laboratory = Laboratory(**{**EXACT.__dict__, "rail": rail})
+    found = recorded("squats", 1.0, 3, laboratory)
+    assert set(found.sensors) == ({"left", "right", "rail"} if rail else {"left", "right"})
+    total = sum(transform_wrench(SENSORS[name].pose, found.wrench(name).values) for name in found.sensors)
+    model = scenes.load("humanoid").compile()
+    for flag in (mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_SPRING):
+        model.opt.disableflags |= flag
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_DAMPER
+    data, h = mujoco.MjData(model), 1e-4
+    for i in (5, 30):
+        times = found.time[i] + h * np.arange(-1, 2)
+        motion = moved("squats", times, 3, rail=rail)
+        q = np.hstack([motion.base.T[:, :3, 3], _quaternions(motion.base.T), motion.q])
+        rates = np.zeros((2, model.nv))
+        for rate, before, after in zip(rates, q[:-1], q[1:], strict=True):
+            mujoco.mj_differentiatePos(model, rate, h, before, after)
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[1], rates.mean(axis=0), np.diff(rates, axis=0)[0] / h
+        mujoco.mj_inverse(model, data)
+        np.testing.assert_allclose(total[i, :3], data.qfrc_inverse[:3], atol=0.02)
+        about_pelvis = total[i, 3:] - np.cross(q[1, :3], total[i, :3])
+        turned = motion.base.T[1, :3, :3].T @ about_pelvis
+        np.testing.assert_allclose(turned, data.qfrc_inverse[3:6], atol=0.02)
+
+
+def _quaternions(poses):
+    out = np.zeros((len(poses), 4))
+    for q, T in zip(out, poses, strict=True):
+        mujoco.mju_mat2Quat(q, T[:3, :3].ravel())
+    return out
+
+
+def test_noise_is_as_large_as_it_is_said_to_be():
+    noisy, exact = (recorded("standing", 4.0, 1, each) for each in (Laboratory(late=0), Laboratory(0, 0, 0, 0, 0)))
+    hinge = next(body.joint for body in humanoid().tree.bodies if body.coordinates == 1)
+    error = noisy.measured[f"{hinge}_position"] - exact.measured[f"{hinge}_position"]
+    assert np.degrees(error.std()) == pytest.approx(0.5, rel=0.2)
+    assert (noisy.base - exact.base)[:, :3, 3].std() == pytest.approx(0.002, rel=0.2)
+    for name, std in (("left", 1.5), ("rail", 0.5)):
+        off = noisy.measured[f"{name}_force"] - exact.measured[f"{name}_force"]
+        assert off.std() == pytest.approx(std, rel=0.2)
+
+
+def test_the_prior_is_physical_and_wrong_by_a_fifth():
+    true = humanoid()
+    ratios = [mistaken(true, np.random.default_rng(seed)).known[::10] / true.known[::10] for seed in range(20)]
+    assert np.log(ratios).std() == pytest.approx(0.2, rel=0.15)
