@@ -12,10 +12,12 @@ def run(args: argparse.Namespace) -> None:
     """Looks at the logs, prints what is believed of them, and writes it as a mapping."""
     from experiments.guesses.guess import believed, is_complete, write_mapping
     from experiments.guesses.written import table
+    from ident.recordings.several_files import files_of
     from sim.models.mechanism import mechanism
 
-    out = args.out or args.logs[0].with_name(args.logs[0].name.partition(".")[0] + ".toml")
-    if out.resolve() in {path.resolve() for path in (args.model, *args.logs)}:
+    files = [file for log in args.logs for file in files_of(log)]
+    out = args.out or files[0].with_name(files[0].name.partition(".")[0] + ".toml")
+    if out.resolve() in {path.resolve() for path in (args.model, *files)}:
         raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
     arm = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=options.fixed(args.fix))
     log, belief = believed(arm, args.logs, limit=options.size_limit(args))
@@ -43,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.plain_parser("columns", __doc__)
     out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
-    out.add_argument("logs", type=Path, nargs="+", metavar="log", help="files that identify reads, of the same columns")
+    out.add_argument("logs", type=Path, nargs="+", metavar="log", help=f"{options.LOGS}; all of the same columns")
     out.add_argument("--out", type=Path, help="file to write, by default beside the first log, with its name and .toml")
     out.add_argument("--force", action="store_true", help="replace the file if there is one")
     options.add_mechanism(out)

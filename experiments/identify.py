@@ -86,7 +86,7 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         nargs="+",
         metavar="log",
-        help="CSV (also .gz), npz, mat, mot, sto, parquet or C3D file, or ROS bag; several share their parameters",
+        help=f"{options.LOGS}; several share their parameters",
     )
     out.add_argument("--name", help="name of the folder under --out, by default made of the files' names")
     options.add_mechanism(out)

@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
     out.set_defaults(out=Path("results"))
     out.add_argument("model", type=Path, help="MJCF or URDF file of the robot")
     out.add_argument(
-        "logs", type=Path, nargs="+", metavar="log", help="joint angles and the sensor's readings, CSV or npz"
+        "logs", type=Path, nargs="+", metavar="log", help=f"joint angles and the sensor's readings: {options.LOGS}"
     )
     out.add_argument("--body", required=True, help="body that has, with all on it, what the sensor carries")
     out.add_argument("--sensor", required=True, help="name of the wrench, as [wrenches.NAME] in the columns file")

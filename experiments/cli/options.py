@@ -21,6 +21,11 @@ from ident.errors import InputError
 Study = Callable[[argparse.Namespace], None]
 MakeParser = Callable[[], argparse.ArgumentParser]
 
+LOGS = (
+    "CSV (also .gz), npz, mat, mot, sto, parquet or C3D file, ROS bag, or FILE+FILE: angles in one, forces in another"
+)
+"""What may be given as a log."""
+
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
     """Help with the defaults that there are."""

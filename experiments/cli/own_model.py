@@ -15,23 +15,36 @@ if TYPE_CHECKING:
 
 def folder(args: argparse.Namespace) -> Path:
     """Folder of the results; one that holds an input is refused, so that no file of the user's is replaced."""
-    name = args.name or f"{args.model.stem}-{args.logs[0].stem}"
+    name = args.name or f"{args.model.stem}-{_files(args.logs[0])[0].stem}"
     if not name.isprintable() or Path(name).name != name or name in (".", ".."):
         raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
     out: Path = args.out / name
     for given in inputs(args):
         if given.resolve().parent == out.resolve():
             raise InputError(f"The results need a folder without inputs, but '{out}' holds '{given}'; choose another.")
-    if {log.resolve() for log in _judges(args)} & {log.resolve() for log in args.logs}:
+    fitted, judges = ([_resolved(log) for log in several] for several in (args.logs, _judges(args)))
+    if set(judges) & set(fitted):
         raise InputError("The log to judge by (--held-out) has to be another one than the log that is fitted.")
-    if len({log.resolve() for log in args.logs}) < len(args.logs):
+    if len(set(fitted)) < len(fitted):
         raise InputError("A log can be fitted once only, but one of them is given twice.")
     return out
 
 
 def inputs(args: argparse.Namespace) -> list[Path]:
     """All files that are read."""
-    return [args.model, *args.logs, *_judges(args), *([args.columns] if args.columns else [])]
+    logs = [file for log in (*args.logs, *_judges(args)) for file in _files(log)]
+    return [args.model, *logs, *([args.columns] if args.columns else [])]
+
+
+def _files(log: Path) -> tuple[Path, ...]:
+    from ident.recordings.several_files import files_of
+
+    return files_of(log)
+
+
+def _resolved(log: Path) -> tuple[Path, ...]:
+    """The files of a log, so that it is known again."""
+    return tuple(file.resolve() for file in _files(log))
 
 
 def _judges(args: argparse.Namespace) -> list[Path]:
@@ -53,16 +66,20 @@ def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]
     """
     from experiments.output import report
 
-    def told(path: Path) -> dict[str, Any]:
-        return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-
     fitted = [
-        {**told(path), "samples": len(log.samples), "rate_hz": log.recording.rate, "fitted": [part.start, part.stop]}
+        {**_told(path), "samples": len(log.samples), "rate_hz": log.recording.rate, "fitted": [part.start, part.stop]}
         for path, (log, part) in zip(args.logs, logs, strict=True)
     ]
-    files = {"model": told(args.model), "logs": fitted, "held_out": [told(path) for path in _judges(args)]}
+    files = {"model": _told(args.model), "logs": fitted, "held_out": [_told(path) for path in _judges(args)]}
     given = {key: _text(value) for key, value in vars(args).items() if key != "workers"}
-    return report.provenance(given, files | ({"columns": told(args.columns)} if args.columns else {}))
+    return report.provenance(given, files | ({"columns": _told(args.columns)} if args.columns else {}))
+
+
+def _told(path: Path) -> dict[str, Any]:
+    """Name and SHA-256 sum of a file; of a log in several files, or of a bag's folder, those of each."""
+    files = sorted(path.iterdir()) if path.is_dir() else _files(path)
+    sums = [{"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} for file in files]
+    return sums[0] if files == (path,) else {"file": path.name, "files": sums}
 
 
 def _text(value: Any) -> Any:

@@ -54,7 +54,7 @@ def believed(mechanism: Mechanism, logs: Sequence[Path], *, limit: int = LIMIT) 
             belief.open.append(f"No column looks like the position of '{joint}'; --fix {joint} leaves out what rests.")
     if not lacking and mechanism.prior is not None:
         check_wrenches_and_torques(belief, log, mechanism, limit, axes=signs)
-    clock = {log.clock.column} if log.clock else set()
+    clock = {clock.column for clock in log.clocks}
     belief.unused = [name for name in log.names if name not in belief.columns]
     check_same_columns(log, logs[1:], {*belief.columns, *clock} - {""}, limit)
     return log, belief

@@ -1,7 +1,7 @@
 """A log as it comes: how its text is laid out, its columns of numbers at common times, and what is odd about them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -9,11 +9,17 @@ import numpy as np
 
 from experiments.guesses.clock import ROWS, Clock, clock_of
 from ident.errors import LogError
+from ident.recordings.column import Columns
 from ident.recordings.csv_file import Layout
 from ident.recordings.files import TEXT, has_several_clocks, read_clocks, read_tables
+from ident.recordings.mapping import ColumnMapping
 from ident.recordings.npz import LIMIT
 from ident.recordings.sampled import GAP, Sampled, interpolated
+from ident.recordings.several_files import files_of, read_files
 from ident.recordings.table import TRUE, Table, is_number
+
+OWN_TIMES = Clock("time", "s", "the file knows its times")
+"""What stands for the clock of a file that has several, beside other files."""
 
 PREAMBLE = 40
 """Lines before a table that are tried to be left out."""
@@ -24,9 +30,9 @@ class Seen:
     """A log as it was found.
 
     Attributes:
-        path: The file.
-        layout: How its text is laid out.
-        clock: Its column of times, None where the file knows the times of its columns.
+        path: The file, or several as `FILE+FILE`.
+        layouts: How the text of each file is laid out.
+        clocks: Column of times of each file, none where the only file knows the times of its columns.
         time: Common times of the columns, uniform, s (N,).
         columns: Columns of numbers that change, at these times (N,).
         constant: Values of columns that never change.
@@ -37,8 +43,8 @@ class Seen:
     """
 
     path: Path
-    layout: Layout
-    clock: Clock | None
+    layouts: tuple[Layout, ...]
+    clocks: tuple[Clock, ...]
     time: np.ndarray
     columns: dict[str, np.ndarray]
     constant: dict[str, float] = field(default_factory=dict)
@@ -49,8 +55,8 @@ class Seen:
 
     @property
     def has_gaps(self) -> bool:
-        """Whether samples are missing, as cells or as rows, of a file with one clock."""
-        return self.clock is not None and bool(self.missing or self.holes)
+        """Whether samples are missing, as cells or as rows, of files with one clock."""
+        return bool(self.clocks) and bool(self.missing or self.holes)
 
     @property
     def rate(self) -> float:
@@ -67,10 +73,12 @@ class Seen:
         size = max((len(name) for name in self.columns), default=0)
         lines = [
             f"{self.path}: {len(self.names)} columns of numbers, {self.time[-1] - self.time[0]:.4g} s at "
-            f"{self.rate:.4g} Hz" + ("" if self.layout.header else "; no header, so columns go by their numbers") + "."
+            f"{self.rate:.4g} Hz"
+            + ("" if all(each.header for each in self.layouts) else "; no header, so columns go by their numbers")
+            + "."
         ]
         lines += [f"Its times have {self.holes} gaps."] if self.holes else []
-        lines += [f"{self.layout.skip} lines before the table are left out."] if self.layout.skip else []
+        lines += [f"{each.skip} lines before the table are left out." for each in self.layouts if each.skip]
         for name, x in self.columns.items():
             lost = f", {100 * self.missing[name]:.2g} % missing" if name in self.missing else ""
             lines.append(f"  {name:{size}}  {x.min():.5g} to {x.max():.5g}{lost}")
@@ -89,17 +97,39 @@ def seen(path: Path, limit: int = LIMIT) -> Seen:
         InputError: The library that reads such files is not installed.
     """
     try:
+        files = files_of(path)
+        if len(files) > 1:
+            return _of_several_files(path, files, limit)
         if has_several_clocks(path):
-            return _at_common_times(path, Layout(), None, read_clocks(path, limit=limit))
-        layout = _layout(path, limit)
-        tables = read_tables(path, ROWS, limit=limit, layout=layout)
-        table = next(tables, None)
-        if table is None:
-            raise LogError("it has no rows of numbers.")
-        clock = clock_of(_numbers(table, {}))
-        return _at_common_times(path, layout, clock, [table])
+            return _at_common_times(path, None, read_clocks(path, limit=limit))
+        layout, clock, table = _of_one_clock(path, limit)
+        return replace(_at_common_times(path, clock, [table]), layouts=(layout,), clocks=(clock,))
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
+
+
+def _of_one_clock(path: Path, limit: int) -> tuple[Layout, Clock, Table]:
+    """How a file is laid out, its column of times, and its first `ROWS` samples."""
+    layout = _layout(path, limit)
+    table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
+    if table is None:
+        raise LogError("it has no rows of numbers.")
+    return layout, clock_of(_numbers(table, {})), table
+
+
+def _of_several_files(path: Path, files: Sequence[Path], limit: int) -> Seen:
+    """Looks at a log in several files."""
+    layouts, clocks = list[Layout](), list[Clock]()
+    for file in files:
+        try:
+            known = has_several_clocks(file)
+            layout, clock, _ = (Layout(), OWN_TIMES, None) if known else _of_one_clock(file, limit)
+        except (LogError, OSError) as error:
+            raise LogError(f"{file.name}: {error}") from None
+        layouts, clocks = [*layouts, layout], [*clocks, clock]
+    times = tuple(Columns((clock.column,), clock.factor) for clock in clocks)
+    tables = read_files(files, ColumnMapping(layouts=tuple(layouts), clocks=times), limit)
+    return replace(_at_common_times(path, None, tables), layouts=tuple(layouts), clocks=tuple(clocks))
 
 
 def _layout(path: Path, limit: int) -> Layout:
@@ -143,11 +173,12 @@ def _numbers(table: Table, unread: dict[str, str]) -> dict[str, np.ndarray]:
     return numbers
 
 
-def _at_common_times(path: Path, layout: Layout, clock: Clock | None, tables: Sequence[Table]) -> Seen:
+def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -> Seen:
     """Columns of one table or several, interpolated at uniform times that all of them cover."""
     unread: dict[str, str] = {}
     sampled: dict[str, Sampled] = {}
     units: dict[str, str] = {}
+    holes = 0
     for table in tables:
         numbers = _numbers(table, unread)
         own = numbers.pop(clock.column if clock else "time", np.empty(0)) * (clock.factor if clock else 1.0)
@@ -157,6 +188,8 @@ def _at_common_times(path: Path, layout: Layout, clock: Clock | None, tables: Se
         kept = np.flatnonzero(own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
         sampled |= {name: Sampled(own[kept] - (own[0] if clock else 0), x[kept]) for name, x in numbers.items()}
         units |= table.units
+        steps = np.diff(own[kept])
+        holes += int((steps > GAP * np.median(steps) * (1 + 1e-6)).sum())
     if not sampled:
         raise LogError("it has times, but no other column of numbers.")
     start, end = max(x.time[0] for x in sampled.values()), min(x.time[-1] for x in sampled.values())
@@ -168,9 +201,7 @@ def _at_common_times(path: Path, layout: Layout, clock: Clock | None, tables: Se
     changing = {name: x for name, x in sampled.items() if np.nanmax(x.values) > np.nanmin(x.values)}
     columns = {name: interpolated(Sampled(x.time, x.values), time) for name, x in changing.items()}
     constant = {name: float(np.nanmean(x.values)) for name, x in sampled.items() if name not in changing}
-    steps = np.diff(next(iter(sampled.values())).time)
-    holes = int((steps > GAP * np.median(steps) * (1 + 1e-6)).sum())
-    return Seen(path, layout, clock, time, columns, constant, missing, unread, units, holes)
+    return Seen(path, (Layout(),), (), time, columns, constant, missing, unread, units, holes)
 
 
 def check_same_columns(first: Seen, others: Sequence[Path], used: set[str], limit: int = LIMIT) -> None:
@@ -181,7 +212,7 @@ def check_same_columns(first: Seen, others: Sequence[Path], used: set[str], limi
     """
     for path in others:
         another = seen(path, limit)
-        if lacking := sorted(used - {*another.names, another.clock.column if another.clock else ""}):
+        if lacking := sorted(used - {*another.names, *(clock.column for clock in another.clocks)}):
             raise LogError(
                 f"{path}: one mapping serves logs of the same columns, and here is no {', '.join(lacking)} as in "
                 f"{first.path.name}; map it by a run of its own."

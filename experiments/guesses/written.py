@@ -8,6 +8,7 @@ from typing import Any
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Quantity
 from experiments.guesses.seen import Seen
 from experiments.guesses.wrenches import is_doubtful
+from ident.recordings.csv_file import Layout
 
 ORDER = (
     *("frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
@@ -27,11 +28,7 @@ def toml_text(seen: Seen, belief: Belief, joints: Sequence[str]) -> str:
     lines = [f"# Columns of {_printable(seen.path.name)}, guessed: correct what is wrong. Lines marked ? are guesses."]
     lines += [f"# Open: {_printable(sentence)}" for sentence in belief.open]
     lines += [f"# Note: {_printable(sentence)}" for sentence in belief.notes]
-    if seen.clock:
-        lines.append(_line("time", {"column": seen.clock.column, "unit": seen.clock.unit}, seen.clock.why, guess=True))
-    if not seen.layout.header or seen.layout.skip:
-        lines += ["[file]", _line("header", seen.layout.header, "the first row has numbers" * (not seen.layout.header))]
-        lines += [_line("skip", seen.layout.skip, "lines before the table")] if seen.layout.skip else []
+    lines += [*_times(seen), *_layouts(seen)]
     for joint in joints:
         lines += _joint(joint, [x for x in belief.quantities.values() if x.joint == joint])
     for group in belief.groups.values():
@@ -42,6 +39,27 @@ def toml_text(seen: Seen, belief: Belief, joints: Sequence[str]) -> str:
     if belief.unused:
         lines.append(f"# Columns that nothing was found for: {', '.join(belief.unused)}")
     return "\n".join(lines) + "\n"
+
+
+def _times(seen: Seen) -> list[str]:
+    """The line on the columns of times, one for all files or one for each."""
+    told = [{"column": clock.column, "unit": clock.unit} for clock in seen.clocks]
+    if not told:
+        return []
+    alike = all(each == told[0] for each in told)
+    why = "; ".join(dict.fromkeys(clock.why for clock in seen.clocks))
+    return [_line("time", told[0] if alike else told, why, guess=True)]
+
+
+def _layouts(seen: Seen) -> list[str]:
+    """Lines on how text is laid out, unless all of it is as usual."""
+    several = len(seen.layouts) > 1
+    lines = []
+    for layout in seen.layouts if any(layout != Layout() for layout in seen.layouts) else ():
+        lines += ["[[file]]" if several else "[file]"]
+        lines += [_line("header", layout.header, "the first row has numbers" * (not layout.header))]
+        lines += [_line("skip", layout.skip, "lines before the table")] if layout.skip else []
+    return lines
 
 
 def _joint(joint: str, quantities: Sequence[Quantity]) -> list[str]:
@@ -85,7 +103,7 @@ def _printable(text: str) -> str:
 
 def table(seen: Seen, belief: Belief) -> list[str]:
     """What is believed, a line for each quantity: column, unit, how sure, and why."""
-    rows = [("time", seen.clock.column, seen.clock.unit, "likely", seen.clock.why)] if seen.clock else []
+    rows = [("time", clock.column, clock.unit, "likely", clock.why) for clock in dict.fromkeys(seen.clocks)]
     for x in belief.quantities.values():
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit
         rows.append((x.key.removeprefix("joints."), x.column or "left out", unit, x.sure, "; ".join(x.why)))

@@ -52,9 +52,20 @@ def write_channels(path: Path, channels: Mapping[str, np.ndarray], metadata: Map
         writers[path.suffix](temporary, channels, metadata)
 
 
+def is_log(path: Path) -> bool:
+    """Whether a name is one of files that are read, or of a bag's folder."""
+    known = path.suffix.lower() in (".npz", *ONE_CLOCK, *SEVERAL_CLOCKS)
+    return known or path.name.lower().endswith(TEXT) or is_bag(path)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a file is a ROS bag, or the folder of one."""
+    return SEVERAL_CLOCKS.get(path.suffix.lower()) is bag.tables or (path / BAG_FOLDER).is_file()
+
+
 def has_several_clocks(path: Path) -> bool:
     """Whether a file is one of tables that each have times of their own."""
-    return path.suffix.lower() in SEVERAL_CLOCKS or (path / BAG_FOLDER).is_file()
+    return path.suffix.lower() in SEVERAL_CLOCKS or is_bag(path)
 
 
 def read_clocks(path: Path, *, limit: int = LIMIT) -> list[Table]:

@@ -1,7 +1,7 @@
 """A user's recording of a mechanism: columns found by name or by a mapping file, units converted, time repaired."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
 from ident.recordings.selection import selected
 from ident.recordings.several_clocks import mapping_of, read_streams
+from ident.recordings.several_files import check_number, files_of, read_files
 from ident.recordings.standing import about_origins, placed
 from ident.recordings.table import BASE, TRUE, Table, in_pieces
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
@@ -39,7 +40,8 @@ def read_log(
     Args:
         path: A table of text (.csv, .tsv, .txt, perhaps packed as .gz), a .npz or .mat file of arrays by name, an
             OpenSim .mot or .sto file, a .parquet or .c3d file, a ROS bag (.bag, .mcap, .db3, or a ROS 2 bag's
-            folder), or what `Recording.save` wrote.
+            folder), or what `Recording.save` wrote. `FILE+FILE` is one log in several files, each with times of its own
+            on one clock, as angles in one and forces in another.
         mechanism: Whose joints and bodies are looked for. Its weight, if it has a prior, tells whether a force is in
             kilonewtons.
         columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. What it
@@ -90,9 +92,12 @@ def _pieces(
     mapping = ColumnMapping() if columns is None else read_mapping(Path(columns), mechanism.tree)
     clock: Clock | None = None
     try:
-        if has_several_clocks(path):
-            yield _of_several_clocks(path, mechanism, mapping, kinds, samples, limit)
+        files = files_of(path)
+        if len(files) > 1 or has_several_clocks(path):
+            whole = samples == sys.maxsize
+            yield _of_several_clocks(files, mechanism, mapping, kinds, gaps=gaps, whole=whole, limit=limit)
             return
+        check_number(1, mapping)
         for table in _tables(path, mapping, kinds, max(samples, LEAST_SAMPLES), limit):
             notes: list[str] = []
             if first := clock is None:
@@ -120,7 +125,9 @@ def _pieces(
 def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int) -> Iterator[Table]:
     """Pieces of a file of one table, of what is selected of it."""
     whole = bool(mapping.selection)
-    for table in read_tables(path, sys.maxsize if whole else samples, overlap=1, limit=limit, layout=mapping.layout):
+    for table in read_tables(
+        path, sys.maxsize if whole else samples, overlap=1, limit=limit, layout=mapping.layouts[0]
+    ):
         cells = {name: x for name, x in table.cells.items() if not name.startswith(TRUE)}
         table = replace(table, cells=cells, sums=mapping.sums)
         if not whole:
@@ -131,15 +138,26 @@ def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], sample
 
 
 def _of_several_clocks(
-    path: Path, mechanism: Mechanism, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int
+    files: Sequence[Path],
+    mechanism: Mechanism,
+    mapping: ColumnMapping,
+    kinds: Mapping[str, str],
+    *,
+    gaps: bool,
+    whole: bool,
+    limit: int,
 ) -> Recording:
-    """What a file of tables with times of their own holds."""
-    if samples < sys.maxsize:
+    """What files, or tables of one, hold that have times of their own."""
+    if not whole:
         raise LogError("what has times of its own for each channel is not read in pieces; `identify` takes it whole.")
-    tables = read_clocks(path, limit=limit)
     notes: list[str] = []
+    if len(files) > 1:
+        tables, mapping = read_files(files, mapping, limit), mapping.without_files
+    else:
+        tables = read_clocks(files[0], limit=limit)
     mapping = mapping_of(tables, mapping, kinds)
-    recording = _recording(read_streams(tables, mapping, notes), mapping)
+    streams = read_streams(tables, mapping, notes, gaps=gaps if len(files) > 1 else None)
+    recording = _recording(streams, mapping)
     recording = _without_incomplete(recording, mechanism.tree.joints, notes)
     recording = placed(recording, mechanism, mapping.plates, notes)
     _check(recording, mapping, mechanism, kinds, notes)

@@ -1,7 +1,7 @@
 """The mapping of a log: which of its columns hold what, in which units, as names or a TOML file tell."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,11 @@ from ident.recordings import plates
 from ident.recordings.column import BALL, KINDS, Columns, Sum
 from ident.recordings.column_entries import factor_of, joints_of_motors, several, single
 from ident.recordings.csv_file import Layout
-from ident.recordings.entries import check_keys, pose, table, toml, vector
+from ident.recordings.entries import check_keys, pose, table, toml
+from ident.recordings.file_entries import clocks, layouts, selection
 from ident.recordings.plates import Plate
 from ident.recordings.segments import segments_told
-from ident.recordings.selection import Selection, Span
+from ident.recordings.selection import Selection
 from ident.recordings.table import short
 from ident.recordings.wrench import GROUND, Sensor
 from ident.tolerances import HUGE
@@ -43,7 +44,8 @@ class ColumnMapping:
         held: Whether something holds the base, as for `Recording`.
         setup: Standard deviations of what is known of the set-up, as for `Recording`.
         known: How well φ of the model is known, as for `Recording`.
-        layout: How a file of text is laid out.
+        clocks: Columns of times of a log's files, one after the other, where they are told one by one.
+        layouts: How its files of text are laid out, one for all or one after the other.
         selection: Which of its rows or times are taken.
     """
 
@@ -53,7 +55,8 @@ class ColumnMapping:
     known: dict[str, float] = field(default_factory=dict)
     plates: dict[str, Plate] = field(default_factory=dict)
     held: bool | None = None
-    layout: Layout = field(default_factory=Layout)
+    clocks: tuple[Columns, ...] = ()
+    layouts: tuple[Layout, ...] = (Layout(),)
     selection: Selection = field(default_factory=Selection)
 
     @property
@@ -65,6 +68,12 @@ class ColumnMapping:
     def used(self) -> set[str]:
         """Names of all columns that are mapped."""
         return {name for columns in self.columns.values() for name in columns.read}
+
+    @property
+    def without_files(self) -> "ColumnMapping":
+        """The same without what is said of the files, which have been read."""
+        columns = {key: used for key, used in self.columns.items() if key != "time"}
+        return replace(self, columns=columns, clocks=(), layouts=(Layout(),))
 
     @property
     def sums(self) -> dict[str, Sum]:
@@ -93,7 +102,7 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
 
 def check_text_alone(mapping: ColumnMapping) -> None:
     """Refuses what is said of rows, of a file that has several tables of them, and of the layout of text."""
-    if mapping.layout != Layout():
+    if any(layout != Layout() for layout in mapping.layouts):
         raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
     if mapping.selection.rows:
         raise LogError("[select] rows are those of one table, but this file has several; select by time.")
@@ -114,9 +123,12 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
     check_keys("the mapping", entries, tables)
     segments_told(entries.get("segments", {}))
     mapping = ColumnMapping(setup=_deviations("setup", entries, SETUP), known=_deviations("known", entries, KNOWN))
-    mapping.layout, mapping.selection = _layout(entries), _selection(entries)
-    if "time" in entries:
-        mapping.columns["time"] = single("time", entries["time"], "time")
+    mapping.layouts, mapping.selection = layouts(entries), selection(entries)
+    told = clocks(entries)
+    if len(told) == 1:
+        mapping.columns["time"] = told[0]
+    else:
+        mapping.clocks = told
     of_joints = table("joints", entries.get("joints", {}))
     check_keys("[joints]", of_joints, tuple(joints))
     for joint, quantities in of_joints.items():
@@ -191,30 +203,3 @@ def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: P
     if not isinstance(applied, bool):
         raise LogError(f"{where}.applied_to_link needs true or false, got {short(applied)}.")
     return Sensor(body, pose(where, entry), applied) if plate is None else plate.sensor(applied)
-
-
-def _layout(entries: Mapping[str, Any]) -> Layout:
-    entry = table("file", entries.get("file", {}))
-    check_keys("[file]", entry, ("header", "skip"))
-    header, skip = entry.get("header", True), entry.get("skip", 0)
-    if not isinstance(header, bool):
-        raise LogError(f"file.header needs true or false, got {short(header)}.")
-    if type(skip) is not int or skip < 0:
-        raise LogError(f"file.skip needs a number of lines, got {short(skip)}.")
-    return Layout(header, skip)
-
-
-def _selection(entries: Mapping[str, Any]) -> Selection:
-    entry = table("select", entries.get("select", {}))
-    check_keys("[select]", entry, ("rows", "time"))
-    return Selection(*(_spans(f"select.{key}", entry.get(key, [])) for key in ("rows", "time")))
-
-
-def _spans(where: str, value: Any) -> tuple[Span, ...]:
-    """One span `[FIRST, LAST]`, or a list of them."""
-    several = value if isinstance(value, list) and all(isinstance(each, list) for each in value) else [value]
-    spans = [tuple(vector(where, each, 2).tolist()) for each in several]
-    for first, last in spans:
-        if last <= first:
-            raise LogError(f"{where} needs the first before the last, got [{first:g}, {last:g}].")
-    return tuple(spans)

@@ -13,7 +13,7 @@ from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_tim
 from ident.recordings.selection import selected
 from ident.recordings.standing import about_origins
 from ident.recordings.table import Table, short
-from ident.recordings.times import LEAST_SAMPLES, Repaired, check_jumps, increasing
+from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, check_jumps, increasing
 
 TIME = "time"
 """Column of every table's own times, s."""
@@ -38,17 +38,20 @@ def mapping_of(tables: Sequence[Table], mapping: ColumnMapping, joints: Mapping[
     return with_names(mapping, whole, joints)
 
 
-def read_streams(tables: Sequence[Table], mapping: ColumnMapping, notes: list[str]) -> Repaired:
+def read_streams(
+    tables: Sequence[Table], mapping: ColumnMapping, notes: list[str], *, gaps: bool | None = None
+) -> Repaired:
     """What several tables hold, as it was measured, and at common times.
 
     Args:
         tables: Tables, each with a column of its times.
         mapping: What their columns hold, complete.
         notes: Sentences on what was detected; more are appended.
+        gaps: Whether samples may be missing; None where the file's format says that they may.
 
     Raises:
-        LogError: A column has no numbers or goes back in time, columns of one quantity have different times, or no
-            time is covered by all.
+        LogError: A column has no numbers or goes back in time, columns of one quantity have different times, no time is
+            covered by all, or samples are missing that may not be.
     """
     clock = mapping.columns[TIME]
     streams: dict[str, Sampled] = {}
@@ -58,13 +61,11 @@ def read_streams(tables: Sequence[Table], mapping: ColumnMapping, notes: list[st
             continue
         table = selected(replace(table, sums=mapping.sums), mapping.selection, clock)
         notes += table.notes
-        channels = read_channels(table, part, notes, gaps=True)
-        channels = about_origins(table, channels, part.plates, notes, gaps=True)
-        time = table.column(TIME)
-        kept = increasing(table, TIME, time, channels, notes)
-        if len(kept) < LEAST_SAMPLES:
-            raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, {', '.join(channels)} have {len(kept)}.")
-        streams |= {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
+        channels = read_channels(table, part, notes, gaps=gaps is not False)
+        channels = about_origins(table, channels, part.plates, notes, gaps=gaps is not False)
+        streams |= (
+            _as_sampled(table, channels, notes) if gaps is None else _checked(table, clock, gaps, channels, notes)
+        )
     joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
     rate = max(map(rate_of, (streams[key] for key in joints or streams)))
     for key, stream in streams.items():
@@ -73,6 +74,23 @@ def read_streams(tables: Sequence[Table], mapping: ColumnMapping, notes: list[st
     if len(common) < LEAST_SAMPLES:
         raise LogError(f"a log needs at least {LEAST_SAMPLES} samples that all columns cover, it has {len(common)}.")
     return Repaired(common, {key: interpolated(stream, common) for key, stream in streams.items()}, streams)
+
+
+def _as_sampled(table: Table, channels: dict[str, np.ndarray], notes: list[str]) -> dict[str, Sampled]:
+    """Channels (N, k) at the times of a table, without samples that repeat the one before."""
+    time = table.column(TIME)
+    kept = increasing(table, TIME, time, channels, notes)
+    if len(kept) < LEAST_SAMPLES:
+        raise LogError(f"a log needs at least {LEAST_SAMPLES} samples, {', '.join(channels)} have {len(kept)}.")
+    return {key: Sampled(time[kept], x[kept]) for key, x in channels.items()}
+
+
+def _checked(
+    table: Table, clock: Columns, gaps: bool, channels: dict[str, np.ndarray], notes: list[str]
+) -> dict[str, Sampled]:
+    """The same where steps of time are checked as those of a log with one clock."""
+    repaired = Clock(clock, gaps).repaired(table, channels, notes)
+    return {key: repaired.streams.get(key, Sampled(repaired.time, x)) for key, x in repaired.channels.items()}
 
 
 def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
@@ -91,4 +109,11 @@ def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
             raise LogError(f"{key} needs columns of the same times, '{here[0]}' and '{other}' have times of their own.")
         columns[key] = used
     plates = {name: plate for name, plate in mapping.plates.items() if f"wrenches.{name}.force" in columns}
+    for name in plates:
+        for key in (key for key in mapping.columns if key.startswith(f"wrenches.{name}.")):
+            if key not in columns and mapping.columns[key].read:
+                raise LogError(
+                    f"[wrenches.{name}] needs columns of the same times, its {key.rpartition('.')[2]} has its own."
+                )
+            columns.setdefault(key, mapping.columns[key])
     return replace(mapping, columns=columns, plates=plates)

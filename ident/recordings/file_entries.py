@@ -1,0 +1,61 @@
+"""Entries of a mapping file on the files themselves: how text is laid out, where the times are, and what is taken."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ident.errors import LogError
+from ident.recordings.column import Columns
+from ident.recordings.column_entries import single
+from ident.recordings.csv_file import Layout
+from ident.recordings.entries import check_keys, table, vector
+from ident.recordings.selection import Selection, Span
+from ident.recordings.table import short
+
+
+def layouts(entries: Mapping[str, Any]) -> tuple[Layout, ...]:
+    """How text is laid out: of all files as `[file]` says, or of one after the other as every `[[file]]` does.
+
+    Raises:
+        LogError: An entry is malformed; likewise of all functions here.
+    """
+    entry = entries.get("file", {})
+    if not isinstance(entry, list):
+        return (_layout("file", table("file", entry)),)
+    return tuple(_layout(f"file {k}", table(f"file {k}", each)) for k, each in enumerate(entry, start=1)) or (Layout(),)
+
+
+def _layout(where: str, entry: Mapping[str, Any]) -> Layout:
+    check_keys(f"[{where}]", entry, ("header", "skip"))
+    header, skip = entry.get("header", True), entry.get("skip", 0)
+    if not isinstance(header, bool):
+        raise LogError(f"{where}.header needs true or false, got {short(header)}.")
+    if type(skip) is not int or skip < 0:
+        raise LogError(f"{where}.skip needs a number of lines, got {short(skip)}.")
+    return Layout(header, skip)
+
+
+def clocks(entries: Mapping[str, Any]) -> tuple[Columns, ...]:
+    """The column of times of all files, or those of one after the other; none where nothing is said."""
+    entry = entries.get("time", [])
+    if not isinstance(entry, list):
+        return (single("time", entry, "time"),)
+    if "time" in entries and not entry:
+        raise LogError("time needs the column of times of each file, got an empty list.")
+    return tuple(single(f"time {k}", each, "time") for k, each in enumerate(entry, start=1))
+
+
+def selection(entries: Mapping[str, Any]) -> Selection:
+    """Which rows and times are taken."""
+    entry = table("select", entries.get("select", {}))
+    check_keys("[select]", entry, ("rows", "time"))
+    return Selection(*(_spans(f"select.{key}", entry.get(key, [])) for key in ("rows", "time")))
+
+
+def _spans(where: str, value: Any) -> tuple[Span, ...]:
+    """One span `[FIRST, LAST]`, or a list of them."""
+    several = value if isinstance(value, list) and all(isinstance(each, list) for each in value) else [value]
+    spans = [tuple(vector(where, each, 2).tolist()) for each in several]
+    for first, last in spans:
+        if last <= first:
+            raise LogError(f"{where} needs the first before the last, got [{first:g}, {last:g}].")
+    return tuple(spans)

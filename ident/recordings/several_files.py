@@ -1,0 +1,145 @@
+"""A log in several files, `angles.mot+forces.mot`: tables with times of their own, all in seconds from one zero."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.recordings.column import Columns
+from ident.recordings.csv_file import Layout
+from ident.recordings.files import SEVERAL_CLOCKS, TEXT, is_bag, is_log, read_clocks, read_tables
+from ident.recordings.mapping import ColumnMapping
+from ident.recordings.selection import EPOCH
+from ident.recordings.several_clocks import TIME
+from ident.recordings.table import TRUE, Table
+
+USUAL = ("time", "t")
+"""Names of columns of times."""
+
+
+def files_of(log: Path) -> tuple[Path, ...]:
+    """The files of a log, which are itself or, where it is called `FILE+FILE`, all of them."""
+    if log.exists():
+        return (log,)
+    files, name = list[Path](), ""
+    for part in str(log).split("+"):
+        name = f"{name}+{part}" if name else part
+        if is_log(Path(name)):
+            files, name = [*files, Path(name)], ""
+    return (*files, Path(name)) if name or not files else tuple(files)
+
+
+def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> list[Table]:
+    """Tables of several files, each with a column `time` in s.
+
+    Columns that two files have are called `1:NAME` and `2:NAME`, by the number of the file.
+
+    Args:
+        files: The files, in the order in which the mapping tells of them.
+        mapping: How they are laid out, and which columns are their times, where names do not tell.
+        limit: Bytes that each may take in memory.
+
+    Raises:
+        LogError: One is missing or damaged, its times are not to be found or are of another day than the others', or
+            the mapping tells of another number of files.
+        InputError: The library that reads one is not installed.
+    """
+    if twice := [file.name for file in files if [each.resolve() for each in files].count(file.resolve()) > 1]:
+        raise LogError(f"a log is made of different files, but {twice[0]} is given twice.")
+    layouts, clocks = _told(files, mapping)
+    tables: list[list[Table]] = []
+    for file, layout, clock in zip(files, layouts, clocks, strict=True):
+        try:
+            own = _tables(file, layout, clock, limit)
+        except (LogError, OSError) as error:
+            raise LogError(f"{file.name}: {error}") from None
+        tables.append([replace(table, word=f"{file.name} {table.word}") for table in own])
+    return _from_one_zero(files, _apart(tables))
+
+
+def _told(files: Sequence[Path], mapping: ColumnMapping) -> tuple[list[Layout], list[Columns | None]]:
+    """How each file is laid out, and its column of times; None where names tell.
+
+    Raises:
+        LogError: The mapping tells of another number of files.
+    """
+    check_number(len(files), mapping)
+    layouts = list(mapping.layouts)
+    if len(layouts) == 1:
+        # What is said of all files of text is not said of the others.
+        layouts = [layouts[0] if file.name.lower().endswith(TEXT) else Layout() for file in files]
+    return layouts, [*mapping.clocks] or [mapping.columns.get(TIME)] * len(files)
+
+
+def check_number(number: int, mapping: ColumnMapping) -> None:
+    """Refuses a mapping that tells, one by one, of another number of files than a log has."""
+    layouts, clocks = len(mapping.layouts), len(mapping.clocks)
+    for what, told in (("[[file]]", layouts if layouts > 1 else number), ("time", clocks or number)):
+        if told != number:
+            raise LogError(
+                f"the mapping tells of {told} files ({what}), but this log has {number}; files that belong together "
+                "are given as FILE+FILE."
+            )
+
+
+def _tables(file: Path, layout: Layout, clock: Columns | None, limit: int) -> list[Table]:
+    """Tables of one of the files."""
+    if is_bag(file):
+        raise LogError("a bag counts its times from its first message; it cannot be put together with other files.")
+    if file.suffix.lower() in SEVERAL_CLOCKS:
+        return read_clocks(file, limit=limit)
+    pieces = list(read_tables(file, limit=limit, layout=layout))
+    if not pieces:
+        raise LogError("it has no rows.")
+    return [_timed(pieces[0], clock)]
+
+
+def _timed(table: Table, clock: Columns | None) -> Table:
+    """A table whose times are in the column `time` in s."""
+    named = [name for name in USUAL if name in table.cells] if clock is None else list(clock.names)
+    if len(named) != 1 or named[0] not in table.cells:
+        needed = f"times in a column '{named[0]}'" if clock else f"one column of times, {' or '.join(USUAL)}"
+        raise LogError(
+            f"it needs {needed}, or the mapping the columns of times of all files, time = [...]; {table.available()}."
+        )
+    seconds = table.column(named[0]) * (clock.factor if clock else 1.0)
+    if np.isnan(seconds).any():
+        raise LogError(f"column '{named[0]}' is empty, but a log needs times.")
+    others = {name: x for name, x in table.cells.items() if name != named[0] and not name.startswith(TRUE)}
+    units = {name: unit for name, unit in table.units.items() if name in others}
+    return replace(table, cells={TIME: seconds, **others}, units=units)
+
+
+def _apart(files: Sequence[Sequence[Table]]) -> list[list[Table]]:
+    """Tables in which columns that several files have carry the file's number."""
+    count = Counter(name for tables in files for name in {name for table in tables for name in table.cells})
+
+    def own(number: int, name: str) -> str:
+        return f"{number}:{name}" if count[name] > 1 and name != TIME else name
+
+    return [
+        [
+            replace(
+                table,
+                cells={own(k, name): x for name, x in table.cells.items()},
+                units={own(k, name): unit for name, unit in table.units.items()},
+            )
+            for table in tables
+        ]
+        for k, tables in enumerate(files, start=1)
+    ]
+
+
+def _from_one_zero(files: Sequence[Path], tables: Sequence[Sequence[Table]]) -> list[Table]:
+    """Tables whose times are counted from the first of all, where they are of another day."""
+    starts = [min(float(np.ravel(table.column(TIME))[0]) for table in several) for several in tables]
+    late = [abs(start) > EPOCH for start in starts]
+    if any(late) and not all(late):
+        begin = ", ".join(f"those of {file.name} at {start:.10g} s" for file, start in zip(files, starts, strict=True))
+        raise LogError(f"the files need times of one clock, but they begin on different days: {begin}.")
+    zero = min(starts) if all(late) else 0.0
+    every = [table for several in tables for table in several]
+    return [replace(table, cells={**table.cells, TIME: table.column(TIME) - zero}) for table in every]

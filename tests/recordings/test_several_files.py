@@ -1,0 +1,174 @@
+"""A log in several files, angles in one and forces in another, each with its own times; and what contradicts them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from guesses.odd_logs import arm, recording
+from written_formats import DEG, write_csv, write_mot
+
+from ident.errors import LogError
+from ident.recordings.log import read_log, read_log_pieces
+from ident.recordings.several_files import files_of
+
+ANGLES = {f"joint{k}": f"joint{k}_position" for k in (1, 2)}
+
+
+def angles():
+    """Columns of the file of angles, at 100 Hz."""
+    return {"time": recording().time} | {name: recording()[channel] for name, channel in ANGLES.items()}
+
+
+def forces(start=0.0, rate=250.0):
+    """Columns of the file of forces, at a rate of their own."""
+    time = np.arange(start, 5.8, 1 / rate)
+    wrench = recording().wrench("ground").values
+    names = [f"ground_{letter}{axis}" for letter in "fm" for axis in "xyz"]
+    return {"time": time} | {
+        name: np.interp(time, recording().time, x) for name, x in zip(names, wrench.T, strict=True)
+    }
+
+
+def pair(tmp_path, first=None, second=None):
+    """Writes both files, and gives the log that they are."""
+    write_csv(tmp_path / "joints.csv", first or angles())
+    write_csv(tmp_path / "wrench.csv", second or forces())
+    return f"{tmp_path / 'joints.csv'}+{tmp_path / 'wrench.csv'}"
+
+
+def mapped(tmp_path, text):
+    (tmp_path / "columns.toml").write_text(text, encoding="utf-8")
+    return tmp_path / "columns.toml"
+
+
+def test_each_file_keeps_its_times(tmp_path):
+    log = read_log(pair(tmp_path, second=forces(start=0.5)), arm())
+    time, force = log.streams["ground_force"]
+    np.testing.assert_allclose(time, forces(start=0.5)["time"])
+    np.testing.assert_allclose(force[:, 2], forces(start=0.5)["ground_fz"])
+    np.testing.assert_allclose(log.streams["joint2_position"].time, recording().time)
+    np.testing.assert_allclose([log.time[0], log.rate], [0.5, 100], atol=0.011)
+    assert log.time[-1] <= 5.8
+
+
+def test_the_order_of_the_files_and_their_formats_do_not_matter(tmp_path):
+    pair(tmp_path)
+    write_mot(tmp_path / "ik.mot", {name: x * (1 if name == "time" else DEG) for name, x in angles().items()})
+    expected = read_log(f"{tmp_path}/joints.csv+{tmp_path}/wrench.csv", arm())
+    for name in ("wrench.csv+joints.csv", "ik.mot+wrench.csv", "wrench.csv+ik.mot"):
+        found = read_log("+".join(str(tmp_path / file) for file in name.split("+")), arm())
+        assert found.streams.keys() == expected.streams.keys()
+        for channel, x in expected.measured.items():
+            np.testing.assert_allclose(found[channel], x, atol=1e-12)
+
+
+def test_times_are_counted_from_the_first_of_both(tmp_path):
+    day = 1.7e9
+    first, second = ({**columns, "time": columns["time"] + day} for columns in (angles(), forces(start=0.5)))
+    log = read_log(pair(tmp_path, first, second), arm())
+    np.testing.assert_allclose(log.streams["ground_force"].time, forces(start=0.5)["time"], atol=1e-6)
+
+
+def test_files_without_header_and_columns_of_both_go_by_number(tmp_path):
+    for file, columns in (("a.csv", angles()), ("b.csv", forces())):
+        rows = np.stack([1e3 * columns["time"], *list(columns.values())[1:]], axis=1)
+        np.savetxt(tmp_path / file, rows, delimiter=",", header="a rig's file" if file == "b.csv" else "")
+    mapping = mapped(
+        tmp_path,
+        'time = [{ column = "1", unit = "ms" }, { column = "1", unit = "ms" }]\n'
+        "[[file]]\nheader = false\n[[file]]\nheader = false\nskip = 1\n"
+        '[joints]\njoint1.position = "1:2"\njoint2.position = "1:3"\n'
+        '[wrenches.ground]\nforce = ["2:2", "2:3", "4"]\ntorque = ["5", "6", "7"]\n',
+    )
+    found, expected = read_log(f"{tmp_path}/a.csv+{tmp_path}/b.csv", arm(), mapping), read_log(pair(tmp_path), arm())
+    for channel, x in expected.measured.items():
+        np.testing.assert_allclose(found[channel], x, atol=1e-9)
+
+
+def test_names_with_a_plus_are_one_file_or_several(tmp_path):
+    for text, expected in {
+        "a.csv": ["a.csv"],
+        "a.csv+b.mot": ["a.csv", "b.mot"],
+        "day+1/a.csv+day+1/b.mot+c.csv.gz": ["day+1/a.csv", "day+1/b.mot", "c.csv.gz"],
+        "a.csv+b.doc": ["a.csv", "b.doc"],
+        "a+b": ["a+b"],
+    }.items():
+        assert files_of(Path(text)) == tuple(map(Path, expected))
+    (tmp_path / "a.csv+b.csv").touch()
+    assert files_of(tmp_path / "a.csv+b.csv") == (tmp_path / "a.csv+b.csv",)
+
+
+def holes(columns):
+    return {name: np.delete(x, slice(100, 160)) for name, x in columns.items()}
+
+
+PLATE = 'frame = "plate"\nposition = [0, 0, 0]\nforce = ["ground_fx", "ground_fy", "ground_fz"]\n'
+"""A plate whose axes are the world's."""
+
+CONTRADICTIONS = {
+    "another day": (lambda a, f: (a, {**f, "time": f["time"] + 1.7e9}), "", "clock, but they begin on different days"),
+    "another hour": (lambda a, f: (a, {**f, "time": f["time"] + 60}), "", "need a time that all of them cover"),
+    "twice": (lambda a, f: (a, {**f, "joint2": f["time"]}), "", "joint 'joint2' needs a column of its positions"),
+    "two clocks": (lambda a, f: (a, {**f, "t": f["time"]}), "", "wrench.csv: it needs one column of times, time or t"),
+    "three times": (lambda a, f: (a, f), 'time = ["t", "t", "t"]', "tells of 3 files (time), but this log has 2"),
+    "three files": (lambda a, f: (a, f), 3 * "[[file]]\n", "tells of 3 files ([[file]]), but this log has 2"),
+    "no such time": (lambda a, f: (a, f), 'time = "stamp"', "joints.csv: it needs times in a column 'stamp'"),
+    "no times": (lambda a, f: (a, f), "time = []", "time needs the column of times of each file"),
+    "rows": (lambda a, f: (a, f), "[select]\nrows = [1, 50]", "[select] rows are those of one table"),
+    "torn force": (
+        lambda a, f: ({**a, "Fx": a["time"]}, f),
+        '[wrenches.ground]\nforce = ["Fx", "", "ground_fz"]',
+        "needs columns of the same times, 'Fx' and 'ground_fz' have times of their own",
+    ),
+    "torn plate": (
+        lambda a, f: ({**a, "x": a["time"]}, f),
+        f'[wrenches.ground]\n{PLATE}point = ["x", 0.0, 0.0]\nfree_moment = ["", "", "ground_mz"]',
+        "[wrenches.ground] needs columns of the same times, its point has its own",
+    ),
+}
+
+
+def test_a_plate_that_has_forces_alone_is_read(tmp_path):
+    columns = {name: x for name, x in forces().items() if "_m" not in name}
+    mapping = mapped(tmp_path, f"[wrenches.ground]\n{PLATE}threshold = 1\n")
+    log = read_log(pair(tmp_path, second=columns), arm(), mapping)
+    assert np.isnan(log["ground_torque"]).all() and np.isfinite(log["ground_force"]).all()
+
+
+@pytest.mark.parametrize(("changed", "mapping", "sentence"), CONTRADICTIONS.values(), ids=CONTRADICTIONS.keys())
+def test_what_contradicts_itself_ends_with_a_sentence(tmp_path, changed, mapping, sentence):
+    log = pair(tmp_path, *changed(angles(), forces()))
+    with pytest.raises(LogError) as error:
+        read_log(log, arm(), mapped(tmp_path, mapping))
+    assert sentence in str(error.value) and "\n" not in str(error.value)
+
+
+def test_files_that_cannot_be_put_together(tmp_path):
+    log = pair(tmp_path)
+    joints, wrench = log.split("+")
+    for name, sentence in {
+        f"{joints}+{joints}": "is made of different files, but joints.csv is given twice",
+        f"{joints}+{tmp_path / 'none.csv'}": "none.csv: a log is a .csv",
+        f"{joints}+": "a log is a .csv",
+        f"{joints}+{tmp_path / 'run.bag'}": "a bag counts its times from its first message",
+    }.items():
+        with pytest.raises(LogError) as error:
+            read_log(name, arm())
+        assert sentence in str(error.value)
+    for number, mapping in ((2, "[[file]]\n[[file]]"), (2, 'time = ["time", "time"]')):
+        with pytest.raises(LogError, match=f"tells of {number} files .* but this log has 1"):
+            read_log(joints, arm(), mapped(tmp_path, mapping))
+    with pytest.raises(LogError, match="is not read in pieces"):
+        list(read_log_pieces(f"{joints}+{wrench}", arm(), samples=100))
+
+
+def test_holes_need_gaps_and_faults_name_the_file(tmp_path):
+    log = pair(tmp_path, second=holes(forces()))
+    with pytest.raises(LogError, match=r"wrench\.csv row 10\d, column 'time' comes 0\.244 s after .*--gaps"):
+        read_log(log, arm())
+    found = read_log(log, arm(), gaps=True)
+    assert len(found.streams["ground_force"].time) == len(forces()["time"]) - 60
+    assert any("have gaps: 1" in note for note in found.notes)
+    broken = {**forces(), "ground_fx": np.full(len(forces()["time"]), 1e300)}
+    with pytest.raises(LogError, match=r"wrench\.csv row 2, column 'ground_fx' needs numbers below"):
+        read_log(pair(tmp_path, second=broken), arm())
