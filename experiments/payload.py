@@ -11,11 +11,14 @@ def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
     from experiments.output import payload_report, report
     from experiments.studies.identification import recorded
-    from ident.payload import identify_payload
+    from ident.payload.identification import identify_payload
+    from ident.payload.mounting import place_of
     from sim.models.mechanism import mechanism
 
     out, fix = own_model.folder(args), options.fixed(args.fix)
     robot = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=fix)
+    if args.flange:
+        place_of(robot, args.body, args.flange)
     read = {"columns": args.columns, "fix": fix, "limit": options.size_limit(args)}
     logs = [recorded(robot, log, **read) for log in args.logs]
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from ident.parameters.base_parameters import BaseParameters, find_base_parameters
     from ident.parameters.consistency import consistent_parameters
     from ident.parameters.structure import Sensors
-    from ident.payload import identify_payload
+    from ident.payload.identification import identify_payload
     from ident.recordings.log import read_log
     from ident.recordings.recording import Recording
     from ident.recordings.wrench import Sensor, Wrench, total_wrench
@@ -116,7 +116,7 @@ _MODULES = {
     "consistent_parameters": "ident.parameters.consistency",
     "find_base_parameters": "ident.parameters.base_parameters",
     "identify": "ident.identification",
-    "identify_payload": "ident.payload",
+    "identify_payload": "ident.payload.identification",
     "joint_torque_regressor": "ident.model.regressor",
     "least_squares": "ident.estimation.least_squares",
     "read_log": "ident.recordings.log",

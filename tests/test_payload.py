@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 import ident
 import sim
 from ident.geometry.inertia import parameter_transform, parameters_from_com, symmetric
-from ident.payload import described, identify_payload
+from ident.payload.identification import identify_payload
+from ident.payload.rigid_body import described
 from ident.recordings.wrench import Sensor
 
 TRUTH = np.array([wrist.TOOL["mass"], *wrist.TOOL["com"], *wrist.TOOL["inertia"]])

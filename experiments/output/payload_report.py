@@ -12,7 +12,8 @@ from experiments.output.identify_report import INTERVAL
 from experiments.output.page import rendered
 from experiments.output.results import Results
 from ident.geometry.inertia import symmetric
-from ident.payload import QUANTITIES, Payload, RigidBody
+from ident.payload.payload import Payload
+from ident.payload.rigid_body import QUANTITIES, RigidBody
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 

@@ -25,7 +25,7 @@ from experiments.output import figures
 from experiments.runs import workers
 from ident.errors import InputError
 
-from .corpus import LOGS, MODELS, write_corpus
+from .corpus import LOGS, MODELS, PAIR, write_corpus
 from .damage import NAMES, Rng, any_of, damaged
 from .here import Here
 
@@ -187,7 +187,7 @@ class _Maker:
         mapping = self.file("columns", f"{name}.toml")
         files = [
             self.file("model", any_of(self.rng, MODELS[name])),
-            self.file("log", f"{name}.{any_of(self.rng, LOGS)}"),
+            self.log(name),
         ]
         right = {
             "--base": ["base"],
@@ -217,7 +217,7 @@ class _Maker:
         """Arguments of `stream`."""
         name, number = any_of(self.rng, list(MODELS)), int(any_of(self.rng, (1, 1, 2)))
         files = [self.file("model", any_of(self.rng, MODELS[name]))]
-        files += [self.file("log", f"{name}.{any_of(self.rng, LOGS)}") for _ in range(number)]
+        files += [self.log(name) for _ in range(number)]
         right = {"--base": ["base"], "--contact": ["contact"], "--piece": ["7", "50", "100000"]}
         wrong = {
             "--base": ["link1", "link2", "$", ""],
@@ -228,6 +228,12 @@ class _Maker:
             "--piece": ["0", "x", "1"],
         }
         return [*files, *self.options(right, wrong, ("--base", *(["--contact"] if name == "pad" else [])))]
+
+    def log(self, name: str) -> str:
+        """A log in any of the formats, perhaps in two files."""
+        ending = any_of(self.rng, LOGS)
+        names = [file.format(name) for file in PAIR] if ending == "pair" else [f"{name}.{ending}"]
+        return "+".join(self.file("log", each) for each in names)
 
     def file(self, what: str, name: str, new: str | None = None) -> str:
         """A copy of a file of the corpus, damaged if it is to be wrong; now and then it has a strange name then."""

@@ -1,8 +1,12 @@
 """Files that are right, to be damaged."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
+from written_formats import write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
+
 import scenes
+from ident.recordings.recording import Recording
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -48,7 +52,14 @@ applied_to_link = false
 MODELS = {"plain": ("plain.xml", "arm.urdf"), "pad": ("pad.xml",)}
 """Models that explain each log."""
 
-LOGS = ("csv", "npz")
+FORMATS = {"parquet": "pyarrow", "c3d": "ezc3d"}
+"""Formats that need a package of an extra."""
+
+LOGS = ("csv", "npz", "pair", "mot", "sto", "trc", "mat", *(end for end, name in FORMATS.items() if find_spec(name)))
+"""What logs end in; a pair is angles in one file and forces in another."""
+
+PAIR = "{}-angles.mot", "{}-forces.csv"
+"""Names of the files of a pair."""
 
 
 def write_corpus(folder: Path) -> None:
@@ -59,6 +70,27 @@ def write_corpus(folder: Path) -> None:
         (folder / f"{name}.xml").write_text(spec.to_xml(), encoding="utf-8")
         (folder / f"{name}.toml").write_text(mapping, encoding="utf-8")
         recording = simulate(spec, DOUBLE_PENDULUM, samples=150)
-        for ending in LOGS:
+        for ending in ("csv", "npz"):
             recording.save(folder / f"{name}.{ending}")
+        _write_others(folder, name, recording)
     (folder / "arm.urdf").write_text(URDF, encoding="utf-8")
+
+
+def _write_others(folder: Path, name: str, recording: Recording) -> None:
+    """Writes the same recording in the formats of other programs."""
+    joints = {joint: recording[f"{joint}_position"] for joint in ("joint1", "joint2")}
+    wrenches = {key: recording[key] for key in recording.measured if recording[key].shape[1:] == (3,)}
+    time = {"time": recording.time}
+    angles = time | {f"{joint}_position": x for joint, x in joints.items()}
+    forces = {f"{key}.{axis}": x[:, k] for key, x in wrenches.items() for k, axis in enumerate("xyz")}
+    for ending in ("mot", "sto"):
+        write_mot(folder / f"{name}.{ending}", angles | forces, degrees="no")
+    write_mot(folder / PAIR[0].format(name), angles, degrees="no")
+    write_csv(folder / PAIR[1].format(name), time | forces)
+    write_mat(folder / f"{name}.mat", angles, **wrenches)
+    labels = {joint: x[:, None] * [1, 0, 0] for joint, x in joints.items()}
+    write_trc(folder / f"{name}.trc", recording.time, labels, units="m")
+    if "parquet" in LOGS:
+        write_parquet(folder / f"{name}.parquet", angles | forces)
+    if "c3d" in LOGS:
+        write_c3d(folder / f"{name}.c3d", recording.rate, labels, recording.wrench("ground").values, list(joints))

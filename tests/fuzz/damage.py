@@ -66,6 +66,8 @@ def damaged(data: bytes, ending: str, rng: Rng) -> bytes:
         ".csv": (_text, *[_columns] * 6, _encoding, _bytes),
         ".toml": (*[_text] * 6, _encoding, _bytes),
         ".npz": (*[_arrays] * 4, _archive, _bytes),
+        **dict.fromkeys((".mot", ".sto", ".trc"), (*[_text] * 6, _encoding, _bytes)),
+        **dict.fromkeys((".mat", ".parquet", ".c3d"), (_bytes,)),
     }
     return any_of(rng, kinds[ending])(data, rng)
 

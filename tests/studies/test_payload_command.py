@@ -79,6 +79,14 @@ def test_what_is_missing_is_named(files, tmp_path, capsys):
     assert "needs the wrench 'wrist', its wrenches are none: say in the columns file under [wrenches.wrist]" in refusal(
         payload.main, [*files[:-2], *out], capsys
     )
-    assert "The mechanism has no site named 'tcp'" in refusal(payload.main, [*files, "--flange", "tcp", *out], capsys)
     assert "--body" in refusal(payload.main, [*files[:2], *out], capsys)
     assert not (tmp_path / "none").exists()
+
+
+def test_a_flange_is_refused_before_anything_is_fitted(files, monkeypatch, capsys):
+    monkeypatch.setattr("ident.payload.identification.identify_payload", None)
+    for flange, sentence in (
+        ("tcp", "body or site, got 'tcp'; bodies and sites are"),
+        ("link5", "is on 'link5', which"),
+    ):
+        assert sentence in refusal(payload.main, [*files, "--flange", flange], capsys)

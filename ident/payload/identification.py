@@ -1,0 +1,76 @@
+"""What a robot carries beyond a wrist sensor: mass, centre of mass and inertia, and what the sensor adds.
+
+The robot's kinematics are known, so that joint angles tell how the sensor moves; what it reads is the wrench of the
+bodies beyond it, whose base it is. All of the joint estimate applies: angles are noisy, nothing is differentiated.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.estimation.joint import Report
+from ident.estimation.preparation import prepared
+from ident.identification import identified
+from ident.mechanism.mechanism import Mechanism
+from ident.payload.mounting import on_payload
+from ident.payload.payload import Payload
+from ident.payload.weight import known, likely, weighing
+from ident.recordings.recording import Recording
+from ident.recordings.wrench import GROUND
+from ident.tolerances import HOLDOUT
+
+
+def identify_payload(
+    robot: Mechanism,
+    recording: Recording | Sequence[Recording],
+    *,
+    body: str,
+    sensor: str,
+    offsets: bool = True,
+    holdout: float = HOLDOUT,
+    setup: Mapping[str, float] | None = None,
+    report: Report | None = None,
+) -> Payload:
+    """Mass, centre of mass and inertia of what a robot carries beyond a wrench sensor.
+
+    Args:
+        robot: The whole robot; of its masses those before the sensor do not matter.
+        recording: Its joint angles, and what the sensor reads; one recording or several.
+        body: Name of the body that has, with all on it, what the sensor carries.
+        sensor: Name of the wrench. Where it is measured is on that body, on one that is welded to it, or on the body
+            that carries it.
+        offsets: Whether to fit a constant offset of every channel.
+        holdout: Fraction of each recording, its end, that is not fitted but predicted.
+        setup: What is known of the set-up, as for `identify`; the sensor's origin is taken as stated, as the centre of
+            mass is where the moments say it is from there.
+        report: Called with every round of the estimate.
+
+    Raises:
+        InputError: Something is missing or does not fit, or the sensor is mounted in another way than was stated.
+        ExcitationError: The motion does not tell the payload from the sensor's offsets.
+    """
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    if not recordings:
+        raise InputError("A payload needs at least one recording, got none.")
+    part = robot.beyond(body)
+    if part.tree.joints:
+        raise InputError(
+            f"A payload is rigid, but {', '.join(part.tree.joints)} are beyond the sensor; hold them where they stand "
+            "(--fix)."
+        )
+    places, notes = [], list[str]()
+    for number, each in enumerate(recordings):
+        place, renamed, more = on_payload(robot, part, each, body, sensor)
+        places.append(place)
+        recordings[number], notes = renamed, notes + [note for note in more if note not in notes]
+    massless = replace(part, prior=np.zeros(10 * len(part.bodies)))
+    ready = [prepared(massless, each) for each in recordings]
+    found = weighing(ready[0], sensor, recordings[0].sensors[GROUND])
+    part = replace(part, prior=likely(part, found, places[0]))
+    ready = [prepared(part, each) for each in recordings]
+    told = {"origin": 0.0, **recordings[0].setup, **(setup or {})}
+    estimate = identified(ready, offsets=offsets, holdout=holdout, setup=told, known=known(part), report=report)
+    # The body that was weighed stands for the model, which therefore is no rival.
+    return Payload(robot, body, sensor, places[0], replace(estimate, rivals={}), tuple(notes))

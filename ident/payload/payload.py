@@ -1,0 +1,125 @@
+"""A payload that was identified: a rigid body in any frame, what the sensor adds, and whether to believe it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ident.estimate import Estimate
+from ident.geometry.inertia import parameter_transform
+from ident.geometry.se3 import inverse
+from ident.judgement.finding import Finding
+from ident.judgement.payload_findings import payload_findings, payload_verdict
+from ident.mechanism.mechanism import Mechanism
+from ident.payload.mounting import place_of
+from ident.payload.rigid_body import SIZE, RigidBody, described
+from ident.recordings.wrench import GROUND
+
+OPEN = 0.5
+"""A quantity is told by the data where its standard deviation is less than this part of its size: of the mass, of
+`SIZE` for the centre of mass, of the mean moment of inertia for inertias."""
+
+
+class SensorParameter(NamedTuple):
+    """Something of the sensor that is zero where it is as stated.
+
+    Attributes:
+        name: Its name, as `offset(Fx)` or `delay(wrist)`.
+        value: What it is, or would be if it were fitted besides, in SI units and radians.
+        std: Its standard deviation.
+        taken_out: Whether the estimate takes it for this.
+    """
+
+    name: str
+    value: float
+    std: float
+    taken_out: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """What is carried.
+
+    Attributes:
+        robot: The whole robot.
+        body: Name of the body that has, with all on it, what the sensor carries.
+        sensor: Name of the wrench.
+        place: Pose of the sensor's frame in the body's (4, 4).
+        estimate: The estimate of that part of the robot.
+        notes: What was left out.
+    """
+
+    robot: Mechanism
+    body: str
+    sensor: str
+    place: np.ndarray
+    estimate: Estimate
+    notes: tuple[str, ...]
+
+    def in_frame(self, T: np.ndarray | None = None) -> RigidBody:
+        """All that is carried as one rigid, physical body.
+
+        Args:
+            T: Pose of the frame to write it in, in the frame of the body (4, 4); by default the latter itself.
+        """
+        X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self.estimate.consistent().psi
+        values, J = described(X @ psi), np.zeros((10, 10))
+        for k, step in enumerate(1e-6 * psi[0] * np.repeat([1, SIZE, SIZE**2], [1, 3, 6])):
+            ahead = step * X[:, k]
+            J[:, k] = (described(X @ psi + ahead) - described(X @ psi - ahead)) / (2 * step)
+        covariances = self.estimate.covariance, self.estimate.covariance_setup[:10, :10]
+        std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in covariances)
+        size = np.repeat([values[0], SIZE, values[4:7].mean()], [1, 3, 6])
+        return RigidBody(values, std, wider, wider < OPEN * size)
+
+    @property
+    def model(self) -> np.ndarray | None:
+        """What the robot's model says of it, as `RigidBody.values` in the body's frame; None where it has no mass."""
+        part = self.robot.beyond(self.body)
+        total = np.zeros(10) if part.prior is None else self.estimate.base.regroup(part.prior)
+        return described(total) if total[0] else None
+
+    @cached_property
+    def sensor_parameters(self) -> list[SensorParameter]:
+        """Offsets of the sensor, and what of its set-up is not as stated or might not be."""
+        joint, names = self.estimate.joint, self.estimate.names
+        std = np.sqrt(np.diag(self.estimate.covariance_setup))
+        first = self.estimate.base.rank
+        rows = zip(names[first:], self.estimate.fit.values[first:].tolist(), std[first:].tolist(), strict=True)
+        out = [SensorParameter(name, value, s, True) for name, value, s in rows]
+        if joint is None:
+            return out
+        at = np.flatnonzero(joint.is_setup)
+        moves, open_ = joint.fit.scores(np.eye(len(joint.is_setup))[at])
+        for k, move, left in zip(at.tolist(), moves.tolist(), open_.tolist(), strict=True):
+            name, free = str(joint.fit.names[k]), bool(joint.fit.free[k])
+            value, s = (float(joint.fit.theta[k]), float(joint.fit.covariance[k, k] ** 0.5)) if free else (move, left)
+            out.append(SensorParameter(name.replace(f"({GROUND})", f"({self.sensor})"), value, s, free))
+        return out
+
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """What speaks against it, and what else its reader should know, the doubts first."""
+        return payload_findings(self.estimate, self.in_frame().told, self.sensor)
+
+    def verdict(self) -> str:
+        """Whether to believe it, and how well it is known."""
+        values, _, std, told = self.in_frame()
+        return payload_verdict(self.findings, values, std, told)
+
+    def phi_of_robot(self) -> np.ndarray:
+        """φ of the whole robot, with the bodies that the sensor carries as they were found (10 b,).
+
+        Raises:
+            ModelError: The robot's model has no masses.
+        """
+        phi = self.robot.known.reshape(-1, 10).copy()
+        part = self.estimate.prepared.mechanism
+        for name, own in zip(part.bodies, self.estimate.consistent().phi.reshape(-1, 10), strict=True):
+            phi[self.robot.bodies.index(name)] = own
+        return phi.ravel()
+
+    def place_of(self, name: str) -> np.ndarray:
+        """Pose of a body or site that moves with the payload, in the frame of its body (4, 4); as `place_of`."""
+        return place_of(self.robot, self.body, name)
