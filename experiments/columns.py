@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> None:
     if out.resolve() in {path.resolve() for path in (args.model, *files)}:
         raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
     arm = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=options.fixed(args.fix))
-    log, belief = believed(arm, args.logs, limit=options.size_limit(args))
+    log, belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args))
     write_mapping(out, log, belief, arm.joints, force=args.force)
     lines = [*log.told(), "", *table(log, belief)]
     lines += [""] * bool(belief.open or belief.notes)

@@ -61,12 +61,16 @@ class Entry:
     sure: str = LIKELY
 
 
+LISTS = ("force", "torque", "point", "free_moment", "position", "quaternion")
+"""Lines of a group that name columns, or have numbers in their place."""
+
+
 @dataclass
 class Group:
-    """Columns that are believed to be a wrench.
+    """Columns that are believed to be a wrench, a ball joint's or a base's.
 
     Attributes:
-        name: Name of the wrench.
+        name: Name of the wrench, of the joint, or `base`.
         entries: Lines of its table by key.
     """
 
@@ -76,7 +80,7 @@ class Group:
     @property
     def columns(self) -> list[str]:
         """All columns that it takes."""
-        lists = (self.entries[key].value for key in ("force", "torque", "point", "free_moment") if key in self.entries)
+        lists = (self.entries[key].value for key in LISTS if key in self.entries)
         return [name for names in lists for name in names if isinstance(name, str) and name]
 
 
@@ -87,6 +91,7 @@ class Belief:
     Attributes:
         quantities: Of joints, by key.
         groups: Wrenches by name.
+        poses: Ball joints and a base that moves, by their tables in a mapping.
         open: Sentences on what could be one thing or another, or is not to be found.
         notes: Sentences on what else was noticed.
         unused: Columns that nothing was found for.
@@ -95,6 +100,7 @@ class Belief:
 
     quantities: dict[str, Quantity] = field(default_factory=dict)
     groups: dict[str, Group] = field(default_factory=dict)
+    poses: dict[str, Group] = field(default_factory=dict)
     open: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
@@ -107,4 +113,5 @@ class Belief:
     @property
     def columns(self) -> list[str]:
         """All columns that something was found for."""
-        return [x.column for x in self.quantities.values()] + [c for g in self.groups.values() for c in g.columns]
+        groups = (*self.groups.values(), *self.poses.values())
+        return [x.column for x in self.quantities.values()] + [name for group in groups for name in group.columns]

@@ -6,6 +6,7 @@ from pathlib import Path
 from experiments.guesses.belief import Belief
 from experiments.guesses.checked import check_wrenches_and_torques
 from experiments.guesses.joints import add_named, set_rates, set_units
+from experiments.guesses.orientations import add_orientations
 from experiments.guesses.seen import Seen, check_same_columns, seen
 from experiments.guesses.signs import check_positions
 from experiments.guesses.unnamed import add_unnamed
@@ -20,35 +21,38 @@ from ident.recordings.npz import LIMIT
 from ident.recordings.wrench_names import wrench_groups
 
 
-def believed(mechanism: Mechanism, logs: Sequence[Path], *, limit: int = LIMIT) -> tuple[Seen, Belief]:
+def believed(
+    mechanism: Mechanism, logs: Sequence[Path], *, base: str | None = None, limit: int = LIMIT
+) -> tuple[Seen, Belief]:
     """What is believed of the columns of some logs, which are those of the first.
 
     Args:
         mechanism: Whose joints and bodies are looked for.
         logs: Files that `read_log` reads.
+        base: Body whose frame is {0}, by default the world.
         limit: Bytes that an archive may take in memory.
 
     Raises:
         LogError: One is missing, damaged or without times, or lacks columns of the first that are used.
-        InputError: The library that reads such files is not installed, or a joint is a ball.
+        InputError: The library that reads such files is not installed.
     """
     kinds, held = joint_kinds(mechanism.tree), not mechanism.tree.floats
-    if balls := [joint for joint, kind in kinds.items() if kind == "ball"]:
-        raise InputError(
-            f"Columns of ball joints are not guessed: call those of '{balls[0]}' {balls[0]}_position.w, .x, .y and .z, "
-            "or map them."
-        )
     log, belief = seen(logs[0], limit), Belief()
+    balls, axes = ([joint for joint in kinds if (kinds[joint] == "ball") is ball] for ball in (True, False))
+    add_orientations(belief, log, balls, base if held else None)
     usual = {pattern.format(joint) for joint in kinds for patterns in KINDS.values() for pattern in patterns}
     others = [name for name in log.names if name not in usual]
     components = [c for group in wrench_groups(others).values() if len(group) > 2 for c in group.values()]
-    add_named(belief, log, mechanism.joints, components)
+    add_named(belief, log, axes, components)
     small = set_units(belief, log, kinds)
     add_wrenches(belief, log, mechanism, held)
-    add_unnamed(belief, log, mechanism, mechanism.joints, held)
-    signs = check_positions(belief, log, mechanism, kinds, small)
+    # What the model predicts is only looked at where angles alone move it.
+    signs = not balls and not belief.poses
+    if signs:
+        add_unnamed(belief, log, mechanism, mechanism.joints, held)
+        signs = check_positions(belief, log, mechanism, kinds, small)
     set_rates(belief, log, kinds)
-    lacking = [joint for joint in mechanism.joints if joint not in belief.of("position")]
+    lacking = [joint for joint in mechanism.joints if not _has_position(belief, joint)]
     for joint in lacking:
         if not any(f"'{joint}'" in sentence or f" {joint}" in sentence for sentence in belief.open):
             belief.open.append(f"No column looks like the position of '{joint}'; --fix {joint} leaves out what rests.")
@@ -74,4 +78,8 @@ def write_mapping(path: Path, log: Seen, belief: Belief, joints: Sequence[str], 
 
 def is_complete(belief: Belief, joints: Sequence[str]) -> bool:
     """Whether every joint has a position."""
-    return set(joints) <= belief.of("position").keys()
+    return all(_has_position(belief, joint) for joint in joints)
+
+
+def _has_position(belief: Belief, joint: str) -> bool:
+    return joint in belief.of("position") or f"joints.{joint}" in belief.poses

@@ -94,7 +94,7 @@ class Words:
 
 def words(name: str) -> Words:
     """What the name of a column or a joint says."""
-    name, unit = _without_unit(name)
+    name, unit = without_unit(name)
     split = [part.lower() for part in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_]+|\d+", name)]
     split = [str(int(part)) if part.isdigit() else part for part in split]
     kinds = [kind for part in split for kind, those in KINDS.items() if part in those]
@@ -105,7 +105,7 @@ def words(name: str) -> Words:
     return Words(core, kind, unit, any(part in COMMANDED for part in split))
 
 
-def _without_unit(name: str) -> tuple[str, str]:
+def without_unit(name: str) -> tuple[str, str]:
     """A name without its unit, and the unit."""
     if found := re.search(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$", name):
         said = re.sub(r"\s|/\s*s(ec)?([\^]?2|²)?$", "", found[1].lower())

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Quantity
+from experiments.guesses.orientations import BASE
 from experiments.guesses.seen import Seen
 from experiments.guesses.wrenches import is_doubtful
 from ident.recordings.csv_file import Layout
 
 ORDER = (
     *("frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
-    *("force", "unit", "point", "point_unit", "free_moment", "torque", "torque_unit"),
+    *("force", "quaternion", "unit", "point", "point_unit", "free_moment", "torque", "torque_unit"),
 )
 """Order of the lines of a wrench."""
 
@@ -29,8 +30,11 @@ def toml_text(seen: Seen, belief: Belief, joints: Sequence[str]) -> str:
     lines += [f"# Open: {_printable(sentence)}" for sentence in belief.open]
     lines += [f"# Note: {_printable(sentence)}" for sentence in belief.notes]
     lines += [*_times(seen), *_layouts(seen)]
-    for joint in joints:
+    for joint in (joint for joint in joints if f"joints.{joint}" not in belief.poses):
         lines += _joint(joint, [x for x in belief.quantities.values() if x.joint == joint])
+    for group in belief.poses.values():
+        lines.append(f"[{BASE}]" if group.name == BASE else f"[joints.{_key(group.name)}]")
+        lines += [_entry(key, entry) for key, entry in group.entries.items()]
     for group in belief.groups.values():
         mark = "# " if is_doubtful(group) else ""
         lines.append(f"{mark}[wrenches.{_key(group.name)}]")
@@ -107,7 +111,7 @@ def table(seen: Seen, belief: Belief) -> list[str]:
     for x in belief.quantities.values():
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit
         rows.append((x.key.removeprefix("joints."), x.column or "left out", unit, x.sure, "; ".join(x.why)))
-    for group in belief.groups.values():
+    for group in (*belief.poses.values(), *belief.groups.values()):
         for key in (key for key in ORDER if key in group.entries):
             entry = group.entries[key]
             values = entry.value if isinstance(entry.value, list) else [entry.value]

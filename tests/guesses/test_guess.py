@@ -1,15 +1,18 @@
 """Odd logs are understood as a person would map them, and what is ambiguous stays open."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 import walker
 import wrist
 from guesses.odd_logs import DEG, GAINS, LOGS, arm, headless, motors, recording, text, vector, write
+from scipy.spatial.transform import Rotation
 
 import ident
 import sim
-from experiments.guesses.guess import believed, write_mapping
+from experiments.guesses.guess import believed, is_complete, write_mapping
 from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
@@ -152,9 +155,59 @@ def test_plates_of_a_walker_find_their_feet(tmp_path):
     assert {group.entries["unit"].value for group in belief.groups.values()} == {"N"}
 
 
-def test_ball_joints_are_not_guessed(tmp_path):
-    ball = Body("leg", -1, np.eye(4), ball_twist(np.zeros(3)), "hip")
-    with pytest.raises(
-        ident.InputError, match=r"Columns of ball joints are not guessed: call those of 'hip' hip_position.w"
-    ):
-        believed(Mechanism(Tree((ball,)), np.zeros(3)), [tmp_path / "log.csv"])
+HIP = Body("leg", -1, np.eye(4), ball_twist(np.zeros(3)), "hip")
+KNEE = Body("shank", 0, np.eye(4), np.eye(6)[4], "knee")
+TURNS = Rotation.from_rotvec(np.random.default_rng(1).normal(size=(40, 3))).as_quat(scalar_first=True)
+PLACES = np.random.default_rng(2).normal(size=(40, 3))
+
+
+def posed(pattern, x, components):
+    return {pattern.format(c): column for c, column in zip(components, x.T, strict=True)}
+
+
+def read_as_guessed(tmp_path, columns, mechanism, base=None):
+    """The log as it reads by the mapping that is guessed of it, and what is believed."""
+    (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
+    seen, belief = believed(mechanism, [tmp_path / "log.csv"], base=base)
+    write_mapping(tmp_path / "c.toml", seen, belief, mechanism.joints)
+    return ident.read_log(tmp_path / "log.csv", mechanism, tmp_path / "c.toml"), belief
+
+
+@pytest.mark.parametrize("pattern", ["hip_position.{}", "Hip quat {}", "hip_q{}", "q{}"])
+def test_ball_joints_are_found_by_their_names(tmp_path, pattern):
+    mechanism = Mechanism(Tree((HIP, KNEE)), np.zeros(3))
+    columns = posed(pattern, TURNS, "wxyz") | {"knee_angle": PLACES[:, 0]}
+    if pattern == "q{}":
+        assert believed_of(tmp_path, columns, mechanism).open == [
+            "No column looks like the position of 'hip'; --fix hip leaves out what rests."
+        ]
+        return
+    log, belief = read_as_guessed(tmp_path, columns, mechanism)
+    found = Rotation.from_quat(log["hip_position"], scalar_first=True)
+    assert (found * Rotation.from_quat(TURNS, scalar_first=True).inv()).magnitude().max() < 1e-6
+    np.testing.assert_allclose(log["knee_position"], PLACES[:, 0])
+    assert belief.open == [] and is_complete(belief, mechanism.joints)
+
+
+@pytest.mark.parametrize(("pattern", "place"), [("pelvis_q{}", "pelvis_p{}"), ("trunk rot {}", "trunk pos {} [mm]")])
+def test_poses_of_a_base_are_found_by_their_names(tmp_path, pattern, place):
+    mechanism = Mechanism(Tree((replace(KNEE, parent=-1),)), np.zeros(3))
+    factor = 1000 if "mm" in place else 1
+    columns = posed(pattern, TURNS, "wxyz") | posed(place, factor * PLACES, "xyz") | {"knee_angle": PLACES[:, 0]}
+    log, belief = read_as_guessed(tmp_path, columns, mechanism, base="pelvis")
+    np.testing.assert_allclose(log.base[:, :3, 3], PLACES, atol=1e-9)
+    expected = Rotation.from_quat(TURNS, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(log.base[:, :3, :3], expected, atol=1e-6)
+    assert belief.unused == []
+    assert believed_of(tmp_path, columns, mechanism).poses == {}, "without --base the world rests"
+
+
+def test_two_quaternions_of_one_joint_stay_open(tmp_path):
+    mechanism = Mechanism(Tree((HIP,)), np.zeros(3))
+    belief = believed_of(tmp_path, posed("hip1_q{}", TURNS, "wxyz") | posed("hip2_q{}", TURNS[::-1], "wxyz"), mechanism)
+    assert not belief.poses and "The orientation of 'hip' may be in hip1 or in hip2." in belief.open
+
+
+def believed_of(tmp_path, columns, mechanism):
+    (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
+    return believed(mechanism, [tmp_path / "log.csv"])[1]

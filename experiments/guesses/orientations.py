@@ -1,0 +1,91 @@
+"""Columns of quaternions: of ball joints, and with a position of a base that moves, by their names and their norm."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from experiments.guesses.belief import LIKELY, SURE, Belief, Entry, Group
+from experiments.guesses.joints import LONG
+from experiments.guesses.seen import Seen
+from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, without_unit, words
+
+TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
+MOVES = r"(?:position|pos|translation|trans|p|t)?"
+"""Words between whose a column is and its component."""
+
+BASES = re.compile(r"pelvis|base|root|trunk|torso|float", re.IGNORECASE)
+"""What moves freely, by name."""
+
+UNIT = 0.01
+"""By how much the norm of a quaternion may be off."""
+
+BASE = "base"
+"""Table of a mapping with the poses of the base."""
+
+
+def add_orientations(belief: Belief, seen: Seen, balls: Sequence[str], base: str | None) -> None:
+    """Adds columns of ball joints, and of a base that moves.
+
+    Args:
+        belief: Where to.
+        seen: The log.
+        balls: Ball joints.
+        base: Name of the body whose frame is {0}; None for a base that rests.
+    """
+    groups = {rest: names for rest, names in _grouped(seen, TURNS, "wxyz").items() if _is_quaternion(seen, names)}
+    likes = {(rest, ball): likeness(words(rest), words(ball)) for rest in groups for ball in balls}
+    while likes and max(likes.values()) >= LIKE:
+        rest, ball = max(likes, key=lambda pair: likes[pair])
+        like = likes[rest, ball]
+        if rivals := [r for r, b in likes if b == ball and r != rest and likes[r, b] > like - NEAR]:
+            belief.open.append(f"The orientation of '{ball}' may be in {' or in '.join([rest, *rivals])}.")
+        else:
+            why = "named so, with a norm of one" if like >= 0.99 else f"named alike ({100 * like:.0f} %), norm one"
+            entry = Entry(groups[rest], why, SURE if like >= 0.99 else LIKELY)
+            belief.poses[f"joints.{ball}"] = Group(ball, {"position": entry})
+            groups.pop(rest)
+        likes = {(r, b): x for (r, b), x in likes.items() if b != ball and r in groups}
+    if base is not None:
+        _add_base(belief, seen, groups, base)
+
+
+def _add_base(belief: Belief, seen: Seen, groups: Mapping[str, list[str]], base: str) -> None:
+    """Adds the poses of the base, where one quaternion that is named like it has a position beside it."""
+    places = _grouped(seen, MOVES, "xyz")
+    named = [rest for rest in groups if BASES.search(rest) or likeness(words(rest), words(base)) >= LIKE]
+    found = [rest for rest in named if rest in places and any(name in seen.columns for name in groups[rest])]
+    if len(found) > 1:
+        belief.open.append(f"The poses of the base may be those of {' or of '.join(found)}.")
+    if len(found) != 1:
+        return
+    (rest,) = found
+    group = Group(BASE, {"position": Entry(places[rest], "beside the quaternion")})
+    if not any(name in seen.units for name in places[rest]):
+        size = max(float(np.abs(_column(seen, name)).max()) for name in places[rest])
+        said = unit_of("length", words(places[rest][0]).unit)
+        group.entries["unit"] = Entry(
+            said or ("mm" if size > LONG else "m"), "by its name" if said else f"it goes to {size:.3g}"
+        )
+    group.entries["quaternion"] = Entry(groups[rest], "named like the base, with a norm of one")
+    belief.poses[BASE] = group
+
+
+def _grouped(seen: Seen, between: str, components: str) -> dict[str, list[str]]:
+    """Columns of vectors with all components, in their order, by what their names have in common."""
+    groups: dict[str, dict[str, str]] = {}
+    for name in seen.names:
+        bare = without_unit(name)[0].strip()
+        if match := re.fullmatch(rf"(.*?)[\W_]*{between}[\W_]*([{components}])", bare, re.IGNORECASE):
+            groups.setdefault(match[1], {}).setdefault(match[2].lower(), name)
+    return {rest: [own[c] for c in components] for rest, own in groups.items() if own.keys() == set(components)}
+
+
+def _is_quaternion(seen: Seen, names: Sequence[str]) -> bool:
+    norm = np.linalg.norm([_column(seen, name) for name in names], axis=0)
+    return bool((np.abs(norm - 1) < UNIT).all())
+
+
+def _column(seen: Seen, name: str) -> np.ndarray:
+    """A column at the common times, one that never changes among them (N,)."""
+    return seen.columns.get(name, np.full(len(seen.time), seen.constant.get(name, 0.0)))
