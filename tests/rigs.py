@@ -22,15 +22,20 @@ COULOMB = np.array([0.9, 1.1, 0.7, 0.8, 0.5, 0.35, 0.3])
 
 
 @cache
-def moved(tool, seconds, rate, seed=0):
-    """Times, angles, velocities, and torques without friction along the motion of `wrist.motion` (N, 7).
+def moved(seconds, rate, seed=0, stands=0.0):
+    """Times, angles, velocities, and torques without hand and friction along the motion of `wrist.motion` (N, 7).
 
     Args:
-        tool: `HAND` or `NO_HAND`, as pairs.
         seconds: How long; `rate` in Hz, and `seed` of the motion.
+        stands: How long of that the arm stands at last, having slowed down in a second, s.
     """
-    t, q, dq, ddq = wrist.motion(seconds, rate, seed)
-    arm = mujoco.MjModel.from_xml_string(wrist.model(tool=dict(tool)))
+    t, step = np.arange(round(seconds * rate)) / rate, 1e-4
+    behind, at, ahead = (_until(t + dt, seconds - stands) for dt in (-step, 0, step))
+    speed, change = (ahead - behind) / (2 * step), (ahead - 2 * at + behind) / step**2
+    q, dq, ddq = wrist.along(at, seed)
+    ddq = ddq * speed[:, None] ** 2 + dq * change[:, None]
+    dq = dq * speed[:, None]
+    arm = mujoco.MjModel.from_xml_string(wrist.model(tool=NO_HAND))
     data, torques = mujoco.MjData(arm), np.empty_like(q)
     for k in range(len(t)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
@@ -39,9 +44,31 @@ def moved(tool, seconds, rate, seed=0):
     return t, q, dq, torques
 
 
-def friction(dq, scale=1.0):
+def _until(t, end):
+    """Where along a motion one is that slows down within the second before the end, and stands from there."""
+    late = np.clip(t - end + 1, 0, 1)
+    return np.minimum(t, end - 1) + late - late**3 + late**4 / 2
+
+
+def friction(dq):
     """Torques of viscous and Coulomb friction (N, 7)."""
-    return scale * (VISCOUS * dq + COULOMB * np.tanh(dq / 1e-3))
+    return VISCOUS * dq + COULOMB * np.tanh(dq / 1e-3)
+
+
+def coupled(matrix, seconds, rate, stands, seed=6):
+    """Times, and angles and torques of motors that turn `matrix` times as the first six joints do, with friction there.
+
+    Args:
+        matrix: Six by six.
+        seconds: How long; `rate` in Hz, `stands` as for `moved`, and `seed` of the noise.
+    """
+    rng, gear = np.random.default_rng(seed), np.abs(matrix).max(axis=1)
+    t, q, dq, torque = moved(seconds, rate, stands=stands)
+    turned, turns = q[:, :6] @ matrix.T, dq[:, :6] @ matrix.T
+    torque = torque[:, :6] @ np.linalg.inv(matrix)
+    torque = torque + (0.3 * VISCOUS[:6] * turns / gear + 0.3 * COULOMB[:6] * np.tanh(turns / 0.1)) / gear
+    torque = torque + 0.02 * torque.std(axis=0) * rng.normal(size=torque.shape)
+    return t, turned + 1e-3 * rng.normal(size=turned.shape), torque
 
 
 def late_clock(t, rng):

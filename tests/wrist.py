@@ -54,7 +54,13 @@ def model(*, tool=TOOL, beyond="", stated=True):
 @cache
 def motion(seconds=20.0, rate=100.0, seed=0, size=1.0):
     """Times, and positions, velocities and accelerations of a smooth motion (N, 7) that turns the wrist well."""
-    rng, t = np.random.default_rng(seed), np.arange(round(seconds * rate)) / rate
+    t = np.arange(round(seconds * rate)) / rate
+    return t, *along(t, seed, size)
+
+
+def along(t, seed=0, size=1.0):
+    """The same at any times."""
+    rng = np.random.default_rng(seed)
     order = np.arange(1, 6)
     pulsation = 2 * np.pi * 0.1 * order
     amplitude, phase = size * rng.uniform(0.1, 0.35, (7, 5)), rng.uniform(0, 2 * np.pi, (7, 5))
@@ -62,7 +68,7 @@ def motion(seconds=20.0, rate=100.0, seed=0, size=1.0):
     q = (amplitude * np.sin(angle)).sum(axis=2) + np.array([0, 0.3, 0, -1.5, 0, 1.8, 0])
     dq = (amplitude * pulsation * np.cos(angle)).sum(axis=2)
     ddq = -(amplitude * pulsation**2 * np.sin(angle)).sum(axis=2)
-    return t, q, dq, ddq
+    return q, dq, ddq
 
 
 @cache

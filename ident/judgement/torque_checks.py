@@ -3,7 +3,7 @@
 Offsets, friction and rotor inertia that the model does not know are taken out of measured and predicted torques alike.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,11 +17,11 @@ from ident.estimation.samples import Samples
 from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
-from ident.model.regressor import drive_names, joint_torque_regressor
-from ident.tolerances import SINGULAR
+from ident.model.regressor import joint_torque_regressor
+from ident.tolerances import DRIVE, SINGULAR
 
-FRICTION = ("viscous", "coulomb")
-"""Drive columns that friction is looked for with."""
+FRICTION, SLOW = ("viscous", "coulomb"), "stribeck"
+"""Drive columns that friction is looked for with; and, where it has these, with what it is more at low velocity."""
 
 ENOUGH = 4000
 """Samples that are looked at, evenly spread."""
@@ -162,6 +162,12 @@ def _without_drives(torques: np.ndarray, motion: Motion, felt: list[int]) -> np.
     return out
 
 
+def lacking_drive(drives: Sequence[str], joint: str) -> list[str]:
+    """Kinds of friction of a joint that have no column, of which the last is asked for only when it has the others."""
+    lacking = [kind for kind in (*FRICTION, SLOW) if f"{DRIVE[kind]}({joint})" not in drives]
+    return [kind for kind in lacking if kind in FRICTION] or lacking
+
+
 def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
     """Share of what least squares leaves of each torque that friction of its joint would take away, beyond chance.
 
@@ -173,8 +179,9 @@ def friction_shares(fit: Fit, samples: Samples) -> dict[str, float]:
         Shares by the torques' channels, zero where friction is fitted already.
     """
     equations, felt = fit.equations, len(fit.equations.torques)
-    names = drive_names(equations.mechanism.tree, FRICTION)
-    with_friction = replace(equations, drives=(*equations.drives, *(n for n in names if n not in equations.drives)))
+    freedoms = equations.mechanism.tree.freedoms
+    names = [f"{DRIVE[kind]}({joint})" for joint in freedoms for kind in lacking_drive(equations.drives, joint)]
+    with_friction = replace(equations, drives=(*equations.drives, *names))
     residual, left = (_least_residual(fit, each, samples)[:, -felt:] for each in (equations, with_friction))
     squares = np.maximum((residual**2).sum(axis=0), 1e-300)
     # Of residuals that are alike for some samples there are fewer than samples.

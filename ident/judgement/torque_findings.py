@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ident.judgement.finding import Finding
-from ident.judgement.torque_checks import FRICTION
+from ident.judgement.torque_checks import SLOW, lacking_drive
 from ident.tolerances import DRIVE
 
 if TYPE_CHECKING:
@@ -43,23 +43,20 @@ def torque_findings(result: "Estimate") -> Iterator[Finding]:
 
 def friction_findings(result: "Estimate") -> Iterator[Finding]:
     """Residuals that follow the velocity, where friction is not fitted."""
-    equations = result.fit.equations
+    drives = result.fit.equations.drives
     ratios = dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True))
-    shares = {
-        joint: share
-        for joint, share in result.friction.items()
-        if share > FOLLOWS and ratios[joint] > WORTH_IT and suggested_drive(equations.drives, joint)
-    }
+    kinds = {joint: lacking_drive(drives, joint) for joint in result.friction}
+    # A low-pass over a reversal looks like friction that is more at low velocity.
+    kinds = {joint: own for joint, own in kinds.items() if own and (result.joint is not None or own != [SLOW])}
+    shares = {joint: result.friction[joint] for joint in kinds if ratios[joint] > WORTH_IT}
+    shares = {joint: share for joint, share in shares.items() if share > FOLLOWS}
     if shares:
-        kinds = [kind for kind in FRICTION if any(kind in suggested_drive(equations.drives, joint) for joint in shares)]
+        lacking = {kind for joint in shares for kind in kinds[joint]}
+        fitted = {kind for kind, column in DRIVE.items() if any(name.startswith(f"{column}(") for name in drives)}
+        drive = " ".join(kind for kind in DRIVE if kind in lacking | fitted)
         listed = ", ".join(f"{joint} ({share:.0%})" for joint, share in shares.items())
         yield Finding(
             f"Residuals follow the velocity or its sign, the share of their variance that friction would take away in "
-            f"brackets: {listed}. It is likely and was not fitted: --drive {' '.join(kinds)}.",
-            True,
+            f"brackets: {listed}. It is likely and was not fitted: --drive {drive}.",
+            lacking != {SLOW},
         )
-
-
-def suggested_drive(drives: tuple[str, ...], joint: str) -> list[str]:
-    """Kinds of friction of a joint that have no column."""
-    return [kind for kind in FRICTION if f"{DRIVE[kind]}({joint})" not in drives]

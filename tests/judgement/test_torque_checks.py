@@ -12,7 +12,7 @@ import ident
 import sim
 from ident.estimation.preparation import prepared
 from ident.estimation.setup import PRIORS
-from ident.judgement.torque_checks import torque_checks
+from ident.judgement.torque_checks import FRICTION, torque_checks
 
 HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
 
@@ -23,8 +23,9 @@ def arm():
     return sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=HAND)))
 
 
-def log(*, hand=True, friction=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
-    """Angles and torques, the links' as MuJoCo computes them, `off` times those of the model."""
+def log(*, hand=True, friction=0.0, slow=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
+    """Angles and torques, the links' as MuJoCo computes them, `off` times those of the model; friction, `slow` N m
+    more of it at low velocity."""
     tool = HAND if hand else {"mass": 1e-9, "com": (0, 0, 0), "inertia": (1e-12, 1e-12, 1e-12, 0, 0, 0)}
     true = mujoco.MjModel.from_xml_string(wrist.model(tool=tool))
     data, (t, q, dq, ddq), torques = mujoco.MjData(true), wrist.motion(seconds, rate), []
@@ -33,6 +34,7 @@ def log(*, hand=True, friction=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, ra
         torques.append(data.qfrc_inverse.copy())
     rng = np.random.default_rng(seed)
     torque = off * np.array(torques) + friction * (0.6 * dq + 0.5 * np.sign(dq))
+    torque = torque + slow * np.sign(dq) * np.exp(-((dq / 0.1) ** 2))
     torque = gains * torque + 0.03 * rng.normal(size=q.shape)
     q = q + 3e-4 * rng.normal(size=q.shape)
     channels = {f"{joint}_position": x for joint, x in zip(wrist.JOINTS, q.T, strict=True)}
@@ -78,3 +80,16 @@ def test_the_verdict_suggests_friction_and_names_the_hand_and_is_content_without
     assert not any("--drive" in finding.text or "carried" in finding.text for finding in estimate.findings)
     assert estimate.disagreement < 1.5
     assert set(estimate.to_dict()["friction"]) == set(wrist.JOINTS)
+
+
+def test_friction_that_is_more_at_low_velocity_is_suggested_where_there_is_some():
+    recording = log(friction=1.0, slow=0.4, seconds=10.0, rate=40.0)
+    found = ident.identify(arm(), recording, drive=FRICTION, setup=dict.fromkeys(PRIORS, 0.0)).findings
+    (told,) = [finding for finding in found if "It is likely and was not fitted" in finding.text]
+    assert told.text.endswith("--drive viscous coulomb stribeck.") and not told.doubt
+
+
+def test_a_reversal_that_a_low_pass_smears_is_not_taken_for_it():
+    recording = log(friction=1.0, seconds=10.0, rate=50.0)
+    found = ident.identify(arm(), recording, drive=FRICTION, estimator="weighted", cutoff=10.0).findings
+    assert not any("--drive" in finding.text for finding in found)
