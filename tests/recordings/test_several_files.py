@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from guesses.odd_logs import arm, recording
-from written_formats import DEG, write_csv, write_mot
+from written_formats import DEG, write_c3d, write_csv, write_mot
 
 from ident.errors import LogError
 from ident.recordings.log import read_log, read_log_pieces
@@ -172,3 +172,14 @@ def test_holes_need_gaps_and_faults_name_the_file(tmp_path):
     broken = {**forces(), "ground_fx": np.full(len(forces()["time"]), 1e300)}
     with pytest.raises(LogError, match=r"wrench\.csv row 2, column 'ground_fx' needs numbers below"):
         read_log(pair(tmp_path, second=broken), arm())
+
+
+def test_points_of_a_c3d_file_go_with_forces_of_another(tmp_path):
+    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    pair(tmp_path)
+    points = {name: x[:, None] * [1, 0, 0] for name, x in angles().items() if name != "time"}
+    write_c3d(tmp_path / "trial.c3d", 100.0, points, angles=tuple(points))
+    mapping = mapped(tmp_path, '[joints]\njoint1.position = "joint1.x"\njoint2.position = "joint2.x"\n')
+    log = read_log(f"{tmp_path}/trial.c3d+{tmp_path}/wrench.csv", arm(), mapping)
+    np.testing.assert_allclose(log.streams["joint1_position"].values, angles()["joint1"], atol=1e-5)
+    np.testing.assert_allclose(log.streams["ground_force"].time, forces()["time"])

@@ -25,16 +25,17 @@ applied_to_link = true
 
 @pytest.fixture
 def files(tmp_path):
-    """The arm with a tool whose mass is wrong, and a log with columns of its own."""
-    model, log, columns = (tmp_path / name for name in ("arm.xml", "run.csv", "columns.toml"))
+    """The arm with a tool whose mass is wrong, and a log in two files with columns of their own."""
+    model, log, felt, columns = (tmp_path / name for name in ("arm.xml", "run.csv", "felt.csv", "columns.toml"))
     model.write_text(wrist.model(tool={**wrist.TOOL, "mass": 0.25}), encoding="utf-8")
     recording = wrist.log(seconds=8.0)
-    cells = [recording.time, *(recording[f"{joint}_position"] for joint in wrist.JOINTS)]
-    cells += [*recording["wrist_force"].T, *recording["wrist_torque"].T]
-    header = ",".join(["time", *wrist.JOINTS, "fx", "fy", "fz", "tx", "ty", "tz"])
-    np.savetxt(log, np.stack(cells, axis=1), delimiter=",", header=header, comments="")
+    angles = [recording[f"{joint}_position"] for joint in wrist.JOINTS]
+    wrench = [*recording["wrist_force"].T, *recording["wrist_torque"].T]
+    for path, names, cells in ((log, wrist.JOINTS, angles), (felt, ("fx", "fy", "fz", "tx", "ty", "tz"), wrench)):
+        table = np.stack([recording.time, *cells], axis=1)
+        np.savetxt(path, table, delimiter=",", header=",".join(["time", *names]), comments="")
     columns.write_text(COLUMNS, encoding="utf-8")
-    return [str(model), str(log), "--body", "tool", "--sensor", "wrist", "--columns", str(columns)]
+    return [str(model), f"{log}+{felt}", "--body", "tool", "--sensor", "wrist", "--columns", str(columns)]
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -69,7 +70,8 @@ def test_a_payload_comes_out_in_every_form(files, tmp_path, capsys):
     np.testing.assert_allclose(column_by_column[4:], [xx, xy, xz, xy, yy, yz, xz, yz, zz], rtol=1e-5)
 
     (log,) = json.loads((out / "provenance.json").read_text(encoding="utf-8"))["recording"]["logs"]
-    assert log["file"] == "run.csv" and len(log["sha256"]) == 64 and log["samples"] == 800
+    assert [(each["file"], len(each["sha256"])) for each in log["files"]] == [("run.csv", 64), ("felt.csv", 64)]
+    assert log["samples"] == 800
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "set_target_payload" in page and "&lt;inertial" in page
 
