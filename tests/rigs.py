@@ -22,12 +22,12 @@ COULOMB = np.array([0.9, 1.1, 0.7, 0.8, 0.5, 0.35, 0.3])
 
 
 @cache
-def moved(seconds, rate, seed=0, stands=0.0):
+def moved(seconds, rate, seed=0, stands=-1.0):
     """Times, angles, velocities, and torques without hand and friction along the motion of `wrist.motion` (N, 7).
 
     Args:
         seconds: How long; `rate` in Hz, and `seed` of the motion.
-        stands: How long of that the arm stands at last, having slowed down in a second, s.
+        stands: How long of that the arm stands at last, having slowed down in a second, s; -1 if it goes on.
     """
     t, step = np.arange(round(seconds * rate)) / rate, 1e-4
     behind, at, ahead = (_until(t + dt, seconds - stands) for dt in (-step, 0, step))

@@ -43,8 +43,8 @@ def _files(log: Path) -> tuple[Path, ...]:
 
 
 def _resolved(log: Path) -> tuple[Path, ...]:
-    """The files of a log, so that it is known again."""
-    return tuple(file.resolve() for file in _files(log))
+    """The files of a log in whatever order, so that it is known again."""
+    return tuple(sorted(file.resolve() for file in _files(log)))
 
 
 def _judges(args: argparse.Namespace) -> list[Path]:
@@ -76,10 +76,10 @@ def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]
 
 
 def _told(path: Path) -> dict[str, Any]:
-    """Name and SHA-256 sum of a file; of a log in several files, or of a bag's folder, those of each."""
-    files = sorted(path.iterdir()) if path.is_dir() else _files(path)
+    """Name and SHA-256 sum of a file; of a log in several files, and of a bag's folder, those of each."""
+    files = sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else _files(path)
     sums = [{"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} for file in files]
-    return sums[0] if files == (path,) else {"file": path.name, "files": sums}
+    return {"files": sums} if path.is_dir() or len(sums) > 1 else sums[0]
 
 
 def _text(value: Any) -> Any:

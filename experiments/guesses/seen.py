@@ -15,7 +15,7 @@ from ident.recordings.files import TEXT, has_several_clocks, read_clocks, read_t
 from ident.recordings.mapping import ColumnMapping
 from ident.recordings.npz import LIMIT
 from ident.recordings.sampled import GAP, Sampled, interpolated
-from ident.recordings.several_files import files_of, read_files
+from ident.recordings.several_files import files_of, name_of, read_files
 from ident.recordings.table import TRUE, Table, is_number
 
 OWN_TIMES = Clock("time", "s", "the file knows its times")
@@ -215,5 +215,5 @@ def check_same_columns(first: Seen, others: Sequence[Path], used: set[str], limi
         if lacking := sorted(used - {*another.names, *(clock.column for clock in another.clocks)}):
             raise LogError(
                 f"{path}: one mapping serves logs of the same columns, and here is no {', '.join(lacking)} as in "
-                f"{first.path.name}; map it by a run of its own."
+                f"{name_of(first.path)}; map it by a run of its own."
             )

@@ -10,6 +10,7 @@ from experiments.guesses.orientations import BASE
 from experiments.guesses.seen import Seen
 from experiments.guesses.wrenches import is_doubtful
 from ident.recordings.csv_file import Layout
+from ident.recordings.several_files import name_of
 
 ORDER = (
     *("frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
@@ -26,7 +27,9 @@ def toml_text(seen: Seen, belief: Belief, joints: Sequence[str]) -> str:
         belief: What is believed of it.
         joints: The mechanism's joints.
     """
-    lines = [f"# Columns of {_printable(seen.path.name)}, guessed: correct what is wrong. Lines marked ? are guesses."]
+    lines = [
+        f"# Columns of {_printable(name_of(seen.path))}, guessed: correct what is wrong. Lines marked ? are guesses."
+    ]
     lines += [f"# Open: {_printable(sentence)}" for sentence in belief.open]
     lines += [f"# Note: {_printable(sentence)}" for sentence in belief.notes]
     lines += [*_times(seen), *_layouts(seen)]

@@ -17,6 +17,7 @@ from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.diagnosis import amplitude_spectrum
 from ident.parameters.base_parameters import separating_sensors
+from ident.recordings.several_files import name_of
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
@@ -284,7 +285,7 @@ def write(result: Estimate, folder: Path, model: Path, logs: Sequence[Path], pro
         folder,
         {"": shown},
         formats,
-        title=f"{model.name}, identified from {', '.join(log.name for log in logs)}",
+        title=f"{model.name}, identified from {', '.join(map(name_of, logs))}",
         verdict=result.verdict(),
         findings=[finding.text for finding in result.findings],
         lines=data_lines(result),

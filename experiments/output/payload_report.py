@@ -14,6 +14,7 @@ from experiments.output.results import Results
 from ident.geometry.inertia import symmetric
 from ident.payload.payload import Payload
 from ident.payload.rigid_body import QUANTITIES, RigidBody
+from ident.recordings.several_files import name_of
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
@@ -184,7 +185,7 @@ class PayloadReport:
             folder,
             {"": shown},
             formats,
-            title=f"Payload of {model.name}, identified from {', '.join(log.name for log in logs)}",
+            title=f"Payload of {model.name}, identified from {', '.join(map(name_of, logs))}",
             verdict=payload.verdict(),
             findings=[finding.text for finding in payload.findings],
             lines=self.lines(),

@@ -32,6 +32,11 @@ def files_of(log: Path) -> tuple[Path, ...]:
     return (*files, Path(name)) if name or not files else tuple(files)
 
 
+def name_of(log: Path) -> str:
+    """What a log is called, without folders."""
+    return "+".join(file.name for file in files_of(log))
+
+
 def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> list[Table]:
     """Tables of several files, each with a column `time` in s.
 
