@@ -25,7 +25,7 @@ from experiments.output import figures
 from experiments.runs import workers
 from ident.errors import InputError
 
-from .corpus import LOGS, MODELS, PAIR, write_corpus
+from .corpus import LOGS, MODELS, PAIR, STREAMED, write_corpus
 from .damage import NAMES, Rng, any_of, damaged
 from .here import Here
 
@@ -217,7 +217,7 @@ class _Maker:
         """Arguments of `stream`."""
         name, number = any_of(self.rng, list(MODELS)), int(any_of(self.rng, (1, 1, 2)))
         files = [self.file("model", any_of(self.rng, MODELS[name]))]
-        files += [self.log(name) for _ in range(number)]
+        files += [self.file("log", f"{name}.{any_of(self.rng, STREAMED)}") for _ in range(number)]
         right = {"--base": ["base"], "--contact": ["contact"], "--piece": ["7", "50", "100000"]}
         wrong = {
             "--base": ["link1", "link2", "$", ""],

@@ -55,8 +55,13 @@ MODELS = {"plain": ("plain.xml", "arm.urdf"), "pad": ("pad.xml",)}
 FORMATS = {"parquet": "pyarrow", "c3d": "ezc3d"}
 """Formats that need a package of an extra."""
 
-LOGS = ("csv", "npz", "pair", "mot", "sto", "trc", "mat", *(end for end, name in FORMATS.items() if find_spec(name)))
-"""What logs end in; a pair is angles in one file and forces in another."""
+OFTEN = ("csv", "npz", "pair", "mot")
+
+LOGS = (*OFTEN, *OFTEN, "sto", "trc", "mat", *(end for end, package in FORMATS.items() if find_spec(package)))
+"""What logs end in, some more often than others; a pair is angles in one file and forces in another."""
+
+STREAMED = tuple(ending for ending in LOGS if ending != "pair")
+"""What recordings end in that are read piece by piece."""
 
 PAIR = "{}-angles.mot", "{}-forces.csv"
 """Names of the files of a pair."""
@@ -81,7 +86,8 @@ def _write_others(folder: Path, name: str, recording: Recording) -> None:
     joints = {joint: recording[f"{joint}_position"] for joint in ("joint1", "joint2")}
     wrenches = {key: recording[key] for key in recording.measured if recording[key].shape[1:] == (3,)}
     time = {"time": recording.time}
-    angles = time | {f"{joint}_position": x for joint, x in joints.items()}
+    kinds = ("position", "velocity", "acceleration")
+    angles = time | {key: recording[key] for key in (f"{joint}_{kind}" for joint in joints for kind in kinds)}
     forces = {f"{key}.{axis}": x[:, k] for key, x in wrenches.items() for k, axis in enumerate("xyz")}
     for ending in ("mot", "sto"):
         write_mot(folder / f"{name}.{ending}", angles | forces, degrees="no")
