@@ -28,6 +28,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import joined
 from ident.parameters.prior import KNOWN, known_covariance
 from ident.recordings.recording import Recording
+from ident.recordings.wrench import GROUND
 from ident.tolerances import HOLDOUT
 
 ESTIMATORS = ("joint", "weighted", "ordinary")
@@ -180,6 +181,12 @@ class _Divided:
         return self.fitted[0][0].equations
 
     @property
+    def held(self) -> bool:
+        """Whether something holds the base, measured or not, beside the contacts."""
+        first = self.fitted[0][0].recording
+        return GROUND in first.wrenches or not first.wrenches
+
+    @property
     def samples(self) -> Samples:
         """All samples to fit."""
         return _joined([log.samples[log.taken(part)] for log, part in self.fitted])
@@ -227,6 +234,10 @@ def _joint(
         raise poor
     known = prior if wanted or poor else None
     with_offsets = separable(equations.with_offsets(range(len(equations.channels))), samples)
+    if not divided.held:
+        # Where all wrenches together come to zero, a constant one is weight.
+        components = len(equations.channels) - len(equations.torques)
+        with_offsets = equations.with_offsets([k for k in with_offsets.offsets if k >= components])
     suspicious = any(_grossly_wrong(log) for log, _ in divided.fitted)
     columns = with_offsets if offsets else equations
     estimate = partial(joint_estimate, divided.fitted, columns, search=not suspicious, **options)
