@@ -8,13 +8,13 @@ Noise is white from sample to sample, and joint states are accurate.
 """
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from experiments.studies.excitation import Problem
 from ident.errors import ModelError
 from ident.mechanism.motion import Motion
-from ident.model.regressor import CHUNK
 from ident.parameters.prior import known_deviations
-from sim.motion.excitation_design import Cost
+from sim.motion.excitation_design import Cost, States
 
 INVISIBLE = 1e-14
 """Eigenvalues of the information below this fraction of the largest are rounding."""
@@ -68,7 +68,7 @@ def quality(problem: Problem, motion: Motion) -> dict[str, float]:
     s = np.linalg.svd(columns, compute_uv=False)
     relative = {}
     if problem.mechanism.prior is not None:
-        (logarithm,) = _relative_deviation((weighted.T @ weighted)[None], known_root(problem))
+        logarithm, _ = _relative_deviation(weighted.T @ weighted, known_root(problem))
         relative = {"geometric_mean_of_relative_deviations": float(np.exp(logarithm))}
     return {
         "condition_number": _ratio(s),
@@ -80,7 +80,7 @@ def quality(problem: Problem, motion: Motion) -> dict[str, float]:
 
 
 def cost(problem: Problem, criterion: str, samples: int) -> Cost:
-    """What a criterion of `defaults.CRITERIA` makes small, as a logarithm.
+    """What a criterion of `defaults.CRITERIA` makes small, as a logarithm, with its derivatives by a motion.
 
     Args:
         problem: What is to be excited.
@@ -98,39 +98,45 @@ def cost(problem: Problem, criterion: str, samples: int) -> Cost:
     W = problem.whitening if criterion != "condition" else np.eye(len(problem.whitening))
     L = known_root(problem) if criterion == "deviations" else None
 
-    def logarithm(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        M = samples / q.shape[1] * _information(problem, W, q, dq, ddq)
-        if L is not None:
-            return _relative_deviation(M, L)
-        s = np.linalg.eigvalsh(M)
-        s = np.log(np.maximum(s, INVISIBLE * s[:, -1:]))
-        return -np.mean(s, axis=1) / 2 if criterion == "determinant" else (s[:, -1] - s[:, 0]) / 2
+    def logarithm(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[float, States]:
+        # Columns first, as the regressor has them in memory.
+        Y = W @ problem.regressor(q, dq, ddq).T
+        columns, each = Y.reshape(len(Y), -1), samples / len(q)
+        M = each * columns @ columns.T
+        value, by_M = _eigenvalues(M, criterion) if L is None else _relative_deviation(M, L)
+        # M is quadratic in Y: δf = Σ by_M · δM = 2 Σ (W Y by_M) · W δY.
+        adjoints = W.T @ (2 * each * by_M @ columns).reshape(Y.shape)
+        return value, problem.pulled_back(Motion(q, dq, ddq), adjoints.T)
 
     return logarithm
 
 
-def _information(problem: Problem, W: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-    """Information `Σ (W Y_b)ᵀ W Y_b` of P motions of G samples: arrays (P, G, n) give (P, r, r)."""
-    out = np.empty((len(q), problem.parameters.rank, problem.parameters.rank))
-    at_once = max(1, CHUNK // q.shape[1])
-    for start in range(0, len(q), at_once):
-        part = slice(start, start + at_once)
-        Y = W @ problem.regressor(*(x[part].reshape(-1, x.shape[2]) for x in (q, dq, ddq)))
-        rows = Y.reshape(len(q[part]), -1, Y.shape[2])
-        out[part] = np.swapaxes(rows, 1, 2) @ rows
-    return out
+def _eigenvalues(M: np.ndarray, criterion: str) -> tuple[float, np.ndarray]:
+    """Logarithm of det M to the power of -1/2r, or of the root of its condition number, and the derivative by M."""
+    s, V = np.linalg.eigh(M)
+    weights = np.full(len(s), -1 / len(s)) / 2
+    if criterion == "condition":
+        weights = np.zeros(len(s))
+        weights[[0, -1]] = weights[[0, -1]] + [-0.5, 0.5]
+    visible = s > INVISIBLE * s[-1]
+    by_s = weights * visible / np.where(visible, s, 1)
+    # The others count as a fraction of the largest.
+    by_s[-1] += weights[~visible].sum() / s[-1]
+    return float(weights @ np.log(np.where(visible, s, INVISIBLE * s[-1]))), (V * by_s) @ V.T
 
 
-def _relative_deviation(M: np.ndarray, L: np.ndarray) -> np.ndarray:
-    """Logarithm of the geometric mean of √(diag (M + P⁻¹)⁻¹ / diag P), of each information (k, r, r) -> (k,).
+def _relative_deviation(M: np.ndarray, L: np.ndarray) -> tuple[float, np.ndarray]:
+    """Logarithm of the geometric mean of √(diag (M + P⁻¹)⁻¹ / diag P), and its derivative by the information M (r, r).
 
-    P = Lᵀ L may be singular: (M + P⁻¹)⁻¹ = Lᵀ (1 + L M Lᵀ)⁻¹ L.
+    P = Lᵀ L may be singular: (M + P⁻¹)⁻¹ = Lᵀ A⁻¹ L with A = 1 + L M Lᵀ, and a variance v = lᵀ A⁻¹ l with l a column of
+    L changes by -lᵀ A⁻¹ L δM Lᵀ A⁻¹ l.
     """
-    eigenvalues, V = np.linalg.eigh(np.eye(len(L)) + L @ M @ L.T)
     known = np.linalg.norm(L, axis=0)
-    relative = np.swapaxes(V, 1, 2) @ (L[:, known > 0] / known[known > 0])
-    variances = np.sum(relative**2 / np.maximum(eigenvalues, 1)[:, :, None], axis=1)
-    return np.log(variances).mean(axis=1) / 2
+    columns = L[:, known > 0] / known[known > 0]
+    solved = cho_solve(cho_factor(np.eye(len(L)) + L @ M @ L.T), columns)
+    variances = np.sum(columns * solved, axis=0)
+    left = L.T @ solved
+    return float(np.log(variances).mean()) / 2, -(left / variances) @ left.T / (2 * len(variances))
 
 
 def _ratio(singular_values: np.ndarray) -> float:

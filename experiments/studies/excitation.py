@@ -1,7 +1,7 @@
 """Which motion of a mechanism tells most about its base parameters: the problem, and the best motion of many."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -11,7 +11,9 @@ from tqdm import tqdm
 from experiments.cli.defaults import NOISE
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
+from ident.model.pullback import pulled_back
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 from ident.parameters.structure import Sensors
@@ -20,7 +22,7 @@ from sim.models.mechanism import mujoco_origin
 from sim.models.mujoco_model import base_motion, gravity_of, mechanism_bodies, rest_coordinates
 from sim.models.names import joint_name
 from sim.motion.collisions import Collisions
-from sim.motion.excitation_design import Cost, Limits, design, random_start, scaled_into
+from sim.motion.excitation_design import Cost, Limits, States, design, random_start, scaled_into
 from sim.motion.fourier import FourierTrajectory
 from sim.simulation.sensors import ONE_DOF, torque_noise, wrench_whitening
 
@@ -53,7 +55,13 @@ class Problem:
     def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Base regressor Y_b of N samples (N, rows, r)."""
         function = base_wrench_regressor if self.sensors == "wrench" else joint_torque_regressor
-        return self.parameters.reduce(function(self.mechanism.tree, q, dq, ddq, gravity=self.mechanism.gravity))
+        tree, gravity = self.mechanism.tree, self.mechanism.gravity
+        return function(tree, q, dq, ddq, gravity=gravity, columns=self.parameters.kept)
+
+    def pulled_back(self, motion: Motion, adjoints: np.ndarray) -> States:
+        """Derivatives by a motion of what has these derivatives by its base regressor (N, rows, r)."""
+        torques = self.sensors == "torque"
+        return pulled_back(self.mechanism, motion, self.parameters.kept, adjoints, torques=torques)
 
 
 def problem(
@@ -134,6 +142,8 @@ def best(
 ) -> FourierTrajectory:
     """The best of what is found from several starts; progress goes to stderr.
 
+    A way around collisions is looked for where the motion with them is better than the best without any so far.
+
     Args:
         value: What to make small.
         limits: Joint limits.
@@ -148,7 +158,8 @@ def best(
         check_starts(collisions, starts, limits)
     found: list[tuple[float, FourierTrajectory]] = []
     for start in tqdm(starts, desc="Starts", file=sys.stderr):
-        trajectory = design(value, limits, start, collisions=collisions, iterations=iterations)
+        best_yet = min((cost for cost, _ in found), default=np.inf)
+        trajectory = design(value, limits, start, collisions=collisions, iterations=iterations, below=best_yet)
         if trajectory is not None:
             found.append((_value_of(value, trajectory), trajectory))
     if not found and collisions is not None:
@@ -156,9 +167,8 @@ def best(
     return min(found, key=lambda pair: pair[0])[1]
 
 
-def _value_of(value: Callable[..., np.ndarray], trajectory: FourierTrajectory) -> float:
-    time = np.linspace(0, trajectory.duration, 401)
-    return float(value(*(x[None] for x in trajectory.states(time)))[0])
+def _value_of(value: Cost, trajectory: FourierTrajectory) -> float:
+    return value(*trajectory.states(np.linspace(0, trajectory.duration, 401)))[0]
 
 
 def _collision(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> str:

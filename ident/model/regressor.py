@@ -136,7 +136,7 @@ def _regressor(
     flat = memory.reshape(len(wanted) * rows, samples)
     if samples < FEW:
         for k, x in enumerate(program_inputs(motion, gravity).T):
-            flat[:, k] = _one_sample(tree, gravity, wanted, x, torques)
+            flat[:, k] = one_sample(tree, gravity, wanted, x, torques)
         return memory.transpose(2, 1, 0)
     program = regressor_program(mechanism, wanted, moving=motion.base is not None, torques=torques)
     if out is not None:
@@ -183,10 +183,10 @@ def regressor_program(mechanism: Mechanism, columns: Sequence[int], *, moving: b
 @lru_cache(maxsize=64)
 def _recorded(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], moving: bool, torques: bool) -> Program:
     tape = Tape(_freedoms(tree)[-1] + (9 if moving else 0))
-    return Program.of(tape, _one_sample(tree, np.array(gravity), columns, np.array(tape.inputs), torques).tolist())
+    return Program.of(tape, one_sample(tree, np.array(gravity), columns, np.array(tape.inputs), torques).tolist())
 
 
-def _one_sample(
+def one_sample(
     tree: Tree, gravity: np.ndarray, columns: tuple[int, ...], inputs: np.ndarray, torques: bool
 ) -> np.ndarray:
     """The requested columns, one after the other, from one sample of `program_inputs`: numbers or signals."""

@@ -2,12 +2,32 @@
 
 import copy
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from sim.models.names import body_name, id_of
 from sim.models.refusals import refusals
+
+
+class _Contacts(NamedTuple):
+    """Contacts of a posture.
+
+    Attributes:
+        geoms: Ids of the two geoms (k, 2).
+        distances: Distances, m (k,).
+        places: Where they are in the world, m (k, 3).
+        normals: Directions from the first geom to the second (k, 3).
+    """
+
+    geoms: np.ndarray
+    distances: np.ndarray
+    places: np.ndarray
+    normals: np.ndarray
+
+
+NONE = _Contacts(np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 class Collisions:
@@ -34,10 +54,8 @@ class Collisions:
         self._model = copy.deepcopy(model)
         self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self._data = mujoco.MjData(self._model)
-        self._columns = model.jnt_qposadr[ids]
-        self._carrier = _carriers(model, ids)
-        self._body = model.geom_bodyid
-        self._pedestal, self._stands_on = _pedestals(model)
+        self._columns, self._freedoms = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
+        self._body, self._apart = model.geom_bodyid, _apart(model, ids)
         self.clearance = clearance
 
     def depth(self, q: np.ndarray, clearance: float | None = None) -> np.ndarray:
@@ -51,9 +69,34 @@ class Collisions:
             Zero where nothing touches (N,).
         """
         clearance = self.clearance if clearance is None else clearance
-        self._model.geom_margin[:] = clearance
-        self._model.pair_margin[:] = clearance
-        return np.array([np.sum(clearance - self._contacts(posture, clearance)[1]) for posture in q])
+        return np.array([np.sum(clearance - self._contacts(posture, clearance).distances) for posture in q])
+
+    def penalty_and_slope(self, q: np.ndarray, clearance: float) -> tuple[np.ndarray, np.ndarray]:
+        """What is smooth and zero where nothing touches, `Σ (clearance - distance)²/clearance`, m, and its derivatives.
+
+        A distance grows by the velocity of the second geom's nearest point against the first's along their normal.
+
+        Args:
+            q: Positions of the moving joints, rad or m (N, n).
+            clearance: The clearance, m.
+
+        Returns:
+            Penalty (N,), and derivatives by the positions (N, n).
+        """
+        penalty, slope = np.zeros(len(q)), np.zeros(q.shape)
+        first, second = np.zeros((2, 3, self._model.nv))
+        for sample, posture in enumerate(q):
+            contacts = self._contacts(posture, clearance)
+            if not len(contacts.geoms):
+                continue
+            depths, bodies = clearance - contacts.distances, self._body[contacts.geoms]
+            penalty[sample] = np.sum(depths**2) / clearance
+            mujoco.mj_comPos(self._model, self._data)
+            for depth, (a, b), place, normal in zip(depths, bodies, contacts.places, contacts.normals, strict=True):
+                mujoco.mj_jac(self._model, self._data, first, None, place, a)
+                mujoco.mj_jac(self._model, self._data, second, None, place, b)
+                slope[sample] += 2 * depth / clearance * (normal @ (first - second))[self._freedoms]
+        return penalty, slope
 
     def touching(self, q: np.ndarray) -> dict[tuple[str, str], int]:
         """Pairs of bodies that come closer than the clearance, each with the first sample at which they do.
@@ -63,28 +106,24 @@ class Collisions:
         """
         found: dict[tuple[str, str], int] = {}
         for sample in np.flatnonzero(self.depth(q)):
-            geoms, _ = self._contacts(q[sample], self.clearance)
+            geoms = self._contacts(q[sample], self.clearance).geoms
             for a, b in np.sort(self._body[geoms], axis=1):
                 found.setdefault((body_name(self._model, a), body_name(self._model, b)), int(sample))
         return found
 
-    def _contacts(self, posture: np.ndarray, clearance: float) -> tuple[np.ndarray, np.ndarray]:
-        """Geoms (k, 2) and distances (k,) of the contacts that count."""
+    def _contacts(self, posture: np.ndarray, clearance: float) -> _Contacts:
+        """The contacts that count."""
+        self._model.geom_margin[:] = clearance
+        self._model.pair_margin[:] = clearance
         self._data.qpos[self._columns] = posture
         with refusals("The model"):
             mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_collision(self._model, self._data)
-        geoms, distance = self._data.contact.geom.reshape(-1, 2), self._data.contact.dist
-        a, b = self._body[geoms].T
-        counts = (distance < clearance) & self._apart(a, b)
-        return geoms[counts], distance[counts]
-
-    def _apart(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Whether a moving joint lies between bodies and neither is the pedestal of the other (k,)."""
-        apart = self._carrier[a] != self._carrier[b]
-        for moving, still in ((a, b), (b, a)):
-            apart &= (self._pedestal[still] == 0) | (self._stands_on[moving] != self._pedestal[still])
-        return apart
+        if not self._data.ncon:
+            return NONE
+        contact = self._data.contact
+        counts = (contact.dist < clearance) & self._apart[tuple(self._body[contact.geom].T)]
+        return _Contacts(*(x[counts] for x in (contact.geom, contact.dist, contact.pos, contact.frame[:, :3])))
 
     def pairs(self) -> int:
         """How many pairs of geoms are watched; zero where a model has no geoms that can collide."""
@@ -99,8 +138,15 @@ class Collisions:
         if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
             related[:] = False
         excluded = np.isin((np.minimum(a, b) << 16) + np.maximum(a, b), model.exclude_signature)
-        declared = self._apart(self._body[model.pair_geom1], self._body[model.pair_geom2])
-        return int(np.sum(match & ~related & ~excluded & self._apart(a, b)) + np.sum(declared))
+        declared = self._apart[self._body[model.pair_geom1], self._body[model.pair_geom2]]
+        return int(np.sum(match & ~related & ~excluded & self._apart[a, b]) + np.sum(declared))
+
+
+def _apart(model: mujoco.MjModel, joints: Sequence[int]) -> np.ndarray:
+    """Whether a moving joint lies between bodies and neither is the pedestal of the other (nbody, nbody)."""
+    carrier, (pedestal, stands_on) = _carriers(model, joints), _pedestals(model)
+    on_pedestal = (pedestal != 0) & (stands_on[:, None] == pedestal)
+    return (carrier[:, None] != carrier) & ~on_pedestal & ~on_pedestal.T
 
 
 def _carriers(model: mujoco.MjModel, joints: Sequence[int]) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The search for motions that excite well, inside joint limits and free of collisions.
 
-minimise    cost(q, q̇, q̈) + w · mean depth of collisions        over center and coefficients of a Fourier series
+minimise    cost(q, q̇, q̈) + w · mean penalty of collisions      over center and coefficients of a Fourier series
 subject to  low ≤ q ≤ high,  |q̇| ≤ velocity,  |q̈| ≤ acceleration,  linear in both
 """
 
@@ -9,15 +9,18 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from scipy.optimize import minimize
 
 from ident.errors import InputError
 from ident.tolerances import HUGE
 from sim.motion.collisions import Collisions
 from sim.motion.fourier import FourierTrajectory, basis
+from sim.motion.interior_point import minimum
 
-Cost: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""What to make small: from q, q̇ and q̈ of P candidate motions (P, G, n) to P numbers."""
+States: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""q, q̇ and q̈ of a motion, or something for each of their numbers (G, n)."""
+
+Cost: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[float, States]]
+"""What to make small: from q, q̇ and q̈ of a motion (G, n) to a number and its derivatives by them."""
 
 PER_PERIOD = 12
 """Samples for each period of the fastest harmonic during the search."""
@@ -29,10 +32,13 @@ FEWEST_SAMPLES = 100
 """Samples of a motion during the search, at least."""
 
 PENALTIES = (10.0, 100.0, 1000.0)
-"""Costs of running 1 m into something all the time, tried in turn until nothing touches."""
+"""Weights of the collisions' penalty, 1/m, tried in turn until nothing touches."""
 
-STEP = 1e-6
-"""Step of the finite differences, as a fraction of the limits."""
+FINER = 3
+"""Times at which limits are kept during the search, for each time at which its cost is taken."""
+
+INSIDE = 0.9
+"""Part of a start's distance from the middle of all limits that a search, which leads along them, begins with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +129,9 @@ def design(
     *,
     collisions: Collisions | None = None,
     iterations: int = 100,
+    below: float = np.inf,
 ) -> FourierTrajectory | None:
-    """The best motion that sequential quadratic programming finds from a start.
+    """The best motion that an interior-point method finds from a start.
 
     Limits are linear in the coefficients and hold all along; collisions are penalised only if the best motion without
     regard to them has some, then at twice the clearance.
@@ -135,6 +142,7 @@ def design(
         start: Where to begin; its duration and number of harmonics stay.
         collisions: What must not touch; by default nothing is checked.
         iterations: Iterations at most, each time.
+        below: Cost that a motion which collides needs to be below, for a way around to be looked for.
 
     Returns:
         A motion strictly inside the limits, or None if all that was found collides.
@@ -144,6 +152,8 @@ def design(
     for weight in PENALTIES:
         if collisions is None or not search.collides(found):
             return found
+        if not search.value_and_gradient(search.variables(found), 0.0)[0] < below:
+            return None
         found = search.run(found, weight, iterations)
     return None if search.collides(found) else found
 
@@ -155,88 +165,52 @@ class _Search:
         self, cost: Cost, limits: Limits, duration: float, harmonics: int, collisions: Collisions | None
     ) -> None:
         self.cost, self.limits, self.duration, self.collisions = cost, limits, duration, collisions
-        samples = max(FEWEST_SAMPLES, PER_PERIOD * harmonics)
-        B = basis(duration, harmonics, np.arange(samples) * duration / samples)
-        n, width = len(limits.low), B.shape[2] + 1
-        self.shape = n, width
-        # q - middle, q̇ and q̈ of joint j are maps[:, :, j] @ x[j].
-        self.maps = np.zeros((3, samples, n, width))
-        self.maps[0, :, :, 0] = limits.half_range
-        self.maps[:, :, :, 1:] = B[:, :, None, :] * limits.velocity[:, None]
+        self.samples = max(FEWEST_SAMPLES, PER_PERIOD * harmonics)
+        # q - middle, q̇ and q̈ of joint j are maps[:, j] @ x[j].
+        self.maps = self._maps(harmonics, self.samples)
         scale = np.stack([limits.half_range, limits.velocity, limits.acceleration])
-        blocks = np.zeros((3, samples, n, n, width))
-        blocks[:, :, range(n), range(n)] = self.maps / scale[:, None, :, None]
-        rows = blocks.reshape(-1, n * width)
-        self.rows = np.vstack([rows, -rows])
+        fractions = self._maps(harmonics, FINER * self.samples) / scale[:, :, None, None]
+        self.rows = np.concatenate(list(fractions), axis=1)
+
+    def _maps(self, harmonics: int, samples: int) -> np.ndarray:
+        """What takes the variables of each joint to its states (3, n, samples, w)."""
+        B = basis(self.duration, harmonics, np.arange(samples) * self.duration / samples)
+        maps = np.zeros((3, len(self.limits.low), samples, B.shape[2] + 1))
+        maps[0, :, :, 0] = self.limits.half_range[:, None]
+        maps[..., 1:] = B[:, None] * self.limits.velocity[:, None, None]
+        return maps
 
     def run(self, start: FourierTrajectory, weight: float, iterations: int) -> FourierTrajectory:
         """The better one of a start and what is found from it."""
-        x = np.column_stack(
-            [
-                (start.center - self.limits.middle) / self.limits.half_range,
-                start.coefficients / self.limits.velocity[:, None],
-            ]
-        ).ravel()
-        inside = {"type": "ineq", "fun": lambda x: 1 - self.rows @ x, "jac": lambda x: -self.rows}
-        result = minimize(
-            self.value_and_gradient,
-            x,
-            args=(weight,),
-            jac=True,
-            method="SLSQP",
-            constraints=inside,
-            options={"maxiter": iterations},
-        )
-        candidates = [start]
-        if np.isfinite(result.x).all():
-            candidates.insert(0, scaled_into(self.trajectory(result.x), self.limits))
-        return min(candidates, key=lambda found: self.value(found, weight))
+        x = minimum(lambda x: self.value_and_gradient(x, weight), INSIDE * self.variables(start), self.rows, iterations)
+        candidates = [scaled_into(self.trajectory(x), self.limits), start]
+        return min(candidates, key=lambda found: self.value_and_gradient(self.variables(found), weight)[0])
+
+    def variables(self, motion: FourierTrajectory) -> np.ndarray:
+        """The scaled variables of a motion (n, w)."""
+        center = (motion.center - self.limits.middle) / self.limits.half_range
+        return np.column_stack([center, motion.coefficients / self.limits.velocity[:, None]])
 
     def trajectory(self, x: np.ndarray) -> FourierTrajectory:
         """The motion of scaled variables."""
-        x = x.reshape(self.shape)
-        limits = self.limits
-        center = limits.middle + limits.half_range * x[:, 0]
-        return FourierTrajectory(self.duration, center, x[:, 1:] * limits.velocity[:, None])
-
-    def value(self, found: FourierTrajectory, weight: float) -> float:
-        """Cost and penalty of a motion, on the search's samples."""
-        samples = self.maps.shape[1]
-        states = found.states(np.arange(samples) * self.duration / samples)
-        value = float(self.cost(*(state[None] for state in states))[0])
-        return value + weight * self.depths(states[0]).mean() if weight else value
+        center = self.limits.middle + self.limits.half_range * x[:, 0]
+        return FourierTrajectory(self.duration, center, x[:, 1:] * self.limits.velocity[:, None])
 
     def value_and_gradient(self, x: np.ndarray, weight: float) -> tuple[float, np.ndarray]:
-        """Cost and penalty, differentiated by differences: the cost in x, the penalty in the joints' positions."""
-        candidates = np.vstack([x, x + STEP * np.eye(len(x))]).reshape(-1, *self.shape)
-        q, dq, ddq = np.einsum("dgjw,pjw->dpgj", self.maps, candidates, optimize=True)
-        q += self.limits.middle
-        values = self.cost(q, dq, ddq)
-        value, gradient = float(values[0]), (values[1:] - values[0]) / STEP
+        """Cost and penalty of a motion in scaled variables (n, w), and their derivatives by them."""
+        q, dq, ddq = np.swapaxes((self.maps @ x[:, :, None])[..., 0], 1, 2)
+        q = q + self.limits.middle
+        value, derivatives = self.cost(q, dq, ddq)
+        by_states = np.stack(derivatives)
         if weight:
-            depth, slope = self.depth_and_slope(q[0])
-            value += weight * depth
-            gradient += weight * np.einsum("gj,gjw->jw", slope, self.maps[0]).ravel()
-        return value, gradient
-
-    def depths(self, q: np.ndarray) -> np.ndarray:
-        """Depths of collisions at twice the clearance, m (G,)."""
-        assert self.collisions is not None
-        return self.collisions.depth(q, 2 * self.collisions.clearance)
-
-    def depth_and_slope(self, q: np.ndarray) -> tuple[float, np.ndarray]:
-        """Mean depth of collisions, m, and its derivatives by the positions (G, n)."""
-        depth, slope = self.depths(q), np.zeros_like(q)
-        touching = np.flatnonzero(depth)
-        for j, half_range in enumerate(self.limits.half_range):
-            step = np.zeros(q.shape[1])
-            step[j] = STEP * half_range
-            both = [self.depths(q[touching] + sign * step) for sign in (1, -1)]
-            slope[touching, j] = (both[0] - both[1]) / (2 * step[j])
-        return float(depth.mean()), slope / len(q)
+            assert self.collisions is not None
+            penalty, slope = self.collisions.penalty_and_slope(q, 2 * self.collisions.clearance)
+            value += weight * float(penalty.mean())
+            by_states[0] += weight / len(q) * slope
+        return value, np.einsum("dgj,djgw->jw", by_states, self.maps, optimize=True)
 
     def collides(self, found: FourierTrajectory) -> bool:
         """Whether a motion comes closer than the clearance anywhere, finely sampled."""
         assert self.collisions is not None
-        time = np.linspace(0, self.duration, 4 * self.maps.shape[1] + 1)
+        time = np.linspace(0, self.duration, 4 * self.samples + 1)
         return bool(self.collisions.depth(found.states(time)[0]).any())

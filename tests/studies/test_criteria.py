@@ -78,16 +78,16 @@ def test_what_is_known_counts_as_one_more_measurement(pendulum):
     left = np.sqrt(np.diag(np.linalg.inv(M + np.linalg.inv(L.T @ L))))
     found = criteria.quality(pendulum, PAPERS)["geometric_mean_of_relative_deviations"]
     assert found == pytest.approx(criteria.geometric_mean(left / known), rel=1e-6)
-    value = criteria.cost(pendulum, "deviations", len(TIME))(*(x[None] for x in PAPERS.states))
-    assert np.exp(value) == pytest.approx([found], rel=1e-9)
+    value, _ = criteria.cost(pendulum, "deviations", len(TIME))(*PAPERS.states)
+    assert np.exp(value) == pytest.approx(found, rel=1e-9)
     # With some samples left out those that stay stand for all.
-    half = criteria.cost(pendulum, "deviations", len(TIME))(*(x[None, ::2] for x in PAPERS.states))
+    half, _ = criteria.cost(pendulum, "deviations", len(TIME))(*(x[::2] for x in PAPERS.states))
     assert half == pytest.approx(value, abs=0.01)
 
 
 def test_what_cannot_be_seen_stays_as_known(pendulum):
     value = criteria.cost(pendulum, "deviations", 100)
-    resting = np.exp(value(*(x[None] for x in RESTING.states))[0])
+    resting = np.exp(value(*RESTING.states)[0])
     assert 0.1 < resting < 1
     quiet = replace(pendulum, whitening=1e-9 * pendulum.whitening)
     assert criteria.quality(quiet, PAPERS)["geometric_mean_of_relative_deviations"] == pytest.approx(1)
@@ -96,8 +96,8 @@ def test_what_cannot_be_seen_stays_as_known(pendulum):
 
 def test_designs_by_deviations_beat_those_by_the_condition_number(pendulum):
     limits = Limits(PAPERS.q.min(axis=0), PAPERS.q.max(axis=0), abs(PAPERS.dq).max(axis=0), abs(PAPERS.ddq).max(axis=0))
-    # These few reach what the command finds with its 24, which from 7 of 8 seeds is better by 16.5 to 17.5 %.
-    starts = excitation.start_motions(limits, np.zeros(2), TIME[-1], 5, 8, seed=1)
+    # As many as the command has; few of the starts lead to the best motion.
+    starts = excitation.start_motions(limits, np.zeros(2), TIME[-1], 5, 24, seed=0)
     deviations = {}
     for criterion in ("deviations", "condition"):
         value = criteria.cost(pendulum, criterion, len(TIME))

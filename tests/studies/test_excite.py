@@ -129,13 +129,51 @@ def test_the_searchs_gradient_is_that_of_its_value(arm, criterion):
     collisions = Collisions(model, problem.joints, 0.05)
     limits = Limits([2.0, 2.0], [2.9, 3.0], [1.0, 1.0], [3.0, 3.0])
     search = _Search(criteria.cost(problem, criterion, 501), limits, 5.0, 3, collisions)
-    x = 0.2 * np.random.default_rng(0).normal(size=search.shape[0] * search.shape[1])
-    assert search.depths(search.trajectory(x).states(np.linspace(0, 5, 50))[0]).any()
-    value, gradient = search.value_and_gradient(x, 100.0)
-    assert value == pytest.approx(search.value(search.trajectory(x), 100.0))
-    direction, h = np.random.default_rng(1).normal(size=len(x)), 1e-5
-    values = [search.value(search.trajectory(x + sign * h * direction), 100.0) for sign in (1, -1)]
-    assert gradient @ direction == pytest.approx((values[0] - values[1]) / (2 * h), rel=1e-3)
+    x = 0.2 * np.random.default_rng(0).normal(size=(2, 5))
+    q, _, _ = search.trajectory(x).states(np.linspace(0, 5, 50))
+    assert collisions.depth(q).any()
+    _, gradient = search.value_and_gradient(x, 100.0)
+    direction, h = np.random.default_rng(1).normal(size=x.shape), 1e-6
+    up, down = (search.value_and_gradient(x + sign * h * direction, 100.0)[0] for sign in (1, -1))
+    assert np.sum(gradient * direction) == pytest.approx((up - down) / (2 * h), rel=1e-5)
+
+
+@pytest.mark.parametrize("criterion", defaults.CRITERIA)
+@pytest.mark.parametrize("samples", [40, 3])
+def test_a_criterions_derivatives_are_its_differences(arm, criterion, samples):
+    """Of few samples some combinations are not seen."""
+    problem = arm_problem(mujoco.MjModel.from_xml_path(str(arm)))
+    cost = criteria.cost(problem, criterion, 501)
+    rng = np.random.default_rng(samples)
+    states, directions = rng.normal(size=(2, 3, samples, 2))
+    _, derivatives = cost(*states)
+    up, down = (cost(*(states + sign * 1e-6 * directions))[0] for sign in (1, -1))
+    assert np.sum(np.stack(derivatives) * directions) == pytest.approx((up - down) / 2e-6, rel=1e-3, abs=1e-6)
+
+
+def test_the_penalty_of_collisions_has_the_slope_of_its_differences(arm):
+    """Arms of spheres and capsules, whose nearest points move smoothly, also beside joints that rest."""
+    model = mujoco.MjModel.from_xml_path(str(arm))
+    rng = np.random.default_rng(0)
+    for joints in (JOINTS, JOINTS[1:]):
+        collisions = Collisions(model, joints, 0.01)
+        q = rng.uniform(2.0, 3.0, size=(20, len(joints)))
+        penalty, slope = collisions.penalty_and_slope(q, 0.05)
+        assert (penalty > 0).sum() > 5
+        np.testing.assert_array_equal(penalty > 0, collisions.depth(q, 0.05) > 0)
+        for j, step in enumerate(1e-7 * np.eye(len(joints))):
+            up, down = (collisions.penalty_and_slope(q + sign * step, 0.05)[0] for sign in (1, -1))
+            np.testing.assert_allclose(slope[:, j], (up - down) / 2e-7, rtol=1e-4, atol=1e-5)
+
+
+def test_no_way_around_is_looked_for_where_even_a_collision_does_not_help(arm):
+    model = mujoco.MjModel.from_xml_path(str(arm))
+    cost = criteria.cost(arm_problem(model), "determinant", 601)
+    limits = Limits([-0.5, 2.9], [0.5, 3.0], [1.0, 1.0], [3.0, 3.0])
+    start = random_start(limits, 6.0, 4, np.random.default_rng(0))
+    collisions = Collisions(model, JOINTS, 0.01)
+    assert collisions.depth(start.states(np.linspace(0, 6, 100))[0]).all()
+    assert design(cost, limits, start, collisions=collisions, iterations=5, below=-np.inf) is None
 
 
 def test_collisions_are_found_and_named(arm):

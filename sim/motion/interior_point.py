@@ -1,0 +1,132 @@
+"""A minimum of a smooth function inside linear limits, each of which binds the variables of one block alone.
+
+minimise    f(x)        subject to  |A_j x_j| ≤ 1  for every block j
+
+by a primal-dual interior-point method. With slacks s± = 1 ∓ A x, multipliers λ± and falling weights μ of the barrier,
+steps p solve
+
+    (B + Σ) p = -∇φ,     φ = f - μ Σ log s⁺ s⁻,     Σ_j = A_jᵀ (λ⁺/s⁺ + λ⁻/s⁻) A_j,     then λ± = (μ ± λ± A p)/s±
+
+where B approximates ∇²f by damped BFGS updates (Nocedal and Wright, *Numerical Optimization*, 2006, procedure 18.2 and
+chapter 19, doi:10.1007/978-0-387-40065-5). Time grows linearly with the number of limits.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+Function = Callable[[np.ndarray], tuple[float, np.ndarray]]
+"""Value of f at a point (n, w), and its gradient there."""
+
+BARRIERS = (2.0, 0.2, 0.02, 0.002)
+"""Weights of the barrier, μ times the number of rows, in the unit of f: the barrier costs less than twice the last."""
+
+SETTLED = 0.005
+"""Part of such a weight below which the decrease that another step promises is left to the next one."""
+
+TOWARDS = 0.99
+"""Part of the way to the nearest limit that a step may go."""
+
+PROMISED, HALVINGS = 1e-4, 12
+"""Part of the promised decrease that a step has to keep, and how often it is halved to do so."""
+
+KEPT = 1e3
+"""Factor by which multipliers may differ from μ/s, where the barrier alone would have them."""
+
+SIGNS = np.array([1.0, -1.0])[:, None, None]
+"""Of upper and lower limits."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A visited point x (n, w): value and gradient of f, and the slacks s± (2, n, m)."""
+
+    x: np.ndarray
+    value: float
+    gradient: np.ndarray
+    slacks: np.ndarray
+
+    def barred(self, weight: float) -> float:
+        """The value with the barrier, φ."""
+        return self.value - weight * float(np.log(self.slacks).sum())
+
+
+def minimum(function: Function, start: np.ndarray, limits: np.ndarray, iterations: int) -> np.ndarray:
+    """The minimum that is found from a start.
+
+    Args:
+        function: f and its gradient.
+        start: Where to begin, strictly inside the limits (n, w).
+        limits: Rows A_j of n blocks (n, m, w).
+        iterations: Steps at most.
+
+    Returns:
+        The point of least value of those visited (n, w).
+    """
+    here = best = _Point(start, *function(start), 1 - SIGNS * _times(limits, start))
+    number, (barrier, *later) = limits[:, :, 0].size, BARRIERS
+    curvature, multipliers = np.eye(start.size), barrier / number / here.slacks
+    for _ in range(iterations):
+        step, slope, multipliers = _step(here, curvature, multipliers, limits, barrier / number)
+        there = None
+        if -slope > SETTLED * barrier:
+            there = _descended(function, here, step, slope, limits, barrier / number)
+        if there is not None:
+            curvature = _updated(curvature, (there.x - here.x).ravel(), (there.gradient - here.gradient).ravel())
+            here, best = there, min(best, there, key=lambda point: point.value)
+        elif later:
+            barrier = later.pop(0)
+        else:
+            break
+    return best.x
+
+
+def _step(
+    here: _Point, curvature: np.ndarray, multipliers: np.ndarray, limits: np.ndarray, weight: float
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """A step p (n, w), the slope of φ along it, and the multipliers after it (2, n, m)."""
+    n, _, w = limits.shape
+    central = weight / here.slacks
+    multipliers = np.clip(multipliers, central / KEPT, central * KEPT)
+    gradient = here.gradient + _times(np.swapaxes(limits, 1, 2), central[0] - central[1])
+    matrix = curvature.reshape(n, w, n, w).copy()
+    stiffness = (multipliers / here.slacks).sum(axis=0)
+    matrix[range(n), :, range(n)] += np.swapaxes(limits, 1, 2) @ (stiffness[:, :, None] * limits)
+    step = -cho_solve(cho_factor(matrix.reshape(n * w, -1)), gradient.ravel()).reshape(n, w)
+    after = (weight + SIGNS * multipliers * _times(limits, step)) / here.slacks
+    return step, float(np.sum(gradient * step)), after
+
+
+def _descended(
+    function: Function, here: _Point, step: np.ndarray, slope: float, limits: np.ndarray, weight: float
+) -> _Point | None:
+    """The first point on the way that is inside and keeps what the slope promises, None if there is none."""
+    loss = SIGNS * _times(limits, step)
+    length = min(1.0, TOWARDS / float((loss / here.slacks).max()))
+    before = here.barred(weight)
+    for _ in range(HALVINGS):
+        x = here.x + length * step
+        there = _Point(x, *function(x), here.slacks - length * loss)
+        if there.barred(weight) <= before + PROMISED * length * slope:
+            return there
+        length /= 2
+    return None
+
+
+def _updated(B: np.ndarray, s: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The approximate second derivative after a step s that changed the gradient by y, positive definite as before."""
+    if np.array_equal(B, np.eye(len(B))) and s @ y > 0:
+        B = B * (s @ y) / (s @ s)
+    Bs = B @ s
+    expected, seen = s @ Bs, s @ y
+    if seen < 0.2 * expected:
+        part = 0.8 * expected / (expected - seen)
+        y = part * y + (1 - part) * Bs
+    return np.asarray(B - np.outer(Bs, Bs) / expected + np.outer(y, y) / (s @ y))
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Each block's matrix (n, m, w) times its vector (n, w)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])

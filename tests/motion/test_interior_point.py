@@ -1,0 +1,67 @@
+"""Minima inside limits are those that another method finds."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from sim.motion.interior_point import minimum
+
+
+def convex(rng, n, w):
+    """A quadratic function plus one of fourth order, and its gradient, of points (n, w)."""
+    root, pull = rng.normal(size=(n * w, n * w)), 5 * rng.normal(size=n * w)
+
+    def function(x):
+        flat = x.ravel()
+        value = np.sum((root @ flat) ** 2) / 2 + np.sum(flat**4) / 4 - pull @ flat
+        return float(value), (root.T @ root @ flat + flat**3 - pull).reshape(x.shape)
+
+    return function
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
+    rng = np.random.default_rng(seed)
+    n, m, w = 3, 12, 4
+    function, limits = convex(rng, n, w), rng.normal(size=(n, m, w))
+    visited = []
+
+    def watched(x):
+        visited.append(abs(np.einsum("nmw,nw->nm", limits, x)).max())
+        return function(x)
+
+    found = minimum(watched, np.zeros((n, w)), limits, 400)
+    rows = np.zeros((n, m, n, w))
+    rows[range(n), :, range(n)] = limits
+    rows = rows.reshape(n * m, n * w)
+    rows = np.vstack([rows, -rows])
+    theirs = minimize(
+        lambda x: function(x.reshape(n, w))[0],
+        np.zeros(n * w),
+        jac=lambda x: function(x.reshape(n, w))[1].ravel(),
+        method="SLSQP",
+        constraints={"type": "ineq", "fun": lambda x: 1 - rows @ x, "jac": lambda x: -rows},
+        options={"maxiter": 500, "ftol": 1e-12},
+    )
+    assert max(visited) < 1
+    # The barrier's last weight bounds what it costs, and this is what is left of it.
+    assert -1e-9 < function(found)[0] - theirs.fun < 0.004
+    assert abs(limits @ found[:, :, None]).max() > 0.99
+
+
+def test_a_minimum_that_no_limit_binds_is_found():
+    target = np.array([[0.3, -0.2], [0.1, 0.0]])
+    limits = np.tile(np.eye(2), (2, 1, 1))
+    found = minimum(lambda x: (float(np.sum((x - target) ** 2)), 2 * (x - target)), np.zeros((2, 2)), limits, 100)
+    np.testing.assert_allclose(found, target, atol=1e-2)
+    assert not minimum(lambda x: (0.0, np.zeros_like(x)), np.zeros((2, 2)), limits, 50).any()
+
+
+def test_the_best_point_visited_is_kept_where_the_function_has_no_end():
+    """Outside the small part that steps may take, values that are no numbers are not accepted."""
+
+    def function(x):
+        return (float(-x.sum()), -np.ones_like(x)) if x.sum() < 0.5 else (np.nan, np.full_like(x, np.nan))
+
+    found = minimum(function, np.zeros((1, 2)), np.eye(2)[None], 50)
+    assert 0 < found.sum() < 0.5
