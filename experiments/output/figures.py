@@ -11,6 +11,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -110,12 +111,18 @@ def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> Non
     """Writes `folder/name.FORMAT` for every format, byte-identical for identical figures."""
     with paper_style():
         # The layout is solved once; solved again for every file it would depend on the files before.
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)
+            figure.set_layout_engine("none")
+        dpi = mpl.rcParams["savefig.dpi"]
         for extension in formats:
-            # Drawn in memory: where writing fails, matplotlib's backends raise errors that do not tell of the disk.
+            # Figure.savefig would draw every file twice, in case the layout were still to be solved. Drawn in memory:
+            # where writing fails, matplotlib's backends raise errors that do not tell of the disk.
             drawn = io.BytesIO()
-            figure.savefig(drawn, format=extension, metadata=_STABLE_METADATA[extension])
+            # Backends of vectors leave 72 behind.
+            figure.dpi = dpi
+            canvas = get_registered_canvas_class(extension)(figure)
+            getattr(canvas, f"print_{extension}")(drawn, metadata=_STABLE_METADATA[extension])
             (folder / f"{name}.{extension}").write_bytes(drawn.getvalue())
 
 
