@@ -2,18 +2,19 @@
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 
-import scenes
 from experiments import mechanism, misaligned, multicontact
 from experiments.cli import options
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs every study with its defaults, into folders of their own."""
-    from experiments.output import contacts_report, tilted_axes_report
+    from experiments.output import study_report
     from experiments.output.index import write_index
     from experiments.output.results import Results
     from experiments.studies import mechanism as drawn
+    from experiments.studies.study_entries import packaged
     from experiments.studies.trials import FILE
 
     # The page embeds the figures as PNG.
@@ -22,14 +23,14 @@ def run(args: argparse.Namespace) -> None:
     trials += ["--joint-trials", str(args.joint_trials)]
     trials += ["--scheduler", args.scheduler] if args.scheduler else []
     trials += ["--tls", *args.tls] if args.tls else []
-    studies: tuple[tuple[str, Callable[[argparse.Namespace], Results], options.MakeParser, list[str]], ...] = (
-        ("mechanism", drawn.run, mechanism.parser, []),
-        ("misaligned", tilted_axes_report.run, misaligned.parser, trials),
-        ("multicontact", contacts_report.run, multicontact.parser, trials),
-        ("several_contacts", contacts_report.run, multicontact.parser, [*trials, "--contact", *scenes.CONTACTS]),
-    )
+    studies: dict[str, tuple[Callable[[argparse.Namespace], Results], options.MakeParser, list[str]]] = {
+        "mechanism": (drawn.run, mechanism.parser, [])
+    }
+    for name in ("misaligned", "multicontact", "several_contacts"):
+        make_parser = misaligned.parser if name == "misaligned" else multicontact.parser
+        studies[name] = partial(study_report.run, file=packaged(name)), make_parser, trials
     results = {}
-    for folder, study, make_parser, more in studies:
+    for folder, (study, make_parser, more) in studies.items():
         out = args.out / folder
         # A study that the interrupted run had not reached starts from the beginning.
         resume = ["--resume"] if more and args.resume and (out / FILE).exists() else []

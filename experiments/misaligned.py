@@ -3,22 +3,20 @@
 import argparse
 
 from experiments.cli import options
-from experiments.cli.defaults import AZIMUTH_DEG
-from experiments.studies import paper
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    from experiments.output import tilted_axes_report
+    from experiments.output import study_report
+    from experiments.studies.study_entries import packaged
 
-    tilted_axes_report.run(args)
+    study_report.run(args, packaged("misaligned"))
 
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.study_parser("misaligned", __doc__)
-    out.add_argument("--tilt-deg", type=float, default=paper.TILT_DEG, help="angle of both joint axes from X")
-    out.add_argument("--azimuth-deg", type=float, default=AZIMUTH_DEG, help="direction of the tilt, from +Y to +Z")
+    options.add_tilt(out)
     return out
 
 

@@ -2,27 +2,22 @@
 
 import argparse
 
-import scenes
 from experiments.cli import options
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    from experiments.output import contacts_report
+    from experiments.output import study_report
+    from experiments.studies.study_entries import packaged
 
-    contacts_report.run(args)
+    chosen = {"contact": " ".join(args.contact)} if args.contact else {}
+    study_report.run(args, packaged("multicontact", **chosen))
 
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.study_parser("multicontact", __doc__)
-    out.add_argument(
-        "--contact",
-        nargs="+",
-        choices=scenes.CONTACTS,
-        default=["pad"],
-        help="what touches the second link; of both at the same time the pad does, and the handle holds the first",
-    )
+    options.add_contact(out)
     return out
 
 

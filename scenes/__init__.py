@@ -2,7 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from math import radians
 from typing import TYPE_CHECKING
@@ -47,19 +47,28 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
     if name not in VARIED and (tilt_deg or azimuth_deg or contact is not None):
         raise InputError(f"The scene '{name}' has neither tilt nor contact to choose; {', '.join(VARIED)} has.")
     cells = {} if contact is None else load_cells(contact)
+    root = _mjcf(name)
+    hinges = [joint.get("name", "") for joint in root.iter("joint") if joint.get("name")]
+    _touch(root, cells)
+    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+    return tilted(spec, hinges, tilt_deg, azimuth_deg)
+
+
+def tilted(spec: "mujoco.MjSpec", joints: Sequence[str], tilt_deg: float, azimuth_deg: float) -> "mujoco.MjSpec":
+    """The specification itself, the axes of some of its joints turned as `load` says.
+
+    Raises:
+        InputError: The angles make no sense.
+    """
     if not (-360 <= azimuth_deg <= 360 and 0 <= tilt_deg < 90):
         raise InputError(
             f"A tilt needs an angle from 0° to below 90° and an azimuth of at most 360°, got {tilt_deg:.6g}° towards "
             f"{azimuth_deg:.6g}°."
         )
-    root = _mjcf(name)
-    hinges = [joint.get("name") for joint in root.iter("joint") if joint.get("name")]
-    _touch(root, cells)
-    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
     if tilt_deg:
         turn = _tilt(radians(tilt_deg), radians(azimuth_deg))
-        for hinge in hinges:
-            spec.joint(hinge).axis = turn @ spec.joint(hinge).axis
+        for joint in joints:
+            spec.joint(joint).axis = turn @ spec.joint(joint).axis
     return spec
 
 

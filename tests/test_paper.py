@@ -7,9 +7,10 @@ import pytest
 from mechanisms import double_pendulum, tilted_axis
 
 import scenes
-from experiments.output import tilted_axes_report
-from experiments.studies import paper, tilted_axes
+from experiments.output import study_report
+from experiments.studies import paper
 from experiments.studies.fitting import fit
+from experiments.studies.simulated import study as study_of
 from ident.geometry.inertia import pseudo_inertia
 from ident.parameters.base_parameters import find_base_parameters
 from sim.models.mechanism import mechanism
@@ -21,12 +22,12 @@ SEEDS = (0, 1, 2)
 
 @pytest.fixture(scope="module", params=SEEDS)
 def study(request):
-    return tilted_axes.study(seed=request.param)
+    return study_of("misaligned", seed=request.param)
 
 
 @pytest.fixture(scope="module")
 def noise_free():
-    return tilted_axes.study(noise_scale=0)
+    return study_of("misaligned", noise_scale=0)
 
 
 def error(fit, name):
@@ -34,22 +35,26 @@ def error(fit, name):
 
 
 def test_condition_numbers_and_shapes(study):
-    assert study.simplified.estimate.condition_number == pytest.approx(38.1, rel=0.05)
-    assert study.full.estimate.condition_number == pytest.approx(334.2, rel=0.05)
-    assert (study.simplified.estimate.rows, study.simplified.base.rank) == paper.SHAPE_SIMPLIFIED == (943 * 5, 13)
-    assert (study.full.estimate.rows, study.full.base.rank) == paper.SHAPE_FULL == (943 * 6, 13)
+    assert study.fit("simplified").estimate.condition_number == pytest.approx(38.1, rel=0.05)
+    assert study.fit("full").estimate.condition_number == pytest.approx(334.2, rel=0.05)
+    assert (
+        (study.fit("simplified").estimate.rows, study.fit("simplified").base.rank)
+        == paper.SHAPE_SIMPLIFIED
+        == (943 * 5, 13)
+    )
+    assert (study.fit("full").estimate.rows, study.fit("full").base.rank) == paper.SHAPE_FULL == (943 * 6, 13)
 
 
 def test_a_larger_condition_number_is_only_a_choice_of_columns(study):
-    assert study.full_on_table.estimate.condition_number < 40
-    np.testing.assert_allclose(study.full_on_table.predicted, study.full.predicted, atol=1e-6)
+    assert study.fit("full_on_table").estimate.condition_number < 40
+    np.testing.assert_allclose(study.fit("full_on_table").predicted, study.fit("full").predicted, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
 def spread():
     """Errors of the simplified and of the full model over twelve seeds (12, 13), by parameter."""
-    found = [tilted_axes.study(seed=seed) for seed in range(12)]
-    errors = ([study.simplified.error for study in found], [study.full_on_table.error for study in found])
+    found = [study_of("misaligned", seed=seed) for seed in range(12)]
+    errors = ([study.fit("simplified").error for study in found], [study.fit("full_on_table").error for study in found])
     return tuple(dict(zip(paper.TABLE_3, np.transpose(e), strict=True)) for e in errors)
 
 
@@ -76,7 +81,7 @@ def test_five_of_the_eight_small_errors_have_the_opposite_sign(spread, noise_fre
         (published, _), errors = paper.TABLE_3[name], spread[0][name]
         assert abs(published) <= 0.10 and abs(errors.mean()) < 0.12 and abs(errors.mean() - published) < 0.17
         assert (errors.mean() * published < 0) == (name in OPPOSITE)
-        assert (error(noise_free.simplified, name) * published < 0) == (name in OPPOSITE)
+        assert (error(noise_free.fit("simplified"), name) * published < 0) == (name in OPPOSITE)
     # The sign of m2ry2 is one of noise; the others have theirs in every run.
     certain = {name for name in OPPOSITE if (spread[0][name] * paper.TABLE_3[name][0] < 0).all()}
     assert certain == {*OPPOSITE} - {"m2ry2"}
@@ -84,9 +89,9 @@ def test_five_of_the_eight_small_errors_have_the_opposite_sign(spread, noise_fre
 
 
 def test_the_full_model_is_right(study, spread):
-    assert study.full_on_table.base.names == tuple(paper.TABLE_3)
+    assert study.fit("full_on_table").base.names == tuple(paper.TABLE_3)
     for name in ("Ixy2", "Ixz2"):
-        assert abs(error(study.full_on_table, name)) * 100 <= abs(error(study.simplified, name))
+        assert abs(error(study.fit("full_on_table"), name)) * 100 <= abs(error(study.fit("simplified"), name))
     for name, errors in spread[1].items():
         assert abs(errors.mean()) < (0.06 if name == "Ixx2" else 0.015), name
         assert abs(errors).max() < (0.12 if name == "Ixx2" else 0.03), name
@@ -102,8 +107,8 @@ def test_the_papers_full_column_is_not_reproduced(spread):
 
 def test_no_common_error_of_the_axes_gives_the_papers_full_column(noise_free):
     # The pattern that the simplified model has, smaller: what tilts the recovered axes the same small way leaves.
-    known, names = tilted_axes.design(), tuple(paper.TABLE_3)
-    axis, step = tilted_axis(paper.TILT_DEG, tilted_axes.AZIMUTH_DEG), np.radians(0.5)
+    known, names = noise_free.known, tuple(paper.TABLE_3)
+    axis, step = tilted_axis(*(noise_free.file.options[name] for name in ("tilt_deg", "azimuth_deg"))), np.radians(0.5)
 
     def turned(shift):
         moved = axis + np.array([0, *shift])
@@ -125,7 +130,7 @@ def test_no_common_error_of_the_axes_gives_the_papers_full_column(noise_free):
 
 
 def test_errors_of_the_wrench_are_far_lower_in_three_channels_only(study):
-    errors = tilted_axes_report.summary(study)["wrench_errors"]
+    errors = study_report.summary(study)["wrench_errors"]
     gain = {channel: x["rms_simplified"] / x["rms_full"] for channel, x in errors.items()}
     assert all(28 < gain[channel] < 56 for channel in ("Fx", "τy", "τz"))
     assert all(0.99 < gain[channel] < 1.02 for channel in ("Fy", "Fz")) and 1.04 < gain["τx"] < 1.10
@@ -142,14 +147,14 @@ def test_the_axes_are_recovered_and_not_given(study):
 
 def test_without_noise_the_full_model_is_exact(noise_free):
     assert noise_free.axis_error.max() < 1e-9
-    assert abs(noise_free.full_on_table.error).max() < 1e-6
-    assert abs(noise_free.full.error).max() < 1e-6
+    assert abs(noise_free.fit("full_on_table").error).max() < 1e-6
+    assert abs(noise_free.fit("full").error).max() < 1e-6
 
 
 def test_the_wrong_axis_passes_the_usual_checks(noise_free):
     # Section VI.B: condition number and residual look fine although the parameters are wrong.
-    simplified = noise_free.simplified
-    assert simplified.estimate.condition_number < noise_free.full.estimate.condition_number
+    simplified = noise_free.fit("simplified")
+    assert simplified.estimate.condition_number < noise_free.fit("full").estimate.condition_number
     wrench = noise_free.recording.wrench("ground").values
     assert simplified.estimate.epsilon < 0.02 * np.linalg.norm(wrench)
     assert abs(simplified.error).max() > 1
@@ -176,7 +181,9 @@ def test_the_papers_robot_is_no_rigid_body(noise_free):
     # The physical scene differs from Table IV by parallel-axis terms only.
     differs = {
         name: true - paper.TABLE_4[name][0]
-        for name, true in zip(noise_free.simplified.base.names, noise_free.simplified.psi_true, strict=True)
+        for name, true in zip(
+            noise_free.fit("simplified").base.names, noise_free.fit("simplified").psi_true, strict=True
+        )
         if abs(true - paper.TABLE_4[name][0]) > 0.006
     }
     expected = {"Ixx2": 3.7 * 0.2**2, "Ixx3": 13.2939 * 0.2**2, "Ixz3": -13.2939 * 0.1 * 0.2}

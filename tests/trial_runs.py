@@ -15,11 +15,11 @@ import pytest
 from fuzz.here import Here
 
 from experiments import multicontact
-from experiments.cli.defaults import SCENE
 from experiments.studies import trials
-from experiments.studies.contacts import problem, study, trial
+from experiments.studies.simulated import Problem, study, trial
+from experiments.studies.study_entries import packaged
 
-ANALYSE = partial(trial, problem("pad"))
+ANALYSE = partial(trial, Problem.of(packaged("multicontact")), ("contact",))
 
 
 def arguments(tmp_path, *more):
@@ -28,8 +28,8 @@ def arguments(tmp_path, *more):
 
 def draw(tmp_path, *more, samples="200", contact="pad"):
     args = arguments(tmp_path, "--samples", samples, *more)
-    recording = study(samples=args.samples, seed=args.seed, contact=contact).recording
-    return trials.Draw.of(args, {"name": SCENE, "contact": contact}, recording)
+    made = study("multicontact", samples=args.samples, seed=args.seed or 0, contact=contact)
+    return trials.Draw.of(made.file, args.redraw, made.recording)
 
 
 def run(source, number, tmp_path, **more):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from experiments.studies import contacts, tilted_axes
+from experiments.studies import simulated
 from experiments.studies.fitting import JointTrial
 
 
@@ -13,6 +13,5 @@ def truth(mechanism, recording, base):
 
 def told(patched):
     """Tells the studies the truth while a monkeypatch lasts."""
-    for module in (contacts, tilted_axes):
-        for name in ("joint_fit", "joint_fit_if_determined"):
-            patched.setattr(module, name, truth)
+    for name in ("joint_fit", "joint_fit_if_determined"):
+        patched.setattr(simulated, name, truth)

@@ -23,6 +23,7 @@ from experiments import (
     payload,
     readme,
     stream,
+    study,
     sweep,
 )
 from experiments.cli import options
@@ -32,6 +33,7 @@ COMMANDS = {
     "mechanism": mechanism,
     "misaligned": misaligned,
     "multicontact": multicontact,
+    "study": study,
     "noise": noise,
     "human": human,
     "in_vivo": in_vivo,

@@ -16,9 +16,6 @@ REDRAWN = {
 JOINT_TRIALS = 100
 """Trials that the joint estimate is made of at most: enough to see a bias of half a standard deviation."""
 
-AZIMUTH_DEG = 120.0
-"""Direction of the tilt, which the paper does not print: the one that fits its Table III."""
-
 CRITERIA = {
     "deviations": "the smallest predicted standard deviations of the base parameters, relative to what the model knows",
     "determinant": "the largest determinant of the information, weighted by the sensors' noise",

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import scenes
 from experiments.cli.defaults import FORMATS, JOINT_TRIALS, REDRAWN
-from experiments.studies import paper
+from experiments.cli.print_options import add_print
 from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]
@@ -62,13 +63,31 @@ def output_parser(name: str, description: str | None) -> argparse.ArgumentParser
 def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Parser with the options of every simulated study; arguments as for `output_parser`."""
     parser = output_parser(name, description)
-    parser.add_argument("--seed", type=whole_number(0), default=0, help="seed of all noise")
-    parser.add_argument("--samples", type=whole_number(1), default=paper.SAMPLES, help="samples recorded at 100 Hz")
+    otherwise = "; by default the study file's"
+    parser.add_argument("--seed", type=whole_number(0), help=f"seed of all noise{otherwise}")
+    parser.add_argument("--samples", type=whole_number(1), help=f"samples recorded at 100 Hz{otherwise}")
     parser.add_argument(
-        "--noise-scale", type=float, default=1.0, help="factor on the scene's and the excitation's noise"
+        "--noise-scale", type=float, help=f"factor on the scene's and the excitation's noise{otherwise}"
     )
+    add_print(parser)
     add_trials(parser)
     return parser
+
+
+def add_tilt(parser: argparse.ArgumentParser) -> None:
+    """Adds how joint axes are tilted."""
+    parser.add_argument("--tilt-deg", type=float, help="angle of all joint axes from where they are drawn")
+    parser.add_argument("--azimuth-deg", type=float, help="direction of the tilt, from +Y to +Z")
+
+
+def add_contact(parser: argparse.ArgumentParser) -> None:
+    """Adds what touches the mechanism."""
+    parser.add_argument(
+        "--contact",
+        nargs="+",
+        choices=scenes.CONTACTS,
+        help="what touches the second link; of both at the same time the pad does, and the handle holds the first",
+    )
 
 
 def add_trials(parser: argparse.ArgumentParser) -> None:

@@ -2,18 +2,23 @@
 
 import io
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+from experiments.output import escape
+from ident.errors import InputError
 
 SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
 """Symbol and unit of the components of a wrench."""
@@ -24,11 +29,43 @@ PARAMETER = re.compile(r"\bm(\d+)(?:r([xyz])\1)?\b|\bI([xyz]{2})(\d+)\b")
 _STABLE_METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
+_AUTHORS: ContextVar[Any] = ContextVar("_AUTHORS", default=())
+"""Settings of an author's that go before the paper's."""
+
+
 @contextmanager
 def paper_style() -> Iterator[None]:
-    """The look of the paper's figures, for the duration of a block."""
+    """The look of the paper's figures, or what an author wants of it, for the duration of a block."""
     with as_file(files("experiments.output") / "paper.mplstyle") as path, mpl.rc_context(fname=path):
+        mpl.rcParams.update(_AUTHORS.get())
         yield
+
+
+@contextmanager
+def author_style(path: Path | None, width: float) -> Iterator[None]:
+    """Makes figures for the duration of a block a column wide, in inches, and as a style file of matplotlib's says.
+
+    Raises:
+        InputError: The file does not exist, or says what matplotlib does not know.
+    """
+    with paper_style():
+        given: Any = {"figure.figsize": [width, mpl.rcParams["figure.figsize"][1]]}
+    if path is not None:
+        try:
+            given |= mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
+        except (OSError, ValueError, KeyError) as error:
+            reason = f"'{error.args[0]}' is no setting" if isinstance(error, KeyError) else str(error)
+            raise InputError(f"--style needs a style file of matplotlib's, but '{path}': {reason}.") from None
+    before = _AUTHORS.set(given)
+    try:
+        yield
+    finally:
+        _AUTHORS.reset(before)
+
+
+def column_width() -> float:
+    """Width of a column in inches, within `paper_style`."""
+    return float(mpl.rcParams["figure.figsize"][0])
 
 
 @dataclass(frozen=True)
@@ -47,7 +84,7 @@ def wrench_panels(
     xlabel: str,
     *,
     symbol: str = "{}",
-    bottom: float | None = None,
+    lowest: float | None = None,
     shaded: Mapping[str, np.ndarray] | None = None,
 ) -> Figure:
     r"""Six panels, forces on the left and torques on the right, one curve in each for every wrench.
@@ -57,7 +94,7 @@ def wrench_panels(
         wrenches: For each legend entry a wrench `[F; τ]` (N, 6) and its line; later ones lie on top.
         xlabel: Label of the abscissa.
         symbol: Pattern of the ordinates' symbols in TeX, `|\Delta {}|` for errors.
-        bottom: Lower limit of the ordinates; by default the data's.
+        lowest: Share of a panel's largest value at which its logarithmic ordinate begins; by default it is linear.
         shaded: For each legend entry the samples where the background is grey (N,).
 
     Returns:
@@ -72,10 +109,12 @@ def wrench_panels(
                 ax.plot(x, wrench[:, component], label=label, **style)
             variable, unit = SYMBOLS[component]
             ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
-            _tidy(ax, x, bottom)
+            _tidy(ax, x)
+            if lowest is not None:
+                _logarithmic(ax, [wrench[:, component] for wrench, _ in wrenches.values()], lowest)
             for label, when in (shaded or {}).items():
-                sides = ax.get_xaxis_transform()
-                ax.fill_between(x, 0, 1, when, transform=sides, color="0.87", lw=0, zorder=0, label=label)
+                for k, (start, end) in enumerate(_spans(x, when)):
+                    ax.axvspan(start, end, color="0.87", lw=0, zorder=0, label=label if k == 0 else None)
         for ax in axes[-1]:
             ax.set_xlabel(xlabel, labelpad=2)
         figure.align_ylabels(axes)
@@ -87,13 +126,28 @@ def wrench_panels(
     return figure
 
 
-def _tidy(ax: Axes, x: np.ndarray, bottom: float | None) -> None:
+def _spans(x: np.ndarray, when: np.ndarray) -> np.ndarray:
+    """First and last abscissae of the episodes in which something holds (k, 2)."""
+    edges = np.flatnonzero(np.diff([False, *when, False]))
+    return np.stack([x[edges[::2]], x[edges[1::2] - 1]], axis=1)
+
+
+def _tidy(ax: Axes, x: np.ndarray) -> None:
     """Limits and few ticks for a panel over an abscissa."""
     ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
     ax.set_xlim(x[0], x[-1])
     widen_flat(ax)
-    ax.set_ylim(bottom=bottom)
+
+
+def _logarithmic(ax: Axes, curves: Sequence[np.ndarray], lowest: float) -> None:
+    """A logarithmic ordinate for curves of absolute values, where there is anything but zeros."""
+    largest = max(float(np.abs(curve).max()) for curve in curves)
+    if largest > 0:
+        ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(numticks=5))
+        ax.yaxis.set_minor_formatter(NullFormatter())
+        ax.set_ylim(lowest * largest, 1.5 * largest)
 
 
 def parameter_symbol(name: str) -> str:
@@ -105,6 +159,14 @@ def parameter_symbol(name: str) -> str:
     if axes:
         return f"$I_{{{axes},{inertia}}}$"
     return f"$m_{{{mass}}}$" if moment is None else f"$m_{{{mass}}}r_{{{moment},{mass}}}$"
+
+
+def named_symbol(name: str, bodies: Sequence[str]) -> str:
+    """A parameter's symbol with the name of its body, bodies numbered from 1, for labels in figures."""
+    match = PARAMETER.fullmatch(name)
+    number = int(match[1] or match[4]) if match else 0
+    body = f", {escape.label(bodies[number - 1])}" if 0 < number <= len(bodies) else ""
+    return f"{parameter_symbol(name)}{body}"
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
@@ -123,7 +185,17 @@ def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> Non
             figure.dpi = dpi
             canvas = get_registered_canvas_class(extension)(figure)
             getattr(canvas, f"print_{extension}")(drawn, metadata=_STABLE_METADATA[extension])
-            (folder / f"{name}.{extension}").write_bytes(drawn.getvalue())
+            content = drawn.getvalue()
+            (folder / f"{name}.{extension}").write_bytes(_rounded(content) if extension == "svg" else content)
+
+
+def _rounded(svg: bytes) -> bytes:
+    """A drawing with its paths in hundredths of a point, which halves it."""
+
+    def path(match: re.Match[bytes]) -> bytes:
+        return re.sub(rb"-?\d+\.\d{3,}", lambda number: b"%.2f" % float(number[0]), match[0])
+
+    return re.sub(rb' d="[^"]*"', path, svg)
 
 
 def widen_flat(ax: Axes) -> None:

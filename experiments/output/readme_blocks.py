@@ -8,15 +8,15 @@ from typing import Any
 
 from experiments.benchmark import sections, words
 from experiments.benchmark.figure import figure_benchmark
-from experiments.output import contacts_report, figures, report, tilted_axes_report
-from experiments.studies import contacts, tilted_axes
+from experiments.output import figures, report, study_figures, study_report, study_tables
+from experiments.studies.simulated import Study, study
 from ident.errors import InputError
 from ident.recordings.atomic import replacing
 
 
-def table_3(result: tilted_axes.Study) -> report.Table:
+def table_3(result: Study) -> report.Table:
     """Table III with our errors beside the paper's, by least squares and by the joint estimate."""
-    shown = tilted_axes_report.table_3(result)
+    shown = study_tables.table(result, "table_3")
     by_name = dict(zip(shown.columns, zip(*shown.rows, strict=True), strict=True))
     columns = {"parameter": by_name["parameter"]}
     for model in ("simplified", "full"):
@@ -28,11 +28,11 @@ def table_3(result: tilted_axes.Study) -> report.Table:
     return report.Table("", *report.columns(**columns), decimals=2)
 
 
-def table_wrench_errors(result: tilted_axes.Study) -> report.Table:
+def table_wrench_errors(result: Study) -> report.Table:
     """Errors of the recovered wrenches by channel, in brackets over what there is to recover."""
     rows = []
     for (channel, found), (_, unit) in zip(
-        tilted_axes_report.summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True
+        study_report.summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True
     ):
         shown = (f"{found[f'rms_{m}']:.2f} ({100 * found[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
         rows.append((f"{channel}, {unit}", found["true_std"], *shown))
@@ -40,9 +40,10 @@ def table_wrench_errors(result: tilted_axes.Study) -> report.Table:
     return report.Table("", columns, tuple(rows), decimals=2)
 
 
-def table_4(result: contacts.Study) -> report.Table:
+def table_4(result: Study) -> report.Table:
     """Table IV with our errors beside the paper's, by least squares and by the joint estimate."""
-    name, true_paper, true_scene, error, paper_error, joint, _ = zip(*contacts_report.table_4(result).rows, strict=True)
+    shown = study_tables.table(result, "table_4")
+    name, true_paper, true_scene, error, paper_error, joint, _ = zip(*shown.rows, strict=True)
     columns = {
         "parameter": name,
         "true, paper": true_paper,
@@ -51,9 +52,7 @@ def table_4(result: contacts.Study) -> report.Table:
         "error, ours": error,
         "error, joint": joint,
     }
-    footnote = contacts_report.FOOTNOTE
-    rows = report.columns(**columns)
-    return report.Table("", *rows, decimals=2, marked=contacts_report.DIFFERS, footnote=footnote)
+    return report.Table("", *report.columns(**columns), decimals=2, marked=shown.marked, footnote=shown.footnote)
 
 
 def benchmark_results(root: Path) -> dict[str, Any]:
@@ -87,7 +86,7 @@ def write(root: Path) -> None:
     if not ((root / "README.md").is_file() and docs.is_dir()):
         raise InputError(f"The root of a checkout has a README.md and a folder docs; '{root}' has not.")
     measured = benchmark_results(root)
-    tilted, touching = tilted_axes.study(), contacts.study()
+    tilted, touching = study("misaligned"), study("multicontact")
     tables = {
         "table 3": table_3(tilted).markdown(),
         "wrench errors": table_wrench_errors(tilted).markdown(),
@@ -96,7 +95,7 @@ def write(root: Path) -> None:
     _replace_blocks(docs / "study.md", tables)
     _replace_blocks(docs / "speed.md", {"benchmark": words.readme_block(measured)})
     with report.results_folder(docs) as folder:
-        figures.save(tilted_axes_report.figure_2(tilted), folder, "figure_2", ["png"])
+        figures.save(study_figures.figure(tilted, "figure_2"), folder, "figure_2", ["png"])
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
         report.write_json(folder / sections.FILE, measured)
 

@@ -13,13 +13,13 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
-from itertools import pairwise, product
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
-from experiments.output import escape
-from experiments.output.figures import PARAMETER, parameter_symbol
+from experiments.output import escape, print_table
+from experiments.output.layout import PAPER, Layout, body_of, unit_of
 from experiments.runs.signals import held_back
 from ident.errors import InputError
 from ident.recordings.atomic import PARTIAL, claimed, unwritten
@@ -32,12 +32,16 @@ class Table:
     """A table of results.
 
     Attributes:
-        title: Caption.
+        title: What it shows, for the screen and for pages.
         columns: Column names of the CSV file; everywhere else they are `heading`s.
         rows: Cells: texts, numbers, or None for an empty one.
         decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits.
         marked: First cells of the rows that get an asterisk, everywhere but in the CSV file.
         footnote: What the asterisk means.
+        caption: Caption in print, by default the title.
+        notes: What else a reader in print must know.
+        bodies: Names of the bodies that parameters in the first column belong to, by their numbers from 1.
+        units: Units of the rows, by default those of the parameters where there are bodies.
     """
 
     title: str
@@ -46,13 +50,21 @@ class Table:
     decimals: int = 3
     marked: frozenset[str] = frozenset()
     footnote: str = ""
+    caption: str = ""
+    notes: tuple[str, ...] = ()
+    bodies: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     def csv(self) -> str:
-        """Comma-separated values with full precision."""
+        """Comma-separated values with full precision; where bodies have names, a column says whose a parameter is."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(self.columns)
-        writer.writerows([["" if cell is None else cell for cell in row] for row in self.rows])
+        owners = [body_of(str(row[0]), self.bodies) for row in self.rows] if self.bodies else []
+        first, *more = self.columns
+        writer.writerow([first, *["body"] * bool(owners), *more])
+        for k, row in enumerate(self.rows):
+            cells = [row[0], *owners[k : k + 1], *row[1:]]
+            writer.writerow(["" if cell is None else cell for cell in cells])
         return out.getvalue()
 
     def markdown(self) -> str:
@@ -63,23 +75,16 @@ class Table:
         title = f"**{escape.markdown(self.title)}**\n\n" if self.title else ""
         return title + table + (f"\n\\* {escape.markdown(self.footnote)}\n" if self.footnote else "")
 
-    def tex(self) -> str:
-        """A LaTeX table over both columns of a page; it needs no packages."""
-        align = "".join("r" if numeric else "l" for numeric in self.numeric())
-        rows = [list(map(_tex_heading, self.headings())), *self.texts(_tex)]
-        head, *body = [f"{' & '.join(row)} \\\\\n" for row in rows]
-        note = f"\\par\\smallskip * {_tex(self.footnote)}\n" if self.footnote else ""
-        return (
-            f"\\begin{{table*}}\n\\caption{{{_tex(self.title)}}}\n\\centering\\footnotesize\n"
-            f"\\begin{{tabular}}{{{align}}}\n\\hline\n{head}\\hline\n{''.join(body)}\\hline\n\\end{{tabular}}\n"
-            f"{note}\\end{{table*}}\n"
-        )
+    def tex(self, label: str = "", layout: Layout = PAPER) -> str:
+        """A table as a journal prints it, with a label for references."""
+        return print_table.tex(self.shown(layout), label, layout)
 
     def text(self) -> str:
-        """Aligned columns for the terminal."""
-        lines = [self.headings(), *self.texts()]
+        """Aligned columns for the terminal, without those of units, which the title tells."""
+        kept = [k for k in range(len(self.headings())) if not (k == 1 and self._units())]
+        lines = [[line[k] for k in kept] for line in (self.headings(), *self.texts())]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        numeric = self.numeric()
+        numeric = [self.numeric()[k] for k in kept]
         rows = (
             "  ".join(c.rjust(w) if n else c.ljust(w) for c, w, n in zip(row, widths, numeric, strict=True))
             for row in lines
@@ -87,22 +92,46 @@ class Table:
         note = [f"* {self.footnote}"] if self.footnote else []
         return "\n".join([self.title, *(row.rstrip() for row in rows), *note, ""])
 
-    def write(self, folder: Path, name: str) -> None:
+    def write(self, folder: Path, name: str, layout: Layout = PAPER) -> None:
         """Writes `name.csv`, `name.md` and `name.tex` into a folder."""
-        for suffix, content in (("csv", self.csv()), ("md", self.markdown()), ("tex", self.tex())):
+        for suffix, content in (("csv", self.csv()), ("md", self.markdown()), ("tex", self.tex(name, layout))):
             (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
 
+    def shown(self, layout: Layout) -> "Table":
+        """The table with those parameters alone that an author wants."""
+        if not self.bodies:
+            return self
+        kept = [k for k, row in enumerate(self.rows) if layout.shows(str(row[0]), self.bodies)]
+        units = tuple(self.units[k] for k in kept) if self.units else ()
+        return replace(self, rows=tuple(self.rows[k] for k in kept), units=units)
+
     def headings(self) -> list[str]:
-        """Column names in words."""
-        return [heading(name) for name in self.columns]
+        """Column names in words, with one for the units of the rows."""
+        first, *more = map(heading, self.columns)
+        return [first, *["unit"] * bool(self._units()), *more]
 
     def texts(self, escaped: Callable[[str], str] = str) -> list[list[str]]:
         """Rows for readers, their cells written by `escaped`."""
-        return [[self._text(cell, escaped) for cell in row] for row in self.rows]
+        units, rows = self._units(), []
+        for k, (first, *more) in enumerate(self.rows):
+            cells = [self._text(cell, escaped) for cell in more]
+            rows.append([self._name(first, escaped), *map(escaped, units[k : k + 1]), *cells])
+        return rows
 
     def numeric(self) -> list[bool]:
         """Whether each column holds nothing but numbers."""
-        return [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
+        first, *more = [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
+        return [first, *[False] * bool(self._units()), *more]
+
+    def _units(self) -> tuple[str, ...]:
+        """Units of the rows, none where they are not known."""
+        return self.units or tuple(unit_of(str(row[0])) or "" for row in self.rows if self.bodies)
+
+    def _name(self, cell: Cell, escaped: Callable[[str], str]) -> str:
+        """A row's first cell: a parameter with the name of its body."""
+        text = self._text(cell, escaped)
+        body = body_of(cell, self.bodies) if isinstance(cell, str) else None
+        return text if body is None else f"{text} of {escaped(body)}"
 
     def _text(self, cell: Cell, escaped: Callable[[str], str]) -> str:
         if cell is None:
@@ -138,20 +167,6 @@ def number(value: float, decimals: int = 3) -> str:
     """A number for readers: with so many decimals, or as a power of ten from a million on, where no one counts them."""
     # Adding zero turns a rounded -0.0 into 0.0.
     return f"{round(value, decimals) + 0.0:.{decimals}f}" if abs(value) < 1e6 else f"{value:.2e}"
-
-
-def _tex(text: str) -> str:
-    """Plain text as LaTeX, with parameters as symbols and minus signs as such."""
-    edges = [0, *(edge for match in PARAMETER.finditer(text) for edge in match.span()), len(text)]
-    parts = [text[start:end] for start, end in pairwise(edges)]
-    symbols = "".join(parameter_symbol(part) if k % 2 else escape.tex(part) for k, part in enumerate(parts))
-    return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", symbols)
-
-
-def _tex_heading(text: str) -> str:
-    """A heading in lines, broken before a remark and with some room above."""
-    lines = _tex(text).replace(", ", ",\\\\").replace(" (", "\\\\(")
-    return f"\\shortstack{{\\rule{{0pt}}{{2.3ex}}{lines}}}" if "\\\\" in lines else lines
 
 
 OUTPUTS = ("table_*", "figure_*", "monte_carlo*")

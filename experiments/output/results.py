@@ -7,7 +7,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from experiments.output import figures, report
+from experiments.output import figures, print_table, report
+from experiments.output.layout import PAPER, Layout
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +30,16 @@ class Results:
             {**self.tables, **more.tables}, {**self.figures, **more.figures}, {**self.numbers, **more.numbers}
         )
 
-    def write(self, folder: Path, formats: Iterable[str]) -> None:
-        """Writes everything into a folder, the figures in these formats."""
+    def write(self, folder: Path, formats: Iterable[str], layout: Layout = PAPER) -> None:
+        """Writes everything into a folder, the figures in these formats, and for print as a layout says."""
+        formats = tuple(formats)
         for name, table in self.tables.items():
-            table.write(folder, name)
-        for name, (figure, _) in self.figures.items():
+            table.write(folder, name, layout)
+        for name, (figure, caption) in self.figures.items():
             figures.save(figure, folder, name, formats)
+            if "pdf" in formats:
+                width = float(figure.get_figwidth())
+                content = print_table.figure(name, caption, width, layout)
+                (folder / f"{name}.tex").write_text(content, encoding="utf-8")
         for name, numbers in self.numbers.items():
             report.write_json(folder / f"{name}.json", numbers)

@@ -21,6 +21,7 @@ from ident.recordings.recording import STATES, Recording
 
 ESTIMATORS = {
     "ordinary": "the paper's least squares, at measured joint angles, velocities and accelerations",
+    "weighted": "the same, weighted by the covariance of the wrenches' noise",
     "joint": "parameters and trajectory at once, from joint angles and wrenches alone; set-up as stated, no offsets",
 }
 """What the studies identify with."""

@@ -1,20 +1,26 @@
 """How the errors of many trials are distributed, and where the paper's single run lies among them."""
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+import hashlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.cli.defaults import REDRAWN
+from experiments.cli.print_options import author_choices, layout_of
 from experiments.output import figures, report
+from experiments.output.layout import PAPER, WIDTHS, Layout
 from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from experiments.studies.errors import Errors
 from experiments.studies.fitting import ESTIMATORS
+from experiments.studies.simulated import Study, joint_trial, trial
 from experiments.studies.trials import (
     FILE,
     JOINT_FILE,
@@ -25,7 +31,7 @@ from experiments.studies.trials import (
     run_trials,
     trials_done,
 )
-from ident.recordings.recording import Recording
+from ident.errors import InputError
 
 JOINT = "_joint"
 """What the name of a model ends with where it is identified by the joint estimate."""
@@ -48,11 +54,13 @@ class Distribution(Errors):
         return 100 * np.array([np.mean(self.errors < limit, axis=0) for limit in (low, high)])
 
 
-def table(model: str, found: Distribution) -> report.Table:
+def table(model: str, found: Distribution, bodies: tuple[str, ...] = ()) -> report.Table:
     """Mean, spread and interval of the errors beside the prediction and the paper's single run."""
     low, high = found.interval
-    joint = f"joint estimate ({ESTIMATORS['joint']})"
-    whose = f"{model.removesuffix(JOINT)} model" + (f"'s {joint}" if model.endswith(JOINT) else "")
+    joint, name = f"joint estimate ({ESTIMATORS['joint']})", model.removesuffix(JOINT)
+    whose = f"{name} model" + (f"'s {joint}" if model.endswith(JOINT) else "")
+    of_model = f"{name} model's joint estimate" if name != model else f"{name} model"
+    caption = f"Errors of the {of_model} over {len(found.errors)} trials"
     return report.Table(
         f"Errors of the {whose} over {len(found.errors)} trials, kg, kg m and kg m²",
         *report.columns(
@@ -64,38 +72,48 @@ def table(model: str, found: Distribution) -> report.Table:
             predicted_std=found.predicted_std,
             coverage_95=found.coverage,
             paper_error=found.published,
-            paper_percentile=[f"{a:.0f} to {b:.0f}" for a, b in found.percentile.T],
+            paper_percentile=["" if np.isnan(a) else f"{a:.0f} to {b:.0f}" for a, b in found.percentile.T],
         ),
         decimals=4,
+        caption=caption,
+        notes=("Paper's percentile: where the paper's single run lies among the trials.",),
+        bodies=bodies,
     )
 
 
-def chart(found: Mapping[str, Distribution]) -> Figure:
+def chart(found: Mapping[str, Distribution], bodies: tuple[str, ...] = (), layout: Layout = PAPER) -> Figure:
     """All parameters at a glance, a panel for each model: interval, mean, prediction and the paper's error."""
     with figures.paper_style():
-        figure = Figure(figsize=(3.5 if len(found) < 3 else 7.16, 3.2))
+        width = figures.column_width() if len(found) < 3 else WIDTHS[layout.columns][1]
+        figure = Figure(figsize=(width, 3.2))
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
         for ax, (model, d) in zip(panels, found.items(), strict=True):
-            rows = np.arange(len(d.names))
-            ax.axvline(0, color="0.6", lw=0.5)
-            spread = 1.96 * d.predicted_std
-            ax.barh(rows, 2 * spread, left=-spread, height=0.6, color="0.85", label="predicted 95 %")
-            ax.hlines(rows, *d.interval, color="tab:blue", lw=1.2, label="95 % of trials")
-            ax.plot(d.mean, rows, "o", color="tab:blue", ms=2.5, label="mean")
-            ax.plot(d.published, rows, "x", color="tab:red", ms=4, mew=0.9, label="paper")
+            _draw(ax, d, [k for k, name in enumerate(d.names) if layout.shows(name, bodies)])
             ax.set_title(report.heading(model))
-            # Linear within ±0.01, logarithmic beyond, so that parameters known to grams stand beside wrong ones.
-            ax.set_xscale("symlog", linthresh=0.01, linscale=1.0)
-            ticks = [-1, -0.1, -0.01, 0, 0.01, 0.1, 1]
-            ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks], rotation=60)
-            shown = np.concatenate([d.interval.ravel(), d.published])
-            ax.set_xlim(-_limit(-shown.min()), _limit(shown.max()))
-            ax.set_xlabel("Error (kg, kg m, kg m²)")
-            ax.set_yticks(rows, [figures.parameter_symbol(name) for name in d.names])
+        names = [name for name in next(iter(found.values())).names if layout.shows(name, bodies)]
+        panels[0].set_yticks(np.arange(len(names)), [figures.named_symbol(name, bodies) for name in names])
         panels[0].invert_yaxis()
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=2 if len(found) < 3 else 4)
     return figure
+
+
+def _draw(ax: Axes, d: Distribution, shown: Sequence[int]) -> None:
+    """One model's panel, with some of its parameters."""
+    rows, spread, (low, high) = np.arange(len(shown)), 1.96 * d.predicted_std[shown], d.interval[:, shown]
+    ax.axvline(0, color="0.6", lw=0.5)
+    ax.barh(rows, 2 * spread, left=-spread, height=0.6, color="0.85", label="predicted 95 %")
+    ax.hlines(rows, low, high, color="C0", lw=1.2, label="95 % of trials")
+    ax.plot(d.mean[shown], rows, "o", color="C0", ms=2.5, label="mean")
+    if np.isfinite(d.published).any():
+        ax.plot(d.published[shown], rows, "x", color="C1", ms=4, mew=0.9, label="paper")
+    # Linear within ±0.01, logarithmic beyond, so that parameters known to grams stand beside wrong ones.
+    ax.set_xscale("symlog", linthresh=0.01, linscale=1.0)
+    ticks = [-1, -0.1, -0.01, 0, 0.01, 0.1, 1]
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks], rotation=60)
+    values = np.concatenate([low, high, d.published[shown]])
+    ax.set_xlim(-_limit(-np.nanmin(values)), _limit(np.nanmax(values)))
+    ax.set_xlabel("Error (kg, kg m, kg m²)")
 
 
 def _limit(error: float) -> float:
@@ -103,72 +121,54 @@ def _limit(error: float) -> float:
     return next((limit for limit in (0.3, 1.0, 3.0, 10.0) if error < 0.9 * limit), 100.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """What a study needs for its trials.
-
-    Attributes:
-        scene: Arguments of `scenes.load`.
-        analyse: What becomes of a recording.
-        names: Names of the base parameters.
-        published: The paper's errors of each model, in the order of the outcomes.
-        joint: What becomes of a recording by the joint estimate of one of these models.
-        joint_model: Name of that model.
-        remark: What else must be known of the predicted standard deviations.
-    """
-
-    scene: Mapping[str, Any]
-    analyse: Callable[[Recording], Outcome]
-    names: tuple[str, ...]
-    published: Mapping[str, Sequence[float]]
-    joint: Callable[[Recording], Outcome]
-    joint_model: str
-    remark: str = ""
-
-
-def conclude(
-    args: argparse.Namespace,
-    choices: Mapping[str, Any],
-    recording: Recording,
-    plan: Plan,
-    results: Results,
-    text: str,
-) -> Results:
+def conclude(args: argparse.Namespace, study: Study, results: Results, text: str, source: Path | None) -> Results:
     """Ends a study's command line: writes its results, prints them, and runs its trials.
 
     Args:
-        args: The study's options.
-        choices: Those that decide the results, for the provenance.
-        recording: The study's recording.
-        plan: What the trials need.
-        results: What the study leaves behind.
+        args: The command line.
+        study: The study.
+        results: What it leaves behind.
         text: What the terminal shows.
+        source: The file that states the study, None for one of the package's.
 
     Returns:
         All that was written, by the trials too.
     """
-    draw = Draw.of(args, plan.scene, recording)
+    layout = layout_of(args)
+    if args.trials and not study.file.trials:
+        raise InputError("--trials needs [trials] in the study file, with models by what the tables are to call them.")
+    draw = Draw.of(study.file, args.redraw, study.recording)
     done = trials_done(draw, args), joint_trials_done(draw, args)
-    origin = report.provenance({**choices, "formats": args.formats}, recording.provenance)
+    choices = {**study.file.options, "formats": args.formats, **author_choices(args)}
+    origin = report.provenance(choices, study.recording.provenance)
     origin["estimators"] = ESTIMATORS
+    if source is not None:
+        origin["study"] = {"file": source.name, "sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
     written = results | Results(numbers={"provenance": origin})
-    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
-        written.write(folder, args.formats)
+    inputs = [] if source is None else [source]
+    with report.results_folder(args.out, stale=report.OUTPUTS, inputs=inputs) as folder:
+        written.write(folder, args.formats, layout)
     print(text)
     if args.trials:
-        written |= _run(draw, *done, plan, args)
+        written |= _run(draw, *done, study, args, layout)
     print(f"Tables, figures, summary and provenance are in {args.out}.")
     return written
 
 
 def _run(
-    draw: Draw, done: Sequence[Outcome], joint_done: Sequence[Outcome], plan: Plan, args: argparse.Namespace
+    draw: Draw,
+    done: Sequence[Outcome],
+    joint_done: Sequence[Outcome],
+    study: Study,
+    args: argparse.Namespace,
+    layout: Layout,
 ) -> Results:
     """Runs the trials, and writes and prints how their errors are distributed."""
-    found = _distributions(draw, done, joint_done, plan, args)
-    results = _results(found, draw, plan.remark)
+    found = _distributions(draw, done, joint_done, study, args)
+    remark = "No predicted interval of a model knows the errors of its recovered axes." if study.recovers else ""
+    results = _results(found, draw, remark, study.known.bodies, layout)
     with report.results_folder(args.out) as folder:
-        results.write(folder, args.formats)
+        results.write(folder, args.formats, layout)
     for model, d in found.items():
         print(results.tables[f"monte_carlo_{model}"].text())
         biased = np.flatnonzero(np.abs(d.mean) > 4 * d.std / np.sqrt(len(d.errors)))
@@ -177,35 +177,45 @@ def _run(
     print(
         "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
         "regressor (errors in variables); its predicted standard deviations know the wrenches' noise only and do not\n"
-        f"show it. Those of the joint estimate know the angles' noise too.\n{plan.remark}\n"
+        f"show it. Those of the joint estimate know the angles' noise too.\n{remark}\n"
     )
     return results
 
 
 def _distributions(
-    draw: Draw, done: Sequence[Outcome], joint_done: Sequence[Outcome], plan: Plan, args: argparse.Namespace
+    draw: Draw, done: Sequence[Outcome], joint_done: Sequence[Outcome], study: Study, args: argparse.Namespace
 ) -> dict[str, Distribution]:
     """Runs the trials, and the first of them once more for the joint estimate."""
-    joint_trials = min(args.trials, args.joint_trials)
+    file, joint_model = study.file, study.file.joint_trials
+    joint_trials = min(args.trials, args.joint_trials) if joint_model else 0
     if not args.resume:
         joint_trials_kept(draw, args).set_aside()
     left = max(args.trials - len(done), joint_trials - len(joint_done))
+    analyse = partial(trial, study.problem, tuple(file.trials.values()))
     with worker_pool(max(1, min(args.workers, left)), args.scheduler, args.tls) as pool:
         run = partial(run_trials, draw, executor=pool.executor, ahead=pool.ahead, threads=pool.threads)
-        outcomes = run(plan.analyse, args.trials, file=args.out / FILE, done=done)
+        outcomes = run(analyse, args.trials, file=args.out / FILE, done=done)
         found = {
-            model: Distribution(plan.names, outcomes[:, k, 0], outcomes[:, k, 1], np.array(errors))
-            for k, (model, errors) in enumerate(plan.published.items())
+            name: _distribution(study, model, outcomes[:, k]) for k, (name, model) in enumerate(file.trials.items())
         }
-        if joint_trials:
-            (file, what), published = (args.out / JOINT_FILE, "joint trials"), found[plan.joint_model].published
-            outcomes = run(plan.joint, joint_trials, file=file, done=joint_done, what=what)
-            joint = Distribution(plan.names, outcomes[:, 0, 0], outcomes[:, 0, 1], published)
-            found[plan.joint_model + JOINT] = joint
+        if joint_model and joint_trials:
+            (kept, what), model = (args.out / JOINT_FILE, "joint trials"), file.trials[joint_model]
+            analyse = partial(joint_trial, study.problem, model)
+            outcomes = run(analyse, joint_trials, file=kept, done=joint_done, what=what)
+            found[joint_model + JOINT] = _distribution(study, model, outcomes[:, 0])
     return found
 
 
-def _results(found: Mapping[str, Distribution], draw: Draw, remark: str) -> Results:
+def _distribution(study: Study, model: str, outcomes: np.ndarray) -> Distribution:
+    """A model's errors and predicted deviations (trials, 2, parameters), beside what was published of it."""
+    names, published = study.fit(model).base.names, study.file.published.get("error", {}).get(model, {})
+    beside = np.array([published.get(name, np.nan) for name in names])
+    return Distribution(names, outcomes[:, 0], outcomes[:, 1], beside)
+
+
+def _results(
+    found: Mapping[str, Distribution], draw: Draw, remark: str, bodies: tuple[str, ...], layout: Layout
+) -> Results:
     """A table for each model, a chart and key numbers."""
     caption = (
         f"Errors over {max(len(d.errors) for d in found.values())} trials beside the predicted interval and the "
@@ -218,8 +228,8 @@ def _results(found: Mapping[str, Distribution], draw: Draw, remark: str) -> Resu
         if model.endswith(JOINT)
     )
     return Results(
-        tables={f"monte_carlo_{model}": table(model, d) for model, d in found.items()},
-        figures={"figure_monte_carlo": (chart(found), caption)},
+        tables={f"monte_carlo_{model}": table(model, d, bodies) for model, d in found.items()},
+        figures={"figure_monte_carlo": (chart(found, bodies, layout), caption)},
         numbers={"monte_carlo": _numbers(found) | {"provenance": report.provenance(draw.identity)}},
     )
 

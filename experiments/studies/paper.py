@@ -66,3 +66,19 @@ SHAPE_MULTICONTACT = (4715, 13)
 
 TILT_DEG = 5.0
 """Section VI: angle between the true joint axes and X."""
+
+SECTION_6 = {
+    "error": {
+        "simplified": {name: row[0] for name, row in TABLE_3.items()},
+        "full_on_table": {name: row[1] for name, row in TABLE_3.items()},
+    },
+    "condition_number": {"simplified": CONDITION_NUMBER_SIMPLIFIED, "full": CONDITION_NUMBER_FULL},
+    "shape": {"simplified": SHAPE_SIMPLIFIED, "full": SHAPE_FULL},
+}
+SECTION_7 = {
+    "true": {name: row[0] for name, row in TABLE_4.items()},
+    "error": {"contact": {name: row[1] for name, row in TABLE_4.items()}},
+    "condition_number": {"contact": CONDITION_NUMBER_MULTICONTACT},
+    "shape": {"contact": SHAPE_MULTICONTACT},
+}
+"""The same by models, as study files take them."""

@@ -1,7 +1,6 @@
 """A study with several values and seeds: its runs, a table of their numbers, and a chart."""
 
 import argparse
-import inspect
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,13 +12,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.output import contacts_report, escape, figures, report, tilted_axes_report
+from experiments.output import escape, figures, report, study_report
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import worker_pool
+from experiments.studies.simulated import simulated
+from experiments.studies.study_entries import packaged
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
-
-STUDIES = {"misaligned": tilted_axes_report, "multicontact": contacts_report}
 
 CHARTED = {
     "misaligned": {
@@ -71,7 +70,7 @@ def run_of(study: str, option: str, run: tuple[str | float, int]) -> list[str]:
     """What a worker makes of a value and a seed: a batch of one summary, as JSON."""
     value, seed = run
     try:
-        found = STUDIES[study].summary(STUDIES[study].study(**{option: value}, seed=seed))
+        found = study_report.summary(simulated(packaged(study, **{option: value}, seed=seed)))
     except InputError as error:
         found = {"refused": f"{option} {value}, seed {seed}: {error}"}
     return [json.dumps(found)]
@@ -83,7 +82,7 @@ def values_of(study: str, option: str, texts: Sequence[str]) -> list[str | float
     Raises:
         InputError: The study has no such option, or the values are none, equal or not of that type.
     """
-    defaults = {k: p.default for k, p in inspect.signature(STUDIES[study].study).parameters.items() if k != "seed"}
+    defaults = {name: value for name, value in packaged(study).options.items() if name != "seed"}
     if option not in defaults:
         raise InputError(f"--over needs an option of {study}, one of {', '.join(defaults)}, got '{option}'.")
     kind = type(defaults[option])

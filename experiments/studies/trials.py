@@ -1,7 +1,7 @@
 """Many trials of one study, with whatever workers there are, interrupted and resumed without loss."""
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 
-import scenes
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies.fitting import JointTrial, Trial
+from experiments.studies.study_file import StudyFile
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 from ident.recordings.recording import Recording
-from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate_many, with_noise
 
 FILE, JOINT_FILE = "trials.npz", "trials_joint.npz"
@@ -40,51 +39,47 @@ class Draw:
     """A source of recordings that differ by their noise.
 
     Attributes:
-        scene: Arguments of `scenes.load`.
-        samples: Samples of a recording.
-        noise_scale: Factor on all noise.
+        file: The study; of its seed trial k has a seed of its own, made of this one and k.
         redrawn: One of `defaults.REDRAWN`.
-        seed: Seed of the whole run; trial k has a seed of its own, made of this one and k.
         recording: The one simulation of `sensors` and `wrench`.
     """
 
-    scene: Mapping[str, Any]
-    samples: int
-    noise_scale: float
+    file: StudyFile
     redrawn: str
-    seed: int
     recording: Recording
 
     @classmethod
-    def of(cls, args: argparse.Namespace, scene: Mapping[str, Any], recording: Recording) -> "Draw":
-        """From a study's command line, its scene and its recording."""
-        if args.redraw == "wrench":
+    def of(cls, file: StudyFile, redrawn: str, recording: Recording) -> "Draw":
+        """From a study, what is drawn anew, and the study's recording."""
+        if redrawn == "wrench":
             # Only wrench channels keep their noise; their names end as `Recording.wrench` expects.
             noise = {k: v if k.endswith(("_force", "_torque")) else 0.0 for k, v in recording.noise.items()}
             recording = replace(recording, noise=noise)
-        return cls(scene, args.samples, args.noise_scale, args.redraw, args.seed, recording)
+        return cls(file, redrawn, recording)
 
     @property
     def identity(self) -> dict[str, Any]:
         """What trials must have in common to belong to one run."""
         return {
-            "scene": dict(self.scene),
+            "scene": self.file.scene.identity,
             "scene_sha256": self.recording.provenance["scene_sha256"],
             "excitation": self.recording.provenance["excitation"],
-            **{key: getattr(self, key) for key in ("samples", "noise_scale", "redrawn", "seed")},
+            **{key: getattr(self.file, key) for key in ("samples", "noise_scale")},
+            "redrawn": self.redrawn,
+            "seed": self.file.seed,
         }
 
     def recordings(self, trials: Iterable[int], threads: int = 1) -> list[Recording]:
         """The recordings of some trials, the same whoever asks and in however many threads they are simulated."""
-        seeds = [np.random.SeedSequence((self.seed, k)) for k in trials]
+        seeds = [np.random.SeedSequence((self.file.seed, k)) for k in trials]
         if self.redrawn != "all":
             return [with_noise(self.recording, np.random.default_rng(seed)) for seed in seeds]
         return simulate_many(
-            scenes.load(**self.scene),
-            DOUBLE_PENDULUM,
+            self.file.spec(),
+            self.file.excitation,
             seeds=[int(seed.generate_state(1)[0]) for seed in seeds],
-            samples=self.samples,
-            noise_scale=self.noise_scale,
+            samples=self.file.samples,
+            noise_scale=self.file.noise_scale,
             threads=threads,
         )
 

@@ -30,10 +30,10 @@ def test_markdown():
 
 def test_tex_is_escaped_and_complete():
     tex = TABLE.tex()
-    assert r"m\_1 & 0.000 & 0.500 \\" in tex
-    assert r"\caption{Errors, kg}" in tex
-    assert r"\begin{tabular}{lrr}" in tex
-    assert tex.count(r"\begin") == tex.count(r"\end") == 2
+    assert r"$m_1$ & 0.000 & 0.500 \\" in tex
+    assert r"\caption{Errors, kg.}" in tex
+    assert r"\begin{tabular}{@{}lS[table-format=1.3]S[table-format=-1.3]@{}}" in tex
+    assert tex.count(r"\begin") == tex.count(r"\end") == 3
 
 
 def test_axes_of_joint_torques_have_units():
@@ -70,8 +70,9 @@ def test_headings_are_words_but_in_csv(name, words):
 
 
 def test_long_headings_break_into_lines_in_tex():
-    table = report.Table("t", ("std_wrench_noise", "error_full"), ((1.0, 2.0),))
-    assert r"2.3ex}s.d.\\(wrench noise)} & \shortstack{\rule{0pt}{2.3ex}error,\\full} \\" in table.tex()
+    table = report.Table("t", ("std_wrench_noise", "peak_force_N"), ((1.0, 2.0),))
+    stack = r"{\shortstack[c]{\rule{0pt}{2.3ex}"
+    assert rf"{stack}S.d.\\(wrench\\noise)}}}} & {stack}Peak force\\(\unit{{\newton}})}}}} \\" in table.tex()
 
 
 def test_huge_numbers_are_powers_of_ten():

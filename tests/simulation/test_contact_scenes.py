@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import scenes
-from experiments.studies.contacts import problem, total
+from experiments.studies.simulated import Problem
+from experiments.studies.study_entries import packaged
 from ident.errors import ModelError
 from ident.geometry import se3
 from ident.model.regressor import base_wrench_regressor
@@ -46,7 +47,8 @@ def test_the_mechanism_ends_at_the_load_cells(contact):
 
 
 def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(contact, recording):
-    known = problem(contact)
+    problem = Problem.of(packaged("multicontact", contact=contact))
+    known = problem.known
     states = recording.joint_states(known.tree.joints)
     data = mujoco.MjData(FREE)
     expected = np.empty((len(recording.time), 6))
@@ -54,7 +56,7 @@ def test_total_wrench_is_the_base_wrench_of_the_same_motion_without_contact(cont
         data.qpos, data.qvel, data.qacc = q, dq, ddq
         mujoco.mj_inverse(FREE, data)
         expected[k] = data.sensordata[:6]
-    found = total(known, recording).values
+    found = problem.total(recording).values
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * abs(expected).max())
     assert abs(recording.wrench("ground").values - expected).max() > 30
 

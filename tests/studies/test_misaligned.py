@@ -13,15 +13,17 @@ from commands import refusal
 
 from experiments import misaligned
 from experiments.cli import defaults
-from experiments.output import tilted_axes_report
-from experiments.studies import paper, tilted_axes
+from experiments.output import study_figures
+from experiments.studies import paper, study_file
 from experiments.studies.fitting import joint_fit
+from experiments.studies.simulated import study as study_of
 from ident.errors import ExcitationError
 
 NAMES = ("table_3", "table_3_full", "table_wrench_errors")
 TABLES = [f"{name}.{suffix}" for name in NAMES for suffix in ("csv", "md", "tex")]
 COLUMNS = [
     "parameter",
+    "body",
     "true_simplified",
     "error_simplified",
     "paper_error_simplified",
@@ -36,7 +38,7 @@ COLUMNS = [
 
 @pytest.fixture(scope="module")
 def study():
-    return tilted_axes.study(seed=3)
+    return study_of("misaligned", seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def results(tmp_path_factory):
 
 
 def test_everything_is_written(results):
-    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in defaults.FORMATS]
+    drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in (*defaults.FORMATS, "tex")]
     expected = {*TABLES, *drawings, "summary.json", "provenance.json"}
     assert {file.name for file in results.iterdir()} == expected
     assert all(file.stat().st_size > 100 for file in results.iterdir())
@@ -59,29 +61,29 @@ def test_table_3_holds_both_models_beside_the_paper(results, study):
     assert [row["parameter"] for row in rows] == list(paper.TABLE_3)
     for k, row in enumerate(rows):
         expected = (
-            study.simplified.psi_true[k],
-            study.simplified.estimate.psi[k] - study.simplified.psi_true[k],
+            study.fit("simplified").psi_true[k],
+            study.fit("simplified").estimate.psi[k] - study.fit("simplified").psi_true[k],
             paper.TABLE_3[row["parameter"]][0],
-            study.joint["simplified"].error[k],
-            study.full_on_table.psi_true[k],
-            study.full_on_table.estimate.psi[k] - study.full_on_table.psi_true[k],
+            study.joint("simplified").error[k],
+            study.fit("full_on_table").psi_true[k],
+            study.fit("full_on_table").estimate.psi[k] - study.fit("full_on_table").psi_true[k],
             paper.TABLE_3[row["parameter"]][1],
-            study.joint["full"].error[k],
-            study.joint["full"].std[k],
+            study.joint("full_on_table").error[k],
+            study.joint("full_on_table").std[k],
         )
-        assert tuple(float(row[column]) for column in COLUMNS[1:]) == expected
+        assert tuple(float(row[column]) for column in COLUMNS[2:]) == expected
 
 
 def test_the_joint_estimate_has_not_the_bias_of_least_squares(study):
-    joint, k = study.joint["full"], study.full_on_table.base.names.index("Ixx2")
+    joint, k = study.joint("full_on_table"), study.fit("full_on_table").base.names.index("Ixx2")
     assert abs(joint.error[k]) < 4 * joint.std[k]
-    assert abs(joint.error[k]) < abs(study.full_on_table.error[k]) / 2
+    assert abs(joint.error[k]) < abs(study.fit("full_on_table").error[k]) / 2
     # Nothing is off by more than its deviation and a hundredth of a degree of the recovered axes leave open.
     assert (abs(joint.error) < 4 * joint.std + 0.02).all()
 
 
 def test_the_joint_estimate_does_not_know_that_axes_are_tilted(study):
-    assert abs(study.joint["simplified"].error).max() > 0.5
+    assert abs(study.joint("simplified").error).max() > 0.5
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -93,22 +95,22 @@ def test_too_few_angles_for_the_joint_estimate_leave_its_columns_empty(tmp_path,
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
     assert {row["joint_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0
-    assert json.loads((tmp_path / "summary.json").read_text())["joint"]["largest_error_full"] is None
+    assert json.loads((tmp_path / "summary.json").read_text())["joint"]["largest_error_full_on_table"] is None
 
 
 def test_the_joint_estimate_takes_angles_and_wrenches_alone(study):
     kept = {name: x for name, x in study.recording.measured.items() if "force" in name or "torque" in name}
     angles = {name: study.recording[name] for name in ("joint1_position", "joint2_position")}
     recording = replace(study.recording, measured=kept | angles, true={})
-    known = replace(tilted_axes.design(), tree=study.recovered.tree)
-    found = joint_fit(known, recording, study.full_on_table.base)
-    np.testing.assert_array_equal(found.psi, study.joint["full"].psi)
-    np.testing.assert_array_equal(found.std, study.joint["full"].std)
+    known = study.mechanism("full_on_table")
+    found = joint_fit(known, recording, study.fit("full_on_table").base)
+    np.testing.assert_array_equal(found.psi, study.joint("full_on_table").psi)
+    np.testing.assert_array_equal(found.std, study.joint("full_on_table").std)
 
 
 def test_the_full_models_own_table(results, study):
     rows = list(csv.DictReader((results / "table_3_full.csv").read_text().splitlines()))
-    full = study.full
+    full = study.fit("full")
     assert [row["parameter"] for row in rows] == list(full.base.names)
     for column, values in (
         ("true", full.psi_true),
@@ -121,7 +123,7 @@ def test_the_full_models_own_table(results, study):
 
 def test_the_study_is_identified_from_noisy_wrenches(study):
     # Residuals of the full model hold the sensors' noise: 0.5 N, and what noise on the joint states adds.
-    residual = study.recording.wrench("ground").values - study.full.predicted
+    residual = study.recording.wrench("ground").values - study.fit("full").predicted
     assert 0.48 < residual[:, 0].std() < 0.54
     assert (residual[:, :3].std(axis=0) > 0.48).all()
     assert (residual[:, 3:].std(axis=0) > 0.048).all()
@@ -129,13 +131,13 @@ def test_the_study_is_identified_from_noisy_wrenches(study):
 
 def test_summary_is_for_scripts(results, study):
     summary = json.loads((results / "summary.json").read_text())
-    assert summary["condition_number_simplified"] == study.simplified.estimate.condition_number
-    assert summary["condition_number_full"] == study.full.estimate.condition_number
+    assert summary["condition_number_simplified"] == study.fit("simplified").estimate.condition_number
+    assert summary["condition_number_full"] == study.fit("full").estimate.condition_number
     assert (summary["rank_simplified"], summary["rank_full"]) == (13, 13)
     assert (summary["rows_simplified"], summary["rows_full"]) == (4715, 5658)
     assert summary["axis_error_deg"] == np.degrees(study.axis_error.max())
     assert summary["noise"]["ground_force"] == 0.5
-    assert summary["joint"]["largest_error_full"] == abs(study.joint["full"].error).max()
+    assert summary["joint"]["largest_error_full_on_table"] == abs(study.joint("full_on_table").error).max()
 
 
 def test_errors_of_the_wrench_are_told_channel_by_channel(results, study):
@@ -144,7 +146,7 @@ def test_errors_of_the_wrench_are_told_channel_by_channel(results, study):
     assert list(summary) == ["Fx", "Fy", "Fz", "τx", "τy", "τz"]
     for k, channel in enumerate(summary.values()):
         assert channel["true_std"] == pytest.approx(true[:, k].std())
-        for name, model in (("simplified", study.simplified), ("full", study.full)):
+        for name, model in (("simplified", study.fit("simplified")), ("full", study.fit("full"))):
             rms = np.sqrt(((model.predicted - true)[:, k] ** 2).mean())
             assert channel[f"rms_{name}"] == pytest.approx(rms)
             assert channel[f"ratio_{name}"] == pytest.approx(rms / true[:, k].std())
@@ -182,7 +184,7 @@ def test_another_seed_or_tilt_gives_other_tables(results, tmp_path):
 
 
 def test_figures_show_what_their_captions_say(study):
-    figure, magnitudes = tilted_axes_report.figure_2(study), tilted_axes_report.figure_3(study)
+    figure, magnitudes = (study_figures.figure(study, name) for name in ("figure_2", "figure_3"))
     assert figure.get_figwidth() == 3.5
     assert len(figure.axes) == 6
     for component, ax in enumerate(figure.axes):
@@ -191,22 +193,22 @@ def test_figures_show_what_their_captions_say(study):
         k = component // 2 + 3 * (component % 2)
         truth = study.recording.noise_free.wrench("ground").values[:, k]
         np.testing.assert_array_equal(lines["True"].get_ydata(), truth)
-        np.testing.assert_array_equal(lines["Full"].get_ydata(), study.full.predicted[:, k])
-        np.testing.assert_array_equal(lines["Simplified"].get_ydata(), study.simplified.predicted[:, k])
+        np.testing.assert_array_equal(lines["Full"].get_ydata(), study.fit("full").predicted[:, k])
+        np.testing.assert_array_equal(lines["Simplified"].get_ydata(), study.fit("simplified").predicted[:, k])
         colors = {name: line.get_color() for name, line in lines.items()}
-        assert colors == {"True": "black", "Simplified": "tab:red", "Full": "tab:blue"}
+        assert colors == {"True": "black", "Simplified": "#D55E00", "Full": "#0072B2"}
         np.testing.assert_array_equal(lines["True"].get_xdata(), study.recording.time)
         errors = {line.get_label(): line for line in magnitudes.axes[component].get_lines()}
-        expected = abs(study.simplified.predicted[:, k] - truth)
+        expected = abs(study.fit("simplified").predicted[:, k] - truth)
         np.testing.assert_array_equal(errors["Simplified"].get_ydata(), expected)
         np.testing.assert_array_equal(errors["Full"].get_xdata(), np.arange(1, 944))
-        expected = abs(study.full.predicted[:, k] - truth)
+        expected = abs(study.fit("full").predicted[:, k] - truth)
         np.testing.assert_array_equal(errors["Full"].get_ydata(), expected)
         # Both models' running means show where they are equal: the later one is thinner, and dashed.
         under, over = (errors[f"{name}, running RMS"] for name in ("Simplified", "Full"))
         assert under.get_linewidth() > over.get_linewidth() and over.get_linestyle() == "--"
         assert errors["Full"].get_alpha() < 0.5
-        half = tilted_axes_report.WINDOW // 2
+        half = study_figures.WINDOW // 2
         window = slice(500 - half, 501 + half)
         assert over.get_ydata()[500] == pytest.approx(np.sqrt((expected[window] ** 2).mean()), rel=1e-9)
         assert over.get_ydata()[0] == pytest.approx(np.sqrt((expected[: half + 1] ** 2).mean()))
@@ -268,14 +270,14 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, 
 
 
 def test_a_scene_without_a_needed_sensor_is_refused(tmp_path, capsys, monkeypatch):
-    load = tilted_axes.scenes.load
+    load = study_file.scenes.load
 
     def crippled(name, **options):
         spec = load(name, **options)
         spec.sensor("joint2_acceleration").name = "other"
         return spec
 
-    monkeypatch.setattr(tilted_axes.scenes, "load", crippled)
+    monkeypatch.setattr(study_file.scenes, "load", crippled)
     assert misaligned.main(["--out", str(tmp_path)]) == 2
     assert "no channel 'joint2_acceleration'; it has ground_force" in capsys.readouterr().err
 
@@ -287,7 +289,7 @@ def test_an_interrupted_run_leaves_earlier_results_whole(tmp_path, capsys, monke
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(tilted_axes_report, "figure_3", interrupt)
+    monkeypatch.setattr(study_figures, "wrench_errors", interrupt)
     assert misaligned.main(["--out", str(tmp_path)]) == 130
     assert [file.name for file in tmp_path.iterdir()] == ["table_3.csv"]
     assert (tmp_path / "table_3.csv").read_text() == "earlier"

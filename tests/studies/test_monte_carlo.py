@@ -12,10 +12,11 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import misaligned, multicontact
 from experiments.cli import defaults, options
-from experiments.output import contacts_report, figures
+from experiments.output import figures
 from experiments.runs.workers import worker_pool
 from experiments.studies import monte_carlo, trials
-from experiments.studies.contacts import problem, study, trial
+from experiments.studies.simulated import Problem, study, trial
+from experiments.studies.study_entries import packaged
 from ident.recordings.recording import Recording
 
 
@@ -126,7 +127,7 @@ def distribution(outcomes):
 
 
 def problem_names():
-    return study(samples=200).fit.base.names
+    return study("multicontact", samples=200).fit("contact").base.names
 
 
 def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
@@ -139,7 +140,8 @@ def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
 def test_standard_deviations_are_right_with_two_contacts(tmp_path):
     # 250 trials know a standard deviation to 4.5 %, and the coverage of all 13 parameters to half a percent or so.
     source = draw(tmp_path, "--redraw", "wrench", samples="943", contact="pad handle")
-    found = distribution(run(source, 250, tmp_path, analyse=partial(trial, problem("pad handle"))))
+    analyse = partial(trial, Problem.of(packaged("multicontact", contact="pad handle")), ("contact",))
+    found = distribution(run(source, 250, tmp_path, analyse=analyse))
     np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.14)
     assert 0.93 <= found.coverage.mean() <= 0.97
     assert (np.abs(found.mean) < 4.5 * found.std / np.sqrt(250)).all()
@@ -200,7 +202,9 @@ def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, study_m
 @pytest.mark.usefixtures("undrawn", "no_joint", "here")
 def test_joint_trials_are_resumed_as_well(tmp_path, monkeypatch):
     # Least squares in place of the joint estimate: its trials then are the others' first.
-    monkeypatch.setattr(contacts_report, "joint_trial", trial)
+    monkeypatch.setattr(
+        monte_carlo, "joint_trial", lambda problem, model, recording: trial(problem, [model], recording)
+    )
     command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors", "--trials", "20"]
     work, calls = trials.in_order, []
 

@@ -11,10 +11,11 @@ from truth import told
 
 import scenes
 from experiments import multicontact
-from experiments.output import contacts_report
+from experiments.output import study_figures, study_report, study_tables
 from experiments.studies import paper
-from experiments.studies.contacts import cells, problem, study, total
 from experiments.studies.fitting import fit
+from experiments.studies.simulated import Problem, study
+from experiments.studies.study_entries import packaged
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.wrench import transform_wrench
 from sim.simulation.simulate import with_noise
@@ -27,7 +28,7 @@ def contact(request):
 
 @pytest.fixture(scope="module")
 def result(contact):
-    return study(contact=contact)
+    return study("multicontact", contact=contact)
 
 
 @pytest.fixture(scope="module")
@@ -41,41 +42,45 @@ def results(contact, tmp_path_factory):
     return folder
 
 
+DIFFERS = frozenset(packaged("multicontact").tables["table_4"]["marked"])
+
+
 def test_condition_number_and_shape(result):
-    assert result.fit.estimate.condition_number == pytest.approx(36.5, rel=0.1)
-    assert (result.fit.estimate.rows, result.fit.base.rank) == paper.SHAPE_MULTICONTACT
-    assert result.fit.base.names == tuple(paper.TABLE_4)
+    assert result.fit("contact").estimate.condition_number == pytest.approx(36.5, rel=0.1)
+    assert (result.fit("contact").estimate.rows, result.fit("contact").base.rank) == paper.SHAPE_MULTICONTACT
+    assert result.fit("contact").base.names == tuple(paper.TABLE_4)
 
 
 def test_errors_at_default_noise(result):
-    error = dict(zip(result.fit.base.names, np.abs(result.fit.error), strict=True))
+    error = dict(zip(result.fit("contact").base.names, np.abs(result.fit("contact").error), strict=True))
     assert max(error.values()) <= 0.10
     assert error["m1"] <= 0.02
     assert all(e <= 0.05 for name, e in error.items() if "r" in name)
 
 
 def test_ignoring_the_contact_is_ten_times_worse(result, contact):
-    assert list(result.ignoring) == ["pad", "handle", "all"] if contact == "pad handle" else ["all"]
-    for ignoring in result.ignoring.values():
-        assert np.max(np.abs(ignoring.error) / np.abs(result.fit.error)) > 10
-        assert np.abs(ignoring.error).max() > 10 * np.abs(result.fit.error).max()
+    names = [name for name in result.file.models if name.startswith("ignoring")]
+    assert names == (["ignoring_pad", "ignoring_handle", "ignoring"] if contact == "pad handle" else ["ignoring"])
+    for ignoring in map(result.fit, names):
+        assert np.max(np.abs(ignoring.error) / np.abs(result.fit("contact").error)) > 10
+        assert np.abs(ignoring.error).max() > 10 * np.abs(result.fit("contact").error).max()
 
 
 def test_a_contact_that_is_ignored_leaves_out_its_wrench_alone(result):
-    known, recording = result.known, result.recording
-    alone = {name: total(known, recording, set(known.sites) - {name}).values for name in known.sites}
+    problem, recording, known = result.problem, result.recording, result.known
+    alone = {name: problem.total(recording, set(known.sites) - {name}).values for name in known.sites}
     ground = recording.wrench("ground").values
-    np.testing.assert_array_equal(total(known, recording, known.sites).values, ground)
+    np.testing.assert_array_equal(problem.total(recording, known.sites).values, ground)
     parts = sum(wrench - ground for wrench in alone.values())
     np.testing.assert_allclose(result.measured.values - ground, parts, atol=1e-12 * abs(ground).max())
 
 
 def test_without_noise_the_estimate_is_exact(contact):
-    assert np.abs(study(contact=contact, noise_scale=0).fit.error).max() < 1e-6
+    assert np.abs(study("multicontact", contact=contact, noise_scale=0).fit.error).max() < 1e-6
 
 
 def test_true_total_wrench_is_what_the_parameters_give(result, contact):
-    known = problem(contact)
+    known = result.known
     states = result.recording.noise_free.joint_states(known.tree.joints)
     expected = base_wrench_regressor(known.tree, *states, gravity=known.gravity) @ known.known
     np.testing.assert_allclose(result.true.values, expected, atol=1e-9 * abs(expected).max())
@@ -83,12 +88,13 @@ def test_true_total_wrench_is_what_the_parameters_give(result, contact):
 
 
 def test_weights_help_where_only_the_wrenches_are_noisy(contact):
-    known, recording = problem(contact), study(contact=contact).recording
+    problem = Problem.of(packaged("multicontact", contact=contact))
+    known, recording = problem.known, study("multicontact", contact=contact).recording
     noise = {k: v if k.endswith(("_force", "_torque")) else 0.0 for k, v in recording.noise.items()}
     errors, ordinary, weighted = [], [], []
     for seed in range(60):
         noisy = with_noise(replace(recording, noise=noise), np.random.default_rng(seed))
-        wrench = total(known, noisy)
+        wrench = problem.total(noisy)
         options = {"wrench": wrench.values, "kept": None}
         ordinary.append(fit(known, noisy, **options).estimate.std)
         found = fit(known, noisy, covariance=wrench.covariance, **options)
@@ -100,8 +106,8 @@ def test_weights_help_where_only_the_wrenches_are_noisy(contact):
 
 
 def test_the_scene_differs_from_the_paper_in_the_marked_entries_only(result):
-    for name, true in zip(result.fit.base.names, result.fit.psi_true, strict=True):
-        assert (abs(true - paper.TABLE_4[name][0]) > 0.006) == (name in contacts_report.DIFFERS)
+    for name, true in zip(result.fit("contact").base.names, result.fit("contact").psi_true, strict=True):
+        assert (abs(true - paper.TABLE_4[name][0]) > 0.006) == (name in DIFFERS)
 
 
 def test_command_line_writes_everything(results, contact, result):
@@ -113,6 +119,7 @@ def test_command_line_writes_everything(results, contact, result):
     rows = list(csv.DictReader((results / "table_4.csv").read_text().splitlines()))
     assert list(rows[0]) == [
         "parameter",
+        "body",
         "true_paper",
         "true_scene",
         "error",
@@ -121,12 +128,12 @@ def test_command_line_writes_everything(results, contact, result):
         "joint_std",
     ]
     assert f"joint_error_ignoring{'_all' * result.several}" in (results / "table_4_ignoring.csv").read_text()
-    np.testing.assert_array_equal([float(row["error"]) for row in rows], result.fit.error)
+    np.testing.assert_array_equal([float(row["error"]) for row in rows], result.fit("contact").error)
     assert "Ixx3*" in (results / "table_4.md").read_text()
     assert "parallel-axis terms" in (results / "table_4.md").read_text()
     summary = json.loads((results / "summary.json").read_text())
     assert (summary["rank"], summary["rows"]) == (13, 4715)
-    assert summary["condition_number"] == result.fit.estimate.condition_number
+    assert summary["condition_number"] == result.fit("contact").estimate.condition_number
     if "pad" in contact:
         site = scenes.load_cells(contact)["pad"]
         touching = result.recording.true["pad_normal_force"] > 0
@@ -140,24 +147,26 @@ def test_command_line_writes_everything(results, contact, result):
         peaks.append(np.sqrt((force**2).sum(axis=1)).max())
         assert summary[f"{site}_peak_force_N"] == pytest.approx(peaks[-1])
     assert summary["contact_peak_force_N"] == pytest.approx(max(peaks))
-    assert summary["largest_error_ignoring"] == np.abs(result.ignoring["all"].error).max()
+    assert summary["largest_error_ignoring"] == np.abs(result.fit("ignoring").error).max()
     assert json.loads((results / "provenance.json").read_text())["options"]["contact"] == contact
 
 
 @pytest.mark.parametrize("contact", ["handle"], indirect=True)
 def test_the_joint_estimate_takes_contacts_too(result):
-    k = result.fit.base.names.index("Ixx2")
-    assert abs(result.joint.error[k]) < 4 * result.joint.std[k]
-    assert abs(result.joint.error[k]) < abs(result.fit.error[k])
-    assert abs(result.joint.error / result.joint.std).max() < 4
-    rows = contacts_report.table_4(result).rows
-    np.testing.assert_array_equal([row[-2:] for row in rows], np.transpose([result.joint.error, result.joint.std]))
-    assert abs(result.joint_ignoring.error).max() > 10
+    k = result.fit("contact").base.names.index("Ixx2")
+    assert abs(result.joint("contact").error[k]) < 4 * result.joint("contact").std[k]
+    assert abs(result.joint("contact").error[k]) < abs(result.fit("contact").error[k])
+    assert abs(result.joint("contact").error / result.joint("contact").std).max() < 4
+    rows = study_tables.table(result, "table_4").rows
+    np.testing.assert_array_equal(
+        [row[-2:] for row in rows], np.transpose([result.joint("contact").error, result.joint("contact").std])
+    )
+    assert abs(result.joint("ignoring").error).max() > 10
 
 
 @pytest.mark.parametrize("contact", ["pad"], indirect=True)
 def test_the_joint_estimate_follows_accelerations_that_jump_with_denser_knots(result):
-    assert abs(result.joint.error / result.joint.std).max() < 4
+    assert abs(result.joint("contact").error / result.joint("contact").std).max() < 4
 
 
 @pytest.mark.usefixtures("no_joint")
@@ -169,25 +178,25 @@ def test_the_same_seed_gives_the_same_bytes(results, contact, tmp_path):
 
 
 def test_figures_show_what_their_captions_say(result):
-    residuals = contacts_report.figure_5(result).axes
-    for component, ax in enumerate(contacts_report.figure_4(result).axes):
+    residuals = study_figures.figure(result, "figure_5").axes
+    for component, ax in enumerate(study_figures.figure(result, "figure_4").axes):
         k = component // 2 + 3 * (component % 2)
-        lines = {line.get_color(): line.get_ydata() for line in ax.get_lines()}
-        np.testing.assert_array_equal(lines["tab:red"], result.recording.wrench("ground").values[:, k])
-        np.testing.assert_array_equal(lines["tab:blue"], result.true.values[:, k])
-        np.testing.assert_array_equal(lines["black"], result.fit.predicted[:, k])
+        lines = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
+        np.testing.assert_array_equal(lines["Ground, measured"], result.recording.wrench("ground").values[:, k])
+        np.testing.assert_array_equal(lines["Total, true"], result.true.values[:, k])
+        np.testing.assert_array_equal(lines["Recovered"], result.fit("contact").predicted[:, k])
         error = residuals[component].get_lines()[0].get_ydata()
-        np.testing.assert_array_equal(error, (result.measured.values - result.fit.predicted)[:, k])
+        np.testing.assert_array_equal(error, (result.measured.values - result.fit("contact").predicted)[:, k])
 
 
 def test_two_contacts_touch_at_the_same_time():
-    result = study(contact="pad handle")
-    touching, summary = result.recording.true["pad_normal_force"] > 0, contacts_report.summary(result)
+    result = study("multicontact", contact="pad handle")
+    touching, summary = result.recording.true["pad_normal_force"] > 0, study_report.summary(result)
     assert 0.25 < summary["fraction_all_touch"] == touching.mean() < 0.8
     alone = ("contact_pad_fraction_alone", "contact_handle_fraction_alone", "fraction_none_touches")
     assert [summary[key] for key in alone] == [0, np.mean(~touching), 0]
     assert summary["contact_handle_episodes"] == summary["contact_handle_fraction"] == 1
-    pad, handle = contacts_report.table_contacts(result).rows
+    pad, handle = study_tables.table(result, "table_contacts").rows
     assert pad[:2] + handle[:2] == ("pad", "link2", "handle", "link1")
     assert pad[2:4] == (touching.mean(), 0)
     assert summary["tracking_error_rad"] < 0.03
@@ -196,21 +205,22 @@ def test_two_contacts_touch_at_the_same_time():
 def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result):
     tree, recording = result.known.tree, result.recording
     poses = tree.poses(recording.joint_states(tree.joints)[0])
-    figure = contacts_report.figure_contacts(result)
+    figure = study_figures.contacts(result)
     for number, (name, (body, pose)) in enumerate(result.known.sites.items()):
-        channels = np.hstack([recording[f"{cells(result.known)[name]}_{kind}"] for kind in ("force", "torque")])
+        channels = np.hstack([recording[f"{result.file.scene.contacts[name]}_{kind}"] for kind in ("force", "torque")])
         expected = transform_wrench(poses[:, tree.names.index(body)] @ pose, channels)
         for component, ax in enumerate(figure.axes):
             k = component // 2 + 3 * (component % 2)
             shown = ax.get_lines()[number].get_ydata()
             np.testing.assert_allclose(shown, expected[:, k], atol=1e-12 * abs(expected).max())
     together = np.all(list(result.touching.values()), axis=0)
-    for shown in (figure, contacts_report.figure_4(result), contacts_report.figure_5(result)):
+    for shown in (figure, study_figures.figure(result, "figure_4"), study_figures.figure(result, "figure_5")):
         for ax in shown.axes:
-            grey = [path for shade in ax.collections for path in shade.get_paths()]
-            assert len(grey) == (7 if result.several else 0)
-            edges = [path.get_extents() for path in grey]
-            assert all(together[(recording.time >= e.x0) & (recording.time <= e.x1)].all() for e in edges)
+            edges = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches]
+            within = [(recording.time >= start) & (recording.time <= end) for start, end in edges]
+            # Nothing is shaded where a contact is never let go.
+            assert len(edges) == (0 if together.all() else 7)
+            assert together.all() or (np.any(within, axis=0) == together).all()
 
 
 @pytest.mark.usefixtures("no_joint")

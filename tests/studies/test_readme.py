@@ -10,9 +10,10 @@ import pytest
 
 import experiments
 from experiments.benchmark import words
-from experiments.output import readme_blocks, tilted_axes_report
-from experiments.output.contacts_report import summary
-from experiments.studies import contacts, tilted_axes
+from experiments.output import readme_blocks, study_tables
+from experiments.output.study_report import summary
+from experiments.studies.simulated import study as study_of
+from sim.motion.excitation import DOUBLE_PENDULUM
 
 ROOT = Path(experiments.__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -34,13 +35,13 @@ def cells(markdown):
 @pytest.mark.parametrize(
     ("name", "table", "study"),
     [
-        ("table 3", readme_blocks.table_3, tilted_axes.study),
-        ("table 4", readme_blocks.table_4, contacts.study),
+        ("table 3", readme_blocks.table_3, "misaligned"),
+        ("table 4", readme_blocks.table_4, "multicontact"),
     ],
 )
 def test_tables_are_not_stale(name, table, study):
     printed = cells(block("study.md", name))
-    found = table(study())
+    found = table(study_of(study))
     fresh = cells(found.markdown())
     assert [row[0] for row in printed] == [row[0] for row in fresh]
     assert printed[0] == fresh[0]
@@ -52,24 +53,30 @@ def test_tables_are_not_stale(name, table, study):
 
 def test_condition_numbers_are_not_stale():
     text = page("study.md")
-    tilted, touching = tilted_axes.study(), contacts.study()
-    for fit, published in ((tilted.simplified, "38.1"), (tilted.full, "334.2"), (touching.fit, "36.5")):
+    tilted, touching = study_of("misaligned"), study_of("multicontact")
+    for fit, published in (
+        (tilted.fit("simplified"), "38.1"),
+        (tilted.fit("full"), "334.2"),
+        (touching.fit("contact"), "36.5"),
+    ):
         assert f"{fit.estimate.condition_number:.1f} (paper {published})" in text.replace("\n", " ")
 
 
 def test_errors_of_the_wrench_are_not_stale():
-    study = tilted_axes.study()
+    study = study_of("misaligned")
     found, fresh = cells(block("study.md", "wrench errors")), cells(readme_blocks.table_wrench_errors(study).markdown())
     assert [re.sub(r"[\d.]+", "#", cell) for row in found for cell in row] == [
         re.sub(r"[\d.]+", "#", cell) for row in fresh for cell in row
     ]
-    for row, expected in zip(found[2:], tilted_axes_report.table_wrench_errors(study).rows, strict=True):
+    for row, expected in zip(found[2:], study_tables.table(study, "table_wrench_errors").rows, strict=True):
         std, simplified, full = (np.array(re.findall(r"[\d.]+", cell), float) for cell in row[1:])
         np.testing.assert_allclose([*std, simplified[0], full[0]], expected[1:4], atol=0.0051)
         np.testing.assert_allclose([simplified[1], full[1]], 100 * np.array(expected[4:]), atol=0.51)
-    share = {name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in tilted_axes_report.table_wrench_errors(study).rows}
+    share = {
+        name: f"{100 * ratio:.0f} %" for name, *_, ratio, _ in study_tables.table(study, "table_wrench_errors").rows
+    }
     share["epsilon"] = (
-        f"{study.simplified.estimate.epsilon / np.linalg.norm(study.recording.wrench('ground').values):.1%}"
+        f"{study.fit('simplified').estimate.epsilon / np.linalg.norm(study.recording.wrench('ground').values):.1%}"
     )
     assert share["epsilon"] == "1.5%"
     for file in (ROOT / "README.md", DOCS / "reproduction.md"):
@@ -110,7 +117,7 @@ def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_o
     int(mujoco.__version__.split(".")[0]) < 4, reason="the hand's weld twists otherwise before MuJoCo 4"
 )
 def test_numbers_of_two_contacts_are_not_stale():
-    found = summary(contacts.study(contact="pad handle"))
+    found = summary(study_of("multicontact", contact="pad handle"))
     condition, error = f"{found['condition_number']:.1f}", f"{found['largest_error']:.2f}"
     pad, hand, both = (f"{found[f'largest_error_ignoring{x}']:.1f}" for x in ("_pad", "_handle", ""))
     share = f"touches the pad in {100 * found['fraction_all_touch']:.0f} % of the samples"

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from commands import refusal
 
-from experiments.output import contacts_report
+from experiments.output import study_report
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies import sweep
-from experiments.studies.contacts import study
+from experiments.studies.simulated import study
 from experiments.sweep import main
 
 
@@ -27,7 +27,11 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
     out = run(tmp_path, "--workers", "2")
     found = json.loads((out / "sweep.json").read_text())["runs"]
     expected = [
-        {"noise_scale": scale, "seed": seed, **contacts_report.summary(study(noise_scale=scale, seed=seed))}
+        {
+            "noise_scale": scale,
+            "seed": seed,
+            **study_report.summary(study("multicontact", noise_scale=scale, seed=seed)),
+        }
         for seed in (0, 1)
         for scale in (0.0, 1.0)
     ]
@@ -72,7 +76,7 @@ def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch
 @pytest.mark.usefixtures("undrawn", "here")
 def test_several_contacts_are_a_value_like_one(tmp_path):
     out = run(tmp_path, over=("contact", "pad", "pad handle"), seeds=1)
-    expected = contacts_report.summary(study(contact="pad handle"))
+    expected = study_report.summary(study("multicontact", contact="pad handle"))
     for number in sweep.CHARTED["multicontact"]:
         one, several = rows(out, number)
         assert (one["contact"], several["contact"]) == ("pad", "pad handle")

@@ -1,0 +1,70 @@
+"""Options of authors: the page that tables and figures are printed on, captions, parameters, and a style."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError
+
+if TYPE_CHECKING:
+    from experiments.output.layout import Layout
+
+
+def add_print(parser: argparse.ArgumentParser) -> None:
+    """Adds the options; `layout_of` and `style_of` give what they say."""
+    print_ = parser.add_argument_group("print")
+    print_.add_argument(
+        "--page-columns", type=int, choices=(1, 2), default=2, help="columns of the page that tables and figures fit"
+    )
+    print_.add_argument("--style", type=Path, help="style file of matplotlib's, whose settings go before the paper's")
+    print_.add_argument(
+        "--caption",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("NAME", "TEXT"),
+        help="caption in LaTeX for the table or figure of that name, as table_3; once for each",
+    )
+    print_.add_argument(
+        "--parameters",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="parameters that tables in LaTeX and figures show, by symbol as m2rz2 or by body, by default all",
+    )
+
+
+def layout_of(args: argparse.Namespace) -> "Layout":
+    """The page and what is on it.
+
+    Raises:
+        InputError: A table or figure is given two captions.
+    """
+    from experiments.output.layout import Layout
+
+    captions = {name: text for name, text in args.caption}
+    if len(captions) < len(args.caption):
+        raise InputError("--caption gives each table or figure one caption, but one of them is given two.")
+    return Layout(args.page_columns, captions, tuple(args.parameters))
+
+
+@contextmanager
+def style_of(args: argparse.Namespace) -> Iterator[None]:
+    """Draws figures as wide as the page's column, in the author's style, for the duration of a block."""
+    from experiments.output.figures import author_style
+    from experiments.output.layout import WIDTHS
+
+    with author_style(args.style, WIDTHS[args.page_columns][0]):
+        yield
+
+
+def author_choices(args: argparse.Namespace) -> dict[str, Any]:
+    """Those of the options that are not as by default, for the provenance."""
+    given = {
+        "page_columns": args.page_columns if args.page_columns != 2 else None,
+        "style": args.style and args.style.name,
+    }
+    given |= {"caption": args.caption, "parameters": args.parameters}
+    return {name: value for name, value in given.items() if value}

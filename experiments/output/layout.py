@@ -1,0 +1,60 @@
+"""How an author wants tables and figures: the page they are printed on, captions, and which parameters."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from experiments.output.figures import PARAMETER
+from ident.errors import InputError
+
+WIDTHS = {1: (4.77, 4.77), 2: (3.5, 7.16)}
+"""Width in inches of a column and of the text, of pages with one column (LaTeX's article) and with two (IEEE's)."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A journal's page and an author's choices.
+
+    Attributes:
+        columns: Columns of the page.
+        captions: Captions other than the program's, by the names of files.
+        parameters: Symbols of the parameters, or names of bodies, that tables and figures show; none for all.
+    """
+
+    columns: int = 2
+    captions: Mapping[str, str] = field(default_factory=dict)
+    parameters: tuple[str, ...] = ()
+
+    def shows(self, parameter: str, bodies: Sequence[str]) -> bool:
+        """Whether a parameter is shown, bodies numbered from 1."""
+        return not self.parameters or bool({parameter, body_of(parameter, bodies)} & {*self.parameters})
+
+    def check(self, files: Sequence[str], parameters: Sequence[str], bodies: Sequence[str]) -> None:
+        """Refuses captions of files that are not written, and parameters that there are not.
+
+        Raises:
+            InputError: There is one; the sentence names those to choose from.
+        """
+        for name in self.captions:
+            if name not in files:
+                raise InputError(f"--caption needs one of {', '.join(files)}, got '{name}'.")
+        for name in self.parameters:
+            if name not in (*parameters, *bodies):
+                choices = f"parameters {', '.join(parameters)} or bodies {', '.join(bodies)}"
+                raise InputError(f"--parameters needs {choices}, got '{name}'.")
+
+
+PAPER = Layout()
+"""The paper's own: two columns, everything shown."""
+
+
+def body_of(parameter: str, bodies: Sequence[str]) -> str | None:
+    """Name of the body that a parameter belongs to, None of one that is none of φ's."""
+    match = PARAMETER.fullmatch(parameter)
+    number = int(match[1] or match[4]) if match else 0
+    return bodies[number - 1] if 0 < number <= len(bodies) else None
+
+
+def unit_of(parameter: str) -> str | None:
+    """Unit of a parameter of φ."""
+    match = PARAMETER.fullmatch(parameter)
+    return None if match is None else "kg m²" if match[3] else "kg m" if match[2] else "kg"

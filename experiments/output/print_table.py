@@ -1,0 +1,246 @@
+"""Tables as a journal prints them: LaTeX with booktabs, siunitx, tabularx and threeparttable."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+from typing import TYPE_CHECKING
+
+from experiments.output import escape
+from experiments.output.figures import PARAMETER, parameter_symbol
+from experiments.output.layout import WIDTHS, Layout, body_of
+
+if TYPE_CHECKING:
+    from experiments.output.report import Table
+
+PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
+"""LaTeX packages that the tables need, all of TeX Live's latexextra and science collections."""
+
+ROWS = 45
+"""Rows of a table that fit a page; a longer one is continued in another."""
+
+LETTER, GAP = 4.4, 12.0
+"""Mean width of a letter of \\footnotesize, which is \\scriptsize in wide tables, and the gap of columns, in pt."""
+
+NARROW = 10
+"""Letters that a line of a head has at most, if its words let it."""
+
+LONG = 28
+"""Letters from which a cell may break into lines."""
+
+CHANNEL = re.compile(r"([FMτ])([xyz])")
+SYMBOL = re.compile(r"(-?)([A-Za-zα-ω])_(\w)|(-?)([α-ω])(/\d)?|(alpha|theta|omega)")
+"""Cells and heads that are a symbol: a letter with an index, a Greek letter or its name."""
+
+_GREEK = {"α": r"\alpha", "θ": r"\theta", "π": r"\pi", "τ": r"\tau", "ω": r"\omega", "β": r"\beta"}
+NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
+
+_UNITS = {
+    "kg m²": r"\kilo\gram\metre\squared",
+    "kg m": r"\kilo\gram\metre",
+    "kg": r"\kilo\gram",
+    "N m": r"\newton\metre",
+}
+_UNITS |= {
+    "N": r"\newton",
+    "s": r"\second",
+    "deg": r"\degree",
+    "rad": r"\radian",
+    "m": r"\metre",
+    "mm": r"\milli\metre",
+}
+_UNITS |= {"%": r"\percent", "1": r"\text{--}"}
+
+
+def unit(text: str) -> str:
+    """A unit by siunitx, or as it is where that has none."""
+    return rf"\unit{{{_UNITS[text]}}}" if text in _UNITS else text_with_symbols(text)
+
+
+def text_with_symbols(text: str) -> str:
+    """Plain text as LaTeX: parameters, sums of them and channels as symbols, minus signs as such."""
+    if match := CHANNEL.fullmatch(text):
+        return f"${_GREEK.get(match[1], match[1])}_{match[2]}$"
+    if match := SYMBOL.fullmatch(text):
+        sign, letter, index, minus, greek, half, name = (group or "" for group in match.groups())
+        symbol = rf"\{name}" if name else _GREEK.get(letter or greek, letter or greek)
+        return f"${sign or minus}{symbol}{f'_{index}' if index else ''}{half}$"
+    edges = [0, *(edge for match in PARAMETER.finditer(text) for edge in match.span()), len(text)]
+    parts = [text[start:end] for start, end in pairwise(edges)]
+    if len(parts) > 1 and all(re.fullmatch(r"[-+ .\de]*", part) for part in parts[::2]):
+        factors = (re.sub(r"(?<=[\d.]) $", r"\\,", part) for part in parts[::2])
+        symbols = (*(parameter_symbol(part).strip("$") for part in parts[1::2]), "")
+        return "$" + "".join(a + b for a, b in zip(factors, symbols, strict=True)) + "$"
+    mixed = "".join(parameter_symbol(part) if k % 2 else escape.tex(part) for k, part in enumerate(parts))
+    return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", mixed)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column: its head's words, the remark that it shares with its neighbours, its cells, and whether of numbers."""
+
+    head: str
+    remark: str
+    cells: Sequence[str]
+    numeric: bool
+
+    @property
+    def long(self) -> bool:
+        """Whether its cells may break into lines."""
+        return not self.numeric and max(map(_letters, self.cells), default=0) > LONG
+
+    @property
+    def format(self) -> str:
+        """What stands for it in the preamble."""
+        numbers = [match for cell in self.cells if (match := NUMBER.fullmatch(cell))]
+        if self.long:
+            return r">{\raggedright\arraybackslash}X"
+        if not self.numeric or not numbers:
+            return "l" if not self.numeric else "c"
+        sign = "-" if any(match[1] for match in numbers) else ""
+        whole = max(len(match[2]) for match in numbers)
+        decimals = max(len(match[3] or "") for match in numbers)
+        power = max((len(match[5]) for match in numbers if match[5]), default=0)
+        exponent = f"e{'-' if any(match[4] == '-' for match in numbers) else ''}{power}" if power else ""
+        return f"S[table-format={sign}{whole}.{decimals}{exponent}]"
+
+    @property
+    def width(self) -> float:
+        """About how wide it is, in pt."""
+        words = max((len(line) for line in _lines(self.head)), default=0)
+        widest = max([words, *(min(_letters(cell), LONG) for cell in self.cells)])
+        return LETTER * widest + GAP
+
+
+def tex(table: "Table", label: str, layout: Layout) -> str:
+    """A table in as many floats as it needs, over one column of the page or, of two, over both if it is wide."""
+    columns = _columns(table)
+    narrow, wide = (72.27 * width for width in WIDTHS[layout.columns])
+    needed = sum(column.width for column in columns)
+    star = "*" if layout.columns == 2 and needed > narrow else ""
+    room = wide if star else narrow
+    caption = _caption(label, table.caption or table.title, layout)
+    parts = []
+    for first in range(0, max(len(table.rows), 1), ROWS):
+        part = [_Column(c.head, c.remark, c.cells[first : first + ROWS], c.numeric) for c in columns]
+        continued = r" \emph{(continued)}" if first else ""
+        size = r"\scriptsize\setlength{\tabcolsep}{3pt}" if needed > room else r"\footnotesize"
+        name = f"\\label{{tab:{label}}}" if label and not first else ""
+        parts.append(
+            f"\\begin{{table{star}}}\n\\centering{size}\n\\begin{{threeparttable}}\n\\caption{{{caption}{continued}}}{name}\n"
+            f"{_tabular(part, needed > room)}{_notes(table)}\\end{{threeparttable}}\n\\end{{table{star}}}\n"
+        )
+    return f"% \\usepackage{{{PACKAGES}}}\n" + "\n".join(parts)
+
+
+def figure(name: str, caption: str, width: float, layout: Layout) -> str:
+    """A float with a figure from a file of that name, as wide as it was drawn, in inches."""
+    star = "*" if layout.columns == 2 and width > 1.05 * WIDTHS[2][0] else ""
+    return (
+        f"% \\usepackage{{graphicx,siunitx}}\n\\begin{{figure{star}}}\n\\centering\n\\includegraphics{{{name}}}\n"
+        f"\\caption{{{_caption(name, caption, layout)}}}\\label{{fig:{name}}}\n\\end{{figure{star}}}\n"
+    )
+
+
+def _caption(name: str, caption: str, layout: Layout) -> str:
+    """The author's caption as it is, or the program's, which ends with a full stop."""
+    text = text_with_symbols(caption)
+    return layout.captions.get(name, text if not text or text.endswith(".") else f"{text}.")
+
+
+def _columns(table: "Table") -> list[_Column]:
+    rows = list(zip(*_texts(table), strict=True)) or [()] * len(table.headings())
+    out = []
+    for head, cells, numeric in zip(table.headings(), rows, table.numeric(), strict=True):
+        words, _, remark = head.partition(", ")
+        out.append(_Column(words, remark, cells, numeric))
+    return out
+
+
+def _texts(table: "Table") -> list[list[str]]:
+    """Rows in LaTeX: names of bodies slanted, units by siunitx."""
+    rows, numeric = table.texts(text_with_symbols), table.numeric()
+    has_units = len(table.headings()) > len(table.columns)
+    for row, (first, *_), plain in zip(rows, table.rows, table.texts(), strict=True):
+        row[:] = [number if n else text for number, text, n in zip(plain, row, numeric, strict=True)]
+        if (body := body_of(str(first), table.bodies)) is not None:
+            row[0] = f"{row[0][: -len(escape.tex(body))]}\\emph{{{escape.tex(body)}}}"
+        if has_units:
+            row[1] = unit(plain[1])
+    return rows
+
+
+def _tabular(columns: Sequence[_Column], crowded: bool) -> str:
+    """Rules, heads and rows; a column with long cells takes what the others leave of the line."""
+    preamble = "@{}" + "".join(column.format for column in columns) + "@{}"
+    stretched = crowded or any(column.long for column in columns)
+    kind = "tabularx" if any(column.long for column in columns) else "tabular*" if stretched else "tabular"
+    fill = r"@{\extracolsep{\fill}}" if kind == "tabular*" else ""
+    begin = f"\\begin{{{kind}}}{'{' + chr(92) + 'linewidth}' if stretched else ''}{{{fill}{preamble}}}"
+    rows = "".join(" & ".join(cells) + " \\\\\n" for cells in zip(*(c.cells for c in columns), strict=True))
+    return f"{begin}\n\\toprule\n{_heads(columns)}\\midrule\n{rows}\\bottomrule\n\\end{{{kind}}}\n"
+
+
+def _heads(columns: Sequence[_Column]) -> str:
+    """One row of heads, under another one where several neighbours share a remark."""
+    groups = [(remark, len(list(members))) for remark, members in groupby(columns, lambda column: column.remark)]
+    shared = any(remark and size > 1 for remark, size in groups)
+    top, rules, first = [], "", 1
+    for remark, size in groups:
+        text = text_with_symbols(_capital(remark))
+        top.append(f"\\multicolumn{{{size}}}{{c}}{{{text}}}" if remark else " & ".join([""] * size))
+        rules += f"\\cmidrule(lr){{{first}-{first + size - 1}}}" if remark else ""
+        first += size
+    heads = [column.head if shared or not column.remark else f"{column.head}, {column.remark}" for column in columns]
+    row = " & ".join(_head(head, column.numeric) for head, column in zip(heads, columns, strict=True))
+    return (f"{' & '.join(top)} \\\\\n{rules}\n" if shared else "") + f"{row} \\\\\n"
+
+
+def _head(text: str, numeric: bool) -> str:
+    """A head in lines, in braces where numbers are aligned below it."""
+    lines = [unit_line(line) for line in _lines(text)]
+    shown = lines[0] if len(lines) == 1 else _stack(lines, numeric)
+    return f"{{{shown}}}" if numeric else shown
+
+
+def _stack(lines: Sequence[str], numeric: bool) -> str:
+    rule = r"\rule{0pt}{2.3ex}"
+    return f"\\shortstack[{'c' if numeric else 'l'}]{{{rule}{(chr(92) * 2).join(lines)}}}"
+
+
+def unit_line(text: str) -> str:
+    """A line of a head, a unit in brackets by siunitx."""
+    match = re.fullmatch(r"\((.+)\)", text)
+    return f"({unit(match[1])})" if match and match[1] in _UNITS else text_with_symbols(text)
+
+
+def _lines(head: str) -> list[str]:
+    """Lines of a head: what is in brackets or after a comma below, long ones broken in the middle."""
+    lines = []
+    for k, part in enumerate(re.split(r", | (?=\()", head)):
+        words = (_capital(part) if k == 0 else part).split(" ")
+        while len(" ".join(words)) > NARROW and len(words) > 1:
+            cut = min(range(1, len(words)), key=lambda n: abs(len(" ".join(words[:n])) - len(" ".join(words[n:]))))
+            lines.append(" ".join(words[:cut]))
+            words = words[cut:]
+        lines.append(" ".join(words))
+    return lines
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _notes(table: "Table") -> str:
+    """What stands below a table."""
+    notes = [f"\\item[*] {text_with_symbols(table.footnote)}"] if table.footnote else []
+    notes += [f"\\item {text_with_symbols(note)}" for note in table.notes]
+    if not notes:
+        return ""
+    lines = "\n".join(notes)
+    return f"\\begin{{tablenotes}}[flushleft]\\footnotesize\n{lines}\n\\end{{tablenotes}}\n"
+
+
+def _letters(cell: str) -> int:
+    """About how many letters a cell of LaTeX shows."""
+    return len(re.sub(r"\\[A-Za-z]+|[${}\\_]", "", cell))

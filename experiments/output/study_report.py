@@ -1,0 +1,152 @@
+"""What a simulated study leaves behind: tables, figures, key numbers, and the text for the terminal."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.cli.print_options import layout_of, style_of
+from experiments.output import report, study_figures, study_tables
+from experiments.output.results import Results
+from experiments.output.study_tables import touches
+from experiments.studies import monte_carlo
+from experiments.studies.simulated import Study, simulated
+from experiments.studies.study_file import StudyFile
+from ident.mechanism.axes import angle
+
+
+def summary(study: Study) -> dict[str, Any]:
+    """Key numbers for scripts, of each model with its name at the end."""
+    file, numbers = study.file, dict[str, Any]()
+    for name in file.models:
+        fit, suffix = study.fit(name), file.suffix(name)
+        numbers |= {
+            f"condition_number{suffix}": fit.estimate.condition_number,
+            f"rank{suffix}": fit.base.rank,
+            f"rows{suffix}": fit.estimate.rows,
+            f"epsilon{suffix}": fit.estimate.epsilon,
+            f"largest_error{suffix}": float(np.abs(fit.error).max()),
+        }
+    published = file.published.get("condition_number", {})
+    numbers |= {f"paper_condition_number{file.suffix(name)}": number for name, number in published.items()}
+    for name, entry in file.tables.items():
+        if entry["kind"] == "wrench errors":
+            errors = study_tables.table(study, name)
+            rows = {str(channel): dict(zip(errors.columns[1:], row, strict=True)) for channel, *row in errors.rows}
+            numbers["wrench_errors"] = rows
+    numbers |= axes(study) if study.recovers else {}
+    numbers |= touches(study) if study.touching else {}
+    recording = study.recording
+    return numbers | {
+        "tracking_error_rad": recording.provenance["tracking_error_rad"],
+        "noise": dict(recording.noise),
+    }
+
+
+def axes(study: Study) -> dict[str, float]:
+    """Key numbers of the recovered axes."""
+    recovered, tree = study.recovered, study.known.tree
+    first = tree.moving[0]
+    drawn = tree.poses(np.zeros(len(tree.moving)))[first, :3, :3] @ tree.bodies[first].twist[3:]
+    alone = [axis.vector for axis in recovered.separate]
+    return {
+        "tilt_recovered_deg": float(np.degrees(angle(recovered.axes[0].vector, drawn))),
+        "axis_error_deg": float(np.degrees(study.axis_error.max())),
+        "axis_std_deg": float(np.degrees(max(axis.std for axis in recovered.axes))),
+        "axis_difference_alone_deg": float(np.degrees(max([0.0, *(angle(alone[0], other) for other in alone[1:])]))),
+        "rank_axes_apart": study.rank_apart,
+        "axes_parallel_p_value": float(np.nanmin(recovered.p_values)) if len(alone) > 1 else 1.0,
+    }
+
+
+def joint_summary(study: Study) -> dict[str, float | None]:
+    """Key numbers of the joint estimates, which take longer than all the rest."""
+    numbers: dict[str, float | None] = {}
+    for name, model in study.file.models.items():
+        if "joint" in model.estimators:
+            joint, suffix = study.joint(name), study.file.suffix(name)
+            numbers |= {f"largest_error{suffix}": joint.largest_error, f"rms_z{suffix}": joint.rms_z}
+    return numbers
+
+
+def text(study: Study) -> str:
+    """What the terminal shows."""
+    shown = [study_tables.table(study, name).text() for name in study.file.tables]
+    lines = [*shown, "Condition numbers", *_conditions(study), "Largest errors", *_errors(study)]
+    if study.recovers:
+        lines += ["Recovered axes", *_axes(study)]
+    if study.touching:
+        found = touches(study)
+        lines.append(
+            f"All contacts touch in {found['fraction_all_touch']:.0%} of the samples, "
+            f"none in {found['fraction_none_touches']:.0%}"
+        )
+    return "\n".join(lines)
+
+
+def _conditions(study: Study) -> list[str]:
+    file, lines = study.file, []
+    for name, model in file.models.items():
+        estimate = study.fit(name).estimate
+        published, shape = (file.published.get(what, {}).get(name) for what in ("condition_number", "shape"))
+        printed = f" (paper: {published}{' at {}x{}'.format(*shape) if shape else ''})" if published else ""
+        at = f"{estimate.rows}x{study.fit(name).base.rank}"
+        lines.append(f"  {model.title}: {estimate.condition_number:.4g} at {at}{printed}")
+        if model.axes == "recovered" and model.parameters is None:
+            tilt = axes(study)["tilt_recovered_deg"]
+            lines.append(f"    (what tells these columns apart is the tilt alone, {tilt:.3g} deg as recovered)")
+    return lines
+
+
+def _errors(study: Study) -> list[str]:
+    lines = []
+    for name, model in study.file.models.items():
+        errors = [
+            f"{np.abs(study.fit(name, each).error).max():.3f} {each}" for each in model.estimators if each != "joint"
+        ]
+        if "joint" in model.estimators:
+            largest = study.joint(name).largest_error
+            errors.append("joint not determined" if largest is None else f"{report.number(largest)} joint")
+        lines.append(f"  {model.title}: {', '.join(errors)}")
+    return lines
+
+
+def _axes(study: Study) -> list[str]:
+    numbers, groups = axes(study), len(study.recovered.groups)
+    decided = "so all joints were given one direction" if groups == 1 else f"and there are {groups} directions"
+    return [
+        f"  {numbers['axis_error_deg']:.3f} deg from the true ones, predicted standard deviation "
+        f"{numbers['axis_std_deg']:.3f} deg;",
+        f"  joint by joint {numbers['axis_difference_alone_deg']:.3f} deg apart (rank {study.rank_apart});",
+        f"  a Wald test tells them from parallel with p = {numbers['axes_parallel_p_value']:.2f},",
+        f"  {decided}",
+    ]
+
+
+def results(study: Study) -> Results:
+    """All tables and figures that the file describes, and the summary."""
+    return Results(
+        tables={name: study_tables.table(study, name) for name in study.file.tables},
+        figures={name: (study_figures.figure(study, name), e["caption"]) for name, e in study.file.figures.items()},
+        numbers={"summary": summary(study) | {"joint": joint_summary(study)}},
+    )
+
+
+def run(args: argparse.Namespace, file: StudyFile, source: Path | None = None) -> Results:
+    """Runs a study and writes and prints its results.
+
+    Args:
+        args: The command line, whose values go before the file's.
+        file: The study.
+        source: Where it was read, None for one of the package's.
+    """
+    given = {name: getattr(args, name, None) for name in ("seed", "samples", "tilt_deg", "azimuth_deg", "noise_scale")}
+    file = file.with_options(**{name: value for name, value in given.items() if value is not None})
+    layout = layout_of(args)
+    with style_of(args):
+        study = simulated(file)
+        names = {name for model in file.models for name in study.fit(model).base.names}
+        monte_carlo_files = [f"monte_carlo_{name}" for name in file.trials] + ["figure_monte_carlo"]
+        layout.check([*file.tables, *file.figures, *monte_carlo_files], sorted(names), study.known.bodies)
+        return monte_carlo.conclude(args, study, results(study), text(study), source)

@@ -1,0 +1,248 @@
+"""A simulated study: one recording of a scene, and the models of a study file identified from it."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from experiments.studies import trials
+from experiments.studies.fitting import (
+    JointTrial,
+    Trial,
+    fit,
+    joint_fit,
+    joint_fit_if_determined,
+    measured_poses,
+    without,
+)
+from experiments.studies.study_entries import packaged
+from experiments.studies.study_file import StudyFile
+from ident.errors import InputError, ModelError
+from ident.mechanism.axes import PARALLEL_SIGNIFICANCE, RecoveredAxes, angle, recover_axes
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.parameters.base_parameters import BaseParameters, find_base_parameters, structural_base_parameters
+from ident.recordings.recording import Recording
+from ident.recordings.wrench import Sensor, TotalWrench
+from sim.models.mechanism import mechanism
+from sim.models.mujoco_model import tree_from_model
+from sim.simulation.simulate import simulate
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is known before anything is recorded.
+
+    Attributes:
+        file: What the study is to be.
+        known: The mechanism as drawn, which ends at the load cells, with the true φ, which tilted axes do not change;
+            its sites are those of the load cells, by the contacts' names.
+        true: The tree with the axes as they are tilted.
+    """
+
+    file: StudyFile
+    known: Mechanism
+    true: Tree
+
+    @classmethod
+    def of(cls, file: StudyFile) -> "Problem":
+        """The problem of a study.
+
+        Raises:
+            ModelError: The scene cannot be read, or lacks the site of a load cell.
+        """
+        base = file.scene.base
+        drawn = mechanism(file.scene.spec(tilted=False).compile(), base)
+        for contact, site in file.scene.contacts.items():
+            if site not in drawn.sites:
+                choices = ", ".join(drawn.sites) or "none"
+                raise ModelError(f"Contact '{contact}' needs its load cell's site '{site}'; the sites are {choices}.")
+        sites = {contact: drawn.site(site) for contact, site in file.scene.contacts.items()}
+        return cls(file, replace(drawn, sites=sites), tree_from_model(file.scene.spec(), base))
+
+    def with_cells(self, recording: Recording, ignored: Collection[str] = ()) -> Recording:
+        """A recording that knows where its load cells are, or of some nothing at all."""
+        cells = self.file.scene.contacts.items()
+        channels = [f"{site}_{kind}" for name, site in cells if name in ignored for kind in ("force", "torque")]
+        sensors = {
+            site: Sensor(*self.known.sites[name], applied_to_link=False) for name, site in cells if name not in ignored
+        }
+        return without(recording, channels).with_sensors(sensors)
+
+    def total(self, recording: Recording, ignored: Collection[str] = ()) -> TotalWrench:
+        """Eq. 17: what the ground gives less what the links pass on to all contacts that are not ignored."""
+        return self.with_cells(recording, ignored).total_wrench(self.known.tree)
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What the study found, each model's estimates when they are asked for.
+
+    Attributes:
+        problem: What was known.
+        recording: The recording.
+        significance: Chance of telling truly parallel axes apart, as for `recover_axes`.
+    """
+
+    problem: Problem
+    recording: Recording
+    significance: float = PARALLEL_SIGNIFICANCE
+    _made: dict[tuple[str, str], Trial | JointTrial] = field(default_factory=dict)
+
+    @property
+    def file(self) -> StudyFile:
+        """What the study was to be."""
+        return self.problem.file
+
+    @property
+    def known(self) -> Mechanism:
+        """The mechanism, as for `Problem`."""
+        return self.problem.known
+
+    def fit(self, model: str, estimator: str | None = None) -> Trial:
+        """A model's base parameters by least squares, `ordinary` or `weighted`; by default as its numbers are.
+
+        Raises:
+            ExcitationError: The motion does not separate the base parameters.
+            InputError: Recovered axes are not parallel, as the other model's parameters need them to be.
+        """
+        estimator = estimator or self.file.models[model].estimators[0]
+        if (model, estimator) not in self._made:
+            wrench = self.problem.total(self.recording, self.file.ignored(model))
+            weighted = estimator == "weighted" and self.file.noise_scale > 0
+            self._made[model, estimator] = fit(
+                self.mechanism(model),
+                self.recording,
+                wrench=wrench.values,
+                covariance=wrench.covariance if weighted else None,
+                kept=self._kept(model),
+            )
+        made = self._made[model, estimator]
+        assert isinstance(made, Trial)
+        return made
+
+    def joint(self, model: str) -> JointTrial:
+        """A model's joint estimate; NaN where angles and wrenches do not determine it."""
+        if (model, "joint") not in self._made:
+            recording = self.problem.with_cells(self.recording, self.file.ignored(model))
+            base = self.fit(model).base
+            self._made[model, "joint"] = joint_fit_if_determined(self.mechanism(model), recording, base)
+        made = self._made[model, "joint"]
+        assert isinstance(made, JointTrial)
+        return made
+
+    def determined_joint(self, model: str) -> JointTrial:
+        """The same, but refused where it is not determined.
+
+        Raises:
+            ExcitationError: The motion does not separate the base parameters.
+        """
+        recording = self.problem.with_cells(self.recording, self.file.ignored(model))
+        return joint_fit(self.mechanism(model), recording, self.base(model))
+
+    def base(self, model: str) -> BaseParameters:
+        """A model's regrouping."""
+        return structural_base_parameters(self.mechanism(model), kept=self._kept(model))
+
+    def mechanism(self, model: str) -> Mechanism:
+        """A model's mechanism, with its axes."""
+        axes = self.file.models[model].axes
+        trees = {
+            "drawn": lambda: self.known.tree,
+            "recovered": lambda: self.recovered.tree,
+            "true": lambda: self.problem.true,
+        }
+        return replace(self.known, tree=trees[axes]())
+
+    def _kept(self, model: str) -> tuple[str, ...] | None:
+        """Names of base parameters that a model shares with another one."""
+        described = self.file.models[model]
+        if described.parameters is None:
+            return None
+        if described.axes == "recovered" and len(self.recovered.groups) > 1:
+            raise InputError(
+                f"The recovered axes are not parallel (p = {np.nanmin(self.recovered.p_values):.1e}), but those of "
+                f"'{model}' need to be for the parameters of '{described.parameters}'; try another seed or less noise."
+            )
+        return self.base(described.parameters).names
+
+    @cached_property
+    def recovered(self) -> RecoveredAxes:
+        """The axes as the measured poses tell them."""
+        poses = measured_poses(self.known.tree, self.recording)
+        return recover_axes(self.known.tree, poses, significance=self.significance)
+
+    @property
+    def recovers(self) -> bool:
+        """Whether some model has recovered axes."""
+        return any(model.axes == "recovered" for model in self.file.models.values())
+
+    @cached_property
+    def axis_error(self) -> np.ndarray:
+        """Angle between each recovered and true axis, rad (n,)."""
+        pairs = zip(self.recovered.tree.bodies, self.problem.true.bodies, strict=True)
+        return np.array([angle(found.twist[3:], true.twist[3:]) for found, true in pairs if true.moves])
+
+    @cached_property
+    def rank_apart(self) -> int:
+        """Rank of the model whose axes are recovered joint by joint."""
+        poses = measured_poses(self.known.tree, self.recording)
+        apart = recover_axes(self.known.tree, poses, significance=1).tree
+        return find_base_parameters(apart, gravity=self.known.gravity).rank
+
+    @cached_property
+    def measured(self) -> TotalWrench:
+        """Total wrench from the measured ground and contact wrenches."""
+        return self.problem.total(self.recording)
+
+    @cached_property
+    def true(self) -> TotalWrench:
+        """The same from true values."""
+        return self.problem.total(self.recording.noise_free)
+
+    @property
+    def several(self) -> bool:
+        """Whether there are several contacts."""
+        return len(self.file.scene.contacts) > 1
+
+    @property
+    def touching(self) -> dict[str, np.ndarray]:
+        """When each contact touches (N,); one without a sensor for its normal force is held and never let go."""
+        true = self.recording.true
+        held = np.ones(len(self.recording.time))
+        return {name: true.get(f"{name}_normal_force", held) > 0 for name in self.file.scene.contacts}
+
+
+def simulated(file: StudyFile) -> Study:
+    """Simulates the scene of a study and identifies all its models by least squares.
+
+    Raises:
+        InputError: Something that the file states makes no sense.
+        ExcitationError: The motion does not separate the base parameters.
+    """
+    recording = simulate(
+        file.spec(), file.excitation, samples=file.samples, seed=file.seed, noise_scale=file.noise_scale
+    )
+    study = Study(Problem.of(file), recording)
+    for name, model in file.models.items():
+        for estimator in model.estimators:
+            if estimator != "joint":
+                study.fit(name, estimator)
+    return study
+
+
+def study(name: str, **options: object) -> Study:
+    """One of the package's studies, with other values for some of its options."""
+    return simulated(packaged(name, **options))
+
+
+def trial(problem: Problem, models: Sequence[str], recording: Recording) -> trials.Outcome:
+    """Errors of some models from one recording, axes always recovered as one direction."""
+    found = Study(problem, recording, significance=0)
+    return trials.outcome(*map(found.fit, models))
+
+
+def joint_trial(problem: Problem, model: str, recording: Recording) -> trials.Outcome:
+    """Errors of a model's joint estimate from one recording, axes always recovered as one direction."""
+    return trials.outcome(Study(problem, recording, significance=0).determined_joint(model))

@@ -1,0 +1,258 @@
+"""Reading a study file: every entry is checked, and what nobody would read is refused."""
+
+import tomllib
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import scenes
+from experiments.studies import paper
+from experiments.studies.fitting import ESTIMATORS
+from experiments.studies.study_file import ALL, AXES, Model, Scene, StudyFile
+from ident.errors import InputError
+from ident.recordings.entries import check_keys, table
+from ident.recordings.table import short
+from ident.tolerances import HUGE
+from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
+
+EXCITATIONS = {"double_pendulum": DOUBLE_PENDULUM, "bowing": BOWING}
+"""Motions that have a name."""
+
+PUBLISHED = {"section_6": paper.SECTION_6, "section_7": paper.SECTION_7}
+"""Numbers of the paper's that have a name."""
+
+PACKAGED = ("misaligned", "multicontact", "several_contacts")
+"""Studies that come with this package, a file each."""
+
+QUANTITIES = (
+    *("true", "true_scene", "true_paper", "estimated", "error", "std_wrench_noise", "paper_error", "regrouping"),
+    *("estimated_weighted", "error_weighted", "std_weighted", "joint_estimated", "joint_error", "joint_std"),
+)
+"""What a column of a table of parameters can show of a model."""
+
+TABLES = {
+    "parameters": ("groups", "marked", "footnote", "decimals"),
+    "wrench errors": ("models", "decimals"),
+    "contacts": ("decimals",),
+}
+"""Entries of each kind of table, beside `kind` and `caption`."""
+
+FIGURES = {"wrenches": ("curves",), "wrench errors": ("curves",), "residuals": ("curves",), "contacts": ()}
+"""The same of figures."""
+
+WRENCHES = ("true", "measured", "ground")
+"""What a curve of wrenches can be besides a model's: the true and the measured total one, and the ground's."""
+
+
+def packaged(name: str, **options: Any) -> StudyFile:
+    """One of the studies in this package with other values for some of its options.
+
+    Raises:
+        InputError: It has no such option, or the value makes no sense.
+    """
+    several = name == "multicontact" and len(str(options.get("contact", "")).split()) > 1
+    text = files("experiments.studies").joinpath(f"{'several_contacts' if several else name}.toml")
+    return from_entries(tomllib.loads(text.read_text(encoding="utf-8")), Path()).with_options(**options)
+
+
+def read(path: Path) -> StudyFile:
+    """Reads a study file.
+
+    Raises:
+        InputError: It is missing or malformed; the sentence names the file, the entry and what would be valid.
+    """
+    if not path.is_file():
+        raise InputError(
+            f"'{path}': a study is a TOML file that exists; {', '.join(PACKAGED)} come with this package, by name."
+        )
+    try:
+        entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    # Not all are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: a study needs to be TOML in UTF-8 ({error}).") from None
+    try:
+        return from_entries(entries, path.parent)
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
+
+
+def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
+    """A study from the entries of a file in a folder, which is where it looks for models."""
+    known = {field.name for field in fields(StudyFile)} - {"noise", "samples", "seed", "noise_scale", "joint_trials"}
+    check_keys("the study", entries, sorted(known | {"recording"}))
+    for needed in ("scene", "models"):
+        if not entries.get(needed):
+            raise InputError(f"the study needs [{needed}].")
+    scene = _scene(table("[scene]", entries["scene"]), folder)
+    models = _models(table("[models]", entries["models"]), scene)
+    trials = table("[trials]", entries.get("trials", {}))
+    check_keys("[trials]", trials, ("models", "joint"))
+    tried = table("trials.models", trials.get("models", {}))
+    for name, model in tried.items():
+        choice(f"trials.models.{name}", model, models)
+    return StudyFile(
+        title=_text("title", entries.get("title", "A study")),
+        scene=scene,
+        excitation=_excitation(entries.get("excitation", "double_pendulum")),
+        models=models,
+        main=choice("main", entries["main"], models) if "main" in entries else None,
+        trials=tried,
+        joint_trials=choice("trials.joint", trials["joint"], tried) if "joint" in trials else None,
+        published=_published(entries.get("published", {}), models),
+        tables=_shown("tables", entries, TABLES, models, scene),
+        figures=_shown("figures", entries, FIGURES, models, scene),
+        **_recording(table("[recording]", entries.get("recording", {}))),
+    )
+
+
+def choice(where: str, value: Any, choices: Collection[str]) -> str:
+    """One of some words.
+
+    Raises:
+        InputError: It is none.
+    """
+    if not isinstance(value, str) or value not in choices:
+        raise InputError(f"{where} needs one of {', '.join(choices) or 'none'}, got '{short(value)}'.")
+    return value
+
+
+def several(where: str, value: Any, choices: Collection[str]) -> tuple[str, ...]:
+    """A list of different words out of some; errors as for `choice`."""
+    if not isinstance(value, list) or len({str(x) for x in value}) < len(value):
+        raise InputError(f"{where} needs a list of different ones of {', '.join(choices)}, got {short(value)}.")
+    return tuple(choice(where, each, choices) for each in value)
+
+
+def _number(where: str, value: Any, low: float = 0.0, *, whole: bool = False) -> Any:
+    kinds: tuple[type, ...] = (int,) if whole else (int, float)
+    if type(value) not in kinds or not low <= value < HUGE:
+        raise InputError(f"{where} needs a {'whole ' * whole}number of at least {low:g}, got {short(value)}.")
+    return value if whole else float(value)
+
+
+def _text(where: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{where} needs a text, got {short(value)}.")
+    return value
+
+
+def _scene(entry: Mapping[str, Any], folder: Path) -> Scene:
+    check_keys("[scene]", entry, [field.name for field in fields(Scene)])
+    name = _text("scene.model", entry.get("model"))
+    own = name.lower().endswith(".xml")
+    if not own:
+        choice("scene.model, unless it is an MJCF file (.xml),", name, scenes.NAMES)
+    model: str | Path = (folder / name).resolve() if own else name
+    if isinstance(model, Path) and not model.is_file():
+        raise InputError(f"scene.model '{name}' does not exist.")
+    tilt = _number("scene.tilt_deg", entry["tilt_deg"]) if "tilt_deg" in entry else None
+    azimuth = _number("scene.azimuth_deg", entry.get("azimuth_deg", 0.0), -360.0)
+    base = _text("scene.base", entry["base"]) if "base" in entry else None
+    return Scene(model, base, tilt, azimuth, _contacts(entry.get("contacts", []), own))
+
+
+def _contacts(value: Any, own: bool) -> Mapping[str, str]:
+    """Sites of load cells by the names of contacts: in a file of one's own a table, else a list of the package's."""
+    if own and isinstance(value, dict):
+        return {name: _text(f"scene.contacts.{name}", site) for name, site in value.items()}
+    if own and value != []:
+        raise InputError("scene.contacts of a model of your own needs a table of sites by the contacts' names.")
+    names = several("scene.contacts", value, scenes.CONTACTS)
+    return scenes.load_cells(" ".join(names)) if names else {}
+
+
+def _excitation(value: Any) -> Excitation:
+    if isinstance(value, str):
+        return EXCITATIONS[choice("excitation", value, EXCITATIONS)]
+    entry = table("[excitation]", value)
+    names = [field.name for field in fields(Excitation)]
+    check_keys("[excitation]", entry, names)
+    if missing := [name for name in names[:-1] if name not in entry]:
+        raise InputError(f"[excitation] needs {', '.join(missing)}.")
+    try:
+        arrays = {name: np.array(entry[name], float) for name in names[:-1]}
+    except (TypeError, ValueError):
+        raise InputError("[excitation] needs offset of n and amplitude, frequency, phase of n by k numbers.") from None
+    return Excitation(**arrays, noise=_number("excitation.noise", entry.get("noise", 0.0)))
+
+
+def _recording(entry: Mapping[str, Any]) -> dict[str, Any]:
+    check_keys("[recording]", entry, ("samples", "seed", "noise_scale", "noise"))
+    noise = table("[recording.noise]", entry.get("noise", {}))
+    return {
+        "samples": _number("recording.samples", entry.get("samples", paper.SAMPLES), 1, whole=True),
+        "seed": _number("recording.seed", entry.get("seed", 0), whole=True),
+        "noise_scale": _number("recording.noise_scale", entry.get("noise_scale", 1.0)),
+        "noise": {name: _number(f"recording.noise.{name}", level) for name, level in noise.items()},
+    }
+
+
+def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, Model]:
+    models: dict[str, Model] = {}
+    for name, value in entries.items():
+        where, entry = f"models.{name}", table(f"models.{name}", value)
+        check_keys(where, entry, ("title", "axes", "parameters", "ignore", "estimators"))
+        given = entry.get("ignore", [])
+        models[name] = Model(
+            title=_text(f"{where}.title", entry.get("title", f"{name.replace('_', ' ')} model")),
+            axes=choice(f"{where}.axes", entry.get("axes", "drawn"), AXES),
+            # Those before it, so that no two wait for each other.
+            parameters=choice(f"{where}.parameters", entry["parameters"], models) if "parameters" in entry else None,
+            ignored=ALL if given == "all" else several(f"{where}.ignore", given, scene.contacts),
+            estimators=several(f"{where}.estimators", entry.get("estimators", ["ordinary"]), ESTIMATORS),
+        )
+        if not models[name].estimators or models[name].estimators[0] == "joint":
+            raise InputError(f"{where}.estimators needs ordinary or weighted first, which the summary is of.")
+    return models
+
+
+def _published(value: Any, models: Collection[str]) -> Mapping[str, Any]:
+    if isinstance(value, str):
+        return PUBLISHED[choice("published", value, PUBLISHED)]
+    entry = table("[published]", value)
+    check_keys("[published]", entry, ("true", "error", "condition_number"))
+    for name, numbers in table("published.error", entry.get("error", {})).items():
+        choice("published.error", name, models)
+        for parameter, x in table(f"published.error.{name}", numbers).items():
+            _number(f"published.error.{name}.{parameter}", x, -HUGE)
+    for parameter, x in table("published.true", entry.get("true", {})).items():
+        _number(f"published.true.{parameter}", x, -HUGE)
+    for name, x in table("published.condition_number", entry.get("condition_number", {})).items():
+        _number(f"published.condition_number.{choice('published.condition_number', name, models)}", x)
+    return entry
+
+
+def _shown(
+    what: str, entries: Mapping[str, Any], kinds: Mapping[str, Sequence[str]], models: Mapping[str, Model], scene: Scene
+) -> Mapping[str, Mapping[str, Any]]:
+    """Tables or figures by the names of their files, each with its `kind` and `caption`."""
+    shown = {}
+    for name, value in table(f"[{what}]", entries.get(what, {})).items():
+        where, entry = f"{what}.{name}", table(f"{what}.{name}", value)
+        if not name.replace("_", "").isalnum() or not name.startswith(what.removesuffix("s")):
+            raise InputError(f"{where}: names of files here begin with {what[:-1]}_, letters and digits follow.")
+        kind = choice(f"{where}.kind", entry.get("kind", next(iter(kinds))), kinds)
+        check_keys(where, entry, ("kind", "caption", *kinds[kind]))
+        if kind == "contacts" and not scene.contacts:
+            raise InputError(f"{where} shows contacts, but [scene] has none.")
+        for group in entry.get("groups", []):
+            _check_group(where, table(f"{where}.groups", group), models)
+        several(f"{where}.models", entry.get("models", []), models)
+        for label, curve in table(f"{where}.curves", entry.get("curves", {})).items():
+            choice(f"{where}.curves.{label}", curve, (*models, *(WRENCHES if kind == "wrenches" else ())))
+        shown[name] = {"caption": _text(f"{where}.caption", entry.get("caption", "")), **entry, "kind": kind}
+    return shown
+
+
+def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, Model]) -> None:
+    check_keys(f"{where}.groups", group, ("model", "as", "show"))
+    model = models[choice(f"{where}.groups.model", group.get("model"), models)]
+    _text(f"{where}.groups.as", group.get("as", ""))
+    for quantity in several(f"{where}.groups.show", group.get("show", []), QUANTITIES):
+        needed = "joint" if quantity.startswith("joint_") else "weighted" if quantity.endswith("_weighted") else None
+        if needed and needed not in model.estimators:
+            raise InputError(f"{where} shows {quantity}, but {group['model']} has no estimator '{needed}'.")
