@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.cli import options, own_model
+from experiments.cli import options, own_model, print_options
 from ident.errors import InputError
 from ident.tolerances import DRIVE, HOLDOUT
 
@@ -41,8 +41,12 @@ def run(args: argparse.Namespace) -> None:
     fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
-    with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
-        identify_report.write(result, folder, args.model, args.logs, own_model.provenance(args, result.logs))
+    layout, origin = print_options.layout_of(args), own_model.provenance(args, result.logs)
+    with (
+        report.results_folder(out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args)) as folder,
+        print_options.style_of(args),
+    ):
+        identify_report.write(result, folder, args.model, args.logs, origin, layout)
     print(identify_report.text(result))
     print(f"Everything is in {out}; open report.html.")
 
@@ -129,6 +133,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")
     otherwise = " of the joint estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)
+    print_options.add_print(out)
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
     return out
 

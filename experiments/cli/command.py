@@ -11,6 +11,7 @@ import experiments.benchmark.__main__
 from experiments import (
     angles,
     columns,
+    compare,
     derive,
     excite,
     human,
@@ -41,6 +42,7 @@ COMMANDS = {
     "angles": angles,
     "columns": columns,
     "identify": identify,
+    "compare": compare,
     "payload": payload,
     "stream": stream,
     "excite": excite,

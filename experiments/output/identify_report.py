@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from experiments.output import escape, figures, report
+from experiments.output.layout import PAPER, Layout, unit_of
 from experiments.output.page import rendered
 from experiments.output.results import Results
 from ident.estimate import Estimate
@@ -46,7 +47,22 @@ def parameters_table(result: Estimate) -> report.Table:
     if result.joint is not None and result.joint.known:
         moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.names) - base.rank)]
         columns |= {"moved_from_model_std": moved}
-    return report.Table("Base parameters, SI units", *report.columns(**columns))
+    return report.Table(
+        "Base parameters, SI units",
+        *report.columns(**columns),
+        caption="Identified base parameters beside the model's own",
+        notes=(
+            "S.d.: of noise alone; s.d. setup: with what is left open of the set-up.",
+            "Relative: s.d. over the estimate, or its absolute value where the estimate is not far from zero.",
+        ),
+        bodies=result.prepared.mechanism.bodies,
+        units=_units(result),
+    )
+
+
+def _units(result: Estimate) -> tuple[str, ...]:
+    """Units of all coefficients as far as their names tell: base parameters; drives and offsets are in SI units."""
+    return tuple(unit_of(name) or "" for name in result.names)
 
 
 def _relative(value: float, std: float) -> str:
@@ -75,20 +91,24 @@ def quality_table(result: Estimate) -> report.Table:
     )
     ratios = ("ratio", "relative_rms", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
     columns = ("channel", "signal_std", "residual_rms", *ratios, "correlation_s", "note")
-    return report.Table("Prediction of the held-out part", columns, rows)
+    units = tuple(_unit(result, k) for k in range(len(result.channels)))
+    return report.Table("Prediction of the held-out part", columns, rows, units=units)
 
 
 def full_table(result: Estimate) -> report.Table:
     """A physically consistent φ of every body beside the model's."""
+    units = [unit_of(name) or "" for name in result.base.parameters]
     bodies = [name for name in result.prepared.mechanism.bodies for _ in PARAMETERS]
     return report.Table(
         "Full, physically consistent parameters, SI units",
         *report.columns(
             body=bodies,
             parameter=result.base.parameters,
+            unit=units,
             estimate=result.consistent().phi,
             model=result.prepared.mechanism.known,
         ),
+        caption="Physically consistent parameters of all bodies beside the model's",
     )
 
 
@@ -150,7 +170,8 @@ def held_out_figure(result: Estimate) -> Figure:
             ax.plot(
                 held.time,
                 held.samples.measured[:, k] - held.residual[:, k],
-                color="tab:blue",
+                color="C1",
+                ls="--",
                 lw=0.8,
                 label="Predicted",
             )
@@ -173,7 +194,7 @@ def spectra_figure(result: Estimate) -> Figure:
         for k, ax in enumerate(axes):
             for x, color, label in (
                 (held.samples.measured, "black", "Measured"),
-                (held.residual, "tab:red", "Residual"),
+                (held.residual, "C1", "Residual"),
             ):
                 frequency, power = amplitude_spectrum(x[:, k], prepared.recording.rate)
                 shown = (frequency > 0) & (frequency <= highest)
@@ -189,7 +210,7 @@ def _panels(result: Estimate) -> tuple[Figure, list[Axes]]:
     """A figure with a panel for each channel, from top to bottom and then from left to right."""
     count = len(result.channels)
     rows = -(-count // 2)
-    figure = Figure(figsize=(3.5, 0.7 + 0.9 * rows))
+    figure = Figure(figsize=(figures.column_width(), 0.7 + 0.9 * rows))
     grid = figure.subplots(rows, 2, sharex=True, squeeze=False)
     axes = list(grid.T.flat)
     for ax in axes[count:]:
@@ -206,17 +227,18 @@ def _finish(figure: Figure, axes: list[Axes], xlabel: str) -> None:
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
 
 
-def parameters_figure(result: Estimate) -> Figure:
+def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
     """Base parameters with 95 % intervals beside the model's own, each in units of its own size."""
-    rank = result.base.rank
-    value, std = result.psi, result.fit.std[:rank]
-    prior = result.base.regroup(result.prepared.mechanism.known)
+    arm = result.prepared.mechanism
+    shown = [k for k, name in enumerate(result.base.names) if layout.shows(name, arm.bodies)]
+    value, std = result.psi[shown], result.fit.std[shown]
+    prior = result.base.regroup(arm.known)[shown]
     size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), INTERVAL * std)
     size = np.where(size > 0, size, 1)
     with figures.paper_style():
-        figure = Figure(figsize=(3.5, 0.8 + 0.16 * rank))
+        figure = Figure(figsize=(figures.column_width(), 0.8 + 0.16 * len(shown)))
         ax = figure.subplots()
-        place = np.arange(rank)
+        place = np.arange(len(shown))
         ax.axvline(0, color="0.8", lw=0.6)
         ax.errorbar(
             value / size,
@@ -225,11 +247,11 @@ def parameters_figure(result: Estimate) -> Figure:
             fmt="o",
             ms=2.5,
             lw=0.8,
-            color="tab:blue",
+            color="C0",
             label="Estimate, 95 %",
         )
         ax.plot(prior / size, place, "|", color="black", ms=7, label="Model")
-        ax.set_yticks(place, [figures.parameter_symbol(name) for name in result.base.names])
+        ax.set_yticks(place, [figures.named_symbol(result.base.names[k], arm.bodies) for k in shown])
         ax.invert_yaxis()
         ax.set_xlabel("Value, relative to the larger of estimate and model")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
@@ -238,14 +260,22 @@ def parameters_figure(result: Estimate) -> Figure:
 
 def _label(result: Estimate, k: int, per: str = "") -> str:
     """Symbol or joint of a channel, and its unit; `per` what the unit is divided by."""
+    channel, unit = result.channels[k], _unit(result, k)
+    if channel in COMPONENTS:
+        return f"${channel[0]}_{channel[1]}$ ({unit}{per})"
+    return f"{escape.label(channel)}\n({unit}{per})"
+
+
+def _unit(result: Estimate, k: int) -> str:
+    """Unit of a channel."""
     channel, tree = result.channels[k], result.prepared.mechanism.tree
     if channel in COMPONENTS:
-        return f"${channel[0]}_{channel[1]}$ ({'N' if channel[0] == 'F' else 'N m'}{per})"
+        return "N" if channel[0] == "F" else "N m"
     motion = np.hstack([body.motions for body in tree.bodies if body.freedoms])[:, tree.freedoms.index(channel)]
-    return f"{escape.label(channel)}\n({'N m' if motion[3:].any() else 'N'}{per})"
+    return "N m" if motion[3:].any() else "N"
 
 
-def results(result: Estimate, provenance: dict[str, Any]) -> Results:
+def results(result: Estimate, provenance: dict[str, Any], layout: Layout = PAPER) -> Results:
     """All tables, figures and numbers."""
     return Results(
         tables={
@@ -256,7 +286,7 @@ def results(result: Estimate, provenance: dict[str, Any]) -> Results:
         figures={
             "figure_held_out": (held_out_figure(result), "Measured and predicted channels on the held-out part."),
             "figure_parameters": (
-                parameters_figure(result),
+                parameters_figure(result, layout),
                 "Base parameters with 95 % intervals, and the model's own.",
             ),
             "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
@@ -265,7 +295,14 @@ def results(result: Estimate, provenance: dict[str, Any]) -> Results:
     )
 
 
-def write(result: Estimate, folder: Path, model: Path, logs: Sequence[Path], provenance: dict[str, Any]) -> None:
+def write(
+    result: Estimate,
+    folder: Path,
+    model: Path,
+    logs: Sequence[Path],
+    provenance: dict[str, Any],
+    layout: Layout = PAPER,
+) -> None:
     """Writes everything into a folder: tables, figures, a page, and the model file updated.
 
     Args:
@@ -274,9 +311,14 @@ def write(result: Estimate, folder: Path, model: Path, logs: Sequence[Path], pro
         model: The model file that is updated.
         logs: The logs it was identified from.
         provenance: Where the results come from.
+        layout: How tables and figures are printed.
+
+    Raises:
+        InputError: The layout names tables, figures or parameters that there are not.
     """
-    shown, formats = results(result, provenance), ("pdf", "png")
-    shown.write(folder, formats)
+    shown, formats = results(result, provenance, layout), ("pdf", "svg", "png")
+    layout.check([*shown.tables, *shown.figures], result.base.names, result.prepared.mechanism.bodies)
+    shown.write(folder, formats, layout)
     suffixes = {"robot": "urdf", "OpenSimDocument": "osim"}
     updated = folder / f"model.{suffixes.get(parsed(model).tag, 'xml')}"
     write_model(updated, result.prepared.mechanism, result.consistent())

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
@@ -19,8 +19,18 @@ PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
 ROWS = 45
 """Rows of a table that fit a page; a longer one is continued in another."""
 
-LETTER, GAP = 4.4, 12.0
-"""Mean width of a letter of \\footnotesize, which is \\scriptsize in wide tables, and the gap of columns, in pt."""
+
+@dataclass(frozen=True)
+class _Size:
+    """A size of letters: how LaTeX calls it, and about how wide a letter is and the gap of two columns, in pt."""
+
+    command: str
+    letter: float
+    gap: float
+
+
+NORMAL = _Size(r"\footnotesize", 4.4, 12.0)
+SMALL = _Size(r"\scriptsize\setlength{\tabcolsep}{3pt}", 3.9, 6.0)
 
 NARROW = 10
 """Letters that a line of a head has at most, if its words let it."""
@@ -104,33 +114,44 @@ class _Column:
         exponent = f"e{'-' if any(match[4] == '-' for match in numbers) else ''}{power}" if power else ""
         return f"S[table-format={sign}{whole}.{decimals}{exponent}]"
 
-    @property
-    def width(self) -> float:
-        """About how wide it is, in pt."""
+    def width(self, size: _Size) -> float:
+        """About how wide it is at least, in pt."""
         words = max((len(line) for line in _lines(self.head)), default=0)
         widest = max([words, *(min(_letters(cell), LONG) for cell in self.cells)])
-        return LETTER * widest + GAP
+        return size.letter * widest + size.gap
 
 
 def tex(table: "Table", label: str, layout: Layout) -> str:
-    """A table in as many floats as it needs, over one column of the page or, of two, over both if it is wide."""
-    columns = _columns(table)
+    """A table over one column of the page or, of two, over both if it is wide; in several floats if it is too large."""
+    columns, caption = _columns(table), _caption(label, table.caption or table.title, layout)
     narrow, wide = (72.27 * width for width in WIDTHS[layout.columns])
-    needed = sum(column.width for column in columns)
+    needed = sum(column.width(NORMAL) for column in columns)
     star = "*" if layout.columns == 2 and needed > narrow else ""
     room = wide if star else narrow
-    caption = _caption(label, table.caption or table.title, layout)
-    parts = []
-    for first in range(0, max(len(table.rows), 1), ROWS):
-        part = [_Column(c.head, c.remark, c.cells[first : first + ROWS], c.numeric) for c in columns]
-        continued = r" \emph{(continued)}" if first else ""
-        size = r"\scriptsize\setlength{\tabcolsep}{3pt}" if needed > room else r"\footnotesize"
-        name = f"\\label{{tab:{label}}}" if label and not first else ""
-        parts.append(
-            f"\\begin{{table{star}}}\n\\centering{size}\n\\begin{{threeparttable}}\n\\caption{{{caption}{continued}}}{name}\n"
-            f"{_tabular(part, needed > room)}{_notes(table)}\\end{{threeparttable}}\n\\end{{table{star}}}\n"
-        )
-    return f"% \\usepackage{{{PACKAGES}}}\n" + "\n".join(parts)
+    size = NORMAL if needed <= room else SMALL
+    floats: list[str] = []
+    for part in _parts(columns, 1 + (len(table.headings()) > len(table.columns)), size, room):
+        for first in range(0, max(len(table.rows), 1), ROWS):
+            rows = [replace(column, cells=column.cells[first : first + ROWS]) for column in part]
+            continued = r" \emph{(continued)}" if floats else ""
+            name = f"\\label{{tab:{label}}}" if label and not floats else ""
+            floats.append(
+                f"\\begin{{table{star}}}\n\\centering{size.command}\n\\begin{{threeparttable}}\n"
+                f"\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{_notes(table)}"
+                f"\\end{{threeparttable}}\n\\end{{table{star}}}\n"
+            )
+    return f"% \\usepackage{{{PACKAGES}}}\n" + "\n".join(floats)
+
+
+def _parts(columns: Sequence[_Column], keys: int, size: _Size, room: float) -> list[list[_Column]]:
+    """The columns, or as many sets of them as it takes for each to fit, all beginning with the first ones."""
+    first = list(columns[:keys])
+    parts = [list(first)]
+    for column in columns[keys:]:
+        if len(parts[-1]) > keys and sum(each.width(size) for each in (*parts[-1], column)) > room:
+            parts.append(list(first))
+        parts[-1].append(column)
+    return parts
 
 
 def figure(name: str, caption: str, width: float, layout: Layout) -> str:
@@ -167,16 +188,17 @@ def _texts(table: "Table") -> list[list[str]]:
             row[0] = f"{row[0][: -len(escape.tex(body))]}\\emph{{{escape.tex(body)}}}"
         if has_units:
             row[1] = unit(plain[1])
+        elif "unit" in table.columns:
+            k = table.columns.index("unit")
+            row[k] = unit(plain[k])
     return rows
 
 
-def _tabular(columns: Sequence[_Column], crowded: bool) -> str:
+def _tabular(columns: Sequence[_Column]) -> str:
     """Rules, heads and rows; a column with long cells takes what the others leave of the line."""
     preamble = "@{}" + "".join(column.format for column in columns) + "@{}"
-    stretched = crowded or any(column.long for column in columns)
-    kind = "tabularx" if any(column.long for column in columns) else "tabular*" if stretched else "tabular"
-    fill = r"@{\extracolsep{\fill}}" if kind == "tabular*" else ""
-    begin = f"\\begin{{{kind}}}{'{' + chr(92) + 'linewidth}' if stretched else ''}{{{fill}{preamble}}}"
+    kind, width = ("tabularx", r"{\linewidth}") if any(column.long for column in columns) else ("tabular", "")
+    begin = f"\\begin{{{kind}}}{width}{{{preamble}}}"
     rows = "".join(" & ".join(cells) + " \\\\\n" for cells in zip(*(c.cells for c in columns), strict=True))
     return f"{begin}\n\\toprule\n{_heads(columns)}\\midrule\n{rows}\\bottomrule\n\\end{{{kind}}}\n"
 
@@ -211,6 +233,9 @@ def _stack(lines: Sequence[str], numeric: bool) -> str:
 def unit_line(text: str) -> str:
     """A line of a head, a unit in brackets by siunitx."""
     match = re.fullmatch(r"\((.+)\)", text)
+    words = re.sub(r"(^|(?<= ))[a-z]$", lambda letter: f"${letter[0]}$", text)
+    if words != text:
+        return words
     return f"({unit(match[1])})" if match and match[1] in _UNITS else text_with_symbols(text)
 
 
@@ -228,7 +253,8 @@ def _lines(head: str) -> list[str]:
 
 
 def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    """A head with a capital letter, unless it is a symbol."""
+    return text if len(text) == 1 or SYMBOL.fullmatch(text) else text[:1].upper() + text[1:]
 
 
 def _notes(table: "Table") -> str:

@@ -1,0 +1,167 @@
+"""Studies that files state: what they say is what is done, and what nobody would read is refused."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+from commands import refusal
+
+import scenes
+from experiments import misaligned, study
+from experiments.studies import study_entries
+from experiments.studies.simulated import simulated
+from ident.errors import InputError
+from sim.motion.excitation import DOUBLE_PENDULUM
+
+OWN = """
+title = "Mine"
+excitation = "double_pendulum"
+[scene]
+model = "double_pendulum"
+base = "base"
+tilt_deg = 3.0
+contacts = ["pad"]
+[recording]
+samples = 300
+seed = 5
+[recording.noise]
+ground_force = 0.01
+[models]
+drawn = { estimators = ["ordinary", "weighted"] }
+known = { axes = "true", parameters = "drawn", ignore = "all" }
+[published.error.drawn]
+m1 = 0.5
+[tables.table_mine]
+caption = "Mine"
+decimals = 2
+groups = [{ model = "drawn", as = "", show = ["true", "error", "paper_error", "error_weighted", "regrouping"] }]
+[figures.figure_mine]
+kind = "residuals"
+curves = { "Drawn" = "drawn", "Known" = "known" }
+"""
+
+
+def written(folder, text):
+    path = folder / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", study_entries.PACKAGED)
+def test_the_studies_of_the_package_are_whole(name):
+    file = study_entries.packaged(name)
+    assert set(file.trials.values()) <= set(file.models)
+    assert file.options["samples"] == 943 and file.options["noise_scale"] == 1
+    assert len([*file.tables, *file.figures]) >= 4
+
+
+def test_options_go_before_the_file():
+    file = study_entries.packaged("multicontact", contact="handle", seed=4)
+    assert (file.seed, dict(file.scene.contacts)) == (4, {"handle": "contact"})
+    assert file.ignored("ignoring") == ("handle",) and file.ignored("contact") == ()
+    assert study_entries.packaged("multicontact", contact="handle pad").title.startswith("Several")
+    with pytest.raises(InputError, match="no option 'tilt_deg'; it has seed, samples, contact, noise_scale"):
+        study_entries.packaged("multicontact", tilt_deg=1.0)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_file_of_ones_own_says_everything(tmp_path, capsys):
+    path = written(tmp_path, OWN)
+    command = [str(path), "--out", str(tmp_path / "out"), "--formats", "pdf", "--parameters", "link2"]
+    assert study.main([*command, "--caption", "table_mine", "Ours."]) == 0
+    out, file = tmp_path / "out", study_entries.read(path)
+    found = simulated(file)
+    assert np.std(found.recording["ground_force"] - found.recording.true["ground_force"]) == pytest.approx(
+        0.01, rel=0.1
+    )
+    with (out / "table_mine.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    np.testing.assert_array_equal([float(row["error"]) for row in rows], found.fit("drawn").error)
+    np.testing.assert_array_equal([float(row["error_weighted"]) for row in rows], found.fit("drawn", "weighted").error)
+    assert [row["paper_error"] for row in rows] == ["0.5", *[""] * 12] and rows[4]["body"] == "link1"
+    tex = (out / "table_mine.tex").read_text()
+    assert "{Ours.}" in tex and "link2" in tex and "link1" not in tex
+    origin = json.loads((out / "provenance.json").read_text())
+    assert origin["study"]["file"] == "mine.toml" and origin["options"]["tilt_deg"] == 3
+    assert origin["options"]["parameters"] == ["link2"]
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["largest_error_known"] == abs(found.fit("known").error).max()
+    assert summary["contact_fraction"] == found.touching["pad"].mean()
+    assert "drawn model" in capsys.readouterr().out
+
+
+def test_axes_and_contacts_are_what_a_model_knows(tmp_path):
+    file = study_entries.read(written(tmp_path, OWN.replace('ignore = "all"', 'title = "x"')))
+    exact = simulated(file.with_options(noise_scale=0.0))
+    assert abs(exact.fit("known").error).max() < 1e-6 < 0.1 < abs(exact.fit("drawn").error).max()
+
+
+def test_a_model_of_ones_own_moves_as_the_packages_does(tmp_path):
+    spec = scenes.load("double_pendulum", contact="pad")
+    spec.compile()
+    (tmp_path / "own.xml").write_text(spec.to_xml())
+    excitation = {key: np.asarray(x).tolist() for key, x in vars(DOUBLE_PENDULUM).items()}
+    named = '"double_pendulum"\n[scene]\nmodel = "double_pendulum"'
+    text = OWN.replace(named, f'{{ {toml(excitation)} }}\n[scene]\nmodel = "own.xml"')
+    text = text.replace('contacts = ["pad"]', 'contacts = { pad = "contact" }')
+    own, theirs = (simulated(study_entries.read(written(tmp_path, each))) for each in (text, OWN))
+    np.testing.assert_allclose(own.fit("drawn").error, theirs.fit("drawn").error, rtol=1e-4, atol=1e-5)
+
+
+def toml(values):
+    return ", ".join(f"{key} = {value}" for key, value in values.items())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('title = "Mine"', 'titel = "x"', "the study has no entry 'titel'; valid are excitation, figures"),
+        ("tilt_deg", "tilt", r"\[scene\] has no entry 'tilt'; valid are model, base, tilt_deg"),
+        ('model = "double_pendulum"', 'model = "arm"', r"needs one of double_pendulum, bowing, humanoid, got 'arm'"),
+        ('model = "double_pendulum"', 'model = "arm.xml"', "scene.model 'arm.xml' does not exist"),
+        ('["pad"]', '["wall"]', "scene.contacts needs one of pad, handle, got 'wall'"),
+        ("samples = 300", "samples = 1.5", "recording.samples needs a whole number of at least 1, got 1.5"),
+        ("ground_force", "force", "The scene has no sensor 'force' to be noisy; it has ground_force"),
+        ('axes = "true"', 'axes = "guessed"', "models.known.axes needs one of drawn, recovered, true, got 'guessed'"),
+        ('"weighted"]', '"best"]', "models.drawn.estimators needs one of ordinary, weighted, joint, got 'best'"),
+        ('parameters = "drawn"', 'parameters = "known"', "models.known.parameters needs one of drawn, got 'known'"),
+        ('"true", "error"', '"truth"', "groups.show needs one of true, true_scene"),
+        ('["ordinary", "weighted"]', '["ordinary"]', "shows error_weighted, but drawn has no estimator 'weighted'"),
+        ('"residuals"', '"residual"', "figures.figure_mine.kind needs one of wrenches, wrench errors, residuals"),
+        ('"Known" = "known"', '"Known" = "other"', "curves.Known needs one of drawn, known, got 'other'"),
+        ("tables.table_mine", "tables.mine", "tables.mine: names of files here begin with table_"),
+        (
+            '"double_pendulum"\n[scene]',
+            '"wild"\n[scene]',
+            "excitation needs one of double_pendulum, bowing, got 'wild'",
+        ),
+        ("[models]", "[models", "a study needs to be TOML in UTF-8"),
+        ("m1 = 0.5", 'm1 = "a"', "published.error.drawn.m1 needs a number"),
+    ],
+)
+def test_what_nobody_would_read_is_refused_in_one_sentence(tmp_path, capsys, old, new, message):
+    assert old in OWN
+    path = written(tmp_path, OWN.replace(old, new, 1))
+    error = refusal(study.main, [str(path), "--out", str(tmp_path / "out")], capsys)
+    assert error.count("\n") == 1
+    assert re.search(message, error)
+
+
+def test_a_study_that_is_not_there_is_named(capsys, tmp_path):
+    said = refusal(study.main, [str(tmp_path / "absent.toml")], capsys)
+    assert "misaligned, multicontact, several_contacts come with this package" in said
+    path = str(written(tmp_path, OWN))
+    assert "--trials needs [trials]" in refusal(study.main, [path, "--trials", "2", "--out", str(tmp_path)], capsys)
+    assert "--parameters needs" in refusal(study.main, [path, "--parameters", "x", "--out", str(tmp_path)], capsys)
+
+
+@pytest.mark.usefixtures("undrawn", "no_joint")
+def test_the_papers_command_is_its_file(tmp_path):
+    options = ["--samples", "200", "--formats", "png"]
+    assert misaligned.main([*options, "--out", str(tmp_path / "a")]) == 0
+    assert study.main(["misaligned", *options, "--out", str(tmp_path / "b")]) == 0
+    assert {file.name for file in (tmp_path / "a").iterdir()} == {file.name for file in (tmp_path / "b").iterdir()}
+    for file in (tmp_path / "a").iterdir():
+        assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes(), file.name
