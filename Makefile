@@ -24,7 +24,8 @@ test-extras: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) --no-deps $(MODELS)
 	$(BIN)/python -m pytest $(PARALLEL) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
 		tests/runs/test_cluster.py tests/cli/test_help.py tests/studies/test_benchmark.py tests/test_against_models.py tests/parameters/test_large_trees.py \
-		tests/recordings/formats tests/recordings/test_several_files.py tests/studies/test_identify_formats.py tests/test_fuzz.py
+		tests/recordings/formats tests/recordings/test_several_files.py tests/studies/test_identify_formats.py tests/test_fuzz.py \
+		tests/output/test_print.py
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

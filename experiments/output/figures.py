@@ -52,6 +52,11 @@ def author_style(path: Path | None, width: float) -> Iterator[None]:
         given: Any = {"figure.figsize": [width, mpl.rcParams["figure.figsize"][1]]}
     if path is not None:
         try:
+            settings = [
+                line.partition("#")[0].partition(":")[0].strip() for line in path.read_text("utf-8").splitlines()
+            ]
+            if unknown := [name for name in settings if name and name not in mpl.rcParams]:
+                raise KeyError(unknown[0])
             given |= mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
         except (OSError, ValueError, KeyError) as error:
             reason = f"'{error.args[0]}' is no setting" if isinstance(error, KeyError) else str(error)

@@ -80,7 +80,7 @@ def running_rms(x: np.ndarray) -> np.ndarray:
 
 def residuals(study: Study, curves: Mapping[str, str]) -> Figure:
     """Measured total wrench less what models predict of it, over time."""
-    shown = {label: study.measured.values - study.fit(model).predicted for label, model in curves.items()}
+    shown = {label: study.total(model).values - study.fit(model).predicted for label, model in curves.items()}
     lines = LINES if len(curves) > 1 else (figures.Line("black"),)
     thin = (replace(line, width=0.4) for line in lines * len(curves))
     drawn = {label: (wrench, line) for (label, wrench), line in zip(shown.items(), thin, strict=False)}

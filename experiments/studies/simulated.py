@@ -70,9 +70,15 @@ class Problem:
         }
         return without(recording, channels).with_sensors(sensors)
 
-    def total(self, recording: Recording, ignored: Collection[str] = ()) -> TotalWrench:
-        """Eq. 17: what the ground gives less what the links pass on to all contacts that are not ignored."""
-        return self.with_cells(recording, ignored).total_wrench(self.known.tree)
+    def total(self, recording: Recording, ignored: Collection[str] = (), tree: Tree | None = None) -> TotalWrench:
+        """Eq. 17: what the ground gives less what the links pass on to all contacts that are not ignored.
+
+        Args:
+            recording: Measured joint angles and wrenches.
+            ignored: Contacts to leave out.
+            tree: What moves the contacts' wrenches to the base, by default the mechanism with its true axes.
+        """
+        return self.with_cells(recording, ignored).total_wrench(tree or self.true)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +115,7 @@ class Study:
         """
         estimator = estimator or self.file.models[model].estimators[0]
         if (model, estimator) not in self._made:
-            wrench = self.problem.total(self.recording, self.file.ignored(model))
+            wrench = self.total(model)
             weighted = estimator == "weighted" and self.file.noise_scale > 0
             self._made[model, estimator] = fit(
                 self.mechanism(model),
@@ -121,6 +127,10 @@ class Study:
         made = self._made[model, estimator]
         assert isinstance(made, Trial)
         return made
+
+    def total(self, model: str) -> TotalWrench:
+        """Total wrench from the measured wrenches that a model knows, moved to the base along its own axes."""
+        return self.problem.total(self.recording, self.file.ignored(model), self.mechanism(model).tree)
 
     def joint(self, model: str) -> JointTrial:
         """A model's joint estimate; NaN where angles and wrenches do not determine it."""
@@ -193,7 +203,7 @@ class Study:
 
     @cached_property
     def measured(self) -> TotalWrench:
-        """Total wrench from the measured ground and contact wrenches."""
+        """Total wrench from the measured ground and contact wrenches, moved along the true axes."""
         return self.problem.total(self.recording)
 
     @cached_property

@@ -76,7 +76,7 @@ def test_a_contact_that_is_ignored_leaves_out_its_wrench_alone(result):
 
 
 def test_without_noise_the_estimate_is_exact(contact):
-    assert np.abs(study("multicontact", contact=contact, noise_scale=0).fit.error).max() < 1e-6
+    assert np.abs(study("multicontact", contact=contact, noise_scale=0).fit("contact").error).max() < 1e-6
 
 
 def test_true_total_wrench_is_what_the_parameters_give(result, contact):

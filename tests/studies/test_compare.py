@@ -1,0 +1,135 @@
+"""Two results side by side: their differences, whether these are noise, and what was done otherwise."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from commands import refusal
+from scipy import stats
+
+from experiments import compare
+from experiments.output import compare_report
+from experiments.studies.comparing import Difference, read_results
+
+NAMES = ("m1", "m2rz2", "Ixx2")
+COVARIANCE = np.diag([0.01, 0.04, 0.09]) + 0.005
+
+
+def result(folder, values, *, log="a", covariance=COVARIANCE, regrouping=NAMES, bodies=("base", "shank"), **options):
+    """A folder as `identify` writes it, with an offset behind the base parameters."""
+    folder.mkdir()
+    wide = np.pad(covariance, ((0, 1), (0, 1)), constant_values=1.0)
+    estimate = {
+        "verdict": f"Usable, {folder.name}",
+        "columns": [*NAMES, "offset(Fx)"],
+        "values": [*values, 7.0],
+        "covariance": wide.tolist(),
+        "std_setup": (2 * np.sqrt(np.diag(wide))).tolist(),
+        "regrouping": dict(zip(NAMES, regrouping, strict=True)),
+        "held_out": {"Fx": {"ratio": 0.25}, folder.name: {"ratio": 0.5}},
+        "setup": [{"name": "delay", "text": "late"}] if log == "a" else [],
+        "bodies": {name: {} for name in bodies},
+    }
+    provenance = {
+        "options": {"logs": [log], "out": folder.name, "estimator": "joint"} | options,
+        "recording": {"model": {"file": "m.xml", "sha256": "0" * 64}, "logs": [{"file": f"{log}.csv", "sha256": log}]},
+        "versions": {"multicontact": "1"},
+        "git_commit": None,
+    }
+    for name, content in (("estimate", estimate), ("provenance", provenance)):
+        (folder / f"{name}.json").write_text(json.dumps(content))
+    return folder
+
+
+def run(tmp_path, *folders, more=()):
+    assert compare.main([*map(str, folders), "--out", str(tmp_path / "out"), *more]) == 0
+    return json.loads((tmp_path / "out" / "comparison.json").read_text())["pairs"]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(compare_report, "rendered", lambda *_, **__: "")
+    a, b = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.5, 3.0])
+    first, second = result(tmp_path / "first", a), result(tmp_path / "second", b, log="b", estimator="weighted")
+    (found,) = run(tmp_path, first, second)
+    np.testing.assert_allclose(found["difference"], a - b)
+    np.testing.assert_allclose(found["std"], np.sqrt(2 * np.diag(COVARIANCE)))
+    np.testing.assert_allclose(found["std_setup"], 2 * np.sqrt(2 * np.diag(COVARIANCE)))
+    chi2 = (a - b) @ np.linalg.inv(2 * COVARIANCE) @ (a - b)
+    assert found["chi2"] == pytest.approx(chi2) and found["p_value"] == pytest.approx(stats.chi2.sf(chi2, 3))
+    assert found["settings"] == {"estimator": ["joint", "weighted"], "logs": ["a.csv", "b.csv"]}
+    with (tmp_path / "out" / "table_differences.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["body"] for row in rows] == ["base", "shank", "shank"]
+    assert float(rows[1]["interval_95"]) == pytest.approx(1.959964 * found["std"][1])
+    said = capsys.readouterr().out
+    assert "agree within noise, if their logs are independent" in said and "late" in said and "as stated" in said
+
+
+def test_the_chance_of_disagreement_is_right(tmp_path):
+    # The p-value of two draws around one truth is uniform.
+    rng, p = np.random.default_rng(0), []
+    first, second = result(tmp_path / "a", np.zeros(3)), result(tmp_path / "b", np.zeros(3), log="b")
+    both = read_results([first, second])
+    for _ in range(400):
+        for one in both:
+            one.estimate["values"][:3] = rng.multivariate_normal([1, 2, 3], COVARIANCE).tolist()
+        p.append(Difference(*both).comparison.p_value)
+    assert stats.kstest(p, "uniform").pvalue > 0.01
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(compare_report, "rendered", lambda *_, **__: "")
+    folders = [result(tmp_path / name, [1.0, 2.0, x]) for name, x in (("a", 3.0), ("b", 4.0))]
+    folders.append(result(tmp_path / "c", [1.0, 2.0, 9.0], log="c"))
+    shared, far = run(tmp_path, *folders)
+    assert shared["shared_logs"] == ["a.csv"] and shared["chi2"] is None and shared["difference"] == [0, 0, -1]
+    assert far["p_value"] < 1e-9
+    said = capsys.readouterr().out
+    assert "were both fitted to a.csv" in said and "'a' and 'c' differ by more than noise" in said
+    assert not (tmp_path / "out" / "figure_differences_2.png").exists()
+    assert (tmp_path / "out" / "figure_differences_3.png").exists()
+
+
+def test_parameters_that_mean_something_else_are_not_compared(tmp_path):
+    first = result(tmp_path / "a", [1.0, 2.0, 3.0])
+    second = result(tmp_path / "b", [1.0, 2.0, 3.0], log="b", regrouping=("m1 + m2", "m2rz2", "Ixx2"))
+    found = Difference(*read_results([first, second]))
+    assert found.names == ("m2rz2", "Ixx2") and found.comparison.covariance.shape == (2, 2)
+    assert "Not compared, as only one has them so regrouped: m1." in compare_report.agreement(found)
+
+
+def test_a_page_and_figures_are_written(tmp_path):
+    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in ("first_run", "<i>")]
+    run(tmp_path, *folders, more=["--parameters", "shank", "--caption", "figure_differences", "Mine."])
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Usable, first_run" in page and "&lt;i&gt;" in page and "<i>" not in page
+    assert "Mine." in (tmp_path / "out" / "figure_differences.tex").read_text()
+    tex = (tmp_path / "out" / "table_differences.tex").read_text()
+    assert r"\emph{shank}" in tex and r"\emph{base}" not in tex
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["a"], "needs two or more different folders"),
+        (["a", "a"], "needs two or more different folders"),
+        (["a", "absent"], "needs to hold results of identify, but estimate.json"),
+        (["a", "other"], "Results of one mechanism can be compared"),
+        (["a", "broken"], "lacks covariance"),
+        (["a", "b", "--out", "{a}"], "needs a folder of its own"),
+        (["a", "b", "--parameters", "m9"], "--parameters needs parameters m1, m2rz2, Ixx2 or bodies base, shank"),
+        (["a", "b", "--caption", "table_9", "x"], "--caption needs one of table_differences"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, message):
+    folders = {name: result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in ("a", "b", "broken")}
+    folders["other"] = result(tmp_path / "other", [1.0, 2.0, 3.0], log="x", bodies=("base", "thigh"))
+    broken = json.loads((folders["broken"] / "estimate.json").read_text())
+    (folders["broken"] / "estimate.json").write_text(json.dumps({k: v for k, v in broken.items() if k != "covariance"}))
+    given = [str(tmp_path / x) if x in (*folders, "absent") else x.format(**folders) for x in arguments]
+    out = [] if "--out" in given else ["--out", str(tmp_path / "out")]
+    assert message in refusal(compare.main, [*given, *out], capsys)
+    assert not (tmp_path / "out").exists()
