@@ -13,7 +13,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,7 @@ class Table:
         notes: What else a reader in print must know.
         bodies: Names of the bodies that parameters in the first column belong to, by their numbers from 1.
         units: Units of the rows, by default those of the parameters where there are bodies.
+        heads: Words for columns that `heading` does not find.
     """
 
     title: str
@@ -54,6 +55,7 @@ class Table:
     notes: tuple[str, ...] = ()
     bodies: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    heads: Mapping[str, str] = field(default_factory=dict)
 
     def csv(self) -> str:
         """Comma-separated values with full precision; where bodies have names, a column says whose a parameter is."""
@@ -107,7 +109,7 @@ class Table:
 
     def headings(self) -> list[str]:
         """Column names in words, with one for the units of the rows."""
-        first, *more = map(heading, self.columns)
+        first, *more = (self.heads.get(name, heading(name)) for name in self.columns)
         return [first, *["unit"] * bool(self._units()), *more]
 
     def texts(self, escaped: Callable[[str], str] = str) -> list[list[str]]:

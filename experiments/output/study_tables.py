@@ -30,10 +30,13 @@ def parameters(study: Study, entry: Mapping[str, Any]) -> report.Table:
     groups = entry["groups"]
     names = study.fit(groups[0]["model"]).base.names
     columns: dict[str, Any] = {"parameter": names}
+    heads: dict[str, str] = {}
     for group in groups:
         suffix = group.get("as", group["model"])
-        shown = {name: quantity(study, group["model"], name, names) for name in group["show"]}
-        columns |= {f"{name}_{suffix}" if suffix else name: values for name, values in shown.items()}
+        for name in group["show"]:
+            column = f"{name}_{suffix}" if suffix else name
+            columns[column] = quantity(study, group["model"], name, names)
+            heads[column] = _head(name, suffix)
     notes = _notes(study, groups)
     units = "kg, kg m and kg m²"
     return report.Table(
@@ -45,7 +48,14 @@ def parameters(study: Study, entry: Mapping[str, Any]) -> report.Table:
         caption=entry["caption"],
         notes=tuple(f"{note[0].upper()}{note[1:]}." for note in notes),
         bodies=study.known.bodies,
+        heads=heads,
     )
+
+
+def _head(quantity: str, model: str) -> str:
+    """A column's name in words, after a comma what it shares with its neighbours."""
+    words = report.heading(quantity)
+    return f"{' '.join(reversed(words.split(', ')))}, {report.heading(model)}" if model else words
 
 
 def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> Iterable[report.Cell]:

@@ -196,7 +196,7 @@ def test_figures_show_what_their_captions_say(study):
         np.testing.assert_array_equal(lines["Full"].get_ydata(), study.fit("full").predicted[:, k])
         np.testing.assert_array_equal(lines["Simplified"].get_ydata(), study.fit("simplified").predicted[:, k])
         colors = {name: line.get_color() for name, line in lines.items()}
-        assert colors == {"True": "black", "Simplified": "#D55E00", "Full": "#0072B2"}
+        assert colors == {"True": "black", "Simplified": "C1", "Full": "C0"}
         np.testing.assert_array_equal(lines["True"].get_xdata(), study.recording.time)
         errors = {line.get_label(): line for line in magnitudes.axes[component].get_lines()}
         expected = abs(study.fit("simplified").predicted[:, k] - truth)
