@@ -17,6 +17,9 @@ from experiments.studies.errors import HALF_WIDTH
 
 OUTPUTS = (*report.OUTPUTS, "comparison.json", "report.html")
 
+LINEAR = 10.0
+"""Difference in its standard deviations up to which the figure's abscissa is linear, logarithmic beyond."""
+
 UNLIKELY = 0.01
 """Chance of a χ² from which a difference is called more than noise."""
 
@@ -103,7 +106,10 @@ def figure(found: Difference, layout: Layout = PAPER) -> Figure:
         ax.errorbar(z, place, xerr=HALF_WIDTH, fmt="o", ms=2.5, lw=1.2, color="C0", label="Noise, 95 %")
         ax.set_yticks(place, [figures.named_symbol(found.names[k], found.first.bodies) for k in shown])
         ax.invert_yaxis()
-        ax.set_xscale("symlog", linthresh=4)
+        ax.set_xscale("symlog", linthresh=LINEAR)
+        powers = LINEAR ** np.arange(1, 1 + max(1, int(np.log10(max(np.abs(z).max() + wider.max(), LINEAR)))))
+        ax.set_xticks([*-powers[::-1], 0, *powers])
+        ax.minorticks_off()
         ax.set_xlabel("Difference in its standard deviations from noise")
         drawn.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return drawn

@@ -93,7 +93,7 @@ def test_tables_keep_their_cells_and_their_symbols():
     cells = [row.split(" & ") for row in body.split(" \\\\\n")[:-1]]
     assert [shown_by_tex(row[0].removesuffix("*")) for row in cells] == list(map(in_a_line, EVIL))
     assert {row[2] for row in cells} == {r"$I_{xx,2} + 0.4\,m_{3}$"}
-    assert cells[0][0].endswith("*") and head.startswith("Name of & {X} & What")
+    assert cells[0][0].endswith("*") and head.startswith("Name of & {$x$} & What")
     assert not re.search(r"\\(input|write)", table.tex()) and "<script>" not in table.markdown()
 
 
