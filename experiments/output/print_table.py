@@ -116,7 +116,7 @@ class _Column:
 
     def width(self, size: _Size) -> float:
         """About how wide it is at least, in pt."""
-        words = max((len(line) for line in _lines(self.head)), default=0)
+        words = max(len(line) for line in (*_lines(self.head), *_lines(self.remark)))
         widest = max([words, *(min(_letters(cell), LONG) for cell in self.cells)])
         return size.letter * widest + size.gap
 
@@ -209,7 +209,9 @@ def _heads(columns: Sequence[_Column]) -> str:
     shared = any(remark and size > 1 for remark, size in groups)
     top, rules, first = [], "", 1
     for remark, size in groups:
-        text = text_with_symbols(_capital(remark))
+        lines = [text_with_symbols(line) for line in _lines(remark)]
+        # Over several columns there is room for a line.
+        text = _stack(lines, True) if size == 1 and len(lines) > 1 else text_with_symbols(_capital(remark))
         top.append(f"\\multicolumn{{{size}}}{{c}}{{{text}}}" if remark else " & ".join([""] * size))
         rules += f"\\cmidrule(lr){{{first}-{first + size - 1}}}" if remark else ""
         first += size

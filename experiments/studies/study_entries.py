@@ -44,6 +44,9 @@ TABLES = {
 FIGURES = {"wrenches": ("curves",), "wrench errors": ("curves",), "residuals": ("curves",), "contacts": ()}
 """The same of figures."""
 
+DIGITS = 12
+"""Most decimals that a table prints."""
+
 WRENCHES = ("true", "measured", "ground")
 """What a curve of wrenches can be besides a model's: the true and the measured total one, and the ground's."""
 
@@ -239,13 +242,30 @@ def _shown(
         check_keys(where, entry, ("kind", "caption", *kinds[kind]))
         if kind == "contacts" and not scene.contacts:
             raise InputError(f"{where} shows contacts, but [scene] has none.")
-        for group in entry.get("groups", []):
-            _check_group(where, table(f"{where}.groups", group), models)
-        several(f"{where}.models", entry.get("models", []), models)
-        for label, curve in table(f"{where}.curves", entry.get("curves", {})).items():
-            choice(f"{where}.curves.{label}", curve, (*models, *(WRENCHES if kind == "wrenches" else ())))
+        # What a kind is made of comes first, and there has to be some of it.
+        for needed in kinds[kind][:1]:
+            if needed != "decimals" and not entry.get(needed):
+                raise InputError(f"{where} needs {needed}.")
+        _check_shown(where, entry, models, WRENCHES if kind == "wrenches" else ())
         shown[name] = {"caption": _text(f"{where}.caption", entry.get("caption", "")), **entry, "kind": kind}
     return shown
+
+
+def _check_shown(where: str, entry: Mapping[str, Any], models: Mapping[str, Model], more: Sequence[str]) -> None:
+    """Refuses entries of a table or a figure that make no sense; curves can be `more` than models."""
+    groups, marked = entry.get("groups", []), entry.get("marked", [])
+    if not isinstance(groups, list) or not isinstance(marked, list):
+        raise InputError(f"{where} needs groups and marked to be lists, got {short(groups)} and {short(marked)}.")
+    for group in groups:
+        _check_group(where, table(f"{where}.groups", group), models)
+    for parameter in marked:
+        _text(f"{where}.marked", parameter)
+    _text(f"{where}.footnote", entry.get("footnote", ""))
+    if _number(f"{where}.decimals", entry.get("decimals", 3), whole=True) > DIGITS:
+        raise InputError(f"{where}.decimals needs a number up to {DIGITS}, got {entry['decimals']}.")
+    several(f"{where}.models", entry.get("models", []), models)
+    for label, curve in table(f"{where}.curves", entry.get("curves", {})).items():
+        choice(f"{where}.curves.{label}", curve, (*models, *more))
 
 
 def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, Model]) -> None:
