@@ -135,9 +135,10 @@ def tex(table: "Table", label: str, layout: Layout) -> str:
             rows = [replace(column, cells=column.cells[first : first + ROWS]) for column in part]
             continued = r" \emph{(continued)}" if floats else ""
             name = f"\\label{{tab:{label}}}" if label and not floats else ""
+            same = "\\addtocounter{table}{-1}\n" if floats else ""
             floats.append(
                 f"\\begin{{table{star}}}\n\\centering{size.command}\n\\begin{{threeparttable}}\n"
-                f"\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{_notes(table)}"
+                f"{same}\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{_notes(table)}"
                 f"\\end{{threeparttable}}\n\\end{{table{star}}}\n"
             )
     return f"% \\usepackage{{{PACKAGES}}}\n" + "\n".join(floats)

@@ -78,7 +78,9 @@ def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several(columns):
     many = report.Table("t", ("name", *map(str, range(40))), (("a", *[1.5] * 40),))
     assert (TABLE.tex("", layout).count(r"\begin{table*}") > 0) == (columns == 2)
     floats = many.tex("t", layout)
-    assert floats.count(r"\begin{table") > 2 and floats.count(r"\label") == 1 and floats.count("continued") > 1
+    count = floats.count(r"\begin{table")
+    assert count > 2 and floats.count(r"\label") == 1
+    assert floats.count("continued") == floats.count(r"\addtocounter{table}{-1}") == count - 1
     long = report.Table("t", ("name",), tuple((str(k),) for k in range(100)))
     assert long.tex("t", layout).count(r"\toprule") == 3
 
