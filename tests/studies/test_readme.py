@@ -13,7 +13,6 @@ from experiments.benchmark import words
 from experiments.output import readme_blocks, study_tables
 from experiments.output.study_report import summary
 from experiments.studies.simulated import study as study_of
-from sim.motion.excitation import DOUBLE_PENDULUM
 
 ROOT = Path(experiments.__file__).parents[1]
 DOCS = ROOT / "docs"
