@@ -1,5 +1,5 @@
 # `make paper` regenerates the study, `make test` runs the tests; both set up their own environment in .venv.
-# `make test-extras` runs the tests that need the optional extras.
+# `make test-extras` runs the tests that need the optional extras, `make docs` builds the pages into results/docs.
 PYTHON ?= python3
 VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
@@ -11,7 +11,7 @@ PARALLEL := --numprocesses auto --dist loadfile
 MODELS := example-robot-data robosuite dm_control
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
 
-.PHONY: paper test test-extras check readme clean
+.PHONY: paper test test-extras check docs readme clean
 
 paper: $(INSTALLED)
 	$(BIN)/python -m experiments
@@ -20,17 +20,22 @@ test: $(INSTALLED)
 	$(BIN)/python -m pytest $(PARALLEL) $(TESTS)
 
 test-extras: $(INSTALLED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,symbolic,peers,cluster,completion,formats]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,symbolic,peers,cluster,completion,formats,docs]"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) --no-deps $(MODELS)
 	$(BIN)/python -m pytest $(PARALLEL) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
 		tests/runs/test_cluster.py tests/cli/test_help.py tests/studies/test_benchmark.py tests/test_against_models.py tests/parameters/test_large_trees.py \
 		tests/recordings/formats tests/recordings/test_several_files.py tests/studies/test_identify_formats.py tests/test_fuzz.py \
-		tests/output/test_print.py
+		tests/output/test_print.py tests/docs
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[docs]"
+	$(BIN)/mkdocs build --strict --quiet
+	@echo "The pages are in results/docs; open index.html."
 
 readme: $(INSTALLED)
 	$(BIN)/python -m experiments.readme

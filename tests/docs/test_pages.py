@@ -49,10 +49,19 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
         assert len(sim.mechanism("arm_identified.xml", base="base").bodies) == 3
 
 
+def shell_blocks():
+    """Those of the pages, and of the remarks of tutorials."""
+    found = blocks("sh")
+    for path in (ROOT / "docs" / "tutorials").glob("*.py"):
+        text = re.sub("^# ?", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        found[path.name] = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+    return found
+
+
 def commands():
-    """Every `python -m experiments…` of the pages' shell blocks and tables, as arguments, without its remark."""
-    for name, codes in blocks("sh").items():
-        for line in "".join(codes).splitlines():
+    """Every `python -m experiments…` of them as arguments, without its remark."""
+    for name, codes in shell_blocks().items():
+        for line in "".join(codes).replace("\\\n", "").splitlines():
             if line.startswith(("python -m experiments", "multicontact ")):
                 yield pytest.param(shlex.split(line, comments=True), id=f"{name}: {line.split('  ')[0]}")
 

@@ -1,0 +1,84 @@
+"""What the site has beyond the pages of docs: files of the root, tutorials with what they print, names, formulas."""
+
+import contextlib
+import io
+import re
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from latex2mathml.converter import convert
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+import ident
+import sim
+
+DOCS = Path(__file__).parent
+ROOT_PAGES = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "paper.md": "paper.md",
+    "CITATION.cff": "CITATION.cff",
+}
+FORMULA = re.compile(r"(```.*?```|`[^`\n]+`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
+"""Code, which stays as it is, or a formula on lines of its own, or one within a line."""
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Adds pages that are made from other files, and figures that tutorials draw."""
+    pages: dict[str, str | bytes] = {page: _of_root(name) for name, page in ROOT_PAGES.items()}
+    for package in (ident, sim):
+        names = [f"::: {getattr(package, name).__module__}.{name}" for name in package.__all__]
+        pages[f"reference/{package.__name__}.md"] = "\n\n".join([f"# {package.__name__}", *names])
+    for script in sorted((DOCS / "tutorials").glob("*.py")):
+        pages |= tutorial(script)
+    for name, content in pages.items():
+        files.append(File.generated(config, name, content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Links to the tutorials' pages, and writes formulas as MathML, which browsers show without a script."""
+
+    def written(match: re.Match[str]) -> str:
+        code, block, inline = match.groups()
+        return code or convert(block or inline, display="block" if block else "inline")
+
+    return FORMULA.sub(written, re.sub(r"\]\((tutorials/\w+)\.py\)", r"](\1.md)", markdown))
+
+
+def tutorial(script: Path) -> dict[str, str | bytes]:
+    """The page of a script, remarks at the margin being its text, and its figures; it runs in a folder of its own."""
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    lines, files, names = [], {}, {"__name__": "__main__"}
+    parts = re.split(r"((?:^#.*\n)+)", script.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        for part in parts:
+            if part.startswith("#"):
+                lines.append(re.sub(r"^# ?", "", part, flags=re.MULTILINE))
+            elif part.strip():
+                with contextlib.redirect_stdout(io.StringIO()) as printed:
+                    exec(compile(part, str(script), "exec"), names)
+                lines.append(f"```python\n{part.strip()}\n```\n")
+                if printed.getvalue():
+                    lines.append(f"```text\n{printed.getvalue().rstrip()}\n```\n")
+            for figure in pyplot.get_fignums():
+                drawn, name = io.BytesIO(), f"{script.stem}_{len(files)}.png"
+                pyplot.figure(figure).savefig(drawn, dpi=120)
+                files[f"tutorials/{name}"] = drawn.getvalue()
+                lines.append(f"![{pyplot.figure(figure).get_suptitle()}]({name})\n")
+            pyplot.close("all")
+    return {f"tutorials/{script.stem}.md": "\n".join(lines), **files}
+
+
+def _of_root(name: str) -> str:
+    """A page of the root, with links as they are from docs."""
+    text = (DOCS.parent / name).read_text(encoding="utf-8").replace("](docs/", "](")
+    for page, moved in ROOT_PAGES.items():
+        text = text.replace(f"]({page}", f"]({moved}")
+    return text

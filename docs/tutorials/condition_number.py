@@ -1,0 +1,122 @@
+# # Why you should not believe a condition number
+#
+# A condition number says how much least squares may amplify noise, of the columns it was computed of. It is often read
+# as a mark for a model, or for an experiment. Five small experiments on the paper's double pendulum show what it does
+# not tell. The page runs as it stands.
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import ident
+import scenes
+import sim
+from sim.motion.excitation import DOUBLE_PENDULUM, Excitation
+
+drawn = sim.mechanism(scenes.load("double_pendulum"), base="base")
+tilted = scenes.load("double_pendulum", tilt_deg=5, azimuth_deg=120)
+built = sim.mechanism(tilted, base="base")
+recording = sim.simulate(tilted, DOUBLE_PENDULUM)
+
+
+def fitted(mechanism, names=None, log=recording):
+    """Least squares on a mechanism, with given names of base parameters or its own."""
+    return ident.least_squares(ident.Equations(mechanism, ident.find_base_parameters(mechanism, kept=names)), log)
+
+
+def largest_error(fit):
+    """Of the base parameters, against the true ones."""
+    return abs(fit.psi - fit.parameters.regroup(drawn.known)).max()
+
+
+# ## 1. A wrong model may have the better one
+#
+# The pendulum's axes are tilted by 5°. One model has them along X, the other as they are.
+
+wrong, right = fitted(drawn), fitted(built)
+for name, fit in {"axes along X": wrong, "axes as they are": right}.items():
+    print(f"{name}: condition number {fit.condition_number:.0f}, largest error {largest_error(fit):.2f}")
+
+# The condition number is a function of the regressor, that is of the motion and of the model; the measured wrench is
+# not in it. It cannot know whether the model is right.
+#
+# ## 2. It depends on the names of the parameters
+#
+# The same regressor has many bases. With tilted axes the first independent columns are other ones than without, and
+# some of them are nearly dependent. On the names of the simplified model the same model of the same data is as well
+# conditioned as that one, and predicts the same wrench.
+
+renamed = fitted(built, names=wrong.parameters.names)
+motion = ident.Motion(*recording.joint_states(drawn.tree.joints))
+difference = abs(renamed.predicted(motion) - right.predicted(motion)).max()
+print(f"condition numbers {right.condition_number:.0f} and {renamed.condition_number:.1f}")
+print(f"largest difference of the predicted wrenches {difference:.0e} N or N m")
+
+# ## 3. It depends on the units
+#
+# Metres to millimetres, and nothing has changed but the number.
+
+Y = right.parameters.reduce(ident.base_wrench_regressor(built.tree, *motion.states, gravity=built.gravity))
+Y = Y.reshape(-1, right.parameters.rank)
+power = np.array([0 if "r" not in name and "I" not in name else 1 + name.startswith("I") for name in right.names])
+for unit, length in {"m": 1.0, "mm": 1e-3}.items():
+    print(f"lengths in {unit}: {np.linalg.cond(Y * length**power):.3g}")
+
+# ## 4. The best one is not the best experiment
+#
+# What one wants is small standard deviations, of the parameters one wants. Of forty motions drawn by chance, the one
+# with the smallest condition number is not the one with the smallest deviations.
+
+rng = np.random.default_rng(0)
+time = np.arange(0, 9.43, 0.02)
+noise = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
+base = ident.find_base_parameters(drawn)
+conditions, deviations = [], []
+for _ in range(40):
+    size, frequency, phase = rng.uniform(0.5, 4, (2, 2)), rng.uniform(0.2, 0.9, (2, 2)), rng.uniform(0, 6, (2, 2))
+    states = Excitation(np.array([-1.0, 1.1]), size, frequency, phase).trajectory(time)
+    columns = base.reduce(ident.base_wrench_regressor(drawn.tree, *states, gravity=drawn.gravity))
+    conditions.append(np.linalg.cond(columns.reshape(-1, base.rank)))
+    weighted = (columns / noise[:, None]).reshape(-1, base.rank)
+    deviations.append(np.exp(np.log(np.diag(np.linalg.inv(weighted.T @ weighted))).mean() / 2))
+by_condition, by_deviation = np.argmin(conditions), np.argmin(deviations)
+ratio = deviations[by_condition] / deviations[by_deviation]
+print(f"best conditioned: {conditions[by_condition]:.0f}, deviations {ratio:.2f} times as large as the best motion's")
+print(f"best motion: condition number {conditions[by_deviation]:.0f}")
+
+figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
+figure.suptitle("Forty motions by chance")
+panel.loglog(conditions, deviations, "o", color="tab:blue")
+panel.loglog(conditions[by_condition], deviations[by_condition], "s", color="tab:red", label="best conditioned")
+panel.loglog(conditions[by_deviation], deviations[by_deviation], "D", color="tab:green", label="smallest deviations")
+panel.set(xlabel="condition number", ylabel="geometric mean of the standard deviations\n(kg, kg m, kg m²)")
+panel.legend()
+
+# `python -m experiments.excite` therefore designs motions by their deviations ([motions that tell
+# more](../excitation.md)).
+#
+# ## 5. It knows nothing of noise on the joints
+#
+# The same motion, measured with ten times the noise on the joint states: the condition number gets smaller, as noise
+# makes columns less alike. Least squares, which take the states for exact, are off by many of the deviations that they
+# predict of themselves.
+
+flawless = replace(recording.noise_free, noise=recording.noise)
+states = [f"{joint}_{kind}" for joint in drawn.tree.joints for kind in ("position", "velocity", "acceleration")]
+for scale in (1, 10):
+    noisy = {x: flawless[x] + scale * recording.noise[x] * rng.normal(size=len(recording.time)) for x in states}
+    log = replace(flawless, measured={**flawless.measured, **noisy})
+    fit = fitted(built, wrong.parameters.names, log)
+    k = fit.names.index("Ixx2")
+    off = fit.psi[k] - fit.parameters.regroup(drawn.known)[k]
+    print(f"noise ×{scale}: condition number {fit.condition_number:.1f}, Ixx2 off by {off:.2f} ± {fit.std[k]:.2f}")
+
+# ## What to look at instead
+#
+# - Residuals channel by channel, over the standard deviation of the channel, on data that were not fitted.
+# - The prediction of the model as it came, on the same data: is the estimate any better?
+# - Standard deviations that have been seen to hold, of each parameter.
+# - Two recordings, or two halves of one: do they agree within these deviations?
+#
+# That is what the [verdict](../verdict.md) does.

@@ -1,0 +1,72 @@
+"""The site as `make docs` builds it: strictly, from tutorials that run, with pages that ask nobody for anything."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import experiments
+
+pytest.importorskip("mkdocs", reason="the extra docs builds the site")
+pytest.importorskip("latex2mathml", reason="the extra docs builds the site")
+
+ROOT = Path(experiments.__file__).parents[1]
+pytestmark = [
+    pytest.mark.skipif(not (ROOT / "mkdocs.yml").exists(), reason="only a checkout has a mkdocs.yml"),
+    pytest.mark.filterwarnings("ignore"),
+]
+
+SAID = {
+    "paper": (r"Ixz2 +-2\.\d+ &lt;- wrong", r"ignored: largest error \d", r"error: simplified 2\.\d+, full 0\.0\d"),
+    "arm": (r"is 1[12]\.\d+ ± 0\.\d+ ms late", "Usable: held-out", r"fore: 2\.00 kg .*, 2\.[78]\d kg identified"),
+    "person": ("Usable: held-out", r"(9\d|100)% of the 95 %", r"person: 66\.1 kg .* 6[78]\.\d kg identified"),
+    "condition_number": (r"they are: condition number 33\d", r"deviations 1\.\d+ times", r"Ixx2 off by -1\."),
+}
+"""What each tutorial's page shows that its code printed."""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    from mkdocs.commands.build import build
+    from mkdocs.config import load_config
+
+    folder = tmp_path_factory.mktemp("site")
+    config = load_config(str(ROOT / "mkdocs.yml"), site_dir=str(folder), strict=True)
+    config.plugins.on_startup(command="build", dirty=False)
+    build(config)
+    return folder
+
+
+def test_tutorials_run_and_show_what_they_print(site):
+    assert {path.stem for path in (ROOT / "docs" / "tutorials").glob("*.py")} == set(SAID)
+    for name, patterns in SAID.items():
+        page = re.sub(r"<[^>]+>", "", (site / "tutorials" / f"{name}.html").read_text(encoding="utf-8"))
+        assert [pattern for pattern in patterns if not re.search(pattern, page)] == [], name
+        assert (site / "tutorials" / f"{name}_0.png").stat().st_size > 10_000
+
+
+def test_pages_load_nothing_from_elsewhere(site):
+    loaded = re.compile(r"""<(?:script|link|img|iframe|source)\b[^>]*?(?:src|href)=["']?([^"' >]+)""")
+    for page in site.rglob("*.html"):
+        wanted = loaded.findall(page.read_text(encoding="utf-8"))
+        assert wanted and [target for target in wanted if re.match(r"(\w+:)?//", target)] == [], page
+        folder = site if page.name == "404.html" else page.parent
+        assert [x for x in wanted if not (folder / x.split("?")[0].lstrip("/")).exists()] == [], page
+    for style in site.rglob("*.css"):
+        text = style.read_text(encoding="utf-8")
+        assert not re.search(r"""(?:url\(|@import)\s*["']?(?:https?:)?//""", text), style
+
+
+def test_formulas_are_shown_without_a_script(site):
+    page = (site / "equations.html").read_text(encoding="utf-8")
+    assert page.count('<math xmlns="http://www.w3.org/1998/Math/MathML" display="block"') > 10
+    assert "$" not in re.sub(r"<(pre|script)\b.*?</\1>", "", page, flags=re.DOTALL)
+
+
+def test_the_reference_has_every_name_of_the_front_doors(site):
+    import ident
+    import sim
+
+    for package in (ident, sim):
+        page = (site / "reference" / f"{package.__name__}.html").read_text(encoding="utf-8")
+        assert [name for name in package.__all__ if f'.{name}"' not in page] == []
