@@ -78,8 +78,8 @@ def test_errors_of_the_wrench_are_not_stale():
         f"{study.fit('simplified').estimate.epsilon / np.linalg.norm(study.recording.wrench('ground').values):.1%}"
     )
     assert share["epsilon"] == "1.5%"
-    for file in (ROOT / "README.md", DOCS / "reproduction.md"):
-        quoted = file.read_text(encoding="utf-8").replace("\n", " ")
+    for name in ("study.md", "reproduction.md"):
+        quoted = page(name).replace("\n", " ")
         words = f"{share['Fx']} of F_x's standard deviation, {share['τy']} of τ_y's and {share['τz']} of τ_z's"
         assert words in quoted and "1.5 % of the wrench" in quoted
 
