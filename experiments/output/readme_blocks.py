@@ -9,6 +9,7 @@ from typing import Any
 from experiments.benchmark import sections, words
 from experiments.benchmark.figure import figure_benchmark
 from experiments.output import figures, moving_picture, report, study_figures, study_report, study_tables
+from experiments.output.estimator_figure import figure_estimator
 from experiments.studies.simulated import Study, study
 from ident.errors import InputError
 from ident.recordings.atomic import replacing
@@ -97,6 +98,7 @@ def write(root: Path) -> None:
     with report.results_folder(docs) as folder:
         figures.save(study_figures.figure(tilted, "figure_2"), folder, "figure_2", ["png"])
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
+        figures.save(figure_estimator(), folder, "estimator", ["svg"])
         moving_picture.save(study("multicontact", contact=moving_picture.CONTACT), folder / "mechanism.gif")
         report.write_json(folder / sections.FILE, measured)
 

@@ -1,0 +1,48 @@
+"""The figure that explains the joint estimate: an acceleration as a filter has it, and as angles and wrench have it."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.output import figures
+from experiments.studies.competitors import USUAL, low_passed
+from experiments.studies.noisy_recordings import CONDITIONS, SUBJECTS, noisy_recording
+from ident.identification import identify
+
+CONDITION = "person_half_degree"
+"""A person who bows on a force plate, of whom angles are measured to half a degree."""
+
+JOINT = "hip"
+SHOWN = (10.0, 16.0)
+"""Times that are shown, s."""
+
+
+def accelerations(seed: int = 0) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times, s (N,), and by where they come from the accelerations of a joint, rad/s² (N,).
+
+    Args:
+        seed: Seed of the recording's noise.
+    """
+    who = SUBJECTS[CONDITIONS[CONDITION].subject]
+    recording = noisy_recording(CONDITIONS[CONDITION], seed, 0)
+    filtered, _ = low_passed(who.mechanism, recording, USUAL)
+    estimate = identify(who.mechanism, recording, offsets=False, holdout=0)
+    k = who.mechanism.tree.joints.index(JOINT)
+    return recording.time, {
+        f"angles, low-passed at {USUAL:.0f} Hz": filtered.ddq[:, k],
+        "motion that the servos follow": who.commanded.ddq[:, k],
+        "joint estimate": estimate.prepared.samples.motion.ddq[:, k],
+    }
+
+
+def figure_estimator() -> Figure:
+    """The accelerations over a few seconds."""
+    time, found = accelerations()
+    lines = (figures.Line("tab:red", 0.7), figures.Line("black", 2.0), figures.Line("tab:blue", 1.2, "--"))
+    with figures.paper_style():
+        figure = Figure(figsize=(6.4, 2.6))
+        ax = figure.subplots()
+        for (label, values), line in zip(found.items(), lines, strict=True):
+            ax.plot(time, values, color=line.color, lw=line.width, ls=line.style, label=label)
+        ax.set(xlim=SHOWN, xlabel="Time (s)", ylabel=f"Acceleration of the {JOINT} (rad/s²)")
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    return figure
