@@ -32,8 +32,7 @@ check: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-docs: $(INSTALLED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[docs]"
+docs: $(INSTALLED)-docs
 	$(BIN)/mkdocs build --strict --quiet
 	@echo "The pages are in results/docs; open index.html."
 
@@ -42,6 +41,11 @@ readme: $(INSTALLED)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info results
+
+# Once it is there, the pages are built without a network.
+$(INSTALLED)-docs: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,docs]"
+	touch $@
 
 $(INSTALLED): pyproject.toml ident/model/blocks.c $(CONSTRAINTS)
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and \
