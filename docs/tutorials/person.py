@@ -1,9 +1,9 @@
 # # A person on force plates
 #
-# A laboratory records markers on the skin and the wrenches of two force plates; that is what Winter's and Dumas's
-# groups did, and what the HuMoD database holds. Joint angles, segments' masses, accelerations: nothing else is
-# measured. This page goes from such a recording to the person's inertial parameters. The person is simulated, so that
-# the truth is known; she does squats, then swings her arms. The page runs as it stands, some seconds.
+# A gait laboratory records markers on the skin and the wrenches of two force plates; public collections such as HuMoD
+# hold recordings of this kind. Joint angles, accelerations and the masses of segments are not measured. This page goes
+# from such a recording to the person's inertial parameters. The person is simulated, so that the truth is known; she
+# does squats, then swings her arms. The page runs as it stands, some seconds.
 
 import contextlib
 import io
@@ -23,17 +23,7 @@ from sim.motion import person
 # The scene's humanoid: a pelvis that moves freely, and joints as people have them, of which wrists, toes and other
 # small ones are left stiff here. Three markers on each body are sites of the model; an OpenSim file has them already.
 
-STIFF = (
-    "neck",
-    "pronation",
-    "wrist",
-    "toes",
-    "subtalar",
-    "thoracic_flexion",
-    "lumbar_bending",
-    "rotation",
-    "abduction",
-)
+STIFF = ("neck", "pronation", "wrist", "toes", "subtalar", "thoracic_flexion", "bending", "rotation", "abduction")
 rng = np.random.default_rng(3)
 spec = scenes.load("humanoid")
 for joint in [joint for joint in spec.joints if any(word in joint.name for word in STIFF)]:
@@ -150,8 +140,8 @@ estimate = ident.identify(model, logs, known=True)
 print(estimate.verdict())
 print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
 
-# The model came with `--prior on`, so everything it predicts is between what was known and what the plates say. How far
-# it got, where the truth is known:
+# The estimate lies between what was known beforehand and what the plates say. How near it got, where the truth is known
+# (intervals contain what was known beforehand, which here was closer than it claimed to be):
 
 true, was = (estimate.base.regroup(phi) for phi in (truth.ravel(), model.known))
 inside = np.mean(np.abs(estimate.psi - true) < 1.96 * estimate.std_setup)
