@@ -1,6 +1,8 @@
 """The site as `make docs` builds it: strictly, from tutorials that run, with pages that ask nobody for anything."""
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -70,3 +72,12 @@ def test_the_reference_has_every_name_of_the_front_doors(site):
     for package in (ident, sim):
         page = (site / "reference" / f"{package.__name__}.html").read_text(encoding="utf-8")
         assert [name for name in package.__all__ if f'.{name}"' not in page] == []
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="the browser chromium is not installed")
+def test_a_browser_has_nothing_to_complain_of(site, tmp_path):
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", f"--user-data-dir={tmp_path}"]
+    for page in ("index.html", "equations.html", "tutorials/arm.html"):
+        command = ["chromium", *options, "--dump-dom", (site / page).as_uri()]
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        assert "</html>" in ended.stdout and "CONSOLE" not in ended.stderr, ended.stderr
