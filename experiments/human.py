@@ -17,9 +17,8 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.output_parser("human", __doc__)
     out.add_argument("--seed", type=options.whole_number(0), default=0, help="of motions, noise and the wrong prior")
-    out.add_argument(
-        "--seconds", type=options.whole_number(2, 120), default=4, help="length of each of five recordings"
-    )
+    out.add_argument("--seconds", type=options.whole_number(2, 120), default=4, help="length of each recording")
+    out.add_argument("--activities", nargs="+", help="what is recorded, by default all that a person does")
     out.add_argument("--rate", type=options.whole_number(20, 200), default=50, help="samples per second")
     out.add_argument("--noise", type=float, default=0.5, help="standard deviation of the angles, degrees")
     out.add_argument("--decay", type=float, default=0.0, help="correlation of their noise from sample to sample")

@@ -1,6 +1,7 @@
 """What recordings say of a person's segments: tables, a figure, key numbers, and the terminal's text."""
 
 import argparse
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -103,9 +104,7 @@ def _growth(ax: Axes, found: Study, feet_alone: Study) -> None:
 
 def numbers(found: Study) -> dict[str, Any]:
     """Key numbers for scripts."""
-    estimate, determined = found.estimate, found.determined
-    phi, std = found.segments
-    z = (estimate.psi - found.psi) / estimate.std_setup
+    estimate, (phi, std) = found.estimate, found.segments
     segments = {
         name: {"true": t, "prior": p, "estimate": x, "std": s}
         for name, t, p, x, s in zip(
@@ -118,11 +117,10 @@ def numbers(found: Study) -> dict[str, Any]:
     return {
         "activities": list(found.activities),
         "seconds": found.seconds,
-        "base_parameters": len(z),
-        "determined": int(determined.sum()),
-        "coverage_of_determined": found.coverage(determined) if determined.any() else None,
-        "coverage_of_all": found.coverage(np.ones(len(z), bool)),
-        "rms_z": float(np.sqrt((z**2).mean())),
+        "base_parameters": len(found.psi),
+        "determined": int(found.determined.sum()),
+        "coverage_of_determined": found.coverage,
+        "rms_z": float(np.sqrt((found.distances[1] ** 2).mean())),
         "set_up": [{"name": each.name, "value": each.value, "std": each.std} for each in estimate.setup],
         "verdict": estimate.verdict(),
         "segments": segments,
@@ -155,13 +153,16 @@ def run(args: argparse.Namespace) -> Results:
     with report.unused_vanish(args.out):
         with report.results_folder(args.out):
             pass  # Refused before the work if it cannot be written.
-        with worker_pool(args.workers) as pool:
-            shared = {"seed": args.seed, "executor": pool.executor, "report": progress}
+        with ExitStack() as stack:
+            executor = stack.enter_context(worker_pool(args.workers)).executor if args.workers > 1 else None
+            shared = {"seed": args.seed, "activities": args.activities, "executor": executor, "report": progress}
             found, feet_alone = (
                 human.study(float(args.seconds), laboratory=replace(laboratory, rail=rail), **shared)
                 for rail in (True, False)
             )
-    choices = {key: getattr(args, key) for key in ("seed", "seconds", "rate", "noise", "decay", "formats")}
+    choices = {
+        key: getattr(args, key) for key in ("seed", "seconds", "activities", "rate", "noise", "decay", "formats")
+    }
     written = results(found, feet_alone) | Results(numbers={"provenance": report.provenance(choices, {})})
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
         written.write(folder, args.formats)

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import linalg
 
 from experiments.studies.competitors import USUAL
+from experiments.studies.errors import HALF_WIDTH
 from experiments.studies.person_recordings import Laboratory, humanoid, mistaken, moved, recorded
 from ident.errors import InputError
 from ident.estimate import Estimate
@@ -26,7 +28,7 @@ UNSEEN = 1000
 """What is added to the seeds of recordings that are not fitted."""
 
 MOVED = 0.5
-"""Standard deviation of a base parameter, over that known beforehand, below which the recordings determine it."""
+"""Standard deviation, over that known beforehand, below which recordings determine what it is of."""
 
 LEAST_SEEN = 1e-3
 """Singular values, over the largest, below which least squares leave the prior as it is."""
@@ -61,14 +63,21 @@ class Study:
         return self.estimate.prepared.mechanism
 
     @cached_property
-    def beforehand(self) -> np.ndarray:
-        """Standard deviations of base parameters as they were known beforehand (r,)."""
-        return np.sqrt(np.diag(known_covariance(self.mechanism, self.estimate.base)))
+    def distances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Along the combinations of base parameters that recordings tell of independently, the best known first.
+
+        Returns:
+            Standard deviations over those known beforehand, and errors in standard deviations (r,).
+        """
+        covariance = self.estimate.covariance_setup[: len(self.psi), : len(self.psi)]
+        ratios, directions = linalg.eigh(covariance, known_covariance(self.mechanism, self.estimate.base))
+        errors = directions.T @ (self.estimate.psi - self.psi)
+        return np.sqrt(ratios), errors / np.sqrt(np.einsum("rk,rs,sk->k", directions, covariance, directions))
 
     @property
     def determined(self) -> np.ndarray:
-        """Which base parameters the recordings determine (r,)."""
-        return self.estimate.std_setup < MOVED * self.beforehand
+        """Which of these combinations the recordings determine (r,)."""
+        return self.distances[0] < MOVED
 
     @cached_property
     def candidates(self) -> dict[str, np.ndarray]:
@@ -98,10 +107,10 @@ class Study:
         """φ of all segments and standard deviations, by what was known and the estimate (b, 10) each."""
         return self._conditioned(range(len(self.activities)))
 
-    def coverage(self, which: np.ndarray) -> float:
-        """Share of some base parameters whose 95 % intervals hold the truth."""
-        z = np.abs(self.estimate.psi - self.psi) / self.estimate.std_setup
-        return float((z[which] < 1.96).mean())
+    @property
+    def coverage(self) -> float:
+        """Share of the 95 % intervals of what is determined that hold the truth."""
+        return float((np.abs(self.distances[1][self.determined]) < HALF_WIDTH).mean())
 
     def information(self, recordings: Sequence[int]) -> np.ndarray:
         """Standard deviations of φ that some of the recordings would give, at the noise that all have shown (b, 10)."""
@@ -138,7 +147,7 @@ def study(
     *,
     seed: int = 0,
     laboratory: Laboratory = Laboratory(),  # noqa: B008
-    activities: Sequence[str] = ACTIVITIES,
+    activities: Sequence[str] | None = None,
     executor: Executor | None = None,
     report: Report | None = None,
 ) -> Study:
@@ -148,7 +157,7 @@ def study(
         seconds: Length of each recording.
         seed: Of the motions, the noise and the wrong prior.
         laboratory: How well it measures.
-        activities: What is recorded.
+        activities: What is recorded, by default all of `ACTIVITIES`.
         executor: Where the joint estimate works on its pieces.
         report: Called with every round of it.
 
@@ -157,6 +166,7 @@ def study(
     """
     if seconds < 2:
         raise InputError(f"A recording of a person needs two seconds or more, got {seconds:g}.")
+    activities = ACTIVITIES if activities is None else activities
     who, first = mistaken(humanoid(), np.random.default_rng((seed, 2))), seed * len(ACTIVITIES)
     fitted, judges = (
         [

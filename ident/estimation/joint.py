@@ -7,11 +7,12 @@ restricted maximum likelihood (`ident.estimation.restricted_likelihood`). Ordere
 for a border of θ; pieces share θ alone, so that their Schur complements add.
 """
 
+import pickle
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any, NamedTuple
+from functools import cached_property, lru_cache, partial
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy import linalg
@@ -176,7 +177,8 @@ def fit(
     """
     every = [np.arange(len(free))] * len(pieces)
     run = map if executor is None else executor.map
-    problem = _Problem(measurement, pieces, prior, free, names or measurement.names, selections or every, run)
+    shared = measurement if executor is None else cast(Predictor, _Sent(measurement))
+    problem = _Problem(shared, pieces, prior, free, names or measurement.names, selections or every, run)
     at, trace, status, stalled = start, list[float](), "stopped", 0
     fitted = np.flatnonzero(free)
     white = COLOURED if coloured and not start.noise.channels_rho.any() else 0
@@ -217,6 +219,21 @@ def fit(
         tuple(trace),
         status,
     )
+
+
+class _Sent:
+    """A measurement for other processes, which unpack it once: its programs may be large."""
+
+    def __init__(self, measurement: Predictor) -> None:
+        self._packed = pickle.dumps(measurement)
+
+    def __reduce__(self) -> tuple[Callable[[bytes], Predictor], tuple[bytes]]:
+        return _unpacked, (self._packed,)
+
+
+@lru_cache(maxsize=1)
+def _unpacked(packed: bytes) -> Predictor:
+    return cast(Predictor, pickle.loads(packed))
 
 
 @dataclass(frozen=True, eq=False)
