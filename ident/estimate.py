@@ -1,7 +1,7 @@
 """Base parameters from recordings, how well they predict, and whether to believe them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -64,10 +64,7 @@ class HeldOut:
 
     def residual_with(self, psi: np.ndarray) -> np.ndarray:
         """Residuals with other base parameters (r,), drives and offsets as they are likeliest beside them (M, C)."""
-        values, r, covariance = self.fit.values.copy(), len(psi), self.fit.covariance
-        values[r:] += covariance[r:, :r] @ np.linalg.pinv(covariance[:r, :r], hermitian=True) @ (psi - values[:r])
-        values[:r] = psi
-        return replace(self.fit, values=values).residual(self.samples)
+        return self.fit.with_psi(psi).residual(self.samples)
 
     def _ratio(self, residual: np.ndarray) -> np.ndarray:
         return np.sqrt((residual**2).mean(axis=0)) / np.maximum(self.samples.measured.std(axis=0), 1e-300)

@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
@@ -12,12 +13,21 @@ from experiments.benchmark import bounds, identification, machine, monte_carlo, 
 from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
 from experiments.benchmark.timing import QUICK, Effort
-from experiments.output import figures, report
+from experiments.output import report
+from experiments.output.page import PAGE, Said, write_report
+from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from ident.errors import InputError
 
 FILE = "benchmark.json"
 """File in the output folder with all numbers."""
+
+
+ABOUT = (
+    "Times of regressor, identification, simulation and trials beside those of other ways to the same results, taken "
+    "in turns in one process with one thread for linear algebra. Machines differ, and are noisy."
+)
+"""What the page says of the benchmark."""
 
 
 def measured(effort: Effort) -> dict[str, Any]:
@@ -85,14 +95,19 @@ def run(args: argparse.Namespace) -> None:
     given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
         results = measured(QUICK if args.quick else Effort()) | {"provenance": report.provenance(given)}
-        report.write_json(folder / FILE, results)
-        for name, table in tables(results).items():
-            table.write(folder, name)
-        if results["comparisons"]:
-            figures.save(figure_benchmark(results), folder, "figure_benchmark", args.formats)
-    for table in tables(results).values():
+        written = _written(results)
+        written.write(folder, args.formats)
+        lines = [f"Measured on {words.machine(results)}.", *words.findings(results), *results["notes"]]
+        write_report(folder, written, args.formats, Said("How fast it is", ABOUT, lines=lines))
+    for table in written.tables.values():
         print(table.text())
-    print(f"Measured on {words.machine(results)}.")
-    for line in (*words.findings(results), *results["notes"]):
-        print(f"- {line}")
-    print(f"All numbers are in {args.out}.")
+    print("\n- ".join(lines))
+    print(f"Everything is in {args.out}; open {PAGE}.")
+
+
+def _written(results: dict[str, Any]) -> Results:
+    """Tables, all numbers, and a figure where there is something to compare with."""
+    caption = "Time a sample over the number of samples, and over the number of bodies, ours and a peer's."
+    drawn = {"figure_benchmark": (figure_benchmark(results), caption)} if results["comparisons"] else {}
+    numbers = {Path(FILE).stem: results, "provenance": results["provenance"]}
+    return Results(tables(results), drawn, numbers)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.output import figures, report
-from experiments.output.page import rendered
+from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from ident.recordings.atomic import save_arrays
 from sim.markers.scaled_file import write_scaled
@@ -19,7 +19,7 @@ from sim.models.names import joint_name
 if TYPE_CHECKING:
     from experiments.studies.angles import Angles
 
-OUTPUTS = (*report.OUTPUTS, "report.html", "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
+OUTPUTS = (*report.OUTPUTS, PAGE, "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
 
 MM = 1e3
 """Millimetres of a metre."""
@@ -170,15 +170,13 @@ def write(
     save_arrays(folder / "covariance.npz", covariance)
     if found.scaling is not None:
         write_scaled(folder / "model_scaled.xml", found.postures.marked.spec, found.scaling.model)
-    page = rendered(
-        "angles.html",
-        folder,
-        {"": shown},
-        every,
-        title=f"Joint angles of {model.name} from {markers.name}",
+    said = Said(
+        f"Joint angles of {model.name} from {markers.name}",
         lines=lines(found),
+        heading="The trial",
+        files=["angles.csv", "angles.npz", "covariance.npz", *(["model_scaled.xml"] if found.scaling else [])],
     )
-    (folder / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
+    write_report(folder, shown, every, said)
 
 
 def text(found: "Angles") -> str:

@@ -37,6 +37,11 @@ def label(text: str) -> str:
     return _line(text).replace("$", r"\$")
 
 
+def visible(text: str) -> str:
+    """A text without the marks and overrides of writing directions, which would turn round what stands beside it."""
+    return re.sub(r"[\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]", "", text)
+
+
 def _line(text: str) -> str:
     """The text in one line, without control characters."""
-    return re.sub(r"[\x00-\x1f\x7f\x85\u2028\u2029]+", " ", text)
+    return re.sub(r"[\x00-\x1f\x7f\x85\u2028\u2029]+", " ", visible(text))

@@ -166,11 +166,16 @@ def parameter_symbol(name: str) -> str:
     return f"$m_{{{mass}}}$" if moment is None else f"$m_{{{mass}}}r_{{{moment},{mass}}}$"
 
 
+def body_index(name: str) -> int | None:
+    """Index of the body whose parameter this is, None of other coefficients: `m2rz2` belongs to the second, 1."""
+    match = PARAMETER.fullmatch(name)
+    return None if match is None else int(match[1] or match[4]) - 1
+
+
 def named_symbol(name: str, bodies: Sequence[str]) -> str:
     """A parameter's symbol with the name of its body, bodies numbered from 1, for labels in figures."""
-    match = PARAMETER.fullmatch(name)
-    number = int(match[1] or match[4]) if match else 0
-    body = f", {escape.label(bodies[number - 1])}" if 0 < number <= len(bodies) else ""
+    index = body_index(name)
+    body = f", {escape.label(bodies[index])}" if index is not None and index < len(bodies) else ""
     return f"{parameter_symbol(name)}{body}"
 
 

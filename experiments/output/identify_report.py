@@ -10,9 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from experiments.output import escape, figures, report
+from experiments.output.identify_replay import channel_unit, replay
 from experiments.output.layout import PAPER, Layout, unit_of
-from experiments.output.page import rendered
+from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
+from experiments.studies.errors import HALF_WIDTH
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS
@@ -22,10 +24,7 @@ from ident.recordings.several_files import name_of
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
-OUTPUTS = (*report.OUTPUTS, "report.html", "estimate.json", "model.xml", "model.urdf", "model.osim")
-
-INTERVAL = 1.96
-"""Standard deviations of a 95 % interval."""
+OUTPUTS = (*report.OUTPUTS, PAGE, "estimate.json", "model.xml", "model.urdf", "model.osim")
 
 
 def parameters_table(result: Estimate) -> report.Table:
@@ -91,7 +90,7 @@ def quality_table(result: Estimate) -> report.Table:
     )
     ratios = ("ratio", "relative_rms", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
     columns = ("channel", "signal_std", "residual_rms", *ratios, "correlation_s", "note")
-    units = tuple(_unit(result, k) for k in range(len(result.channels)))
+    units = tuple(channel_unit(result, channel) for channel in result.channels)
     return report.Table("Prediction of the held-out part", columns, rows, units=units)
 
 
@@ -233,7 +232,7 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
     shown = [k for k, name in enumerate(result.base.names) if layout.shows(name, arm.bodies)]
     value, std = result.psi[shown], result.fit.std[shown]
     prior = result.base.regroup(arm.known)[shown]
-    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), INTERVAL * std)
+    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), HALF_WIDTH * std)
     size = np.where(size > 0, size, 1)
     with figures.paper_style():
         figure = Figure(figsize=(figures.column_width(), 0.8 + 0.16 * len(shown)))
@@ -243,7 +242,7 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
         ax.errorbar(
             value / size,
             place,
-            xerr=INTERVAL * std / size,
+            xerr=HALF_WIDTH * std / size,
             fmt="o",
             ms=2.5,
             lw=0.8,
@@ -260,19 +259,9 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
 
 def _label(result: Estimate, k: int, per: str = "") -> str:
     """Symbol or joint of a channel, and its unit; `per` what the unit is divided by."""
-    channel, unit = result.channels[k], _unit(result, k)
-    if channel in COMPONENTS:
-        return f"${channel[0]}_{channel[1]}$ ({unit}{per})"
-    return f"{escape.label(channel)}\n({unit}{per})"
-
-
-def _unit(result: Estimate, k: int) -> str:
-    """Unit of a channel."""
-    channel, tree = result.channels[k], result.prepared.mechanism.tree
-    if channel in COMPONENTS:
-        return "N" if channel[0] == "F" else "N m"
-    motion = np.hstack([body.motions for body in tree.bodies if body.freedoms])[:, tree.freedoms.index(channel)]
-    return "N m" if motion[3:].any() else "N"
+    channel = result.channels[k]
+    shown = f"${channel[0]}_{channel[1]}$ " if channel in COMPONENTS else f"{escape.label(channel)}\n"
+    return f"{shown}({channel_unit(result, channel)}{per})"
 
 
 def results(result: Estimate, provenance: dict[str, Any], layout: Layout = PAPER) -> Results:
@@ -322,14 +311,13 @@ def write(
     suffixes = {"robot": "urdf", "OpenSimDocument": "osim"}
     updated = folder / f"model.{suffixes.get(parsed(model).tag, 'xml')}"
     write_model(updated, result.prepared.mechanism, result.consistent())
-    page = rendered(
-        "report.html",
-        folder,
-        {"": shown},
-        formats,
-        title=f"{model.name}, identified from {', '.join(map(name_of, logs))}",
+    said = Said(
+        f"{model.name}, identified from {', '.join(map(name_of, logs))}",
         verdict=result.verdict(),
-        findings=[finding.text for finding in result.findings],
+        findings=[(finding.text, finding.doubt) for finding in result.findings],
         lines=data_lines(result),
+        heading="The recording",
+        replay=replay(result).to_page(),
+        files=[updated.name],
     )
-    (folder / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
+    write_report(folder, shown, formats, said)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from experiments.output.figures import PARAMETER
+from experiments.output.figures import PARAMETER, body_index
 from ident.errors import InputError
 
 WIDTHS = {1: (4.77, 4.77), 2: (3.5, 7.16)}
@@ -49,9 +49,8 @@ PAPER = Layout()
 
 def body_of(parameter: str, bodies: Sequence[str]) -> str | None:
     """Name of the body that a parameter belongs to, None of one that is none of φ's."""
-    match = PARAMETER.fullmatch(parameter)
-    number = int(match[1] or match[4]) if match else 0
-    return bodies[number - 1] if 0 < number <= len(bodies) else None
+    index = body_index(parameter)
+    return bodies[index] if index is not None and index < len(bodies) else None
 
 
 def unit_of(parameter: str) -> str | None:

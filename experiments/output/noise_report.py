@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from experiments.output import figures, report
+from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from experiments.studies import noise
 from experiments.studies.errors import HALF_WIDTH, Errors
@@ -22,6 +23,13 @@ from experiments.studies.noisy_recordings import CONDITIONS, SUBJECTS
 
 PARAMETER = "Ixx2"
 """What the comparison looks at: an inertia, which accelerations alone tell of."""
+
+ABOUT = (
+    "Recordings of a pendulum and of a person who bows are simulated many times with noise on the joint sensors, and "
+    "identified by several estimators: how far off each is, how far it says to be, and how often its intervals hold "
+    "the truth."
+)
+"""What the page says of the study."""
 
 LINES = {
     "ordinary": ("tab:red", "s"),
@@ -246,6 +254,7 @@ def run(args: argparse.Namespace) -> None:
     written |= Results(numbers={"provenance": origin})
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
         written.write(folder, args.formats)
+        write_report(folder, written, args.formats, Said("Noise on the joint sensors", ABOUT))
     for table in written.tables.values():
         print(table.text())
-    print(f"Tables, figure, summary and provenance are in {args.out}.")
+    print(f"Everything is in {args.out}; open {PAGE}.")

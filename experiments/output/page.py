@@ -1,43 +1,104 @@
 """Pages that hold everything they show: templates of HTML, filled with results."""
 
 import base64
+import hashlib
+import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from experiments.output import figures
+from experiments.output import escape, figures
 from experiments.output.results import Results
+from ident.recordings.atomic import replacing
+
+PAGE = "report.html"
+"""The page in a folder of results."""
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a page says besides its tables and figures.
+
+    Attributes:
+        title: Its title.
+        about: What the command does, in a sentence or two.
+        verdict: Whether to believe the results, where that is judged.
+        findings: What was found on them, each with whether it is a doubt.
+        lines: Sentences with the main numbers.
+        heading: What they are about.
+        blocks: Texts to copy, by what they are for.
+        replay: What moves, as `replay.Replay.to_page` has it.
+        files: Names of other files in the same folder.
+    """
+
+    title: str
+    about: str = ""
+    verdict: str = ""
+    findings: Sequence[tuple[str, bool]] = ()
+    lines: Sequence[str] = ()
+    heading: str = "In numbers"
+    blocks: Mapping[str, str] = field(default_factory=dict)
+    replay: Mapping[str, Any] | None = None
+    files: Sequence[str] = ()
+
+
+def write_report(folder: Path, shown: Results, formats: Iterable[str], said: Said) -> None:
+    """Writes `report.html` into a folder that holds these results, which it links to."""
+    page = rendered("report.html", folder, {"": shown}, formats, said=said)
+    with replacing(folder / PAGE) as temporary:
+        temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def rendered(template: str, root: Path, shown: Mapping[str, Results], formats: Iterable[str], **values: object) -> str:
-    """A page in one file.
+    """A page in one file, which runs no script but its own and asks for nothing from anywhere.
 
     Args:
         template: File of the folder `templates`.
         root: Folder of the page.
         shown: Results by the names of their folders in `root`, or by an empty name those in `root` itself; they are
-            written, with figures as PNG.
+            written.
         formats: Formats of the figures.
         values: What else the template takes.
     """
 
     def png(folder: str, name: str) -> str:
-        return base64.b64encode((root / folder / f"{name}.png").read_bytes()).decode()
+        drawn = root / folder / f"{name}.png"
+        return base64.b64encode(drawn.read_bytes() if drawn.is_file() else _png(shown[folder], name)).decode()
 
     environment = Environment(
         loader=PackageLoader("experiments.output"),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=_visible,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"parameters": figures.PARAMETER.split, "indented": _indented}
+    environment.filters |= {"parameters": figures.PARAMETER.split, "indented": _indented, "digest": _digest}
     environment.globals |= {"results": shown, "formats": sorted(set(formats)), "png": png}
     return environment.get_template(template).render(values)
+
+
+def _png(results: Results, name: str) -> bytes:
+    """A figure that was written in other formats only."""
+    drawn = io.BytesIO()
+    with figures.paper_style():
+        results.figures[name][0].savefig(drawn, format="png")
+    return drawn.getvalue()
+
+
+def _visible(value: Any) -> Any:
+    """A text without what would turn the text around it, HTML that is one already the same."""
+    return type(value)(escape.visible(value)) if isinstance(value, str) else value
+
+
+def _digest(text: str) -> str:
+    """How a page's policy names the one script, or style, that it allows."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _indented(content: Any) -> str:

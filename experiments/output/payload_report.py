@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from experiments.output import identify_report, report
-from experiments.output.identify_report import INTERVAL
-from experiments.output.page import rendered
+from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
+from experiments.studies.errors import HALF_WIDTH
 from ident.geometry.inertia import symmetric
 from ident.payload.payload import Payload
 from ident.payload.rigid_body import QUANTITIES, RigidBody
@@ -18,7 +18,7 @@ from ident.recordings.several_files import name_of
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
-OUTPUTS = (*report.OUTPUTS, "report.html", "payload.json", "payload.txt", "model.xml", "model.urdf")
+OUTPUTS = (*report.OUTPUTS, PAGE, "payload.json", "payload.txt", "model.xml", "model.urdf")
 
 UNITS = ("kg", *3 * ["m"], *6 * ["kg m²"])
 """Units of `QUANTITIES`."""
@@ -51,7 +51,7 @@ def controllers(values: np.ndarray) -> str:
 
 def _intervals(body: RigidBody) -> str:
     """How far to either side 95 % intervals reach."""
-    reach = INTERVAL * body.std_setup
+    reach = HALF_WIDTH * body.std_setup
     names = ("mass", "centre", "inertia")
     parts = zip(names, (reach[:1], reach[1:4], reach[4:]), strict=True)
     return "95 %: " + "; ".join(f"{name} ± {' '.join(f'{x:.2g}' for x in some)}" for name, some in parts)
@@ -177,26 +177,24 @@ class PayloadReport:
         )
         shown.write(folder, formats)
         (folder / "payload.txt").write_text(self.forms_text(), encoding="utf-8")
+        updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
         if payload.robot.prior is not None:
-            updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
             write_model(updated, payload.robot, payload.phi_of_robot())
-        page = rendered(
-            "report.html",
-            folder,
-            {"": shown},
-            formats,
-            title=f"Payload of {model.name}, identified from {', '.join(map(name_of, logs))}",
+        said = Said(
+            f"Payload of {model.name}, identified from {', '.join(map(name_of, logs))}",
             verdict=payload.verdict(),
-            findings=[finding.text for finding in payload.findings],
+            findings=[(finding.text, finding.doubt) for finding in payload.findings],
             lines=self.lines(),
+            heading="The recording",
             blocks=self.forms(),
+            files=["payload.txt", *([] if payload.robot.prior is None else [updated.name])],
         )
-        (folder / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
+        write_report(folder, shown, formats, said)
 
 
 def _columns(body: RigidBody) -> dict[str, list[float]]:
     """Estimates, standard deviations and 95 % intervals."""
-    reach = INTERVAL * body.std_setup
+    reach = HALF_WIDTH * body.std_setup
     numbers = body.values, body.std, body.std_setup, body.values - reach, body.values + reach
     names = ("estimate", "std", "std_setup", "from_95", "to_95")
     return {name: x.tolist() for name, x in zip(names, numbers, strict=True)}

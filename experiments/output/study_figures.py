@@ -36,14 +36,20 @@ def figure(study: Study, name: str) -> Figure:
 
 def wrenches(study: Study, curves: Mapping[str, str]) -> Figure:
     """Wrenches over time: the true and the measured total one, the ground's, and those that models predict."""
-    known = {"true": lambda: study.true.values, "measured": lambda: study.measured.values}
-    known["ground"] = lambda: study.recording.wrench("ground").values
-    drawn = {label: known[what]() if what in known else study.fit(what).predicted for label, what in curves.items()}
+    drawn = {label: wrench(study, what) for label, what in curves.items()}
     others = iter(LINES * len(curves))
     lines = {label: TRUE_LINE if what == "true" else next(others) for label, what in curves.items()}
     return figures.wrench_panels(
         study.recording.time, {k: (drawn[k], lines[k]) for k in curves}, "Time (s)", shaded=episodes(study)
     )
+
+
+def wrench(study: Study, what: str) -> np.ndarray:
+    """A wrench by what a study file calls it: one of `study_entries.WRENCHES`, or what a model predicts (N, 6)."""
+    if what == "ground":
+        return study.recording.wrench("ground").values
+    totals = {"true": lambda: study.true, "measured": lambda: study.measured}
+    return totals[what]().values if what in totals else study.fit(what).predicted
 
 
 def wrench_errors(study: Study, curves: Mapping[str, str]) -> Figure:

@@ -1,6 +1,7 @@
 """What a simulated study leaves behind: tables, figures, key numbers, and the text for the terminal."""
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +9,15 @@ import numpy as np
 
 from experiments.cli.print_options import layout_of, style_of
 from experiments.output import report, study_figures, study_tables
+from experiments.output.page import Said
+from experiments.output.replay import Replay, every_nth
 from experiments.output.results import Results
 from experiments.output.study_tables import touches
 from experiments.studies import monte_carlo
 from experiments.studies.simulated import Study, simulated
 from experiments.studies.study_file import StudyFile
 from ident.mechanism.axes import angle
+from ident.mechanism.motion import Motion
 
 
 def summary(study: Study) -> dict[str, Any]:
@@ -72,35 +76,38 @@ def joint_summary(study: Study) -> dict[str, float | None]:
 
 def text(study: Study) -> str:
     """What the terminal shows."""
-    shown = [study_tables.table(study, name).text() for name in study.file.tables]
-    lines = [*shown, "Condition numbers", *_conditions(study), "Largest errors", *_errors(study)]
-    if study.recovers:
-        lines += ["Recovered axes", *_axes(study)]
+    return "\n".join([*(study_tables.table(study, name).text() for name in study.file.tables), *lines(study)])
+
+
+def lines(study: Study) -> list[str]:
+    """The main numbers in sentences."""
+    shown = [*_conditions(study), *_errors(study), *(_axes(study) if study.recovers else [])]
     if study.touching:
         found = touches(study)
-        lines.append(
+        shown.append(
             f"All contacts touch in {found['fraction_all_touch']:.0%} of the samples, "
             f"none in {found['fraction_none_touches']:.0%}"
         )
-    return "\n".join(lines)
+    return shown
 
 
 def _conditions(study: Study) -> list[str]:
-    file, lines = study.file, []
+    file, shown = study.file, []
     for name, model in file.models.items():
         estimate = study.fit(name).estimate
         published, shape = (file.published.get(what, {}).get(name) for what in ("condition_number", "shape"))
         printed = f" (paper: {published}{' at {}x{}'.format(*shape) if shape else ''})" if published else ""
         at = f"{estimate.rows}x{study.fit(name).base.rank}"
-        lines.append(f"  {model.title}: {estimate.condition_number:.4g} at {at}{printed}")
+        line = f"Condition number, {model.title}: {estimate.condition_number:.4g} at {at}{printed}"
         if model.axes == "recovered" and model.parameters is None:
             tilt = axes(study)["tilt_recovered_deg"]
-            lines.append(f"    (what tells these columns apart is the tilt alone, {tilt:.3g} deg as recovered)")
-    return lines
+            line += f"; what tells these columns apart is the tilt alone, {tilt:.3g} deg as recovered"
+        shown.append(line)
+    return shown
 
 
 def _errors(study: Study) -> list[str]:
-    lines = []
+    shown = []
     for name, model in study.file.models.items():
         errors = [
             f"{np.abs(study.fit(name, each).error).max():.3f} {each}" for each in model.estimators if each != "joint"
@@ -108,20 +115,51 @@ def _errors(study: Study) -> list[str]:
         if "joint" in model.estimators:
             largest = study.joint(name).largest_error
             errors.append("joint not determined" if largest is None else f"{report.number(largest)} joint")
-        lines.append(f"  {model.title}: {', '.join(errors)}")
-    return lines
+        shown.append(f"Largest error, {model.title}: {', '.join(errors)}")
+    return shown
 
 
 def _axes(study: Study) -> list[str]:
     numbers, groups = axes(study), len(study.recovered.groups)
-    decided = "so all joints were given one direction" if groups == 1 else f"and there are {groups} directions"
+    decided = "all joints were given one direction" if groups == 1 else f"there are {groups} directions"
     return [
-        f"  {numbers['axis_error_deg']:.3f} deg from the true ones, predicted standard deviation "
-        f"{numbers['axis_std_deg']:.3f} deg;",
-        f"  joint by joint {numbers['axis_difference_alone_deg']:.3f} deg apart (rank {study.rank_apart});",
-        f"  a Wald test tells them from parallel with p = {numbers['axes_parallel_p_value']:.2f},",
-        f"  {decided}",
+        f"Recovered axes: {numbers['axis_error_deg']:.3f} deg from the true ones, predicted standard deviation "
+        f"{numbers['axis_std_deg']:.3f} deg",
+        f"Recovered joint by joint they are {numbers['axis_difference_alone_deg']:.3f} deg apart (rank "
+        f"{study.rank_apart}); a Wald test tells them from parallel with p = {numbers['axes_parallel_p_value']:.2f}, "
+        f"so {decided}",
     ]
+
+
+def said(study: Study) -> Said:
+    """What the page says besides tables and figures."""
+    models = [model.title for model in study.file.models.values()]
+    about = (
+        f"Simulated from {study.file.scene.identity['name']} and identified anew, a model at a time: "
+        f"{', '.join(models)}."
+    )
+    return Said(study.file.title, about, lines=lines(study), replay=replay(study).to_page())
+
+
+def replay(study: Study) -> Replay:
+    """The mechanism as it was simulated, and the total wrench: true, measured, and as models predict it."""
+    arm, recording = (
+        dataclasses.replace(study.known, tree=study.problem.true),
+        study.problem.with_cells(study.recording),
+    )
+    # Models that share others' parameters predict nearly the same as with their own.
+    predicted = {model.title: name for name, model in study.file.models.items() if model.parameters is None}
+    curves = {what: what for what in ("true", "measured")} | predicted
+    drawn = every_nth(len(recording.time), len(curves) * len(study_tables.CHANNELS))
+    return Replay(
+        mechanism=arm,
+        recording=recording,
+        motion=Motion(*recording.joint_states(arm.tree.joints)),
+        channels=list(zip(study_tables.CHANNELS, study_tables.UNITS, strict=True)),
+        drawn=drawn,
+        curves={label: study_figures.wrench(study, what)[drawn] for label, what in curves.items()},
+        remark="Torques are about the origin of the base frame; models are fitted to the wrenches that they know.",
+    )
 
 
 def results(study: Study) -> Results:
@@ -149,4 +187,4 @@ def run(args: argparse.Namespace, file: StudyFile, source: Path | None = None) -
         names = {name for model in file.models for name in study.fit(model).base.names}
         monte_carlo_files = [f"monte_carlo_{name}" for name in file.trials] + ["figure_monte_carlo"]
         layout.check([*file.tables, *file.figures, *monte_carlo_files], sorted(names), study.known.bodies)
-        return monte_carlo.conclude(args, study, results(study), text(study), source)
+        return monte_carlo.conclude(args, study, results(study), text(study), said(study), source)

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 import scenes
 from experiments.cli.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
-from experiments.output import figures, report
+from experiments.output import report
 from experiments.output.excite_report import figure, recording, table_deviations, table_limits, table_quality
+from experiments.output.page import PAGE, Said, write_report
+from experiments.output.results import Results
 from experiments.studies import criteria, excitation, paper
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
@@ -110,10 +111,14 @@ def run(args: argparse.Namespace) -> None:
         "table_quality": table_quality(problem, before, after),
         "table_limits": table_limits(problem, limits, before, after),
     }
-    _write(args, problem, tables, figure(problem, limits, time, before, after), time, trajectory)
+    lines = _lines(problem, start, (before, after), collisions)
+    drawing = figure(problem, limits, time, before, after)
+    caption = f"Position, velocity and acceleration of the joints that move: designed, and before, {start}."
+    _write(args, problem, Results(tables, {"figure_excitation": (drawing, caption)}), lines, time, trajectory)
     for table in tables.values():
         print(table.text())
-    _print_summary(args, problem, start, (before, after), collisions)
+    print("\n".join(lines))
+    print(f"Everything is in {args.out}; open {PAGE}.")
 
 
 def _collisions(args: argparse.Namespace, problem: Problem) -> Collisions | None:
@@ -145,8 +150,8 @@ def _designed(
 def _write(
     args: argparse.Namespace,
     problem: Problem,
-    tables: dict[str, report.Table],
-    drawing: Figure,
+    results: Results,
+    lines: Sequence[str],
     time: np.ndarray,
     trajectory: FourierTrajectory,
 ) -> None:
@@ -158,34 +163,29 @@ def _write(
         "coefficients": trajectory.coefficients.tolist(),
     }
     source = report.provenance(given, {"series": series, "base_parameters": list(problem.parameters.names)})
+    shown = results | Results(numbers={"provenance": source})
     with report.results_folder(args.out, stale=report.OUTPUTS, inputs=[Path(args.model)]) as folder:
-        figures.save(drawing, folder, "figure_excitation", args.formats)
-        for name, table in tables.items():
-            table.write(folder, name)
+        shown.write(folder, args.formats)
         about = {"designed": args.model, "criterion": args.criterion, "series": series}
         samples = recording(problem, time, Motion(*trajectory.states(time)), about)
-        samples.save(folder / "trajectory.csv")
-        samples.save(folder / "trajectory.npz")
-        report.write_json(folder / "provenance.json", source)
+        files = ("trajectory.csv", "trajectory.npz")
+        for name in files:
+            samples.save(folder / name)
+        said = Said(f"Excitation of {Path(args.model).name}", lines=lines, files=files)
+        write_report(folder, shown, args.formats, said)
 
 
-def _print_summary(
-    args: argparse.Namespace,
-    problem: Problem,
-    start: str,
-    compared: tuple[Motion, Motion],
-    collisions: Collisions | None,
-) -> None:
+def _lines(problem: Problem, start: str, compared: tuple[Motion, Motion], collisions: Collisions | None) -> list[str]:
+    """What is printed, and what the page says, besides the tables."""
     before, after = (criteria.mean_deviation(problem, motion) for motion in compared)
     first, last = (criteria.quality(problem, motion)["condition_number"] for motion in compared)
-    print(f"{problem.parameters.rank} base parameters: {', '.join(problem.parameters.names)}.")
-    print(
+    return [
+        f"{problem.parameters.rank} base parameters: {', '.join(problem.parameters.names)}.",
         f"Predicted standard deviations (kg, kg m, kg m²), geometric mean before, {start}: {before:.2e}; after: "
-        f"{after:.2e}, {after / before - 1:+.0%}."
-    )
-    print(f"Condition number before: {first:.1f}; after: {last:.1f}.")
-    print(f"Collisions: {_checked(collisions)}.")
-    print(f"Trajectory, figure and tables are in {args.out}.")
+        f"{after:.2e}, {after / before - 1:+.0%}.",
+        f"Condition number before: {first:.1f}; after: {last:.1f}.",
+        f"Collisions: {_checked(collisions)}.",
+    ]
 
 
 def _checked(collisions: Collisions | None) -> str:

@@ -16,6 +16,7 @@ from experiments.cli.defaults import REDRAWN
 from experiments.cli.print_options import author_choices, layout_of
 from experiments.output import figures, report
 from experiments.output.layout import PAPER, WIDTHS, Layout
+from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from experiments.studies.errors import Errors
@@ -121,7 +122,9 @@ def _limit(error: float) -> float:
     return next((limit for limit in (0.3, 1.0, 3.0, 10.0) if error < 0.9 * limit), 100.0)
 
 
-def conclude(args: argparse.Namespace, study: Study, results: Results, text: str, source: Path | None) -> Results:
+def conclude(
+    args: argparse.Namespace, study: Study, results: Results, text: str, said: Said, source: Path | None
+) -> Results:
     """Ends a study's command line: writes its results, prints them, and runs its trials.
 
     Args:
@@ -129,6 +132,7 @@ def conclude(args: argparse.Namespace, study: Study, results: Results, text: str
         study: The study.
         results: What it leaves behind.
         text: What the terminal shows.
+        said: What the page says.
         source: The file that states the study, None for one of the package's.
 
     Returns:
@@ -148,10 +152,12 @@ def conclude(args: argparse.Namespace, study: Study, results: Results, text: str
     inputs = [] if source is None else [source]
     with report.results_folder(args.out, stale=report.OUTPUTS, inputs=inputs) as folder:
         written.write(folder, args.formats, layout)
+        write_report(folder, written, args.formats, said)
     print(text)
     if args.trials:
         written |= _run(draw, *done, study, args, layout)
-    print(f"Tables, figures, summary and provenance are in {args.out}.")
+        write_report(args.out, written, args.formats, said)
+    print(f"Everything is in {args.out}; open {PAGE}.")
     return written
 
 

@@ -20,6 +20,8 @@ from tqdm import tqdm
 
 from experiments.cli import options
 from experiments.output import report
+from experiments.output.page import PAGE, Said, write_report
+from experiments.output.results import Results
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import WorkerPool, worker_pool
 from experiments.studies.one_pass import Judged, Passed, Seen, judged, separated, with_offsets
@@ -41,7 +43,7 @@ from sim.models.mechanism import mechanism
 FILE = "accumulated.npz"
 """File in the output folder that keeps what has been read."""
 
-OUTPUTS = (FILE, "estimate.json", *(f"base_parameters.{suffix}" for suffix in ("csv", "md", "tex")))
+OUTPUTS = (FILE, PAGE, "estimate.json", "provenance.json", *(f"base_parameters.{end}" for end in ("csv", "md", "tex")))
 """All files that are written."""
 
 
@@ -262,12 +264,27 @@ def run(args: argparse.Namespace) -> None:
         judgement = judged(Passed(reading.seen, fitted), first, held_out)
         estimate = huber_white(first, reading, steady=True)
         with report.results_folder(args.out, inputs=inputs) as folder:
-            table(estimate).write(folder, "base_parameters")
             held = args.held_out and str(args.held_out)
             origin = report.provenance({**identity, "ignore": args.ignore, "held_out": held})
-            report.write_json(folder / "estimate.json", summary(estimate, judgement) | {"provenance": origin})
+            estimated = summary(estimate, judgement) | {"provenance": origin}
+            written = Results(
+                {"base_parameters": table(estimate)}, numbers={"estimate": estimated, "provenance": origin}
+            )
+            written.write(folder, ())
+            write_report(folder, written, (), _said(args, estimate, judgement, reading.notes))
     print("\n".join([text(estimate, judgement), *reading.notes]))
-    print(f"Tables and estimate.json are in {args.out}.")
+    print(f"Everything is in {args.out}; open {PAGE}.")
+
+
+def _said(args: argparse.Namespace, estimate: Fit, judged: Judged, notes: Sequence[str]) -> Said:
+    """What the page says besides the table."""
+    files = ", ".join(file.name for file in args.recordings)
+    return Said(
+        f"{args.model.name}, identified from {files} in pieces",
+        verdict=judged.verdict,
+        findings=[(finding.text, finding.doubt) for finding in judged.findings],
+        lines=[*_lines(estimate, judged), *notes],
+    )
 
 
 def _reading(args: argparse.Namespace) -> Reading:
@@ -301,18 +318,25 @@ def _inputs(args: argparse.Namespace) -> list[Path]:
     return inputs
 
 
-def text(estimate: Fit, judged: Judged) -> str:
-    """What the terminal shows."""
+def _lines(estimate: Fit, judged: Judged) -> list[str]:
+    """The main numbers in sentences."""
     rms = estimate.residual_norms / np.sqrt(estimate.samples)
     residuals = ", ".join(f"{name} {x:.3g}" for name, x in zip(COMPONENTS, rms, strict=True))
     ratios = ", ".join(f"{name} {x:.2g}" for name, x in judged.ratio.items())
+    return [
+        f"RMS residuals in N and N m: {residuals}",
+        f"RMS residuals of {judged.part} samples over the channels' standard deviations: {ratios}",
+        f"Condition number {estimate.condition_number:.1f}; {estimate.method}",
+        *filter(None, [estimate.parameters.remark]),
+    ]
+
+
+def text(estimate: Fit, judged: Judged) -> str:
+    """What the terminal shows."""
     return "\n".join(
         [
             table(estimate).text(),
-            f"RMS residuals in N and N m: {residuals}",
-            f"RMS residuals of {judged.part} samples over the channels' standard deviations: {ratios}",
-            f"Condition number {estimate.condition_number:.1f}; {estimate.method}",
-            *filter(None, [estimate.parameters.remark]),
+            *_lines(estimate, judged),
             f"Verdict: {judged.verdict}",
             *(finding.line for finding in judged.findings),
         ]

@@ -13,6 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.output import escape, figures, report, study_report
+from experiments.output.page import PAGE, Said, write_report
+from experiments.output.results import Results
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import worker_pool
 from experiments.studies.simulated import simulated
@@ -186,9 +188,17 @@ def run(args: argparse.Namespace) -> None:
         if name not in found.names:
             raise InputError(f"--numbers needs names of {', '.join(found.names)}, got '{name}'.")
     choices = {key: getattr(args, key) for key in ("study", "over", "seeds", "numbers", "formats")}
+    origin = report.provenance(choices)
+    written = Results(
+        {"table_sweep": table(found, found.names)},
+        {"figure_sweep": (chart(found, charted), f"{args.study} over {report.heading(option)}.")},
+        {"sweep": {"runs": found.runs, "provenance": origin}, "provenance": origin},
+    )
+    refused = [run["refused"] for run in found.runs if "refused" in run]
     with report.results_folder(args.out) as folder:
-        table(found, found.names).write(folder, "table_sweep")
-        figures.save(chart(found, charted), folder, "figure_sweep", args.formats)
-        report.write_json(folder / "sweep.json", {"runs": found.runs, "provenance": report.provenance(choices)})
+        written.write(folder, args.formats)
+        about = f"The study '{args.study}' over its option {option}, with {args.seeds} seeds of each value."
+        said = Said(f"{args.study} over {report.heading(option)}", about, lines=refused, heading="Refused")
+        write_report(folder, written, args.formats, said)
     print(table(found, list(charted)).text())
-    print(f"Table, chart and all numbers are in {args.out}.")
+    print(f"Everything is in {args.out}; open {PAGE}.")

@@ -104,6 +104,13 @@ class Fit:
         """`‖Γ - Y_b ψ‖₂` over all channels (Eq. 5)."""
         return float(np.linalg.norm(self.residual_norms))
 
+    def with_psi(self, psi: np.ndarray) -> "Fit":
+        """The same with other base parameters (r,), drives and offsets as they are likeliest beside them."""
+        values, r, covariance = self.values.copy(), len(psi), self.covariance
+        values[r:] += covariance[r:, :r] @ np.linalg.pinv(covariance[:r, :r], hermitian=True) @ (psi - values[:r])
+        values[:r] = psi
+        return replace(self, values=values)
+
     def predicted(self, motion: Motion) -> np.ndarray:
         """Channels that the coefficients predict (N, C)."""
         return -self.residual(Samples(motion, np.zeros((len(motion), len(self.equations.channels)))))

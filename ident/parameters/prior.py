@@ -75,10 +75,47 @@ def conditioned(
     Returns:
         φ̂ (10 b,), and its standard deviations (10 b,).
     """
-    std = deviations(mechanism, known)
-    SB = (std**2)[:, None] * parameters.regroup(np.eye(len(std)))
-    whole = known_covariance(mechanism, parameters, known)
-    G = np.linalg.solve(whole, SB.T).T
-    phi = mechanism.known + G @ (psi - parameters.regroup(mechanism.known))
-    variance = std**2 - np.einsum("pr,rs,ps->p", G, whole - covariance, G)
-    return phi, np.sqrt(np.maximum(variance, 0))
+    std, G, K = _gain(mechanism, parameters, known)
+    phi = mechanism.known + std * (G @ (psi - parameters.regroup(mechanism.known)))
+    variance = 1 - np.einsum("pr,rs,ps->p", G, K - covariance, G)
+    return phi, std * np.sqrt(np.maximum(variance, 0))
+
+
+def _gain(
+    mechanism: Mechanism, parameters: BaseParameters, known: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Deviations of φ beforehand (10 b,), G in units of them (10 b, r), and B S Bᵀ (r, r)."""
+    std, K = deviations(mechanism, known), known_covariance(mechanism, parameters, known)
+    return std, np.linalg.solve(K, parameters.regroup(np.diag(std)).T).T, K
+
+
+def parameters_told(
+    mechanism: Mechanism,
+    parameters: BaseParameters,
+    covariance: np.ndarray,
+    known: Mapping[str, float] = KNOWN,
+    *,
+    included: bool = False,
+) -> np.ndarray:
+    """How many of its ten parameters data tell of each body, beyond what is known of it beforehand.
+
+        P = S - G (K - C') Gᵀ,    K = B S Bᵀ,    G = S Bᵀ K⁻¹,    C' = K - K (K + C)⁻¹ K
+
+    S is the covariance of φ beforehand, P that afterwards, C that of ψ = B φ from the data. Each parameter counts
+    1 - P_kk / S_kk: nothing where the data leave it as it was, one where they tell all of it, as the degrees of freedom
+    for signal of Rodgers (Inverse Methods for Atmospheric Sounding, 2000, doi:10.1142/3171).
+
+    Args:
+        mechanism: The mechanism, with a prior.
+        parameters: The regrouping behind ψ.
+        covariance: Covariance of ψ (r, r).
+        known: As for `known_deviations`.
+        included: Whether that covariance knows already what is known beforehand, so that it is C'.
+
+    Returns:
+        Numbers from 0 to 10 (b,).
+    """
+    _, G, K = _gain(mechanism, parameters, known)
+    after = covariance if included else K - K @ np.linalg.solve(K + covariance, K)
+    told = np.einsum("ki,ij,kj->k", G, K - after, G)
+    return np.clip(told, 0, 1).reshape(-1, 10).sum(axis=1)

@@ -1,0 +1,132 @@
+"""What a model looks like: its geoms as few triangles, each on a body of a mechanism."""
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from ident.geometry import se3
+from ident.mechanism.body import BASE
+from ident.mechanism.mechanism import Mechanism
+from sim.models.mechanism import Origin
+from sim.models.mujoco_model import mechanism_bodies
+from sim.models.names import body_name
+
+HIDDEN = 3
+"""Groups of geoms from which on MuJoCo's own viewer does not show them either, such as shapes for collisions."""
+
+ROUND = 16
+"""Corners of a circle."""
+
+
+class Shape(NamedTuple):
+    """A convex solid.
+
+    Attributes:
+        body: Index of the tree's body that it is on, `BASE` for what rests.
+        vertices: Corners in the body's frame, of what rests in the base frame, m (V, 3).
+        faces: Corners of each triangle, counterclockwise as seen from outside (F, 3).
+    """
+
+    body: int
+    vertices: np.ndarray
+    faces: np.ndarray
+
+
+def shapes(arm: Mechanism) -> list[Shape]:
+    """Boxes, spheres, ellipsoids, capsules, cylinders and the convex hulls of meshes, as far as a model has them.
+
+    Planes and height fields are left out, and what moves without being part of the mechanism; so is everything of a
+    mechanism that MuJoCo has not read.
+    """
+    if not isinstance(arm.source, Origin):
+        return []
+    model, members = arm.source.model, mechanism_bodies(arm.source.model, arm.source.base, arm.source.beyond)
+    found = []
+    for g in range(model.ngeom):
+        place = _place(model, int(model.geom_bodyid[g]), members)
+        points = _points(model, g)
+        if place is None or points is None or model.geom_group[g] >= HIDDEN or model.geom_rgba[g, 3] == 0:
+            continue
+        body, carrier = place
+        if body == 0 and 0 not in members:
+            body, carrier = BASE, se3.inverse(arm.pose) @ carrier
+        else:
+            body = arm.tree.names.index(body_name(model, body))
+        hull = _hull(points)
+        if hull is not None:
+            T = carrier @ _pose(model.geom_pos[g], model.geom_quat[g])
+            found.append(Shape(body, hull[0] @ T[:3, :3].T + T[:3, 3], hull[1]))
+    return found
+
+
+def _place(model: mujoco.MjModel, b: int, members: Sequence[int]) -> tuple[int, np.ndarray] | None:
+    """The mechanism's body, or 0 for the world, that a body is fixed to, and its pose there."""
+    pose = np.eye(4)
+    while b not in members:
+        if b == 0:
+            return b, pose
+        if model.body_jntnum[b] or model.body_mocapid[b] >= 0:
+            return None
+        pose = _pose(model.body_pos[b], model.body_quat[b]) @ pose
+        b = int(model.body_parentid[b])
+    return b, pose
+
+
+def _points(model: mujoco.MjModel, g: int) -> np.ndarray | None:
+    """Points whose convex hull a geom is, in its frame (P, 3); None of those without a finite one."""
+    kind, (a, b, c) = mujoco.mjtGeom(model.geom_type[g]), model.geom_size[g]
+    circle = np.array([[np.cos(t), np.sin(t), 0] for t in np.arange(ROUND) * 2 * np.pi / ROUND])
+    ends = np.array([[0, 0, -b], [0, 0, b]])
+    match kind:
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return np.array([[x, y, z] for x in (-a, a) for y in (-b, b) for z in (-c, c)])
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return a * _directions()
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return _directions() * [a, b, c]
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            return np.concatenate([a * _directions() + end for end in ends])
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return np.concatenate([a * circle + end for end in ends])
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[g]
+            first = model.mesh_vertadr[mesh]
+            vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+            # The farthest point in each direction: a mesh of any size becomes a hull of few triangles.
+            return vertices[np.unique((vertices @ _directions().T).argmax(axis=0))].astype(float)
+    return None
+
+
+def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Corners and outward triangles of a convex hull; None of points that span no volume."""
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return None
+    a, b, c = (points[hull.simplices[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+    used, numbered = np.unique(faces, return_inverse=True)
+    return points[used], numbered.reshape(faces.shape)
+
+
+@cache
+def _directions() -> np.ndarray:
+    """Corners and edges' middles of an icosahedron, all of length one (42, 3)."""
+    golden = (1 + np.sqrt(5)) / 2
+    corners = np.array([np.roll([0, x, y], k) for k in range(3) for x in (-1, 1) for y in (-golden, golden)])
+    edges = [(a + b) / 2 for a, b in _pairs(corners) if np.isclose(np.linalg.norm(a - b), 2)]
+    points = np.concatenate([corners, edges])
+    return points / np.linalg.norm(points, axis=1)[:, None]
+
+
+def _pairs(points: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    return ((a, b) for k, a in enumerate(points) for b in points[:k])
+
+
+def _pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    return se3.pose(se3.rotation(np.asarray(quaternion)), position)

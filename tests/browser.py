@@ -1,0 +1,130 @@
+"""Chromium without a screen, through the HTTP interface of its own driver (W3C WebDriver): as much as the tests need."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+
+import pytest
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+needs_browser = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason="no Chromium with its driver is on PATH (Debian: chromium, chromium-driver)"
+)
+ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
+"""Key of an element, by the standard."""
+
+
+class Browser:
+    """One window.
+
+    Args:
+        session: Address of its session at the driver.
+    """
+
+    def __init__(self, session):
+        self.session = session
+
+    def call(self, command, **content):
+        """Answer to a command with a body."""
+        return _post(f"{self.session}/{command}", content)
+
+    def open(self, path, *, width=1200, height=900, dark=False):
+        """Opens a file in a window of this size and scheme, and forgets what was logged before."""
+        features = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+        self.devtools("Emulation.setEmulatedMedia", features=features)
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.devtools("Emulation.setDeviceMetricsOverride", **size)
+        self.log("browser"), self.log("performance")
+        self.call("url", url=path.resolve().as_uri())
+
+    def devtools(self, command, **parameters):
+        """Answer to a command of the browser's own protocol."""
+        return self.call("goog/cdp/execute", cmd=command, params=parameters)
+
+    def run(self, script, *arguments):
+        """What a script returns, which may be a promise."""
+        return self.call("execute/sync", script=script, args=list(arguments))
+
+    def element(self, selector):
+        """The first element that a selector finds."""
+        return self.call("element", using="css selector", value=selector)[ELEMENT]
+
+    def click(self, selector):
+        """Clicks on it."""
+        self.call(f"element/{self.element(selector)}/click")
+
+    def type(self, selector, keys):
+        """Types into it."""
+        self.call(f"element/{self.element(selector)}/value", text=keys)
+
+    def drag(self, selector, start, end):
+        """Drags the mouse within it, between distances from its centre in pixels."""
+        origin = {ELEMENT: self.element(selector)}
+        move = {"type": "pointerMove", "duration": 50, "origin": origin}
+        actions = [
+            {**move, "x": start[0], "y": start[1]},
+            {"type": "pointerDown", "button": 0},
+            {**move, "x": end[0], "y": end[1]},
+            {"type": "pointerUp", "button": 0},
+        ]
+        self.call("actions", actions=[{"type": "pointer", "id": "mouse", "actions": actions}])
+
+    def log(self, kind):
+        """What was logged since the last time: messages of the `browser`, or events of the `performance` log."""
+        return [entry["message"] for entry in self.call("se/log", type=kind)]
+
+    def requests(self):
+        """Addresses that were asked for since the page was opened."""
+        events = [json.loads(message)["message"] for message in self.log("performance")]
+        return [e["params"]["request"]["url"] for e in events if e["method"] == "Network.requestWillBeSent"]
+
+    def screenshot(self, path, *, whole=True):
+        """Writes a picture of the page."""
+        shot = self.devtools("Page.captureScreenshot", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(shot["data"]))
+
+
+@contextmanager
+def browser():
+    """A browser that ends with the block."""
+    driver = subprocess.Popen([DRIVER, "--port=0"], stdout=subprocess.PIPE, text=True)
+    try:
+        port = next(
+            int(found[1]) for line in driver.stdout if (found := re.search(r"successfully on port (\d+)", line))
+        )
+        # In containers there is neither a sandbox for root nor much shared memory.
+        arguments = ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]
+        capabilities = {
+            "browserName": "chrome",
+            "goog:chromeOptions": {"binary": CHROMIUM, "args": arguments},
+            "goog:loggingPrefs": {"browser": "ALL", "performance": "ALL"},
+        }
+        root = f"http://127.0.0.1:{port}/session"
+        session = f"{root}/{_post(root, {'capabilities': {'alwaysMatch': capabilities}})['sessionId']}"
+        yield Browser(session)
+        _send(urllib.request.Request(session, method="DELETE"))
+    finally:
+        driver.terminate()
+        driver.wait()
+        driver.stdout.close()
+
+
+def _post(address, content):
+    data = json.dumps(content).encode()
+    return _send(urllib.request.Request(address, data, {"Content-Type": "application/json"}))
+
+
+def _send(request):
+    # Proxies of the environment are not for the driver on this machine.
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    try:
+        with opener.open(request, timeout=60) as answer:
+            return json.loads(answer.read())["value"]
+    except urllib.error.HTTPError as error:
+        raise AssertionError(json.loads(error.read())["value"]["message"]) from None
