@@ -46,9 +46,11 @@ def run(args: argparse.Namespace) -> None:
         report.results_folder(out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args)) as folder,
         print_options.style_of(args),
     ):
-        identify_report.write(result, folder, args.model, args.logs, origin, layout)
+        missing = identify_report.write(result, folder, args.model, args.logs, origin, layout, film=args.film)
     print(identify_report.text(result))
     print(f"Everything is in {out}; open report.html.")
+    if missing:
+        raise InputError(f"All but the film is written: {missing}")
 
 
 @contextmanager
@@ -131,6 +133,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
     out.add_argument("--height", type=float, help="of a table: height of the person, m")
     out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")
+    out.add_argument("--film", action="store_true", help="write a film too: MP4 by ffmpeg if it is there, else GIF")
     otherwise = " of the joint estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)
     print_options.add_print(out)

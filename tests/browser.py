@@ -1,4 +1,4 @@
-"""Chromium without a screen, through the HTTP interface of its own driver (W3C WebDriver): as much as the tests need."""
+"""Chromium without a screen, through the HTTP interface of its driver (W3C WebDriver): as much as tests need."""
 
 import base64
 import json
@@ -95,9 +95,8 @@ def browser():
     """A browser that ends with the block."""
     driver = subprocess.Popen([DRIVER, "--port=0"], stdout=subprocess.PIPE, text=True)
     try:
-        port = next(
-            int(found[1]) for line in driver.stdout if (found := re.search(r"successfully on port (\d+)", line))
-        )
+        told = (re.search(r"successfully on port (\d+)", line) for line in driver.stdout)
+        port = next(found[1] for found in told if found)
         # In containers there is neither a sandbox for root nor much shared memory.
         arguments = ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]
         capabilities = {

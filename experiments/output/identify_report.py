@@ -10,11 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from experiments.output import escape, figures, report
+from experiments.output.film import write_film
 from experiments.output.identify_replay import channel_unit, replay
 from experiments.output.layout import PAPER, Layout, unit_of
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from experiments.studies.errors import HALF_WIDTH
+from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS
@@ -24,7 +26,7 @@ from ident.recordings.several_files import name_of
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
-OUTPUTS = (*report.OUTPUTS, PAGE, "estimate.json", "model.xml", "model.urdf", "model.osim")
+OUTPUTS = (*report.OUTPUTS, PAGE, "film.*", "estimate.json", "model.xml", "model.urdf", "model.osim")
 
 
 def parameters_table(result: Estimate) -> report.Table:
@@ -291,7 +293,9 @@ def write(
     logs: Sequence[Path],
     provenance: dict[str, Any],
     layout: Layout = PAPER,
-) -> None:
+    *,
+    film: bool = False,
+) -> str:
     """Writes everything into a folder: tables, figures, a page, and the model file updated.
 
     Args:
@@ -301,6 +305,10 @@ def write(
         logs: The logs it was identified from.
         provenance: Where the results come from.
         layout: How tables and figures are printed.
+        film: Whether a film is asked for.
+
+    Returns:
+        Why there is no film although it is asked for, in a sentence, else nothing.
 
     Raises:
         InputError: The layout names tables, figures or parameters that there are not.
@@ -311,13 +319,20 @@ def write(
     suffixes = {"robot": "urdf", "OpenSimDocument": "osim"}
     updated = folder / f"model.{suffixes.get(parsed(model).tag, 'xml')}"
     write_model(updated, result.prepared.mechanism, result.consistent())
+    moving, films, missing = replay(result).to_page(), list[str](), ""
+    if film:
+        try:
+            films = [write_film(folder, result.prepared.mechanism, moving)]
+        except InputError as error:
+            missing = str(error)
     said = Said(
         f"{model.name}, identified from {', '.join(map(name_of, logs))}",
         verdict=result.verdict(),
         findings=[(finding.text, finding.doubt) for finding in result.findings],
         lines=data_lines(result),
         heading="The recording",
-        replay=replay(result).to_page(),
-        files=[updated.name],
+        replay=moving,
+        files=[updated.name, *films],
     )
     write_report(folder, shown, formats, said)
+    return missing

@@ -31,8 +31,9 @@ def in_words(name: str, arm: Mechanism) -> str:
         return name.replace("offset(", "constant offset of ").rstrip(")") if name.startswith("offset(") else name
     body = arm.tree.bodies[arm.tree.inertial[body_index(name) or 0]]
     if match[3]:
-        a, b = match[3][0], match[3][1]
-        kind = f"moment of inertia of {body.name} about {a}" if a == b else f"product of inertia {a}{b} of {body.name}"
+        axes = match[3]
+        about = f"moment of inertia of {body.name} about {axes[0]}"
+        kind = about if axes[0] == axes[1] else f"product of inertia {axes} of {body.name}"
         return f"{kind}, at {_origin(body)}"
     if match[2]:
         return f"first moment of {body.name} along {match[2]} about {_origin(body)}"

@@ -267,9 +267,8 @@ def run(args: argparse.Namespace) -> None:
             held = args.held_out and str(args.held_out)
             origin = report.provenance({**identity, "ignore": args.ignore, "held_out": held})
             estimated = summary(estimate, judgement) | {"provenance": origin}
-            written = Results(
-                {"base_parameters": table(estimate)}, numbers={"estimate": estimated, "provenance": origin}
-            )
+            numbers = {"estimate": estimated, "provenance": origin}
+            written = Results({"base_parameters": table(estimate)}, numbers=numbers)
             written.write(folder, ())
             write_report(folder, written, (), _said(args, estimate, judgement, reading.notes))
     print("\n".join([text(estimate, judgement), *reading.notes]))

@@ -44,23 +44,33 @@ def shapes(arm: Mechanism) -> list[Shape]:
     """
     if not isinstance(arm.source, Origin):
         return []
-    model, members = arm.source.model, mechanism_bodies(arm.source.model, arm.source.base, arm.source.beyond)
     found = []
-    for g in range(model.ngeom):
-        place = _place(model, int(model.geom_bodyid[g]), members)
-        points = _points(model, g)
-        if place is None or points is None or model.geom_group[g] >= HIDDEN or model.geom_rgba[g, 3] == 0:
-            continue
-        body, carrier = place
-        if body == 0 and 0 not in members:
-            body, carrier = BASE, se3.inverse(arm.pose) @ carrier
-        else:
-            body = arm.tree.names.index(body_name(model, body))
-        hull = _hull(points)
+    for g, body, T in placed_geoms(arm, arm.source):
+        points = _points(arm.source.model, g)
+        hull = None if points is None else _hull(points)
         if hull is not None:
-            T = carrier @ _pose(model.geom_pos[g], model.geom_quat[g])
             found.append(Shape(body, hull[0] @ T[:3, :3].T + T[:3, 3], hull[1]))
     return found
+
+
+def placed_geoms(arm: Mechanism, origin: Origin) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Geoms that can be seen on a mechanism's bodies, or that rest.
+
+    Yields:
+        Id of a geom, index of the tree's body that it is on or `BASE`, and its pose in that body's frame or, of what
+        rests, in the base frame (4, 4).
+    """
+    model, members = origin.model, mechanism_bodies(origin.model, origin.base, origin.beyond)
+    for g in range(model.ngeom):
+        place = _place(model, int(model.geom_bodyid[g]), members)
+        if place is None or model.geom_group[g] >= HIDDEN or model.geom_rgba[g, 3] == 0:
+            continue
+        b, carrier = place
+        T = carrier @ _pose(model.geom_pos[g], model.geom_quat[g])
+        if b in members:
+            yield g, arm.tree.names.index(body_name(model, b)), T
+        else:
+            yield g, BASE, se3.inverse(arm.pose) @ T
 
 
 def _place(model: mujoco.MjModel, b: int, members: Sequence[int]) -> tuple[int, np.ndarray] | None:

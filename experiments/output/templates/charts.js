@@ -125,7 +125,7 @@ class Charts {
       context.stroke();
     };
     context.textAlign = "right";
-    for (const y of steps(low, high, 3)) {
+    for (const y of steps(low, high, 5)) {
       line(MARGIN.left, down(y), width - MARGIN.right, down(y));
       context.fillText(shortly(y), MARGIN.left - 5, down(y) + 4);
     }

@@ -72,7 +72,7 @@ class View {
     this.context = canvas.getContext("2d");
     this.context.scale(density, density);
     this.screen = this.look();
-    this.unit = (this.zoom * 0.45 * Math.min(width, height)) / data.radius;
+    this.unit = (this.zoom * 0.55 * Math.min(width, height)) / data.radius;
     this.onScreen = (p) => {
       const d = sum(p, scaled(data.center, -1));
       return [width / 2 + this.unit * dot(this.screen[0], d), height / 2 - this.unit * dot(this.screen[1], d)];
@@ -101,8 +101,10 @@ class View {
     drawn.sort((a, b) => a[0] - b[0]);
     for (const [, corners, body, facing] of drawn) {
       const faint = this.chosen !== null && this.chosen !== body;
-      this.context.globalAlpha = faint ? 0.15 : 0.65;
-      this.line(corners, { fill: this.shade(body, 0.55 + 0.45 * facing), close: true });
+      this.context.globalAlpha = faint ? 0.15 : 1;
+      const paint = this.shade(body, 0.55 + 0.45 * facing);
+      // Its own edge covers the seam to its neighbours.
+      this.line(corners, { fill: paint, stroke: paint, width: 0.7, close: true });
     }
     this.context.globalAlpha = 1;
   }

@@ -1,0 +1,180 @@
+"""Films of what a page replays, drawn by MuJoCo's renderer."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from PIL import Image
+
+from ident.errors import InputError
+from ident.geometry import se3
+from ident.mechanism.mechanism import Mechanism
+from sim.models.mechanism import Origin, mujoco_origin
+from sim.models.shapes import placed_geoms
+
+WIDTH, HEIGHT = 640, 480
+"""Pixels, as many as MuJoCo's models make room for if they do not say otherwise."""
+
+LONGEST = 20.0
+"""Seconds of a film at most; what took longer is shown faster."""
+
+SYSTEMS = ("egl", "osmesa", "glfw")
+"""MuJoCo's ways to OpenGL, those without a screen first."""
+
+SOLID, FORCE, PRIOR = (0.1, 0.45, 0.7, 1.0), (0.75, 0.13, 0.13, 1.0), (0.5, 0.5, 0.5, 0.35)
+"""Colours of estimated bodies, of forces, and of the bodies of the model as it came: red, green, blue, opacity."""
+
+Picture = np.ndarray
+"""Rows of pixels (HEIGHT, WIDTH, 3), bytes."""
+
+
+def write_film(folder: Path, arm: Mechanism, page: Mapping[str, Any]) -> str:
+    """Writes `film.mp4`, or `film.gif` where there is no ffmpeg, and returns its name.
+
+    Args:
+        folder: Where to.
+        arm: The mechanism, from a model that MuJoCo reads.
+        page: What moves, as `Replay.to_page` has it.
+
+    Raises:
+        ModelError: MuJoCo has not read the model.
+        InputError: Nothing here can draw, or ffmpeg fails.
+    """
+    origin, time = mujoco_origin(arm), page["frames"]
+    rate = max(len(time) / max(time[-1] - time[0], 1e-3), len(time) / LONGEST)
+    name = "film.mp4" if shutil.which("ffmpeg") else "film.gif"
+    with closing(pictures(arm, origin, page)) as drawn:
+        (_write_mp4 if name.endswith("mp4") else _write_gif)(folder / name, drawn, rate)
+    return name
+
+
+def pictures(arm: Mechanism, origin: Origin, page: Mapping[str, Any]) -> Generator[Picture]:
+    """One picture for each posture.
+
+    Raises:
+        InputError: There is no OpenGL.
+    """
+    model, data = origin.model, mujoco.MjData(origin.model)
+    mujoco.mj_forward(model, data)
+    places = list(placed_geoms(arm, origin))
+    with closing(_context()):
+        screen = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, screen)
+        scene = mujoco.MjvScene(model, model.ngeom + 3 * len(page["bodies"]) + len(page["arrows"]) + 1)
+        # Without graphics hardware these take most of the time.
+        for costly in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            scene.flags[costly] = False
+        camera, view = _camera(arm, page), mujoco.MjrRect(0, 0, WIDTH, HEIGHT)
+        pixels = np.empty((HEIGHT, WIDTH, 3), np.uint8)
+        for k in range(len(page["frames"])):
+            poses = arm.pose @ _poses(page["poses"][k])
+            for g, body, T in places:
+                T = (arm.pose if body < 0 else poses[body]) @ T
+                data.geom_xpos[g], data.geom_xmat[g] = T[:3, 3], T[:3, :3].ravel()
+            every = mujoco.mjtCatBit.mjCAT_ALL
+            mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, every, scene)
+            for body, T in zip(page["bodies"], poses, strict=True):
+                _add_body(scene, body, T, poses, solid=not places)
+            for arrow in page["arrows"]:
+                _add_arrow(scene, arm.pose, arrow, k, page["radius"])
+            mujoco.mjr_render(view, scene, screen)
+            mujoco.mjr_readPixels(pixels, None, view, screen)
+            yield pixels[::-1].copy()
+
+
+def _context() -> Any:
+    """A current OpenGL context of the first system that gives one; `MUJOCO_GL` names the only one to ask."""
+    asked = os.environ.get("MUJOCO_GL")
+    for system in (asked,) if asked else SYSTEMS:
+        # Every system and driver has errors of its own.
+        try:
+            context = import_module(f"mujoco.{system}").GLContext(WIDTH, HEIGHT)
+            context.make_current()
+        except Exception:
+            continue
+        return _Closed(context)
+    raise InputError(
+        f"A film needs OpenGL, and {f'MUJOCO_GL={asked}' if asked else 'none of ' + ', '.join(SYSTEMS)} gives it here; "
+        "Mesa's libegl1 or libosmesa6 draws without a screen."
+    )
+
+
+class _Closed:
+    """A context that is freed when it is closed."""
+
+    def __init__(self, context: Any) -> None:
+        self.close = context.free
+
+
+def _camera(arm: Mechanism, page: Mapping[str, Any]) -> mujoco.MjvCamera:
+    """A camera that sees everything from a corner, a little from above."""
+    camera = mujoco.MjvCamera()
+    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+    camera.lookat = arm.pose[:3, :3] @ page["center"] + arm.pose[:3, 3]
+    camera.distance, camera.azimuth, camera.elevation = 2.6 * page["radius"], 130, -15
+    return camera
+
+
+def _poses(numbers: Sequence[float]) -> np.ndarray:
+    """Poses of the bodies from their positions and quaternions (b, 4, 4)."""
+    each = np.reshape(numbers, (-1, 7))
+    return se3.pose(se3.rotation(each[:, 3:]), each[:, :3])
+
+
+def _add_body(
+    scene: mujoco.MjvScene, body: Mapping[str, Any], T: np.ndarray, poses: np.ndarray, *, solid: bool
+) -> None:
+    """Adds what stands for a body's inertia, and of one without shapes the way to the body that carries it."""
+    for key, color in (("prior", PRIOR), ("estimate", SOLID if solid else (*SOLID[:3], 0.5))):
+        if (numbers := body.get(key)) is not None:
+            *semi_axes, centre = np.array(numbers)
+            sizes = np.linalg.norm(semi_axes, axis=1)
+            R = np.array([axis / max(size, 1e-12) for axis, size in zip(semi_axes, sizes, strict=True)]).T
+            R = R * np.sign(np.linalg.det(R)) if np.linalg.det(R) else np.eye(3)
+            place = T @ se3.pose(R, centre)
+            _add(scene, mujoco.mjtGeom.mjGEOM_ELLIPSOID, np.maximum(sizes, 1e-4), place, color)
+    if solid and body["parent"] >= 0:
+        geom = _add(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.ones(3), T, PRIOR)
+        start = poses[body["parent"]][:3, 3]
+        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.01, start, T[:3, 3])
+
+
+def _add_arrow(scene: mujoco.MjvScene, world: np.ndarray, arrow: Mapping[str, Any], k: int, radius: float) -> None:
+    """Adds a force, as long as on the page."""
+    own = slice(3 * k, 3 * k + 3)
+    start, force = np.array(arrow["points"][own]), np.array(arrow["forces"][own])
+    if np.linalg.norm(force) < 0.01 * arrow["largest"] or not arrow["largest"]:
+        return
+    ends = [world[:3, :3] @ x + world[:3, 3] for x in (start, start + 0.8 * radius / arrow["largest"] * force)]
+    geom = _add(scene, mujoco.mjtGeom.mjGEOM_ARROW, np.ones(3), np.eye(4), FORCE)
+    mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, 0.015 * radius, *ends)
+
+
+def _add(
+    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, size: np.ndarray, T: np.ndarray, color: Sequence[float]
+) -> mujoco.MjvGeom:
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(geom, kind, size, T[:3, 3].copy(), T[:3, :3].flatten(), np.array(color, np.float32))
+    scene.ngeom += 1
+    return geom
+
+
+def _write_gif(path: Path, drawn: Iterator[Picture], rate: float) -> None:
+    first, *others = (Image.fromarray(each).quantize(64) for each in drawn)
+    first.save(path, save_all=True, append_images=others, duration=max(20, round(1000 / rate)), loop=0)
+
+
+def _write_mp4(path: Path, drawn: Iterator[Picture], rate: float) -> None:
+    """By ffmpeg, which takes the pictures one after the other."""
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{WIDTH}x{HEIGHT}", "-r", f"{rate:.3f}", "-i", "-"]
+    command = ["ffmpeg", "-loglevel", "error", "-y", *source, "-pix_fmt", "yuv420p", str(path)]
+    done = subprocess.run(command, input=b"".join(each.tobytes() for each in drawn), capture_output=True, check=False)
+    if done.returncode:
+        raise InputError(f"ffmpeg could not write the film: {done.stderr.decode(errors='replace').strip()}")
