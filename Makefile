@@ -25,7 +25,7 @@ test-extras: $(INSTALLED)
 	$(BIN)/python -m pytest $(PARALLEL) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
 		tests/runs/test_cluster.py tests/cli/test_help.py tests/studies/test_benchmark.py tests/test_against_models.py tests/parameters/test_large_trees.py \
 		tests/recordings/formats tests/recordings/test_several_files.py tests/studies/test_identify_formats.py tests/test_fuzz.py \
-		tests/output/test_print.py tests/docs
+		tests/output/test_print.py tests/output/test_pages_in_browser.py tests/docs
 
 check: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -23,9 +23,10 @@ EXTRAS = {
     "symbols": {"sympy"},
     "runs": {"distributed"},
     "benchmark": {"pinocchio"},
+    "output": {"PIL"},
     "recordings": {"ezc3d", "rosbags", "pyarrow"},
 }
-"""What rooms import besides where the optional extra is installed."""
+"""What rooms import besides where the optional extra is installed, or what matplotlib brings along."""
 
 MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from PIL import Image
 
 from ident.errors import InputError
 from ident.geometry import se3
@@ -101,7 +100,7 @@ def _context() -> Any:
             continue
         return _Closed(context)
     raise InputError(
-        f"A film needs OpenGL, and {f'MUJOCO_GL={asked}' if asked else 'none of ' + ', '.join(SYSTEMS)} gives it here; "
+        f"A film needs OpenGL, which is not to be had here by {f'MUJOCO_GL={asked}' if asked else ', '.join(SYSTEMS)}; "
         "Mesa's libegl1 or libosmesa6 draws without a screen."
     )
 
@@ -167,6 +166,8 @@ def _add(
 
 
 def _write_gif(path: Path, drawn: Iterator[Picture], rate: float) -> None:
+    from PIL import Image
+
     first, *others = (Image.fromarray(each).quantize(64) for each in drawn)
     first.save(path, save_all=True, append_images=others, duration=max(20, round(1000 / rate)), loop=0)
 

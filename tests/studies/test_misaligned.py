@@ -50,7 +50,7 @@ def results(tmp_path_factory):
 
 def test_everything_is_written(results):
     drawings = [f"figure_{k}.{extension}" for k in (2, 3) for extension in (*defaults.FORMATS, "tex")]
-    expected = {*TABLES, *drawings, "summary.json", "provenance.json"}
+    expected = {*TABLES, *drawings, "summary.json", "provenance.json", "report.html"}
     assert {file.name for file in results.iterdir()} == expected
     assert all(file.stat().st_size > 100 for file in results.iterdir())
 

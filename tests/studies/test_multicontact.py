@@ -114,7 +114,7 @@ def test_command_line_writes_everything(results, contact, result):
     more = ("contacts",) if result.several else ()
     tables = [f"table_{n}.{s}" for n in ("4", "4_ignoring", *more) for s in ("csv", "md", "tex")]
     charts = [f"figure_{n}.png" for n in ("4", "5", *more)]
-    expected = {*tables, *charts, "summary.json", "provenance.json"}
+    expected = {*tables, *charts, "summary.json", "provenance.json", "report.html"}
     assert {file.name for file in results.iterdir()} == expected
     rows = list(csv.DictReader((results / "table_4.csv").read_text().splitlines()))
     assert list(rows[0]) == [

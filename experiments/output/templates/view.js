@@ -72,7 +72,7 @@ class View {
     this.context = canvas.getContext("2d");
     this.context.scale(density, density);
     this.screen = this.look();
-    this.unit = (this.zoom * 0.55 * Math.min(width, height)) / data.radius;
+    this.unit = (this.zoom * 0.5 * Math.min(width, height)) / data.radius;
     this.onScreen = (p) => {
       const d = sum(p, scaled(data.center, -1));
       return [width / 2 + this.unit * dot(this.screen[0], d), height / 2 - this.unit * dot(this.screen[1], d)];

@@ -1,0 +1,58 @@
+"""Films: drawn where there is OpenGL, and where there is none a sentence beside results that are whole."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from commands import refusal
+from pages import options
+from PIL import Image
+
+import scenes
+from experiments import identify
+from experiments.output import figures, film
+from experiments.output.replay import Replay
+from ident.errors import InputError
+from ident.mechanism.motion import Motion
+from ident.recordings.recording import Recording
+from sim.models.mechanism import mechanism
+
+
+@pytest.fixture
+def moving():
+    arm, time = mechanism(scenes.load("double_pendulum"), "base"), np.arange(4) / 10
+    force = np.tile([0.0, 0.0, 200.0], (4, 1))
+    recording = Recording(time, {"ground_force": force, "ground_torque": 0 * force})
+    motion = Motion(np.outer(time, [2.0, 1.0]), np.zeros((4, 2)), np.zeros((4, 2)))
+    values = {"measured": force[:, 2:]}
+    return arm, Replay(arm, recording, motion, [("Fz", "N")], np.arange(4), values, estimate=arm.known).to_page()
+
+
+def test_pictures_differ_from_one_another_and_become_a_film(moving, tmp_path, monkeypatch):
+    monkeypatch.setattr(film.shutil, "which", lambda name: None)
+    try:
+        name = film.write_film(tmp_path, *moving)
+    except InputError as error:
+        pytest.skip(str(error))
+    with Image.open(tmp_path / name) as drawn:
+        assert (name, drawn.n_frames, drawn.size) == ("film.gif", 4, (film.WIDTH, film.HEIGHT))
+        seen = []
+        for k in range(4):
+            drawn.seek(k)
+            seen.append(np.asarray(drawn.convert("RGB"), int))
+    assert all(abs(a - b).max() > 50 for a, b in pairwise(seen))
+
+
+def test_without_opengl_there_is_a_sentence(moving, tmp_path, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "nothing")
+    with pytest.raises(InputError, match="A film needs OpenGL, which is not to be had here by MUJOCO_GL=nothing; "):
+        film.write_film(tmp_path, *moving)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_results_are_written_all_the_same(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("MUJOCO_GL", "nothing")
+    monkeypatch.setattr(figures, "save", lambda figure, folder, name, formats: None)
+    error = refusal(identify.main, options(tmp_path, "--film"), capsys)
+    assert "error: All but the film is written: A film needs OpenGL" in error
+    assert "film" not in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").partition('<h2 id="files"')[2]

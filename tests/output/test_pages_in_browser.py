@@ -1,0 +1,109 @@
+"""What a browser makes of a page: nothing goes wrong or out, what is to move moves, and everybody can read it."""
+
+import os
+from pathlib import Path
+
+import pytest
+from browser import browser, needs_browser
+from pages import identified
+
+pytestmark = needs_browser
+AXE = os.environ.get("MULTICONTACT_AXE", "")
+"""The file `axe.min.js` of the npm package axe-core."""
+
+RED = """
+const canvas = document.getElementById("view");
+const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+let [number, x, y] = [0, 0, 0];
+for (let k = 0; k < data.length; k += 4) {
+  if (Math.abs(data[k] - 192) + Math.abs(data[k + 1] - 32) + Math.abs(data[k + 2] - 32) < 12) {
+    number += 1;
+    x += (k / 4) % canvas.width;
+    y += Math.floor(k / 4 / canvas.width);
+  }
+}
+return [x / number, y / number];
+"""
+"""Where the arrows of forces are, on the average of their pixels."""
+
+RIGHT, END = "\ue014", "\ue010"
+"""Keys, by the standard."""
+
+CHART = "return document.querySelectorAll('canvas.chart')[arguments[0]].toDataURL()"
+SLIDE = "const s = document.getElementById('slider'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    return identified(tmp_path_factory.mktemp("identified")) / "report.html"
+
+
+@pytest.fixture(scope="module")
+def window():
+    with browser() as found:
+        yield found
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [400, 1200])
+def test_nothing_goes_wrong_or_out_and_the_page_fits(page, window, width, dark):
+    window.open(page, width=width, dark=dark)
+    window.run(SLIDE, 40)
+    assert window.log("browser") == []
+    assert [url for url in window.requests() if not url.startswith("data:")] == [page.resolve().as_uri()]
+    assert window.run("return document.documentElement.scrollWidth <= innerWidth")
+    shade = window.run("return getComputedStyle(document.body).backgroundColor")
+    assert shade == ("rgb(22, 24, 27)" if dark else "rgb(255, 255, 255)")
+
+
+def test_the_slider_moves_the_arrows_and_the_cursor(page, window):
+    window.open(page)
+    before, chart = window.run(RED), window.run(CHART, 0)
+    window.run(SLIDE, 123)
+    x, y = window.run(RED)
+    assert abs(x - before[0]) + abs(y - before[1]) > 2
+    assert window.run(CHART, 0) != chart
+    window.type("#slider", END)
+    assert window.run("return document.getElementById('slider').value") == "299"
+    assert window.run("return document.getElementById('time').textContent").endswith(" s")
+
+
+def test_charts_zoom_all_at_once_and_back(page, window):
+    window.open(page)
+    whole = [window.run(CHART, k) for k in (0, 5)]
+    window.click("#zoom-in")
+    near = [window.run(CHART, k) for k in (0, 5)]
+    window.click("#zoom-all")
+    assert [window.run(CHART, k) for k in (0, 5)] == whole and whole[0] != near[0] and whole[1] != near[1]
+    window.drag("canvas.chart", (-80, 0), (60, 10))
+    assert window.run(CHART, 5) not in (whole[1], near[1])
+
+
+def test_the_mechanism_turns_by_mouse_and_by_keys(page, window):
+    window.open(page)
+    seen = [window.run(RED)]
+    window.drag("#view", (0, 0), (60, 20))
+    seen.append(window.run(RED))
+    window.type("#view", RIGHT + RIGHT + "+")
+    seen.append(window.run(RED))
+    assert seen[0] != seen[1] != seen[2]
+
+
+def test_parameters_and_findings_tell_what_they_are_about(page, window):
+    window.open(page)
+    window.click("[data-table=table_base_parameters] tbody tr:nth-child(5) button")
+    told = window.run("return document.getElementById('told').textContent")
+    assert "of link" in told and "95 % interval" in told and "regroup" not in told
+    assert window.run("return document.querySelectorAll('.findings button.show').length") > 0
+    window.click(".findings button.show")
+    assert window.run("return document.getElementById('told').textContent").startswith("The finding is about ")
+
+
+@pytest.mark.skipif(not AXE, reason="MULTICONTACT_AXE names no axe.min.js, of the npm package axe-core")
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [400, 1200])
+def test_everybody_can_read_it(page, window, width, dark):
+    window.open(page, width=width, dark=dark)
+    window.run(Path(AXE).read_text(encoding="utf-8"))
+    found = window.run("return axe.run().then((all) => all.violations)")
+    assert [(each["id"], each["nodes"][0]["html"]) for each in found] == []

@@ -1,0 +1,38 @@
+"""How many parameters data tell of a body: against Bayes' rule written out for all parameters at once."""
+
+import numpy as np
+import pytest
+
+import scenes
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.prior import KNOWN, known_deviations, parameters_told
+from sim.models.mechanism import mechanism
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return mechanism(scenes.load("double_pendulum"), "base")
+
+
+def test_the_variances_that_bayes_rule_leaves(arm):
+    base = find_base_parameters(arm)
+    L = np.random.default_rng(0).normal(size=(base.rank, base.rank))
+    covariance = 1e-3 * L @ L.T
+    std = known_deviations(arm.known, KNOWN)
+    B = base.regroup(np.eye(len(std))).T
+    information = B.T @ np.linalg.inv(covariance) @ B
+    after = np.linalg.inv(np.diag(1 / std**2) + information)
+    expected = (1 - np.diag(after) / std**2).reshape(-1, 10).sum(axis=1)
+    told = parameters_told(arm, base, covariance)
+    np.testing.assert_allclose(told, expected, atol=1e-4)
+    # The same where what is known beforehand has gone into the estimate.
+    S = B @ np.diag(std**2) @ B.T
+    both = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(S))
+    np.testing.assert_allclose(parameters_told(arm, base, both, included=True), told, atol=1e-4)
+
+
+def test_nothing_is_told_by_noise_and_no_more_than_the_rank_by_perfect_data(arm):
+    base = find_base_parameters(arm)
+    assert parameters_told(arm, base, 1e12 * np.eye(base.rank)).max() < 1e-6
+    perfect = parameters_told(arm, base, 1e-12 * np.eye(base.rank))
+    assert perfect.sum() == pytest.approx(base.rank, abs=0.01) and perfect.max() <= 10
