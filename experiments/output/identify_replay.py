@@ -1,14 +1,14 @@
 """What a page replays of an identification: measured and predicted channels, bodies, and where findings are."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from experiments.output.figures import PARAMETER, body_index
 from experiments.output.layout import unit_of
-from experiments.output.parameter_words import regrouped_in_words
+from experiments.output.parameter_words import in_words, regrouped_in_words
 from experiments.output.replay import Replay, every_nth
 from experiments.studies.errors import HALF_WIDTH
 from ident.estimate import Estimate
@@ -60,7 +60,7 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
     name, arm, base = result.names[k], result.prepared.mechanism, result.base
     value, std = float(result.fit.values[k]), float(np.sqrt(result.covariance_setup[k, k]))
     own = unit_of(name) or ""
-    text = regrouped_in_words(base, k, arm) if k < base.rank else name
+    text = regrouped_in_words(base, k, arm) if k < base.rank else in_words(name, arm)
     text = f"{text[0].upper()}{text[1:]}. Estimate {value:.4g} {own}".rstrip()
     text += f", 95 % interval {value - HALF_WIDTH * std:.4g} to {value + HALF_WIDTH * std:.4g}"
     if k < base.rank:
@@ -82,14 +82,14 @@ def place(text: str, result: Estimate) -> dict[str, Any]:
     on = {body.joint: i for i, body in enumerate(tree.bodies) if body.joint}
     on |= {name: tree.names.index(each.body) for name, each in sensors.items() if each.body is not None}
     on |= {name: i for i, name in enumerate(tree.names)}
-    named = _named(text, on)
-    bodies = [on[name] for name in named]
+    # Many a body is called by a word that sentences have too, as base: quotes or a number tell a name.
+    bodies = [on[name] for name in _named(text, on, r"'{0}'|(?<!\w){0}(?= [\d(])")]
     if not bodies and (parameter := PARAMETER.search(text)):
         bodies = [tree.inertial[index] for index in [body_index(parameter[0])] if index is not None]
-    channels = _named(text, result.channels)
+    channels = _named(text, result.channels, r"(?<!\w){0}(?!\w)")
     span = next(([each.start, each.end] for each in log.left_out if each.why == text), None)
     about = [f"body {tree.names[bodies[0]]}"] if bodies else []
-    about += [f"channels {', '.join(channels)}"] if channels else []
+    about += [f"channel{'s' * (len(channels) > 1)} {', '.join(channels)}"] if channels else []
     about += [f"{span[0]:.2f} s to {span[1]:.2f} s"] if span else []
     return {
         "where": f"The finding is about {'; '.join(about)}." if about else "",
@@ -99,8 +99,8 @@ def place(text: str, result: Estimate) -> dict[str, Any]:
     }
 
 
-def _named(text: str, names: Mapping[str, Any] | Sequence[str]) -> list[str]:
-    """Those of some names that stand in a text as words of their own, in the order of the text."""
-    found = {name: re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text) for name in names if name}
+def _named(text: str, names: Iterable[str], pattern: str) -> list[str]:
+    """Those of some names that a text has in the surroundings of a pattern, in the order of the text."""
+    found = {name: re.search(pattern.format(re.escape(name)), text) for name in names if name}
     places = {name: match.start() for name, match in found.items() if match}
     return sorted(places, key=places.__getitem__)

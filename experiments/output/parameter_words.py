@@ -54,7 +54,8 @@ def _parts(base: BaseParameters, k: int, arm: Mechanism) -> Iterator[str]:
         if abs(coefficient) > SHOWN:
             power = own - order(base.parameters[d])
             metres = {0: "", 1: " m", 2: " m²", -1: " 1/m", -2: " 1/m²"}[power]
-            yield f"{coefficient:.3g}{metres} × the {in_words(base.parameters[d], arm)}"
+            factor = "" if not metres and abs(coefficient - 1) < SHOWN else f"{coefficient:.3g}{metres} × "
+            yield f"{factor}the {in_words(base.parameters[d], arm)}"
 
 
 def _origin(body: Body) -> str:
