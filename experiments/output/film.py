@@ -82,7 +82,7 @@ def pictures(arm: Mechanism, origin: Origin, page: Mapping[str, Any]) -> Generat
             for body, T in zip(page["bodies"], poses, strict=True):
                 _add_body(scene, body, T, poses, solid=not places)
             for arrow in page["arrows"]:
-                _add_arrow(scene, arm.pose, arrow, k, page["radius"])
+                _add_arrow(scene, arm.pose, arrow, k, page)
             mujoco.mjr_render(view, scene, screen)
             mujoco.mjr_readPixels(pixels, None, view, screen)
             yield pixels[::-1].copy()
@@ -145,13 +145,15 @@ def _add_body(
         mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.01, start, T[:3, 3])
 
 
-def _add_arrow(scene: mujoco.MjvScene, world: np.ndarray, arrow: Mapping[str, Any], k: int, radius: float) -> None:
+def _add_arrow(
+    scene: mujoco.MjvScene, world: np.ndarray, arrow: Mapping[str, Any], k: int, page: Mapping[str, Any]
+) -> None:
     """Adds a force, as long as on the page."""
-    own = slice(3 * k, 3 * k + 3)
+    own, radius, largest = slice(3 * k, 3 * k + 3), page["radius"], page["largest"]
     start, force = np.array(arrow["points"][own]), np.array(arrow["forces"][own])
-    if np.linalg.norm(force) < 0.01 * arrow["largest"] or not arrow["largest"]:
+    if np.linalg.norm(force) <= 0.01 * largest:
         return
-    ends = [world[:3, :3] @ x + world[:3, 3] for x in (start, start + 0.8 * radius / arrow["largest"] * force)]
+    ends = [world[:3, :3] @ x + world[:3, 3] for x in (start, start + 0.8 * radius / largest * force)]
     geom = _add(scene, mujoco.mjtGeom.mjGEOM_ARROW, np.ones(3), np.eye(4), FORCE)
     mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, 0.015 * radius, *ends)
 

@@ -67,7 +67,7 @@ class Replay:
         """All of it in JSON's types."""
         shown = evenly(len(self.recording.time), min(FRAMES, POSE_NUMBERS // (7 * len(self.mechanism.tree.bodies))))
         poses, solids = self._poses(shown), shapes(self.mechanism)
-        bodies = self._bodies()
+        bodies, arrows = self._bodies(), list(self._arrows(shown, poses))
         center, radius = _extent(poses, solids, [each.get("estimate") for each in bodies])
         gravity = self.mechanism.gravity
         size = float(np.linalg.norm(gravity))
@@ -82,7 +82,8 @@ class Replay:
                 for each in solids
             ],
             "axes": list(self._axes()),
-            "arrows": list(self._arrows(shown, poses)),
+            "arrows": arrows,
+            "largest": max((np.linalg.norm(np.reshape(x["forces"], (-1, 3)), axis=1).max() for x in arrows), default=0),
             "frames": _short(self.recording.time[shown]),
             "poses": _short(_seven_numbers(poses)),
             "time": _short(self.recording.time[self.drawn]),
@@ -141,9 +142,7 @@ class Replay:
                 pose = carrier @ own
             pose = np.broadcast_to(pose, (len(shown), 4, 4))
             force = (pose[:, :3, :3] @ np.nan_to_num(wrench.on_mechanism[shown, :3, None]))[..., 0]
-            largest = float(np.linalg.norm(force, axis=1).max())
-            numbers = {"points": _short(pose[:, :3, 3].ravel()), "forces": _short(force.ravel())}
-            yield {"name": visible(name), "largest": _short(largest), **numbers}
+            yield {"name": visible(name), "points": _short(pose[:, :3, 3].ravel()), "forces": _short(force.ravel())}
 
 
 def every_nth(N: int, numbers: int) -> np.ndarray:

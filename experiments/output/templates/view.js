@@ -104,7 +104,7 @@ class View {
       this.context.globalAlpha = faint ? 0.15 : 1;
       const paint = this.shade(body, 0.55 + 0.45 * facing);
       // Its own edge covers the seam to its neighbours.
-      this.line(corners, { fill: paint, stroke: paint, width: 0.7, close: true });
+      this.line(corners, { fill: paint, stroke: faint ? null : paint, width: 0.7, close: true });
     }
     this.context.globalAlpha = 1;
   }
@@ -158,11 +158,12 @@ class View {
     this.line(ends, { stroke: this.colors.axis, width: 2, dash: slides ? [2, 2] : [] });
   }
 
-  arrow({ name, points, forces, largest }) {
+  arrow({ name, points, forces }) {
+    const { largest, radius } = this.data;
     const from = triple(points, this.frame);
     const force = triple(forces, this.frame);
-    if (!largest || Math.hypot(...force) < 0.01 * largest) return;
-    const to = sum(from, scaled(force, (0.8 * this.data.radius) / largest));
+    if (Math.hypot(...force) <= 0.01 * largest) return;
+    const to = sum(from, scaled(force, (0.8 * radius) / largest));
     const [[x0, y0], [x1, y1]] = [from, to].map(this.onScreen);
     const angle = Math.atan2(y1 - y0, x1 - x0);
     const { context } = this;
