@@ -181,22 +181,26 @@ def named_symbol(name: str, bodies: Sequence[str]) -> str:
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
     """Writes `folder/name.FORMAT` for every format, byte-identical for identical figures."""
+    for extension in formats:
+        (folder / f"{name}.{extension}").write_bytes(drawn(figure, extension))
+
+
+def drawn(figure: Figure, extension: str) -> bytes:
+    """A figure as a file of this format has it."""
     with paper_style():
         # The layout is solved once; solved again for every file it would depend on the files before.
         if (layout := figure.get_layout_engine()) is not None:
             layout.execute(figure)
             figure.set_layout_engine("none")
-        dpi = mpl.rcParams["savefig.dpi"]
-        for extension in formats:
-            # Figure.savefig would draw every file twice, in case the layout were still to be solved. Drawn in memory:
-            # where writing fails, matplotlib's backends raise errors that do not tell of the disk.
-            drawn = io.BytesIO()
-            # Backends of vectors leave 72 behind.
-            figure.dpi = dpi
-            canvas = get_registered_canvas_class(extension)(figure)
-            getattr(canvas, f"print_{extension}")(drawn, metadata=_STABLE_METADATA[extension])
-            content = drawn.getvalue()
-            (folder / f"{name}.{extension}").write_bytes(_rounded(content) if extension == "svg" else content)
+        # Figure.savefig would draw every file twice, in case the layout were still to be solved. Drawn in memory:
+        # where writing fails, matplotlib's backends raise errors that do not tell of the disk.
+        file = io.BytesIO()
+        # Backends of vectors leave 72 behind.
+        figure.dpi = mpl.rcParams["savefig.dpi"]
+        canvas = get_registered_canvas_class(extension)(figure)
+        getattr(canvas, f"print_{extension}")(file, metadata=_STABLE_METADATA[extension])
+        content = file.getvalue()
+        return _rounded(content) if extension == "svg" else content
 
 
 def _rounded(svg: bytes) -> bytes:

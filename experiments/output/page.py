@@ -1,8 +1,8 @@
 """Pages that hold everything they show: templates of HTML, filled with results."""
 
+import argparse
 import base64
 import hashlib
-import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from experiments.output import escape, figures
+from experiments.output import escape, figures, report
 from experiments.output.results import Results
 from ident.recordings.atomic import replacing
 
@@ -53,6 +53,27 @@ def write_report(folder: Path, shown: Results, formats: Iterable[str], said: Sai
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
+def conclude(args: argparse.Namespace, found: Results, said: Said, origin: dict[str, Any]) -> Results:
+    """Ends a command that has no more to write than results: writes them with a page, and prints what they say.
+
+    Args:
+        args: The command line: folder `out` and `formats`.
+        found: What was found.
+        said: What the page says besides, of which the terminal shows verdict and lines.
+        origin: Where it comes from, as of `report.provenance`.
+
+    Returns:
+        All that was written.
+    """
+    written = found | Results(numbers={"provenance": origin})
+    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
+        written.write(folder, args.formats)
+        write_report(folder, written, args.formats, said)
+    print("\n".join([*(table.text() for table in written.tables.values()), *filter(None, [said.verdict]), *said.lines]))
+    print(f"Everything is in {args.out}; open {PAGE}.")
+    return written
+
+
 def rendered(template: str, root: Path, shown: Mapping[str, Results], formats: Iterable[str], **values: object) -> str:
     """A page in one file, which runs no script but its own and asks for nothing from anywhere.
 
@@ -85,10 +106,7 @@ def rendered(template: str, root: Path, shown: Mapping[str, Results], formats: I
 
 def _png(results: Results, name: str) -> bytes:
     """A figure that was written in other formats only."""
-    drawn = io.BytesIO()
-    with figures.paper_style():
-        results.figures[name][0].savefig(drawn, format="png")
-    return drawn.getvalue()
+    return figures.drawn(results.figures[name][0], "png")
 
 
 def _visible(value: Any) -> Any:
