@@ -133,7 +133,8 @@ class Table:
         """A row's first cell: a parameter with the name of its body."""
         text = self._text(cell, escaped)
         body = body_of(cell, self.bodies) if isinstance(cell, str) else None
-        return text if body is None else f"{text} of {escaped(body)}"
+        # Added up and not formatted: in pages the parts are HTML already.
+        return text if body is None else text + " of " + escaped(body)
 
     def _text(self, cell: Cell, escaped: Callable[[str], str]) -> str:
         if cell is None:
@@ -198,6 +199,19 @@ def results_folder(out: Path, stale: Sequence[str] = (), inputs: Sequence[Path] 
         yield new
         with held_back():
             _exchange(new, old, out, stale, inputs)
+
+
+@contextmanager
+def writable(out: Path) -> Iterator[None]:
+    """Refuses a folder that cannot be written before the block's work instead of after it.
+
+    Raises:
+        InputError: As for `results_folder`.
+    """
+    with unused_vanish(out):
+        with results_folder(out):
+            pass
+        yield
 
 
 @contextmanager

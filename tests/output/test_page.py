@@ -75,6 +75,12 @@ def test_tables_are_aligned_marked_and_readable_aloud(tmp_path):
     assert "Title. The entries with an asterisk: Why. (CSV, TEX, MD)" in read(table, tmp_path).caption
 
 
+def test_parameters_are_symbols_beside_the_names_of_their_bodies(tmp_path):
+    table = Table("Title", ("parameter", "x"), (("m2rz2", 1.0), ("offset(Fx)", 2.0)), bodies=("<a>", "b&c"))
+    first = [row[0][1] for row in read(table, tmp_path).rows[1:]]
+    assert first == ["m2rz,2 of b&c", "offset(Fx)"]
+
+
 def test_errors_stand_beside_the_papers():
     table = index.compared(Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None))))
     assert table.columns[3:] == ("deviation_full",) and [row[3] for row in table.rows] == [2.0, None]
