@@ -9,6 +9,7 @@ from experiments.cli import options, print_options
 def run(args: argparse.Namespace) -> None:
     """Compares and writes and prints what differs."""
     from experiments.output import compare_report, report
+    from experiments.output.page import PAGE
     from experiments.studies.comparing import read_results
     from ident.errors import InputError
 
@@ -24,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
         shown = compare_report.results(compared, origin, layout)
         compare_report.write(shown, compared, folder, layout)
     print(compare_report.text(shown, compared))
-    print(f"Everything is in {args.out}; open report.html.")
+    print(f"Everything is in {args.out}; open {PAGE}.")
 
 
 def parser() -> argparse.ArgumentParser:

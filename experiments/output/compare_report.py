@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 
 from experiments.output import figures, report
 from experiments.output.layout import PAPER, Layout
-from experiments.output.page import rendered
+from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from experiments.studies.comparing import Difference, Result
 from experiments.studies.errors import HALF_WIDTH
 
-OUTPUTS = (*report.OUTPUTS, "comparison.json", "report.html")
+OUTPUTS = (*report.OUTPUTS, "comparison.json", PAGE)
 
 LINEAR = 10.0
 """Difference in its standard deviations up to which the figure's abscissa is linear, logarithmic beyond."""
@@ -107,7 +107,8 @@ def figure(found: Difference, layout: Layout = PAPER) -> Figure:
         ax.set_yticks(place, [figures.named_symbol(found.names[k], found.first.bodies) for k in shown])
         ax.invert_yaxis()
         ax.set_xscale("symlog", linthresh=LINEAR)
-        powers = LINEAR ** np.arange(1, 1 + max(1, int(np.log10(max(np.abs(z).max() + wider.max(), LINEAR)))))
+        widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
+        powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
         ax.set_xticks([*-powers[::-1], 0, *powers])
         ax.minorticks_off()
         ax.set_xlabel("Difference in its standard deviations from noise")
@@ -172,18 +173,16 @@ def write(shown: Results, compared: Sequence[Result], folder: Path, layout: Layo
     names = list(dict.fromkeys(name for result in compared for name in result.regrouping))
     layout.check([*shown.tables, *shown.figures], names, bodies)
     shown.write(folder, formats, layout)
-    verdicts = [f"{result.name}: {result.estimate['verdict']}" for result in compared]
-    page = rendered(
-        "report.html",
-        folder,
-        {"": shown},
-        formats,
-        title=f"{' and '.join(result.name for result in compared)}, compared",
+    said = Said(
+        f"{' and '.join(result.name for result in compared)}, compared",
         verdict=" ".join(sentences(compared)),
-        findings=verdicts,
-        lines=[f"{result.name}: fitted to {', '.join(result.logs.values())}." for result in compared],
+        lines=[
+            f"{result.name}: fitted to {', '.join(result.logs.values())}. {result.estimate['verdict']}"
+            for result in compared
+        ],
+        heading="What is compared",
     )
-    (folder / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
+    write_report(folder, shown, formats, said)
 
 
 def inputs(folders: Sequence[Path]) -> list[Path]:

@@ -49,7 +49,7 @@ def run(tmp_path, *folders, more=()):
 
 @pytest.mark.usefixtures("undrawn")
 def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(compare_report, "rendered", lambda *_, **__: "")
+    monkeypatch.setattr(compare_report, "write_report", lambda *_: None)
     a, b = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.5, 3.0])
     first, second = result(tmp_path / "first", a), result(tmp_path / "second", b, log="b", estimator="weighted")
     (found,) = run(tmp_path, first, second)
@@ -81,7 +81,7 @@ def test_the_chance_of_disagreement_is_right(tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(compare_report, "rendered", lambda *_, **__: "")
+    monkeypatch.setattr(compare_report, "write_report", lambda *_: None)
     folders = [result(tmp_path / name, [1.0, 2.0, x]) for name, x in (("a", 3.0), ("b", 4.0))]
     folders.append(result(tmp_path / "c", [1.0, 2.0, 9.0], log="c"))
     shared, far = run(tmp_path, *folders)
