@@ -151,4 +151,4 @@ function steps(low, high, number) {
 
 const shortly = (x) => String(Number(x.toPrecision(6))).replace("-", "\u2212");
 
-const curvePaint = (element, k) => getComputedStyle(element).getPropertyValue(`--curve${k % 5}`).trim();
+const curvePaint = (element, k) => getComputedStyle(element).getPropertyValue(`--curve${k % 7}`).trim();
