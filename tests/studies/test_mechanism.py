@@ -87,7 +87,7 @@ def test_everything_on_one_page(out):
     for study in ("multicontact", "several_contacts"):
         for row in csv.DictReader((out / study / "table_4.csv").read_text().splitlines()):
             assert f"{float(row['true_scene']):.3f}" in page
-    for column in ("error ignoring pad", "error ignoring handle", "error ignoring all"):
+    for column in ("error, ignoring pad", "error, ignoring handle", "error, ignoring all"):
         assert f'<th scope="col">{column}</th>' in page
     for row in csv.DictReader((out / "several_contacts" / "table_contacts.csv").read_text().splitlines()):
         assert f"<td>{float(row['peak_force_N']):.3f}</td>" in page
