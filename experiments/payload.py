@@ -10,6 +10,7 @@ from ident.tolerances import HOLDOUT
 def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
     from experiments.output import payload_report, report
+    from experiments.output.page import PAGE
     from experiments.studies.identification import recorded
     from ident.payload.identification import identify_payload
     from ident.payload.mounting import place_of
@@ -27,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     with report.results_folder(out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
         shown.write(folder, args.model, args.logs, own_model.provenance(args, payload.estimate.logs))
     print(shown.text())
-    print(f"Everything is in {out}; open report.html.")
+    print(f"Everything is in {out}; open {PAGE}.")
 
 
 def parser() -> argparse.ArgumentParser:

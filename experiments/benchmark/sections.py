@@ -14,7 +14,7 @@ from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
 from experiments.benchmark.timing import QUICK, Effort
 from experiments.output import report
-from experiments.output.page import PAGE, Said, write_report
+from experiments.output.page import Said, conclude
 from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from ident.errors import InputError
@@ -93,16 +93,10 @@ def _bounds(effort: Effort) -> dict[str, Any]:
 def run(args: argparse.Namespace) -> None:
     """Measures, and writes and prints the results."""
     given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
-    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
+    with report.writable(args.out):
         results = measured(QUICK if args.quick else Effort()) | {"provenance": report.provenance(given)}
-        written = _written(results)
-        written.write(folder, args.formats)
-        lines = [f"Measured on {words.machine(results)}.", *words.findings(results), *results["notes"]]
-        write_report(folder, written, args.formats, Said("How fast it is", ABOUT, lines=lines))
-    for table in written.tables.values():
-        print(table.text())
-    print("\n- ".join(lines))
-    print(f"Everything is in {args.out}; open {PAGE}.")
+    lines = [f"Measured on {words.machine(results)}.", *words.findings(results), *results["notes"]]
+    conclude(args, _written(results), Said("How fast it is", ABOUT, lines=lines), results["provenance"])
 
 
 def _written(results: dict[str, Any]) -> Results:

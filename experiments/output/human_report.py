@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.cli.own_model import progress
-from experiments.output import figures, report
+from experiments.output import figures, identify_replay, report
+from experiments.output.page import Said, conclude
 from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from experiments.studies import human
@@ -19,6 +20,12 @@ from experiments.studies.human import Study
 from experiments.studies.person_recordings import Laboratory
 from ident.errors import InputError
 from ident.geometry.inertia import com_from_parameters
+
+ABOUT = (
+    "A simulated person moves on two force plates and holds a rail, and is identified from a prior whose bodies are "
+    "wrong by a fifth: what becomes of each segment, and what is predicted of motions that were not recorded."
+)
+"""What the page says of the study."""
 
 COLORS = {"prior": "0.55", "estimate": "tab:blue"}
 
@@ -143,6 +150,22 @@ def results(found: Study, feet_alone: Study) -> Results:
     return Results(tables, {"figure_human": (figure(found, feet_alone), caption)}, {"summary": summary})
 
 
+def said(found: Study) -> Said:
+    """What the page says besides tables and figure: what `identify` says of the estimate, and a replay."""
+    estimate, determined = found.estimate, found.determined
+    every = np.ones(len(determined), bool)
+    line = f"{determined.sum()} of {len(determined)} base parameters are determined; "
+    line += f"{found.coverage(every):.0%} of the 95 % intervals hold the truth"
+    return Said(
+        "A person on two force plates, at a rail",
+        ABOUT,
+        verdict=estimate.verdict(),
+        findings=[(finding.text, finding.doubt) for finding in estimate.findings],
+        lines=[f"{line}."],
+        replay=identify_replay.replay(estimate).to_page(),
+    )
+
+
 def run(args: argparse.Namespace) -> Results:
     """Runs the study and writes, prints and returns its results."""
     if not 0 <= args.decay < 1 or not 0 < args.noise < 30:
@@ -150,24 +173,13 @@ def run(args: argparse.Namespace) -> Results:
             f"Noise needs --decay from 0 to below 1 and --noise in degrees, got {args.decay}, {args.noise}."
         )
     laboratory = Laboratory(angle_deg=args.noise, decay=args.decay, rate=float(args.rate))
-    with report.unused_vanish(args.out):
-        with report.results_folder(args.out):
-            pass  # Refused before the work if it cannot be written.
-        with ExitStack() as stack:
-            executor = stack.enter_context(worker_pool(args.workers)).executor if args.workers > 1 else None
-            shared = {"seed": args.seed, "activities": args.activities, "executor": executor, "report": progress}
-            found, feet_alone = (
-                human.study(float(args.seconds), laboratory=replace(laboratory, rail=rail), **shared)
-                for rail in (True, False)
-            )
-    choices = {
-        key: getattr(args, key) for key in ("seed", "seconds", "activities", "rate", "noise", "decay", "formats")
-    }
-    written = results(found, feet_alone) | Results(numbers={"provenance": report.provenance(choices, {})})
-    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
-        written.write(folder, args.formats)
-    for table in written.tables.values():
-        print(table.text())
-    print(found.estimate.verdict())
-    print(f"Tables, figure, summary and provenance are in {args.out}.")
-    return written
+    with report.writable(args.out), ExitStack() as stack:
+        executor = stack.enter_context(worker_pool(args.workers)).executor if args.workers > 1 else None
+        shared = {"seed": args.seed, "activities": args.activities, "executor": executor, "report": progress}
+        found, feet_alone = (
+            human.study(float(args.seconds), laboratory=replace(laboratory, rail=rail), **shared)
+            for rail in (True, False)
+        )
+    told = "seed", "seconds", "activities", "rate", "noise", "decay", "formats"
+    choices = {key: getattr(args, key) for key in told}
+    return conclude(args, results(found, feet_alone), said(found), report.provenance(choices))

@@ -9,10 +9,18 @@ from matplotlib.figure import Figure
 
 from experiments.cli.own_model import progress
 from experiments.output import figures, report
+from experiments.output.identify_replay import replay
+from experiments.output.page import Said, conclude
 from experiments.output.results import Results
 from experiments.studies import in_vivo
 from experiments.studies.errors import HALF_WIDTH
 from experiments.studies.in_vivo import JUDGED_AT, Study
+
+ABOUT = (
+    "A recording of a person who bows on a force plate is identified by several estimators: what each makes of legs "
+    "and trunk, and how well it predicts the part that was held out."
+)
+"""What the page says of the study."""
 
 SHOWN = ("m2rz2", "Iyy2", "m3rz3", "Iyy3")
 """What a bow tells of: first moments and inertias of the legs with all above, and of the trunk."""
@@ -111,16 +119,20 @@ def results(found: Study) -> Results:
     return Results(tables, {"figure_in_vivo": (figure(found), caption)}, {"summary": numbers(found)})
 
 
+def said(found: Study) -> Said:
+    """What the page says besides tables and figure: what `identify` says of the joint estimate, and its replay."""
+    joint = found.joint
+    return Said(
+        "A person who bows",
+        ABOUT,
+        verdict=f"Of the joint estimate: {joint.verdict()}",
+        findings=[(finding.text, finding.doubt) for finding in joint.findings],
+        replay=replay(joint).to_page(),
+    )
+
+
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    with report.unused_vanish(args.out):
-        with report.results_folder(args.out):
-            pass  # Refused before the work if it cannot be written.
+    with report.writable(args.out):
         found = in_vivo.study(args.data, progress)
-    written = results(found) | Results(numbers={"provenance": report.provenance({"formats": args.formats}, {})})
-    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
-        written.write(folder, args.formats)
-    for table in written.tables.values():
-        print(table.text())
-    print(found.joint.verdict())
-    print(f"Tables, figure, summary and provenance are in {args.out}.")
+    conclude(args, results(found), said(found), report.provenance({"formats": args.formats}))

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from experiments.output import figures, report
-from experiments.output.page import PAGE, Said, write_report
+from experiments.output.page import Said, conclude
 from experiments.output.results import Results
 from experiments.studies import noise
 from experiments.studies.errors import HALF_WIDTH, Errors
@@ -244,17 +244,7 @@ def results(found: Study) -> Results:
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    with report.unused_vanish(args.out):
-        with report.results_folder(args.out):
-            pass  # Refused before the work if it cannot be written.
+    with report.writable(args.out):
         found = noise.study(noise.outcomes(args), args.recordings)
     choices = {key: getattr(args, key) for key in ("seed", "recordings", "formats")}
-    written = results(found)
-    origin = report.provenance(choices, {})
-    written |= Results(numbers={"provenance": origin})
-    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
-        written.write(folder, args.formats)
-        write_report(folder, written, args.formats, Said("Noise on the joint sensors", ABOUT))
-    for table in written.tables.values():
-        print(table.text())
-    print(f"Everything is in {args.out}; open {PAGE}.")
+    conclude(args, results(found), Said("Noise on the joint sensors", ABOUT), report.provenance(choices))

@@ -136,7 +136,7 @@ def said(study: Study) -> Said:
     models = [model.title for model in study.file.models.values()]
     about = (
         f"Simulated from {study.file.scene.identity['name']} and identified anew, a model at a time: "
-        f"{', '.join(models)}."
+        f"{'; '.join(models)}."
     )
     return Said(study.file.title, about, lines=lines(study), replay=replay(study).to_page())
 

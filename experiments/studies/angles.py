@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments.cli import options
 from experiments.output import angles_report, report
+from experiments.output.page import PAGE
 from ident.errors import InputError
 from ident.recordings.marker_files import read_markers
 from ident.recordings.markers import Markers
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
     with report.results_folder(args.out, stale=angles_report.OUTPUTS, inputs=inputs) as folder:
         angles_report.write(found, folder, args.model, args.markers, report.provenance(given), args.formats)
     print(angles_report.text(found))
-    print(f"Everything is in {args.out}; open report.html.")
+    print(f"Everything is in {args.out}; open {PAGE}.")
 
 
 def study(args: argparse.Namespace) -> Angles:

@@ -12,7 +12,7 @@ import scenes
 import sim
 from experiments.cli.defaults import SCENE
 from experiments.output import figures, report
-from experiments.output.page import PAGE, Said, write_report
+from experiments.output.page import Said, conclude
 from experiments.output.results import Results
 from experiments.studies import paper
 from ident.geometry.inertia import com_from_parameters
@@ -195,14 +195,8 @@ def run(args: argparse.Namespace) -> Results:
     """Writes and prints the mechanism."""
     tree, drawing = mechanism()
     origin = report.provenance({"formats": args.formats}, {"scene": SCENE})
-    shown = results(tree, drawing) | Results(numbers={"provenance": origin})
-    with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
-        shown.write(folder, args.formats)
-        write_report(folder, shown, args.formats, Said("The mechanism of the studies (Tables I and II)"))
-    for table in shown.tables.values():
-        print(table.text())
     length = tree.bodies[2].home[2, 3]
     apart = difference(tree_of_table_1(np.zeros(3), length), tree)
-    print(f"Tables I and II are the same mechanism: poses and twists differ by {apart:.0e} at 100 random postures.")
-    print(f"Everything is in {args.out}; open {PAGE}.")
-    return shown
+    same = f"Tables I and II are the same mechanism: poses and twists differ by {apart:.0e} at 100 random postures."
+    said = Said("The mechanism of the studies (Tables I and II)", lines=[same])
+    return conclude(args, results(tree, drawing), said, origin)

@@ -250,9 +250,7 @@ def run(args: argparse.Namespace) -> None:
     identity = _identity(args)
     reading = _reading(args)
     report.check_inputs((args.out / name for name in OUTPUTS), inputs)
-    with report.unused_vanish(args.out):
-        with report.results_folder(args.out):
-            pass  # Refused before the work if it cannot be written.
+    with report.writable(args.out):
         progress = Progress(args.out / FILE, identity)
         if args.resume:
             progress = progress.resumed(reading.equations)

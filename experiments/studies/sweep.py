@@ -178,9 +178,7 @@ def run(args: argparse.Namespace) -> None:
     option, *texts = args.over
     values = values_of(args.study, option, texts)
     args.out = args.out / args.study / option
-    with report.unused_vanish(args.out):
-        with report.results_folder(args.out):
-            pass  # Refused before the work if it cannot be written.
+    with report.writable(args.out):
         found = swept(args, option, values)
     titles = CHARTED[args.study]
     charted = {name: titles.get(name, _label(name)) for name in args.numbers or titles}
