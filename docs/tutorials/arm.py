@@ -161,4 +161,4 @@ for name, was, now, true in zip(arm.bodies, *(x.known.reshape(-1, 10) for x in (
 # ```
 #
 # with tables, figures and a page. [How to bring a recording](../recordings.md) tells what else a log may hold,
-# [how to read a report](../verdict.md) what the sentences mean.
+# [whether to believe it](../verdict.md) what the sentences mean.
