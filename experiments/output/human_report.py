@@ -162,7 +162,8 @@ def said(found: Study) -> Said:
         verdict=estimate.verdict(),
         findings=[(finding.text, finding.doubt) for finding in estimate.findings],
         lines=[f"{line}."],
-        replay=identify_replay.replay(estimate).to_page(),
+        # There is no table of base parameters, whose rows could be pressed.
+        replay=replace(identify_replay.replay(estimate), parameters=()).to_page(),
     )
 
 

@@ -1,6 +1,7 @@
 """What estimators say of a person who bows: tables, a figure, key numbers, and the terminal's text."""
 
 import argparse
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,8 @@ def said(found: Study) -> Said:
         ABOUT,
         verdict=f"Of the joint estimate: {joint.verdict()}",
         findings=[(finding.text, finding.doubt) for finding in joint.findings],
-        replay=replay(joint).to_page(),
+        # Its table is not that of the joint estimate alone, whose rows could be pressed.
+        replay=replace(replay(joint), parameters=()).to_page(),
     )
 
 

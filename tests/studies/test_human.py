@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from commands import refusal
+from pages import replayed
 
 from experiments import human
 
@@ -15,6 +16,7 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
     small = ["--seconds", "2", "--rate", "50", "--noise", "0.2", "--activities", "squats", "arm swings"]
     assert human.main([*small, "--workers", "1", "--out", str(out)]) == 0
     assert "joint estimate" in capsys.readouterr().out
+    assert replayed(out / "report.html")["estimated"]
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     for contacts in ("plates_and_rail", "plates"):
         found = summary[contacts]

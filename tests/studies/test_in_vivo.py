@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from commands import refusal
+from pages import replayed
 
 from experiments import in_vivo
 
@@ -24,6 +25,7 @@ def test_what_is_missing_is_named(tmp_path, capsys):
 def test_inertias_are_a_persons_where_filters_halve_them(tmp_path, capsys):
     assert in_vivo.main(["--data", str(DATA), "--out", str(tmp_path / "out")]) == 0
     assert "joint estimate" in capsys.readouterr().out
+    assert replayed(tmp_path / "out" / "report.html")["estimated"]
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     at = {name: summary["names"].index(name) for name in ("Iyy2", "Iyy3")}
     value = {name: {k: each["values"][i] for k, i in at.items()} for name, each in summary["parameters"].items()}
