@@ -153,9 +153,8 @@ def results(found: Study, feet_alone: Study) -> Results:
 def said(found: Study) -> Said:
     """What the page says besides tables and figure: what `identify` says of the estimate, and a replay."""
     estimate, determined = found.estimate, found.determined
-    every = np.ones(len(determined), bool)
-    line = f"{determined.sum()} of {len(determined)} base parameters are determined; "
-    line += f"{found.coverage(every):.0%} of the 95 % intervals hold the truth"
+    line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined; "
+    line += f"{found.coverage:.0%} of their 95 % intervals hold the truth"
     return Said(
         "A person on two force plates, at a rail",
         ABOUT,
