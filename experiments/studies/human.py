@@ -30,6 +30,9 @@ UNSEEN = 1000
 MOVED = 0.5
 """Standard deviation, over that known beforehand, below which recordings determine what it is of."""
 
+ROUNDING = 1e-10
+"""Least variance, over that known beforehand, that can be told from none."""
+
 LEAST_SEEN = 1e-3
 """Singular values, over the largest, below which least squares leave the prior as it is."""
 
@@ -70,9 +73,9 @@ class Study:
             Standard deviations over those known beforehand, and errors in standard deviations (r,).
         """
         covariance = self.estimate.covariance_setup[: len(self.psi), : len(self.psi)]
-        ratios, directions = linalg.eigh(covariance, known_covariance(self.mechanism, self.estimate.base))
-        errors = directions.T @ (self.estimate.psi - self.psi)
-        return np.sqrt(ratios), errors / np.sqrt(np.einsum("rk,rs,sk->k", directions, covariance, directions))
+        variances, directions = linalg.eigh(covariance, known_covariance(self.mechanism, self.estimate.base))
+        std = np.sqrt(np.maximum(variances, ROUNDING))
+        return std, directions.T @ (self.estimate.psi - self.psi) / std
 
     @property
     def determined(self) -> np.ndarray:

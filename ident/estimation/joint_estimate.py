@@ -1,6 +1,6 @@
 """The joint estimate of recordings: from their channels to parameters, set-up, trajectories and noise."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -134,12 +134,12 @@ def joint_estimate(
     samples = sum(part.stop - part.start for _, part in recordings)
     share = max(1, round(samples / ENOUGH))
     if knots:
-        begin = task.estimate(knots, share)
+        begin = task.searched(task.fitted(knots, share))
     else:
         step = min(knot_distance(prepared.recording, joints) for prepared, _ in recordings)
         finest = 2 / min(prepared.recording.rate for prepared, _ in recordings)
-        begin = _fine_enough(partial(task.estimate, share=share), step, finest)
-    estimate = task.estimate(begin.step, begin=begin) if share > 1 else begin
+        begin = _fine_enough(task, share, step, finest)
+    estimate = task.searched(task.fitted(begin.step, begin=begin)) if share > 1 else begin
     return task.with_physical_bodies(estimate) if physical else estimate
 
 
@@ -174,13 +174,13 @@ class _Task:
         """Which parameters are of the set-up (p,)."""
         return _is_setup(self.measurement, self.names)
 
-    def estimate(self, step: float, share: int = 1, begin: Joint | None = None) -> Joint:
-        """The estimate.
+    def fitted(self, step: float, share: int = 1, begin: Joint | None = None) -> Joint:
+        """The estimate with the set-up as stated, or as it was found before.
 
         Args:
             step: Largest distance of the knots, s.
             share: One in so many pieces of each recording is taken.
-            begin: An estimate to go on from: of fewer pieces, or with other knots; then the set-up is searched anew.
+            begin: An estimate to go on from: of fewer pieces, or with other knots; then the set-up is as stated again.
         """
         # Halves of what is fitted are compared: of one recording, or of several.
         least = 2 if len(self.recordings) == 1 else 1
@@ -199,9 +199,15 @@ class _Task:
         fit = refit(at, free, 0 if interrupted else joint.ROUNDS)
         fit = replace(fit, status="interrupted") if interrupted else fit
         found = replace(before, fit=fit) if before else Search(fit)
-        if self.search and not found.incredible:
-            found = searched(found, refit, self.is_setup, _groups(self.measurement, self.names))
         return Joint(self.measurement, found, tuple(map(len, cuts)), step, self.known)
+
+    def searched(self, estimate: Joint) -> Joint:
+        """The estimate with what of the set-up is not as stated, if that is to be looked for."""
+        if not self.search or estimate.search.incredible:
+            return estimate
+        refit = self._refit(estimate.fit.pieces, estimate.fit.selections)
+        groups = _groups(self.measurement, self.names)
+        return replace(estimate, search=searched(estimate.search, refit, self.is_setup, groups))
 
     def with_physical_bodies(self, estimate: Joint) -> Joint:
         """The estimate with bodies that are physical."""
@@ -224,24 +230,45 @@ class _Task:
         return partial(_with_positive_drives, solve, self.measurement.equations)
 
 
-def _fine_enough(estimated: Callable[..., Joint], step: float, finest: float) -> Joint:
+def _fine_enough(task: _Task, share: int, step: float, finest: float) -> Joint:
     """Knots get denser as long as residuals are correlated, if that makes them smaller: something jumps.
 
-    Where they are correlated over long times the model is not quite right, and no trajectory should make up for that.
+    Where they are correlated over long times mostly the model is not quite right, and no trajectory should make up for
+    that. Or else knots are much too far apart: then denser ones leave no drift, which the set-up must not explain.
     """
 
-    def asks(estimate: Joint) -> bool:
-        rho = estimate.fit.noise.channels_rho
-        return bool((rho > JUMPS).any() and (rho < DRIFTS).all())
+    def denser(estimate: Joint) -> Joint:
+        return task.fitted(max(estimate.step / 2, finest), share, begin=estimate)
 
-    fine = coarse = estimated(step)
+    coarse = task.fitted(step, share)
     try:
-        while asks(fine) and fine.fit.status != "interrupted" and fine.step > finest:
-            fine = estimated(max(fine.step / 2, finest), begin=fine)
+        if _drifts(coarse) and coarse.fit.status != "interrupted" and coarse.step > finest:
+            fine = denser(coarse)
+            coarse = fine if _smaller(fine, coarse) and not _drifts(fine) else coarse
+    except (ExcitationError, np.linalg.LinAlgError):
+        pass
+    fine = coarse = task.searched(coarse)
+    try:
+        while _jumps(fine) and not _drifts(fine) and fine.fit.status != "interrupted" and fine.step > finest:
+            fine = task.searched(denser(fine))
     except (ExcitationError, np.linalg.LinAlgError):
         return coarse
-    smaller = (fine.fit.noise.channels < SMALLER * coarse.fit.noise.channels).any()
-    return fine if smaller else coarse
+    return fine if _smaller(fine, coarse) else coarse
+
+
+def _jumps(estimate: Joint) -> bool:
+    """Whether a channel's residual asks for denser knots."""
+    return bool((estimate.fit.noise.channels_rho > JUMPS).any())
+
+
+def _drifts(estimate: Joint) -> bool:
+    """Whether a channel's residual is correlated over so long times that denser knots hardly help."""
+    return bool((estimate.fit.noise.channels_rho >= DRIFTS).any())
+
+
+def _smaller(fine: Joint, coarse: Joint) -> bool:
+    """Whether denser knots made a channel's noise smaller."""
+    return bool((fine.fit.noise.channels < SMALLER * coarse.fit.noise.channels).any())
 
 
 def _start(
