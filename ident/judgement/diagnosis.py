@@ -1,5 +1,6 @@
 """What may be wrong with a recording or a model, judged from wrenches measured and predicted."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -58,6 +59,16 @@ class BaseCheck:
         return self.error_there < 0.5 * self.error
 
 
+CLOSE = 0.2
+"""What the distance of a point of contact from the body's joints counts, of that of the forces from the point."""
+
+NEAR = 0.12
+"""Distance within which forces pass a body that others support as well, m: half a foot, along which they wander."""
+
+TINY = 1e-12
+"""Stands for a force that is none, N."""
+
+
 @dataclass(frozen=True, eq=False)
 class ContactCheck:
     """The unmeasured contact that explains a residual wrench best.
@@ -66,11 +77,13 @@ class ContactCheck:
         body: Name of the body that it would be on.
         point: Where, in the body's frame, m (3,).
         explained: Fraction of the residual moment that forces through that point explain.
+        distance: Of the forces from that point, and of the point from the body's joints, weighed, m.
     """
 
     body: str
     point: np.ndarray
     explained: float
+    distance: float
 
 
 def check_frame(measured: np.ndarray, predicted: np.ndarray, rotation: np.ndarray) -> FrameCheck:
@@ -160,30 +173,50 @@ def right_angled_rotations() -> list[np.ndarray]:
     return sorted(turns, key=lambda R: -np.trace(R))
 
 
-def check_contact(tree: Tree, q: np.ndarray, residual: np.ndarray) -> ContactCheck:
+def check_contact(tree: Tree, q: np.ndarray, residual: np.ndarray, usual: Collection[str] = ()) -> ContactCheck:
     """Where on the mechanism an unmeasured force would have to act to leave this residual.
+
+    The residual moment is least-squares fitted by `(p_i + R_i c) × F`. Over a short time forces nearly always pass
+    through some point that moves with a body, if it may be far from it: points count as worse the farther they are.
 
     Args:
         tree: The mechanism.
         q: Joint coordinates (N, n_q).
         residual: Measured less predicted wrench in the base frame, all six channels (N, 6).
+        usual: Bodies that other contacts are on: one of them it is if the forces pass `NEAR` it.
 
     Returns:
-        The best body and point: the residual moment is least-squares fitted by `(p_i + R_i c) × F`.
+        The best body and point.
+    """
+    found = [_contact_on(tree, i, tree.poses(q)[:, i], residual) for i in tree.inertial]
+    near = [check for check in found if check.body in usual and check.distance < NEAR]
+    return min(near or found, key=lambda check: check.distance)
+
+
+def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> ContactCheck:
+    """Where on one body the force would act: near its own joint or near one that it carries.
+
+    Args:
+        tree: The mechanism.
+        i: Index of the body.
+        T: Its poses in the base frame (N, 4, 4).
+        residual: As for `check_contact`.
     """
     force, moment = residual[:, :3], residual[:, 3:]
-    poses = tree.poses(q)
-    total = (moment**2).sum()
-    found = []
-    for i in tree.inertial:
-        R, p = poses[:, i, :3, :3], poses[:, i, :3, 3]
-        rows = (-hat(force) @ R).reshape(-1, 3)
-        target = (moment - np.cross(p, force)).ravel()
-        # Another driver's SVD can fail to converge on finite data.
-        point = linalg.lstsq(rows, target, cond=1e-12, lapack_driver="gelsy")[0]
-        left = ((target - rows @ point) ** 2).sum()
-        found.append(ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0))
-    return max(found, key=lambda check: check.explained)
+    R, p = T[:, :3, :3], T[:, :3, 3]
+    rows, target = (-hat(force) @ R).reshape(-1, 3), (moment - np.cross(p, force)).ravel()
+    point = _least_squares(rows, target)
+    total, left = (moment**2).sum(), ((target - rows @ point) ** 2).sum()
+    pushed, distances = max(float(np.linalg.norm(force)), TINY), []
+    for joint in [np.zeros(3), *(body.home[:3, 3] for body in tree.bodies if body.parent == i)]:
+        near, aim = np.vstack([rows / pushed, np.eye(3) * CLOSE]), np.append(target / pushed, CLOSE * joint)
+        distances.append(float(np.linalg.norm(aim - near @ _least_squares(near, aim))))
+    return ContactCheck(tree.bodies[i].name, point, float(1 - left / total) if total else 0.0, min(distances))
+
+
+def _least_squares(rows: np.ndarray, target: np.ndarray) -> np.ndarray:
+    # Another driver's SVD can fail to converge on finite data.
+    return np.asarray(linalg.lstsq(rows, target, cond=1e-12, lapack_driver="gelsy")[0])
 
 
 def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:

@@ -14,6 +14,7 @@ from ident.estimation.preparation import LeftOut, Prepared
 from ident.geometry.se3 import coAd
 from ident.judgement.checks import NotCheckedError, predicted_wrench, upward
 from ident.judgement.diagnosis import ContactCheck, check_contact
+from ident.recordings.wrench import GROUND
 
 SHARE = 0.06
 """Part of the weight from which something else may carry it: what is less is the model's own error."""
@@ -138,4 +139,5 @@ def _contact(prepared: Prepared, part: slice, residual: np.ndarray) -> ContactCh
     if not np.isfinite(residual).all():
         return None
     in_base = (coAd(prepared.frame) @ residual[..., None])[..., 0]
-    return check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base)
+    carried = {str(sensor.body) for name, sensor in prepared.recording.sensors.items() if name != GROUND}
+    return check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base, carried)

@@ -18,7 +18,7 @@ from ident.recordings.wrench import Sensor
 def test_a_contact_left_out_is_on_a_body_and_is_not_measured(measured_on, distance, doubted):
     recording, motion = SimpleNamespace(sensors={"tip": Sensor(measured_on)}), Motion(*np.zeros((3, 4, 2)))
     result = SimpleNamespace(
-        checks=SimpleNamespace(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8)),
+        checks=SimpleNamespace(contact=ContactCheck("link2", np.array([0, 0, distance]), 0.8, 0.0)),
         held_out=SimpleNamespace(ratio=np.full(6, 0.5)),
         prepared=SimpleNamespace(recording=recording, mechanism=PENDULUM, samples=SimpleNamespace(motion=motion)),
     )
