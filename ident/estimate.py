@@ -184,7 +184,7 @@ class Estimate:
 
     @cached_property
     def _fitted(self) -> Samples:
-        samples = [prepared.samples[part] for prepared, part in self.logs]
+        samples = [prepared.samples[prepared.taken(part)] for prepared, part in self.logs]
         return Samples(joined([x.motion for x in samples]), np.concatenate([x.measured for x in samples]))
 
     @property
