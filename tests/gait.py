@@ -142,9 +142,7 @@ def joints(scale, *, arms=True):
         ankle = [(own("ankle_angle"), np.array([-0.105, -0.174 * s, 0.979]))]
         out.append(_pin(own("ankle"), own("tibia"), own("talus"), ankle, at(own("tibia"), 0, -0.4, 0)))
         tilted = [(own("subtalar_angle"), np.array([0.787, 0.604, -0.121 * s]) * s)]
-        out.append(
-            _pin(own("subtalar"), own("talus"), own("calcn"), tilted, at(own("talus"), -0.05, -0.04, 0.008 * s))
-        )
+        out.append(_pin(own("subtalar"), own("talus"), own("calcn"), tilted, at(own("talus"), -0.05, -0.04, 0.008 * s)))
         if arms:
             toes = [(own("mtp_angle"), np.array([-0.58, 0, 0.815 * s]) * s)]
             out.append(_pin(own("mtp"), own("calcn"), own("toes"), toes, at(own("calcn"), 0.18, -0.002, 0.001)))

@@ -1,9 +1,13 @@
 """OpenSim files that the tests write: small models in the formats of versions 3 and 4, and people of 22 bodies."""
 
+import warnings
+
 import numpy as np
 from mechanisms import random_phi
 
+import sim
 from ident.geometry.inertia import com_from_parameters
+from sim.models.notes import ModelNote
 
 
 def words(numbers):
@@ -182,3 +186,10 @@ def every_kind(seed, version=4):
     constraint = coupler("bend", "beta_0", spline(0.3), 1.2)
     gravity = (0.3, -9.7, 0.2)
     return document(joints, phi, version=version, gravity=gravity, constraints=constraint, markers=points), phi
+
+
+def quietly_read(path):
+    """The mechanism of an OpenSim file without notes on it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelNote)
+        return sim.mechanism(path)

@@ -63,7 +63,7 @@ CLOSE = 0.2
 """What the distance of a point of contact from the body's joints counts, of that of the forces from the point."""
 
 NEAR = 0.12
-"""Distance within which forces pass a body that others support as well, m: half a foot, along which they wander."""
+"""Distance within which forces pass a body that is likely, m: half a foot, along which they wander."""
 
 TINY = 1e-12
 """Stands for a force that is none, N."""
@@ -183,7 +183,7 @@ def check_contact(tree: Tree, q: np.ndarray, residual: np.ndarray, usual: Collec
         tree: The mechanism.
         q: Joint coordinates (N, n_q).
         residual: Measured less predicted wrench in the base frame, all six channels (N, 6).
-        usual: Bodies that other contacts are on: one of them it is if the forces pass `NEAR` it.
+        usual: Bodies that are likely: one of them it is if the forces pass `NEAR` it.
 
     Returns:
         The best body and point.

@@ -13,7 +13,7 @@ from scipy import ndimage
 from ident.estimation.preparation import LeftOut, Prepared
 from ident.geometry.se3 import coAd
 from ident.judgement.checks import NotCheckedError, predicted_wrench, upward
-from ident.judgement.diagnosis import ContactCheck, check_contact
+from ident.judgement.diagnosis import NEAR, ContactCheck, check_contact
 from ident.recordings.wrench import GROUND
 
 SHARE = 0.06
@@ -30,7 +30,7 @@ SHORTEST = 0.03
 """Shortest span, and what is left out beside each, s."""
 
 THROUGH_A_POINT = 0.8
-"""Fraction of the missing moment that a force on a body has to explain before that is named."""
+"""Fraction of the missing moment that a force on a body has to explain before that is named, unless it passes near."""
 
 HEAVIEST, AGREEING, CLOSE = 1.6, 0.15, 2.0
 """Factor by which a mechanism may be heavier or lighter than its model, part of the samples that have to agree on it,
@@ -56,7 +56,9 @@ class Unmeasured:
     @property
     def sentence(self) -> str:
         """What was found, and done about it."""
-        on = f", as on '{self.contact.body}'" if self.contact and self.contact.explained > THROUGH_A_POINT else ""
+        at = self.contact
+        through = at and (at.explained > THROUGH_A_POINT or at.distance < NEAR)
+        on = f", as on '{at.body}'" if at and through else ""
         return (
             f"From {self.start:.2f} to {self.end:.2f} s something that is not measured carries up to "
             f"{self.carries:.0%} of the weight{on}; these samples are left out."
@@ -139,5 +141,15 @@ def _contact(prepared: Prepared, part: slice, residual: np.ndarray) -> ContactCh
     if not np.isfinite(residual).all():
         return None
     in_base = (coAd(prepared.frame) @ residual[..., None])[..., 0]
-    carried = {str(sensor.body) for name, sensor in prepared.recording.sensors.items() if name != GROUND}
-    return check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base, carried)
+    unloaded = _unloaded(prepared, part)
+    return check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base, unloaded)
+
+
+def _unloaded(prepared: Prepared, part: slice) -> set[str]:
+    """Bodies that measured contacts are on, but not during most of a part: who is on a plate is not beside it."""
+    recording, loaded = prepared.recording, dict[str, float]()
+    for name in recording.wrenches:
+        if name != GROUND:
+            body, share = str(recording.sensors[name].body), recording[f"{name}_force"][part].any(axis=1).mean()
+            loaded[body] = loaded.get(body, 0.0) + float(share)
+    return {body for body, share in loaded.items() if share < 1 / 2}
