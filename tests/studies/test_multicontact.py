@@ -216,7 +216,8 @@ def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result
     together = np.all(list(result.touching.values()), axis=0)
     for shown in (figure, study_figures.figure(result, "figure_4"), study_figures.figure(result, "figure_5")):
         for ax in shown.axes:
-            edges = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches]
+            # Up to matplotlib 3.8 these are polygons.
+            edges = [patch.get_path().get_extents(patch.get_patch_transform()).intervalx for patch in ax.patches]
             within = [(recording.time >= start) & (recording.time <= end) for start, end in edges]
             # Nothing is shaded where a contact is never let go.
             assert len(edges) == (0 if together.all() else 7)
