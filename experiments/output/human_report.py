@@ -42,8 +42,7 @@ def table_segments(found: Study) -> report.Table:
     for k, name in enumerate(found.true.bodies):
         first = 1 + int(np.argmax(np.abs(true[k, 1:4])))
         inertia = 4 + int(np.argmax(true[k, 4:7]))
-        cells = [(float(x[k, j]) for x in (true, prior, phi, std)) for j in (0, first, inertia)]
-        rows.append((name, *(cell for several in cells for cell in several)))
+        rows.append((name, *(float(x[k, j]) for j in (0, first, inertia) for x in (true, prior, phi, std))))
     columns = ["segment"]
     for what in ("mass", "first_moment", "inertia"):
         columns += [f"{what}_{which}" for which in ("true", "prior", "estimate", "std")]
@@ -87,7 +86,7 @@ def _segments(ax: Axes, found: Study) -> None:
     ax.set_xlim(left=0)
     ax.set_xlabel("Error of the first moment (%)", labelpad=2)
     ax.set_title("(a) First moments of segments")
-    ax.legend(loc="upper right", fontsize=6)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=6, columnspacing=1)
 
 
 def growth(found: Study) -> np.ndarray:
@@ -102,11 +101,13 @@ def _growth(ax: Axes, found: Study, feet_alone: Study) -> None:
     numbers = np.arange(len(found.activities) + 1)
     for study, style, contacts in ((found, "-", "plates and rail"), (feet_alone, "--", "plates")):
         for name, marker, color, ratio in zip(KINDS, "osD", KIND_COLORS, growth(study).T, strict=True):
-            ax.plot(numbers, ratio, marker + style, ms=3, lw=0.9, color=color, label=f"{name}, {contacts}")
+            label = name if study is found else None
+            ax.plot(numbers, ratio, marker + style, ms=3, lw=0.9, color=color, label=label)
+        ax.plot([], [], style, color="0.3", lw=0.9, label=contacts)
     ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in found.activities)], rotation=20, ha="right")
     ax.set_ylabel("Deviation over the prior's", labelpad=2)
     ax.set_title(f"(b) Recordings of {found.seconds:g} s each")
-    ax.legend(loc="lower left", fontsize=6)
+    ax.legend(loc="lower left", fontsize=6, ncols=1)
 
 
 def numbers(found: Study) -> dict[str, Any]:

@@ -70,16 +70,18 @@ class Study:
         """Along the combinations of base parameters that recordings tell of independently, the best known first.
 
         Returns:
-            Standard deviations over those known beforehand, and errors in standard deviations (r,).
+            Standard deviations over those known beforehand, and errors in standard deviations (k,); without
+            combinations that are known to rounding.
         """
         covariance = self.estimate.covariance_setup[: len(self.psi), : len(self.psi)]
         variances, directions = linalg.eigh(covariance, known_covariance(self.mechanism, self.estimate.base))
-        std = np.sqrt(np.maximum(variances, ROUNDING))
-        return std, directions.T @ (self.estimate.psi - self.psi) / std
+        told = variances > ROUNDING
+        std = np.sqrt(variances[told])
+        return std, directions[:, told].T @ (self.estimate.psi - self.psi) / std
 
     @property
     def determined(self) -> np.ndarray:
-        """Which of these combinations the recordings determine (r,)."""
+        """Which of these combinations the recordings determine (k,)."""
         return self.distances[0] < MOVED
 
     @cached_property

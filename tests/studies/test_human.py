@@ -1,5 +1,6 @@
 """The study of a person, very small: intervals hold, what is wrong of the prior is mended, nothing is lost."""
 
+import csv
 import json
 
 import numpy as np
@@ -28,6 +29,14 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
         growth = found["growth"]
         assert growth[0] == [1, 1, 1]
         assert all((np.diff(growth, axis=0) <= 0).ravel())
+    with (out / "table_segments.csv").open(newline="", encoding="utf-8") as file:
+        rows = {row["segment"]: row for row in csv.DictReader(file)}
+    for name, each in summary["plates_and_rail"]["segments"].items():
+        for which in ("true", "prior", "estimate", "std"):
+            assert float(rows[name][f"mass_{which}"]) == pytest.approx(each[which][0], rel=1e-3, abs=1e-3)
+            assert any(
+                float(rows[name][f"inertia_{which}"]) == pytest.approx(x, rel=1e-3, abs=1e-3) for x in each[which][4:7]
+            )
 
 
 def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
