@@ -127,7 +127,7 @@ def numbers(found: Study) -> dict[str, Any]:
         "seconds": found.seconds,
         "base_parameters": len(found.psi),
         "determined": int(found.determined.sum()),
-        "coverage_of_determined": found.coverage,
+        "coverage_of_determined": found.coverage if found.determined.any() else None,
         "rms_z": float(np.sqrt((found.distances[1] ** 2).mean())),
         "set_up": [{"name": each.name, "value": each.value, "std": each.std} for each in estimate.setup],
         "verdict": estimate.verdict(),
@@ -154,8 +154,9 @@ def results(found: Study, feet_alone: Study) -> Results:
 def said(found: Study) -> Said:
     """What the page says besides tables and figure: what `identify` says of the estimate, and a replay."""
     estimate, determined = found.estimate, found.determined
-    line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined; "
-    line += f"{found.coverage:.0%} of their 95 % intervals hold the truth"
+    line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined"
+    if determined.any():
+        line += f"; {found.coverage:.0%} of their 95 % intervals hold the truth"
     return Said(
         "A person on two force plates, at a rail",
         ABOUT,

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from experiments.studies.competitors import USUAL
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.joint import Report
@@ -33,9 +34,6 @@ COLUMNS = Path(__file__).with_name("bowing.toml")
 
 JUDGED_AT = 3.0
 """Cut-off of what predictions are judged at, Hz; a person who bows moves below it."""
-
-USUAL = 6.0
-"""Cut-off that gait laboratories use for markers, Hz."""
 
 
 @dataclass(frozen=True, eq=False)

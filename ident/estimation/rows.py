@@ -167,7 +167,7 @@ class StateRows:
         """Which share of innovations and of their halves is taken (3, n)."""
         J, J_before = (x[:, None] for x in self._windows)
         K = J @ posterior.by_coordinate
-        own, across, before = (K * J).sum(axis=-1), (K * J_before).sum(axis=-1), np.zeros(0)
+        own, across = (K * J).sum(axis=-1), (K * J_before).sum(axis=-1)
         for j, at in self.zeros.items():
             zero = posterior.root[at]
             # The zero's covariance with the coefficients is that of what follows θ, with the other sign.
@@ -176,8 +176,7 @@ class StateRows:
             own[:, j] += 2 * shift[..., 0]
             across[:, j] += (shift + shift_before)[..., 0]
         own, across = own.swapaxes(1, 2), across.swapaxes(1, 2)
-        before = self.intervals.before(own)
-        return self.factors.taken(own, across, before)
+        return self.factors.taken(own, across, self.intervals.before(own))
 
     @property
     def _windows(self) -> tuple[np.ndarray, np.ndarray]:
