@@ -96,7 +96,7 @@ def test_what_cannot_be_seen_stays_as_known(pendulum):
 
 def test_designs_by_deviations_beat_those_by_the_condition_number(pendulum):
     limits = Limits(PAPERS.q.min(axis=0), PAPERS.q.max(axis=0), abs(PAPERS.dq).max(axis=0), abs(PAPERS.ddq).max(axis=0))
-    # As many as the command has; few of the starts lead to the best motion.
+    # As many as the command has. From seeds 0, 3 and 4 they lead to 15.5 to 17 %, from 1 and 2 to 13 and 11 % only.
     starts = excitation.start_motions(limits, np.zeros(2), TIME[-1], 5, 24, seed=0)
     deviations = {}
     for criterion in ("deviations", "condition"):
