@@ -49,7 +49,8 @@ def parser() -> argparse.ArgumentParser:
         help="standard deviations of noise; the model's sensors', else {:g} and {:g}, if not given".format(*NOISE),
     )
     out.add_argument("--harmonics", type=options.whole_number(2, 100), default=5, help="terms of the series")
-    out.add_argument("--starts", type=options.whole_number(1, 10_000), default=24, help="motions to begin from")
+    begin = "random motions to begin from, and then half as many near the best"
+    out.add_argument("--starts", type=options.whole_number(1, 10_000), default=24, help=begin)
     out.add_argument("--iterations", type=options.whole_number(1, 100_000), default=100, help="at most, each start")
     out.add_argument("--seed", type=options.whole_number(0), default=0, help="seed of the starts")
     out.add_argument("--collisions", choices=("avoid", "ignore"), default="avoid", help="what to do about them")

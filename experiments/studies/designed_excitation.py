@@ -144,7 +144,7 @@ def _designed(
         before = reference
         starts[0] = FourierTrajectory.closest(float(time[-1]), args.harmonics, time, reference.q)
     value = criteria.cost(problem, args.criterion, len(time))
-    return before, excitation.best(value, limits, starts, collisions, args.iterations)
+    return before, excitation.best(value, limits, starts, collisions, args.iterations, args.seed)
 
 
 def _write(

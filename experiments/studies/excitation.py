@@ -22,7 +22,7 @@ from sim.models.mechanism import mujoco_origin
 from sim.models.mujoco_model import base_motion, gravity_of, mechanism_bodies, rest_coordinates
 from sim.models.names import joint_name
 from sim.motion.collisions import Collisions
-from sim.motion.excitation_design import Cost, Limits, States, design, random_start, scaled_into
+from sim.motion.excitation_design import Cost, Limits, States, design, nearby_start, random_start, scaled_into
 from sim.motion.fourier import FourierTrajectory
 from sim.simulation.sensors import ONE_DOF, torque_noise, wrench_whitening
 
@@ -139,8 +139,9 @@ def best(
     starts: Sequence[FourierTrajectory],
     collisions: Collisions | None,
     iterations: int,
+    seed: int,
 ) -> FourierTrajectory:
-    """The best of what is found from several starts; progress goes to stderr.
+    """The best of what is found from several starts, and then from half as many near the best; progress goes to stderr.
 
     A way around collisions is looked for where the motion with them is better than the best without any so far.
 
@@ -150,21 +151,24 @@ def best(
         starts: Motions to begin from.
         collisions: What must not touch, None if nothing is checked.
         iterations: Iterations at most, each time.
+        seed: Seed of the starts near the best.
 
     Raises:
         InputError: Everything found collides.
     """
     if collisions is not None:
         check_starts(collisions, starts, limits)
-    found: list[tuple[float, FourierTrajectory]] = []
-    for start in tqdm(starts, desc="Starts", file=sys.stderr):
-        best_yet = min((cost for cost, _ in found), default=np.inf)
-        trajectory = design(value, limits, start, collisions=collisions, iterations=iterations, below=best_yet)
-        if trajectory is not None:
-            found.append((_value_of(value, trajectory), trajectory))
-    if not found and collisions is not None:
+    rng, near = np.random.default_rng([seed, 1]), len(starts) // 2
+    lowest, found = np.inf, None
+    for k in tqdm(range(len(starts) + near), desc="Starts", file=sys.stderr):
+        start = starts[k] if k < len(starts) else nearby_start(found or starts[0], limits, rng)
+        trajectory = design(value, limits, start, collisions=collisions, iterations=iterations, below=lowest)
+        if trajectory is not None and (cost := _value_of(value, trajectory)) < lowest:
+            lowest, found = cost, trajectory
+    if found is None:
+        assert collisions is not None
         raise InputError(f"No motion without collisions was found: {_collision(collisions, starts, limits)}.")
-    return min(found, key=lambda pair: pair[0])[1]
+    return found
 
 
 def _value_of(value: Cost, trajectory: FourierTrajectory) -> float:

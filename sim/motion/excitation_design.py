@@ -37,6 +37,9 @@ PENALTIES = (10.0, 100.0, 1000.0)
 FINER = 3
 """Times at which limits are kept during the search, for each time at which its cost is taken."""
 
+NEARBY = 0.8
+"""How far another start is from a motion, in parts of the root mean square of each joint's coefficients."""
+
 INSIDE = 0.9
 """Part of a start's distance from the middle of all limits that a search, which leads along them, begins with."""
 
@@ -120,6 +123,20 @@ def random_start(
     room = limits.half_range - abs(inside - limits.middle)
     swing = scaled_into(swing, Limits(-room, room, limits.velocity, limits.acceleration))
     return replace(swing, center=inside)
+
+
+def nearby_start(motion: FourierTrajectory, limits: Limits, rng: np.random.Generator) -> FourierTrajectory:
+    """A motion not far from another one, inside the limits.
+
+    Args:
+        motion: The other one.
+        limits: The limits.
+        rng: Source of what differs.
+    """
+    center = motion.center + NEARBY / 2 * limits.half_range * rng.normal(size=len(motion.center))
+    swing = np.sqrt(np.mean(motion.coefficients**2, axis=1, keepdims=True))
+    coefficients = motion.coefficients + NEARBY * swing * rng.normal(size=motion.coefficients.shape)
+    return scaled_into(replace(motion, center=center, coefficients=coefficients), limits)
 
 
 def design(
