@@ -71,32 +71,36 @@ class Collisions:
         clearance = self.clearance if clearance is None else clearance
         return np.array([np.sum(clearance - self._contacts(posture, clearance).distances) for posture in q])
 
-    def penalty_and_slope(self, q: np.ndarray, clearance: float) -> tuple[np.ndarray, np.ndarray]:
-        """What is smooth and zero where nothing touches, `Σ (clearance - distance)²/clearance`, m, and its derivatives.
+    def barrier_and_slope(self, q: np.ndarray, near: float, far: float) -> tuple[float, np.ndarray]:
+        """What rises without limit as geoms approach, `Σ (far - d)²/((d - near) far)` over distances d, and its slope.
 
         A distance grows by the velocity of the second geom's nearest point against the first's along their normal.
 
         Args:
             q: Positions of the moving joints, rad or m (N, n).
-            clearance: The clearance, m.
+            near: Distance where it is infinite, m.
+            far: Distance from which it is zero, m.
 
         Returns:
-            Penalty (N,), and derivatives by the positions (N, n).
+            Barrier and derivatives by the positions (N, n); infinite, and zeros, where something is nearer than `near`.
         """
-        penalty, slope = np.zeros(len(q)), np.zeros(q.shape)
+        barrier, slope = 0.0, np.zeros(q.shape)
         first, second = np.zeros((2, 3, self._model.nv))
         for sample, posture in enumerate(q):
-            contacts = self._contacts(posture, clearance)
+            contacts = self._contacts(posture, far)
             if not len(contacts.geoms):
                 continue
-            depths, bodies = clearance - contacts.distances, self._body[contacts.geoms]
-            penalty[sample] = np.sum(depths**2) / clearance
+            room, depths, bodies = contacts.distances - near, far - contacts.distances, self._body[contacts.geoms]
+            if (room <= 0).any():
+                return np.inf, np.zeros(q.shape)
+            barrier += float(np.sum(depths**2 / room)) / far
+            steep = -(2 * depths * room + depths**2) / (room**2 * far)
             mujoco.mj_comPos(self._model, self._data)
-            for depth, (a, b), place, normal in zip(depths, bodies, contacts.places, contacts.normals, strict=True):
+            for factor, (a, b), place, normal in zip(steep, bodies, contacts.places, contacts.normals, strict=True):
                 mujoco.mj_jac(self._model, self._data, first, None, place, a)
                 mujoco.mj_jac(self._model, self._data, second, None, place, b)
-                slope[sample] += 2 * depth / clearance * (normal @ (first - second))[self._freedoms]
-        return penalty, slope
+                slope[sample] += factor * (normal @ (second - first))[self._freedoms]
+        return barrier, slope
 
     def touching(self, q: np.ndarray) -> dict[tuple[str, str], int]:
         """Pairs of bodies that come closer than the clearance, each with the first sample at which they do.

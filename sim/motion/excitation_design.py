@@ -1,7 +1,7 @@
 """The search for motions that excite well, inside joint limits and free of collisions.
 
-minimise    cost(q, q̇, q̈) + w · mean penalty of collisions      over center and coefficients of a Fourier series
-subject to  low ≤ q ≤ high,  |q̇| ≤ velocity,  |q̈| ≤ acceleration,  linear in both
+minimise    cost(q, q̇, q̈)      over center and coefficients of a Fourier series
+subject to  low ≤ q ≤ high,  |q̇| ≤ velocity,  |q̈| ≤ acceleration,  linear in both,  and nothing touches
 """
 
 from collections.abc import Callable
@@ -15,6 +15,7 @@ from ident.tolerances import HUGE
 from sim.motion.collisions import Collisions
 from sim.motion.fourier import FourierTrajectory, basis
 from sim.motion.interior_point import minimum
+from sim.motion.walls import Walls
 
 States: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """q, q̇ and q̈ of a motion, or something for each of their numbers (G, n)."""
@@ -31,11 +32,11 @@ PER_PERIOD_CHECKED = 200
 FEWEST_SAMPLES = 100
 """Samples of a motion during the search, at least."""
 
-PENALTIES = (10.0, 100.0, 1000.0)
-"""Weights of the collisions' penalty, 1/m, tried in turn until nothing touches."""
-
 FINER = 3
 """Times at which limits are kept during the search, for each time at which its cost is taken."""
+
+CHECKED = 4
+"""Times at which collisions are looked for, for each time at which the cost is taken."""
 
 NEARBY = 0.8
 """How far another start is from a motion, in parts of the root mean square of each joint's coefficients."""
@@ -150,8 +151,8 @@ def design(
 ) -> FourierTrajectory | None:
     """The best motion that an interior-point method finds from a start.
 
-    Limits are linear in the coefficients and hold all along; collisions are penalised only if the best motion without
-    regard to them has some, then at twice the clearance.
+    Limits are linear in the coefficients and hold all along. If the best motion without regard to collisions has some,
+    the search goes on between walls, from as much of it as has none.
 
     Args:
         cost: What to make small.
@@ -164,24 +165,16 @@ def design(
     Returns:
         A motion strictly inside the limits, or None if all that was found collides.
     """
-    search = _Search(cost, limits, start.duration, start.harmonics, collisions)
-    found = search.run(scaled_into(start, limits), 0.0, iterations)
-    for weight in PENALTIES:
-        if collisions is None or not search.collides(found):
-            return found
-        if not search.value_and_gradient(search.variables(found), 0.0)[0] < below:
-            return None
-        found = search.run(found, weight, iterations)
-    return None if search.collides(found) else found
+    search = _Search(cost, limits, start.duration, start.harmonics)
+    found = search.run(scaled_into(start, limits), iterations)
+    return found if collisions is None else search.around(collisions, found, iterations, below)
 
 
 class _Search:
     """One problem in scaled variables: `x = [(center - middle)/half_range, coefficients/velocity]` of every joint."""
 
-    def __init__(
-        self, cost: Cost, limits: Limits, duration: float, harmonics: int, collisions: Collisions | None
-    ) -> None:
-        self.cost, self.limits, self.duration, self.collisions = cost, limits, duration, collisions
+    def __init__(self, cost: Cost, limits: Limits, duration: float, harmonics: int) -> None:
+        self.cost, self.limits, self.duration, self.harmonics = cost, limits, duration, harmonics
         self.samples = max(FEWEST_SAMPLES, PER_PERIOD * harmonics)
         # q - middle, q̇ and q̈ of joint j are maps[:, j] @ x[j].
         self.maps = self._maps(harmonics, self.samples)
@@ -197,11 +190,34 @@ class _Search:
         maps[..., 1:] = B[:, None] * self.limits.velocity[:, None, None]
         return maps
 
-    def run(self, start: FourierTrajectory, weight: float, iterations: int) -> FourierTrajectory:
+    def run(self, start: FourierTrajectory, iterations: int) -> FourierTrajectory:
         """The better one of a start and what is found from it."""
-        x = minimum(lambda x: self.value_and_gradient(x, weight), INSIDE * self.variables(start), self.rows, iterations)
+        x = minimum(self.value_and_gradient, INSIDE * self.variables(start), self.rows, iterations)
         candidates = [scaled_into(self.trajectory(x), self.limits), start]
-        return min(candidates, key=lambda found: self.value_and_gradient(self.variables(found), weight)[0])
+        return min(candidates, key=lambda found: self.value_and_gradient(self.variables(found))[0])
+
+    def around(
+        self, collisions: Collisions, found: FourierTrajectory, iterations: int, below: float
+    ) -> FourierTrajectory | None:
+        """What is found without regard to collisions if it has none, or a motion around them if that is good enough."""
+        maps = self._maps(self.harmonics, CHECKED * self.samples)[0]
+        walls = Walls(collisions, maps, self.limits.middle, self.limits.half_range)
+        x = self.variables(found)
+        if not walls.hit(x):
+            return found
+        if not self.value_and_gradient(x)[0] < below or (inside := walls.shrunk(x)) is None:
+            return None
+
+        def walled(x: np.ndarray) -> tuple[float, np.ndarray]:
+            barrier, slope = walls.barrier(x)
+            if not np.isfinite(barrier):
+                return barrier, slope
+            value, gradient = self.value_and_gradient(x)
+            return value + barrier, gradient + slope
+
+        x = minimum(walled, inside, self.rows, iterations)
+        found = scaled_into(self.trajectory(x), self.limits)
+        return None if walls.hit(self.variables(found)) else found
 
     def variables(self, motion: FourierTrajectory) -> np.ndarray:
         """The scaled variables of a motion (n, w)."""
@@ -213,21 +229,8 @@ class _Search:
         center = self.limits.middle + self.limits.half_range * x[:, 0]
         return FourierTrajectory(self.duration, center, x[:, 1:] * self.limits.velocity[:, None])
 
-    def value_and_gradient(self, x: np.ndarray, weight: float) -> tuple[float, np.ndarray]:
-        """Cost and penalty of a motion in scaled variables (n, w), and their derivatives by them."""
+    def value_and_gradient(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Cost of a motion in scaled variables (n, w), and its derivatives by them."""
         q, dq, ddq = np.swapaxes((self.maps @ x[:, :, None])[..., 0], 1, 2)
-        q = q + self.limits.middle
-        value, derivatives = self.cost(q, dq, ddq)
-        by_states = np.stack(derivatives)
-        if weight:
-            assert self.collisions is not None
-            penalty, slope = self.collisions.penalty_and_slope(q, 2 * self.collisions.clearance)
-            value += weight * float(penalty.mean())
-            by_states[0] += weight / len(q) * slope
-        return value, np.einsum("dgj,djgw->jw", by_states, self.maps, optimize=True)
-
-    def collides(self, found: FourierTrajectory) -> bool:
-        """Whether a motion comes closer than the clearance anywhere, finely sampled."""
-        assert self.collisions is not None
-        time = np.linspace(0, self.duration, 4 * self.samples + 1)
-        return bool(self.collisions.depth(found.states(time)[0]).any())
+        value, derivatives = self.cost(q + self.limits.middle, dq, ddq)
+        return value, np.einsum("dgj,djgw->jw", np.stack(derivatives), self.maps, optimize=True)

@@ -17,6 +17,7 @@ from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits, _Search, design, random_start, scaled_into
 from sim.motion.fourier import FourierTrajectory
+from sim.motion.walls import Walls
 
 TIME = np.arange(943) / 100
 LIMITS = Limits([-1.0, -2.0], [1.5, 0.0], [1.0, 3.0], [2.0, 8.0])
@@ -126,16 +127,28 @@ def test_limits_are_kept_between_the_samples():
 def test_the_searchs_gradient_is_that_of_its_value(arm, criterion):
     model = mujoco.MjModel.from_xml_path(str(arm))
     problem = arm_problem(model)
-    collisions = Collisions(model, problem.joints, 0.05)
-    limits = Limits([2.0, 2.0], [2.9, 3.0], [1.0, 1.0], [3.0, 3.0])
-    search = _Search(criteria.cost(problem, criterion, 501), limits, 5.0, 3, collisions)
+    search = _Search(criteria.cost(problem, criterion, 501), LIMITS, 5.0, 3)
     x = 0.2 * np.random.default_rng(0).normal(size=(2, 5))
-    q, _, _ = search.trajectory(x).states(np.linspace(0, 5, 50))
-    assert collisions.depth(q).any()
-    _, gradient = search.value_and_gradient(x, 100.0)
+    check_gradient(search.value_and_gradient, x)
+
+
+def test_the_gradient_of_walls_is_that_of_their_barrier(arm):
+    collisions = Collisions(mujoco.MjModel.from_xml_path(str(arm)), JOINTS, 0.1)
+    rng = np.random.default_rng(0)
+    maps = rng.normal(size=(2, 50, 3))
+    maps[:, :, 0] = [[0.5], [1.0]]
+    walls = Walls(collisions, maps, np.array([0.0, 2.0]), np.array([0.5, 1.0]))
+    collides = rng.normal(size=(2, 3))
+    assert walls.hit(collides) and walls.barrier(collides)[0] == np.inf
+    x = walls.shrunk(collides)
+    assert not walls.hit(x) and 0 < walls.barrier(x)[0] < np.inf
+    check_gradient(walls.barrier, x)
+
+
+def check_gradient(function, x):
     direction, h = np.random.default_rng(1).normal(size=x.shape), 1e-6
-    up, down = (search.value_and_gradient(x + sign * h * direction, 100.0)[0] for sign in (1, -1))
-    assert np.sum(gradient * direction) == pytest.approx((up - down) / (2 * h), rel=1e-5)
+    up, down = (function(x + sign * h * direction)[0] for sign in (1, -1))
+    assert np.sum(function(x)[1] * direction) == pytest.approx((up - down) / (2 * h), rel=1e-5)
 
 
 @pytest.mark.parametrize("criterion", defaults.CRITERIA)
@@ -151,19 +164,29 @@ def test_a_criterions_derivatives_are_its_differences(arm, criterion, samples):
     assert np.sum(np.stack(derivatives) * directions) == pytest.approx((up - down) / 2e-6, rel=1e-3, abs=1e-6)
 
 
-def test_the_penalty_of_collisions_has_the_slope_of_its_differences(arm):
+def test_the_barrier_before_collisions_has_the_slope_of_its_differences(arm):
     """Arms of spheres and capsules, whose nearest points move smoothly, also beside joints that rest."""
     model = mujoco.MjModel.from_xml_path(str(arm))
     rng = np.random.default_rng(0)
     for joints in (JOINTS, JOINTS[1:]):
         collisions = Collisions(model, joints, 0.01)
-        q = rng.uniform(2.0, 3.0, size=(20, len(joints)))
-        penalty, slope = collisions.penalty_and_slope(q, 0.05)
-        assert (penalty > 0).sum() > 5
-        np.testing.assert_array_equal(penalty > 0, collisions.depth(q, 0.05) > 0)
+        q = rng.uniform(-0.5, 0.5, size=(200, len(joints)))
+        q[:, -1] += 2.4
+        q = q[(collisions.depth(q, 0.02) == 0) & (collisions.depth(q, 0.3) > 0)][:20]
+        assert len(q) > 5
+        barrier, slope = collisions.barrier_and_slope(q, 0.01, 0.3)
+        assert 0 < barrier < np.inf
         for j, step in enumerate(1e-7 * np.eye(len(joints))):
-            up, down = (collisions.penalty_and_slope(q + sign * step, 0.05)[0] for sign in (1, -1))
-            np.testing.assert_allclose(slope[:, j], (up - down) / 2e-7, rtol=1e-4, atol=1e-5)
+            for k, posture in enumerate(q):
+                up, down = (collisions.barrier_and_slope(posture[None] + s * step, 0.01, 0.3)[0] for s in (1, -1))
+                assert slope[k, j] == pytest.approx((up - down) / 2e-7, rel=1e-3, abs=1e-4)
+
+
+def test_behind_a_wall_the_barrier_is_infinite(arm):
+    collisions = Collisions(mujoco.MjModel.from_xml_path(str(arm)), JOINTS, 0.01)
+    open_and_folded = np.array([[0.0, 0.0], [0.0, 3.0]])
+    assert collisions.barrier_and_slope(open_and_folded[:1], 0.01, 0.02)[0] == 0
+    assert collisions.barrier_and_slope(open_and_folded, 0.01, 0.02)[0] == np.inf
 
 
 def test_no_way_around_is_looked_for_where_even_a_collision_does_not_help(arm):
