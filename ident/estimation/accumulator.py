@@ -150,7 +150,18 @@ def accumulate(
     Raises:
         InputError: Samples do not fit the equations, or a covariance is not positive definite.
     """
-    samples = equations.checked(samples)
+    return accumulate_checked(equations, equations.checked(samples), start=start, factor=factor, factors=factors)
+
+
+def accumulate_checked(
+    equations: Equations,
+    samples: Samples,
+    *,
+    start: Accumulator | None = None,
+    factor: np.ndarray | None = None,
+    factors: np.ndarray | None = None,
+) -> Accumulator:
+    """`accumulate` for samples that are known to fit, as `pieces` gives them: few are summed as fast as checked."""
     weighted = samples.covariance is not None or factors is not None
     if start is not None and (start.names, start.weighted) != (equations.names, weighted):
         raise InputError("Samples are added to an accumulator of the same base parameters and weighting only.")

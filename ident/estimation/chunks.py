@@ -3,7 +3,7 @@
     G_c = Tᵀ R_cᵀ R_c T,     R_c the rows [Y_b | Γ] of a channel,  T = P⁻¹ upper triangular
 
 numpy computes the rows of some thousand samples and hands them to BLAS. Compiled code, where there is some, does all
-with some hundred samples while they are in the innermost caches, unless there are so many columns that BLAS is faster.
+with some hundred samples while they are in the inner caches.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,14 +18,14 @@ from ident.estimation.samples import Samples
 from ident.model import compiled
 from ident.model.regressor import CHUNK, program_inputs
 
+INPUTS = 2**20
+"""Bytes of a program's inputs that compiled code is called for at once, if they are of `CHUNK` samples at least."""
+
 SMALL = 16
 """Columns below which a general matrix product is faster than a symmetric one."""
 
 WIDTH = 64
 """Columns that are multiplied with a triangle together, what is below it left out."""
-
-MANY = 32
-"""Columns from which BLAS is as fast as compiled code."""
 
 
 class Chunk(NamedTuple):
@@ -65,7 +65,7 @@ def _every(rows: np.ndarray, step: int) -> np.ndarray:
 
 
 def _suits_compiled(equations: Equations, samples: Samples) -> bool:
-    return equations.straight and samples.covariance is None and len(equations.names) < MANY
+    return equations.straight and samples.covariance is None
 
 
 def _compiled_chunks(
@@ -76,9 +76,10 @@ def _compiled_chunks(
     memory = equations.block(compiled.COLUMN)
     program.fill(memory[: equations.parameters.rank].reshape(program.results, -1))
     numbers = np.array(program.numbers)
-    for start in range(0, len(samples), CHUNK):
-        part = samples[start : start + CHUNK]
-        weights = None if factors is None else factors[start : start + CHUNK]
+    size = max(CHUNK, INPUTS // (8 * max(program.inputs, 1)))
+    for start in range(0, len(samples), size):
+        part = samples[start : start + size]
+        weights = None if factors is None else factors[start : start + size]
 
         def rows(step: int, part: Samples = part, weights: np.ndarray | None = weights) -> np.ndarray:
             some = None if weights is None else weights[::step]

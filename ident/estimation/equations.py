@@ -94,7 +94,10 @@ class Equations:
         moving = samples.motion.base is not None
         if moving not in self._orders:
             seen, rank = self._seen(moving), self.parameters.rank
-            order = np.append(np.argsort(seen[:rank].sum(axis=1), kind="stable"), np.arange(rank, len(seen)))
+            # Last what the channel of fewest columns sees, before it what the next one sees of the others.
+            by_size = np.argsort(seen[:rank].sum(axis=0), kind="stable")
+            smallest = seen[:rank, by_size].argmax(axis=1)
+            order = np.append(np.argsort(-smallest, kind="stable"), np.arange(rank, len(seen)))
             self._orders[moving] = order, tuple(seen[order].argmax(axis=0).tolist())
         return self._orders[moving]
 

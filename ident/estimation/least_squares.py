@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.errors import InputError
-from ident.estimation.accumulator import PROBE, Accumulator, accumulate, square_root, triangle_of
+from ident.estimation.accumulator import PROBE, Accumulator, accumulate_checked, square_root, triangle_of
 from ident.estimation.chunks import inverse_of
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import check_excitation, noise_rows
@@ -161,13 +161,13 @@ def least_squares(
     first = next(stream)
     noise = None if state_noise is None else noise_rows(equations, first, state_noise)
     if executor is None:
-        accumulated = accumulate(equations, first, factor=factor)
+        accumulated = accumulate_checked(equations, first, factor=factor)
         for piece in stream:
-            accumulated = accumulate(equations, piece, start=accumulated)
+            accumulated = accumulate_checked(equations, piece, start=accumulated)
     else:
         # In common coordinates accumulators add without a change of them.
-        factor = accumulate(equations, first[:PROBE]).factor if factor is None else factor
-        work = partial(accumulate, equations, factor=factor)
+        factor = accumulate_checked(equations, first[:PROBE]).factor if factor is None else factor
+        work = partial(accumulate_checked, equations, factor=factor)
         accumulated = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
     return solve(accumulated, equations, noise)
 

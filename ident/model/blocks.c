@@ -124,38 +124,56 @@ WIDEST void run(const program *p, const double *numbers, const double *inputs, i
 enum { LANES = 8, GROUP = 4 * BLOCK, COLUMN = GROUP + LANES };
 typedef double lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double))));
 
-/* Columns (k, GROUP) of a channel in coordinates: each the sum of those up to it, with the weights of a triangle. */
+/* Columns (k, GROUP) of a channel in coordinates: each the sum of those up to it, with the weights of a triangle, of
+ * which two rows are taken at once; what is below the triangle is zero. */
 INLINE void coordinates(const double *columns, int64_t stride, const double *inverse, int64_t first, int64_t k,
                         double *out) {
-    for (int64_t j = first; j < k; j++)
+    for (int64_t j = first; j < k; j += 2)
         for (int64_t s = 0; s < GROUP; s += BLOCK) {
-            lanes sum[BLOCK / LANES] = {{0}};
-            for (int64_t i = first; i <= j; i++)
-                for (int v = 0; v < BLOCK / LANES; v++)
-                    sum[v] += inverse[i * k + j] * *(const lanes *)(columns + i * stride + s + v * LANES);
-            for (int v = 0; v < BLOCK / LANES; v++) *(lanes *)(out + j * COLUMN + s + v * LANES) = sum[v];
+            lanes left[BLOCK / LANES] = {{0}}, right[BLOCK / LANES] = {{0}};
+            const int64_t last = j + 1 < k ? j + 1 : j;
+            for (int64_t i = first; i <= last; i++) {
+                const double of_left = inverse[i * k + j], of_right = inverse[i * k + last];
+                for (int v = 0; v < BLOCK / LANES; v++) {
+                    const lanes column = *(const lanes *)(columns + i * stride + s + v * LANES);
+                    left[v] += of_left * column;
+                    right[v] += of_right * column;
+                }
+            }
+            for (int v = 0; v < BLOCK / LANES; v++) {
+                *(lanes *)(out + j * COLUMN + s + v * LANES) = left[v];
+                if (last > j) *(lanes *)(out + last * COLUMN + s + v * LANES) = right[v];
+            }
         }
 }
 
-/* Adds the products of all pairs of an even number of columns (k, COLUMN) to their sums, two times two at once. */
-INLINE void add_products(const double *columns, int64_t first, int64_t k, lanes *sums) {
-    for (int64_t j = first; j < k; j += 2)
-        for (int64_t i = first; i <= j; i += 2) {
+/* Adds the products of some columns a with two columns b to their sums, which are k apart. */
+INLINE void add_tile(const double *a, const double *b, int64_t k, const int height, double *sums) {
+    lanes sum[4][2] = {{{0}}};
+    for (int64_t s = 0; s < GROUP; s += LANES) {
+        const lanes b0 = *(const lanes *)(b + s), b1 = *(const lanes *)(b + COLUMN + s);
+        for (int r = 0; r < height; r++) {
+            const lanes row = *(const lanes *)(a + r * COLUMN + s);
+            sum[r][0] += row * b0;
+            sum[r][1] += row * b1;
+        }
+    }
+    for (int r = 0; r < height; r++)
+        for (int c = 0; c < 2; c++) {
+            double total = 0;
+            for (int v = 0; v < LANES; v++) total += sum[r][c][v];
+            sums[r * k + c] += total;
+        }
+}
+
+/* Adds the products of all pairs of an even number of columns (k, COLUMN) to their sums. */
+INLINE void add_products(const double *columns, int64_t first, int64_t k, double *sums) {
+    for (int64_t j = first; j < k; j += 4)
+        for (int64_t i = first; i < j + 4 && i < k; i += 2) {
             const double *a = columns + j * COLUMN, *b = columns + i * COLUMN;
-            lanes *upper = sums + j * k + i, *lower = upper + k;
-            lanes sum[4] = {{0}, {0}, {0}, {0}};
-            for (int64_t s = 0; s < GROUP; s += LANES) {
-                const lanes a0 = *(const lanes *)(a + s), a1 = *(const lanes *)(a + COLUMN + s);
-                const lanes b0 = *(const lanes *)(b + s), b1 = *(const lanes *)(b + COLUMN + s);
-                sum[0] += a0 * b0;
-                sum[1] += a0 * b1;
-                sum[2] += a1 * b0;
-                sum[3] += a1 * b1;
-            }
-            upper[0] += sum[0];
-            upper[1] += sum[1];
-            lower[0] += sum[2];
-            lower[1] += sum[3];
+            if (j + 4 <= k && i <= j) add_tile(a, b, k, 4, sums + j * k + i);
+            else if (i <= j) add_tile(a, b, k, 2, sums + j * k + i);
+            else if (j + 4 <= k) add_tile(a + 2 * COLUMN, b, k, 2, sums + (j + 2) * k + i);
         }
 }
 
@@ -166,12 +184,12 @@ INLINE void add_products(const double *columns, int64_t first, int64_t k, lanes 
  * measured, weights: numbers of each sample and channel (n, C); weights may be missing.
  * inverse: upper triangular (k, k), what columns are multiplied with. first: of each channel, a column before which all
  * are zero, even. rows: columns of a group (k, C, COLUMN), where the constants are. work: zeros for columns of a channel,
- * their number K the next even one (K, COLUMN). sums: room for products of pairs of columns (C, K, K, LANES).
- * out: those of each channel, those above the diagonal not all (C, K, K).
+ * their number K the next even one (K, COLUMN). sums: of products of pairs of columns, not all of those above the
+ * diagonal (C, K, K).
  */
 WIDEST void grams(const program *p, const double *numbers, const double *inputs, int64_t input_stride,
                   const double *measured, const double *weights, int64_t n, int64_t C, int64_t k, const double *inverse,
-                  const int64_t *first, double **at, double *room, double *rows, double *work, lanes *sums, double *out) {
+                  const int64_t *first, double **at, double *room, double *rows, double *work, double *sums) {
     const int64_t even = k + k % 2, pairs = C * even * even;
     memset(sums, 0, pairs * sizeof *sums);
     furnish(p, numbers, at, room);
@@ -197,9 +215,5 @@ WIDEST void grams(const program *p, const double *numbers, const double *inputs,
                         work[j * COLUMN + s] *= weight[s] * (weights ? weights[sample[s] * C + c] : 1);
             add_products(work, first[c], even, sums + c * even * even);
         }
-    }
-    for (int64_t pair = 0; pair < pairs; pair++) {
-        out[pair] = 0;
-        for (int v = 0; v < LANES; v++) out[pair] += sums[pair][v];
     }
 }

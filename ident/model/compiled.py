@@ -22,9 +22,6 @@ BLOCK, COLUMN = 32, 136
 """Samples that programs work on at once, and need at least; and the room for a column of samples whose products are
 taken at once."""
 
-LANES = 8
-"""Sums that grow side by side, to be added at the end."""
-
 OPERATIONS = (
     np.negative,
     np.positive,
@@ -118,7 +115,7 @@ class Encoded:
         weights = None if weights is None else np.ascontiguousarray(weights, float)
         even = k + k % 2
         starts, work = np.array(first, np.int64) // 2 * 2, zeros(even, COLUMN)
-        sums, products = np.empty((channels, even, even, LANES)), np.empty((channels, even, even))
+        sums = np.empty((channels, even, even))
         _loaded().grams(
             program,
             operands,
@@ -126,9 +123,9 @@ class Encoded:
             measured.ctypes.data,
             None if weights is None else weights.ctypes.data,
             *(samples, channels, k, inverse.ctypes.data, starts.ctypes.data, places, room),
-            *(rows.ctypes.data, work.ctypes.data, sums.ctypes.data, products.ctypes.data),
+            *(rows.ctypes.data, work.ctypes.data, sums.ctypes.data),
         )
-        below = np.tril(products[:, :k, :k])
+        below = np.tril(sums[:, :k, :k])
         return below + np.swapaxes(np.tril(below, -1), 1, 2)
 
     def _with(self, numbers: np.ndarray) -> tuple[Any, int, int, int, object]:
@@ -172,6 +169,6 @@ def _library() -> CDLL | None:
         return None
     program, address, number = POINTER(_Program), c_void_p, c_int64
     library.run.argtypes = (program, address, *(address, number) * 2, number, address, address)
-    library.grams.argtypes = (program, *(address,) * 2, number, *(address,) * 2, *(number,) * 3, *(address,) * 8)
+    library.grams.argtypes = (program, *(address,) * 2, number, *(address,) * 2, *(number,) * 3, *(address,) * 7)
     library.run.restype = library.grams.restype = None
     return library

@@ -41,9 +41,9 @@ def test_regressors_of_random_trees_are_those_of_numpy(seed, torques):
 @pytest.mark.parametrize("weighted", [False, True])
 @pytest.mark.parametrize("seed", range(12))
 def test_gram_matrices_are_those_of_blas(seed, weighted):
-    """Few columns are multiplied by compiled code, with constant offsets and weights, and blocks that overlap."""
+    """Few columns and many, with constant offsets and weights, and blocks that overlap."""
     rng = np.random.default_rng(seed)
-    tree, samples = random_tree(rng, 2 + seed % 3), (*SAMPLES, 1000)[seed % 4]
+    tree, samples = random_tree(rng, (2, 3, 4, 9)[seed // 3]), (*SAMPLES, 1000)[seed % 4]
     equations = Equations.of_wrench(Mechanism(tree, rng.normal(size=3))).with_offsets(range(seed % 3))
     given = Samples(Motion(*random_states(rng, tree, samples)), rng.normal(size=(samples, 6)))
     weights = rng.uniform(0.1, 1, size=(samples, 6)) if weighted else None
