@@ -39,13 +39,23 @@ def figure_benchmark(results: Results) -> Figure:
             # The shortest is the recording's, close to the next.
             _lines(above, "samples", found[1:], style, (ours, theirs))
         arms = [row for row in rows if row["mechanism"] == CHAIN]
+        _limit(below, [row for row in results["distances"] if row["mechanism"] == CHAIN])
         _lines(below, "bodies", arms, "o-", ("$Y$, ours", f"$Y$, {peer}'s loop"))
         above.set_xlabel("Samples, double pendulum of 3 bodies", labelpad=2)
-        below.set_xlabel(f"Bodies of an arm, {arms[0]['samples']:,} samples", labelpad=2)
+        below.set_xlabel("Bodies of an arm, memory used again", labelpad=2)
         for ax in (above, below):
             ax.set_ylabel("Time a sample (µs)", labelpad=2)
-        figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        handles, labels = (
+            a + b[:1] for a, b in zip(*(ax.get_legend_handles_labels() for ax in (above, below)), strict=True)
+        )
+        figure.legend(handles, labels, loc="outside upper center", ncols=2)
     return figure
+
+
+def _limit(ax: Axes, arms: Sequence[Row]) -> None:
+    """What arithmetic or memory would take at the machine's limits, whichever is more."""
+    times = [1e6 * max(row["arithmetic"], row["writing"]) * row["seconds"] / row["samples"] for row in arms]
+    ax.loglog([row["bodies"] for row in arms], times, "k:", lw=1, label="$Y$, the machine's limit")
 
 
 def _lines(ax: Axes, key: str, rows: Sequence[Row], style: str, labels: tuple[str, str]) -> None:

@@ -12,6 +12,7 @@ from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, least_squares
 from ident.estimation.samples import Samples
+from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters
 
 REGRESSOR, ACCUMULATION = "regressor", "accumulation"
@@ -34,8 +35,8 @@ LARGEST = 1_000_000
 PIECE = 100_000
 """Samples in a piece of a stream."""
 
-CHAIN, CHAINS = "arm", (2, 4, 8, 16, 30)
-"""An arm of increasing length: what it is called, and its numbers of bodies."""
+CHAIN, LINKS = "arm", 30_000
+"""An arm of increasing length: what it is called, and its number of bodies times that of samples at most."""
 
 AGREEMENT = 1e-7
 """Largest difference between our results and theirs, relative to the largest number in them."""
@@ -54,9 +55,28 @@ def comparisons(effort: Effort) -> list[Comparison]:
         for number in effort.sizes:
             found += _compared(mechanism, number, effort)
     found.append(_streamed(double_pendulum(), effort))
-    for bodies in CHAINS:
-        found += _compared(subject(CHAIN, chain(bodies)), effort.sizes[-2], effort, (REGRESSOR,))
+    found += [_of_arm(arm, motion, effort) for arm, motion in arms(effort)]
     return found
+
+
+def arms(effort: Effort) -> Iterator[tuple[Subject, Motion]]:
+    """Arms of increasing length, and motions of them."""
+    for bodies in effort.bodies:
+        number = min(effort.sizes[-2], LINKS // bodies)
+        yield (
+            subject(CHAIN, chain(bodies)),
+            Motion(*np.random.default_rng(0).normal(size=(3, number, bodies - 1))),
+        )
+
+
+def _of_arm(arm: Subject, motion: Motion, effort: Effort) -> Comparison:
+    """The regressor of an arm, whose parameters as few samples as these do not determine."""
+    samples, peer = arm.unmeasured(motion), Pinocchio(arm.tree, STANDARD_GRAVITY)
+    states, every = peer.states(motion.states, None), peer.columns(range(10 * len(arm.tree.inertial)))
+    Y = arm.regressor(samples)
+    check_agreement(f"{AGAIN}, {arm.name}", Y[:3], peer.regressor(*(x[:3] for x in states))[..., every])
+    ways = with_and_without(partial(arm.regressor, samples, out=Y), partial(peer.regressor, *states))
+    return _comparison(AGAIN, arm, len(motion), alternating(ways, effort.seconds, effort.least))
 
 
 def solved(Y: np.ndarray, wrench: np.ndarray, columns: Sequence[int] | None = None) -> np.ndarray:

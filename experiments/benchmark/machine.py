@@ -3,6 +3,7 @@
 import importlib.metadata
 import os
 import platform
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.benchmark.identification import ACCUMULATION, REGRESSOR
+from experiments.benchmark.identification import ACCUMULATION, AGAIN, REGRESSOR, arms
 from experiments.benchmark.mechanisms import ARM, PENDULUM, TREE, Subject, mechanisms
 from experiments.benchmark.timing import Effort, alternating, timed
 from ident.estimation.accumulator import accumulate
@@ -98,6 +99,7 @@ class Distance:
     Attributes:
         task: What is done.
         mechanism: On which mechanism.
+        bodies: Its number of bodies b.
         samples: Number of samples N.
         seconds: Time that it takes, a median.
         operations: Floating-point operations of a sample.
@@ -109,6 +111,7 @@ class Distance:
 
     task: str
     mechanism: str
+    bodies: int
     samples: int
     seconds: float
     operations: int
@@ -119,29 +122,39 @@ class Distance:
 
 
 def distances(effort: Effort, reached: Limits) -> list[Distance]:
-    """Distances from the limits at the largest number of samples that is compared."""
-    chosen = [mechanism for mechanism in mechanisms() if mechanism.name in (PENDULUM, ARM, TREE)]
-    return [_distance(task, m, effort, reached) for m in chosen for task in (REGRESSOR, ACCUMULATION)]
+    """Distances from the limits at the largest number of samples that is compared, and those of arms."""
+    found, number = [], effort.sizes[-1]
+    for mechanism in mechanisms():
+        if mechanism.name in (PENDULUM, ARM, TREE):
+            samples = mechanism.samples(number)
+            regressor, sums = partial(mechanism.regressor, samples), partial(accumulate, mechanism.equations, samples)
+            found.append(_distance(REGRESSOR, mechanism, number, regressor, effort, reached))
+            found.append(_distance(ACCUMULATION, mechanism, number, sums, effort, reached))
+    for arm, motion in arms(effort):
+        samples = arm.unmeasured(motion)
+        again = partial(arm.regressor, samples, out=arm.regressor(samples))
+        found.append(_distance(AGAIN, arm, len(motion), again, effort, reached))
+    return found
 
 
-def _distance(task: str, mechanism: Subject, effort: Effort, reached: Limits) -> Distance:
-    tree, given, number = mechanism.tree, mechanism.parameters, effort.sizes[-1]
-    samples = mechanism.samples(number)
-    if task == REGRESSOR:
-        columns = tuple(range(10 * len(tree.inertial)))
-        way: Any = partial(mechanism.regressor, samples)
-        gigabytes, products = 8 * 6 * len(columns) * number / 1e9, 0
+def _distance(
+    task: str, mechanism: Subject, number: int, way: Callable[[], object], effort: Effort, reached: Limits
+) -> Distance:
+    columns, gigabytes, products = tuple(range(10 * len(mechanism.tree.inertial))), 0.0, 0
+    if task == ACCUMULATION:
+        columns = mechanism.parameters.kept
+        # Of each channel the columns that it sees times a triangle, and half of their Gram matrix.
+        _, first = mechanism.equations.order(mechanism.samples(1))
+        products = sum(2 * (seen := mechanism.parameters.rank + 1 - start) * (seen + 1) for start in first)
     else:
-        columns = given.kept
-        way = partial(accumulate, mechanism.equations, samples)
-        # Rows of base columns and wrench times a matrix, and their Gram matrix, two operations an entry.
-        gigabytes, products = 0.0, 2 * 6 * 2 * (given.rank + 1) ** 2
+        gigabytes = 8 * 6 * len(columns) * number / 1e9
     program = regressor_program(mechanism, columns, moving=mechanism.moving, torques=False)
     operations = len(program.code) + products
     seconds = float(np.median(alternating([way], effort.seconds / 2, effort.least)))
     return Distance(
         task,
         mechanism.name,
+        len(mechanism.tree.bodies),
         number,
         seconds,
         operations,

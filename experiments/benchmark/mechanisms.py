@@ -23,6 +23,9 @@ from sim.models.mujoco_model import tree_from_model
 PENDULUM, ARM, TREE = "double pendulum", "7-link arm", "30-body tree"
 """Names of the mechanisms with axes along their frames' axes."""
 
+TILTED = f"{PENDULUM}, tilted"
+"""Name of the first one with tilted axes."""
+
 NOISE = 0.1
 """Standard deviation of the noise on the wrench, N and N m."""
 
@@ -56,6 +59,10 @@ class Subject(Mechanism):
             part.measured[:] += self.regressor(part, self.parameters.kept) @ psi
         return samples
 
+    def unmeasured(self, motion: Motion) -> Samples:
+        """Samples of a motion without a wrench."""
+        return Samples(motion, np.zeros((len(motion), 6)))
+
     def pieces(self, number: int, size: int) -> Iterator[Samples]:
         """Random samples in pieces that are made when they are asked for."""
         for seed, start in enumerate(range(0, number, size)):
@@ -76,7 +83,7 @@ class Subject(Mechanism):
 
 def double_pendulum(tilt_deg: float = 0.0) -> Subject:
     """The scene's, of three bodies."""
-    name = f"{PENDULUM}, tilted" if tilt_deg else PENDULUM
+    name = TILTED if tilt_deg else PENDULUM
     return subject(name, tree_from_model(scenes.load(SCENE, tilt_deg=tilt_deg), "base"))
 
 

@@ -95,10 +95,20 @@ def table_limits(results: Results) -> Table:
         f"Time, and which part of it the operations would take in a product of matrices ({reached['product']:.0f} "
         f"GFlop/s), and the result at the bandwidth of filling old memory ({reached['write']:.0f} GB/s) and new "
         f"({reached['first_write']:.0f} GB/s)",
-        ("task", "mechanism", "N", "operations a sample", "ms", "arithmetic, %", "old memory, %", "new memory, %"),
+        (
+            "task",
+            "mechanism",
+            "bodies",
+            "N",
+            "operations a sample",
+            "ms",
+            "arithmetic, %",
+            "old memory, %",
+            "new memory, %",
+        ),
         (
             (
-                *_texts(row, "task mechanism samples operations"),
+                *_texts(row, "task mechanism bodies samples operations"),
                 1e3 * row["seconds"],
                 *(100 * share for share in _numbers(row, "arithmetic writing first_writing")),
             )

@@ -24,6 +24,7 @@ class Effort:
         streamed: Number of samples of the longest stream.
         trials: Monte Carlo trials.
         samples: Samples of a simulated recording.
+        bodies: Numbers of bodies of arms, increasing.
         array: Numbers in an array whose writing is timed.
         matrix: Rows and columns of matrices whose product is timed.
     """
@@ -34,11 +35,12 @@ class Effort:
     streamed: int = 1_000_000
     trials: int = 1000
     samples: int = paper.SAMPLES
+    bodies: tuple[int, ...] = (3, 10, 30, 100, 300)
     array: int = 2**25
     matrix: int = 1500
 
 
-QUICK = Effort(0.01, 3, (100, 300), 5000, 20, 50, 2**18, 200)
+QUICK = Effort(0.01, 3, (100, 300), 5000, 20, 50, (3, 10), 2**18, 200)
 """Enough to see that everything runs."""
 
 

@@ -51,7 +51,7 @@ def test_forces_leave_out_all_columns_of_inertias():
     tree = random_tree(rng, 12, kinds=("revolute",), chain=True)
     equations = Equations.of_wrench(Mechanism(tree, rng.normal(size=3)))
     samples = Samples(Motion(*random_states(rng, tree, SAMPLES)), np.zeros((SAMPLES, 6)))
-    order, first = equations.order(samples)
+    _, first = equations.order(samples)
     inertias = sum(name.startswith("I") for name in equations.names)
     assert min(first[:3]) >= inertias > 30
 

@@ -37,7 +37,11 @@ def numbers(node):
 def test_a_quick_run_measures_everything(results):
     assert np.isfinite(numbers(results)).all()
     assert min(numbers([results[key] for key in ("limits", "simulations", "shared", "peaks", "accuracies")])) > 0
-    assert {row["task"] for row in results["distances"]} == {"regressor", "accumulation"}
+    assert {row["task"] for row in results["distances"]} == {
+        identification.REGRESSOR,
+        identification.ACCUMULATION,
+        identification.AGAIN,
+    }
     assert [row["threads"] for row in results["simulations"]] == [1, 1, 2]
     assert results["machine"]["cores"] >= 1
     assert results["machine"]["blas_threads"] == "1"
@@ -166,9 +170,17 @@ def test_peak_memory_does_not_grow_with_the_samples():
 
 
 def test_targets_stand_beside_what_was_measured(results):
-    row = {"task": "regressor", "mechanism": "double pendulum", "samples": 100_000, "ratio": 4.5}
-    table = targets.table_targets(results | {"comparisons": [row]})
-    measured = {row[0]: row[-1] for row in table.rows}
-    assert measured["ratio, regressor, double pendulum, N = 100000"] == 4.5
-    assert measured["ratio, regressor, 7-link arm, N = 100000"] is None
+    row = {"task": "regressor", "mechanism": "double pendulum", "samples": 100_000}
+    row |= {"ratio": 14.5, "theirs": 14.5, "ours": 1.0, "numpy": 2.0}
+    found = results | {"comparisons": [row]}
+    measured = {row[0]: row[-1] for row in targets.table_targets(found).rows}
+    assert measured["ratio, regressor, double pendulum, N = 100000, compiled"] == 14.5
+    assert measured["ratio, regressor, double pendulum, N = 100000, numpy"] == 7.25
+    assert measured["ratio, regressor, 7-link arm, N = 100000, numpy"] is None
+    assert [line for line in targets.missed(found) if "double pendulum" in line] == [
+        "Missed: ratio, regressor, double pendulum, N = 100000, numpy: 7.25 where at least 10 is wanted"
+    ]
+    without = results | {"comparisons": [row | {"numpy": None}]}
+    measured = {row[0]: row[-1] for row in targets.table_targets(without).rows}
+    assert measured["ratio, regressor, double pendulum, N = 100000, numpy"] == 14.5
     assert measured["peak memory of a stream, MB"] > 0
