@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy import special
 
 from ident.errors import ExcitationError
 from ident.estimation.joint import JointFit, Start
@@ -74,7 +74,7 @@ def searched(first: Search, refit: Refit, candidates: np.ndarray, groups: Mappin
     """
     fitted, deviations = first.fit, list(first.deviations)
     # All candidates together raise a false alarm as rarely as one test does.
-    threshold = float(norm.isf(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
+    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
     known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.precision), 1e-300))
     while len(deviations) < MOST_FOUND and fitted.status != "interrupted":
         left = np.flatnonzero(candidates & ~fitted.free)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-from scipy import linalg, signal
+import scipy
+from scipy import linalg
 
 from ident.estimation.noise import autocovariance
 from ident.geometry.se3 import coAd, hat, inverse
@@ -253,5 +254,5 @@ def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
 
 def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies in Hz and amplitude spectral density of a signal (N,), by Welch's method."""
-    frequency, power = signal.welch(x, rate, nperseg=min(len(x), 512))
+    frequency, power = scipy.signal.welch(x, rate, nperseg=min(len(x), 512))
     return frequency, np.sqrt(power)

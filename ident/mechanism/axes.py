@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from ident.errors import InputError, ModelError
 from ident.geometry import se3
@@ -141,7 +141,7 @@ def parallel_p_value(a: Direction, b: Direction) -> float:
     influence = (a.influence - b.influence) @ plane
     covariance = influence.T @ influence + SAME_DIRECTION**2 * np.eye(2)
     distance = difference @ np.linalg.solve(covariance, difference)
-    return float(stats.f.sf(distance / 2, 2, max(len(influence) - 2, 1)))
+    return float(special.fdtrc(2, max(len(influence) - 2, 1), distance / 2))
 
 
 def angle(a: np.ndarray, b: np.ndarray) -> float:

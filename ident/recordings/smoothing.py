@@ -1,7 +1,9 @@
 """Velocities and accelerations from sampled positions: one zero-phase low-pass filter, and central differences."""
 
+from functools import lru_cache
+
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+import scipy
 
 from ident.errors import InputError
 
@@ -45,11 +47,24 @@ def low_pass(x: np.ndarray, rate: float, cutoff_hz: float) -> np.ndarray:
             f"A cut-off needs a frequency from {LEAST * rate:g} Hz to below half the rate, {rate / 2:g} Hz, got "
             f"{cutoff_hz:g} Hz."
         )
-    sections = butter(ORDER, cutoff_hz, fs=rate, output="sos")
+    return _passed(x, cutoff_hz / rate)
+
+
+def _passed(x: np.ndarray, share: float) -> np.ndarray:
+    """What a filter passes that has its cut-off at a share of the rate."""
+    sections = _sections(share)
     padding = 3 * (2 * len(sections) + 1)
     if len(x) <= padding:
         raise InputError(f"Low-pass filtering needs more than {padding} samples, got {len(x)}.")
-    return sosfiltfilt(sections, x, axis=0, padlen=padding)
+    return np.asarray(scipy.signal.sosfiltfilt(sections, x, axis=0, padlen=padding))
+
+
+# Searches for cut-offs pass the same shares again and again, and coefficients cost as much as the filtering itself.
+@lru_cache(1000)
+def _sections(share: float) -> np.ndarray:
+    """Second-order sections of the filter."""
+    # Named through `scipy`, its signals are imported here: they bring its statistics, a third of what starting takes.
+    return np.asarray(scipy.signal.butter(ORDER, 2 * share, output="sos"))
 
 
 def differences(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +140,7 @@ def chosen_cutoff(x: np.ndarray, rate: float) -> float:
     x = x[:, np.isfinite(x).all(axis=0)]
     x = x - x.mean(axis=0)
     moves = np.ptp(x, axis=0) > 1e-9
-    fast = _residuals(x, rate, np.array([TAIL * rate]))[0] > 0.5 * x.std(axis=0)
+    fast = _residuals(x, np.array([TAIL]))[0] > 0.5 * x.std(axis=0)
     x = x[:, moves & ~fast]
     if not x.shape[1]:
         raise InputError(
@@ -138,16 +153,16 @@ def chosen_cutoff(x: np.ndarray, rate: float) -> float:
     return _residual_cutoff(np.diff(x, axis=0), rate / block)
 
 
-def _residuals(x: np.ndarray, rate: float, cutoffs: np.ndarray) -> np.ndarray:
-    """RMS of what a filter takes away, per cut-off and column (c, k)."""
-    return np.stack([np.sqrt(np.mean((x - low_pass(x, rate, f)) ** 2, axis=0)) for f in cutoffs])
+def _residuals(x: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """RMS of what a filter takes away, per cut-off as a share of the rate, and column (c, k)."""
+    return np.stack([np.sqrt(np.mean((x - _passed(x, share)) ** 2, axis=0)) for share in shares.tolist()])
 
 
 def _residual_cutoff(x: np.ndarray, rate: float) -> float:
     """The highest cut-off over the columns at which the residual is that of all noise, Hz."""
-    cutoffs = np.geomspace(LOWEST * rate, HIGHEST * rate, 80)
-    R = _residuals(x, rate, cutoffs)
-    tail = cutoffs >= TAIL * rate
-    _, noise = np.polyfit(cutoffs[tail], R[tail], 1)
+    shares = np.geomspace(LOWEST, HIGHEST, 80)
+    R = _residuals(x, shares)
+    tail = shares >= TAIL
+    _, noise = np.polyfit(shares[tail], R[tail], 1)
     enough = np.argmax(np.vstack([noise >= R, np.ones_like(noise, bool)]), axis=0)
-    return float(np.append(cutoffs, cutoffs[-1])[enough].max())
+    return rate * float(np.append(shares, shares[-1])[enough].max())

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from ident.errors import InputError
 from sim.markers.first_posture import first_posture
@@ -159,7 +159,7 @@ def _middle_noise(postures: list[Posture], weights: np.ndarray, n: int) -> float
     squared = weights * np.array([(p.residual**2).sum(axis=1) for p in postures])
     free = max(1 - n / (3 * max((weights > 0).sum(axis=1).mean(), 1.0)), 0.1)
     used = squared[weights > 0]
-    return max(float(np.sqrt(np.median(used) / (stats.chi2.median(3) * free))) if used.size else 0.0, EXACT)
+    return max(float(np.sqrt(np.median(used) / (special.chdtri(3, 0.5) * free))) if used.size else 0.0, EXACT)
 
 
 def _far(posture: Posture, weights: np.ndarray, sigma: float) -> np.ndarray:
