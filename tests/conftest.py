@@ -15,12 +15,12 @@ gc.set_threshold(100_000)
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Empty files in place of figures, whose drawing takes most of a study's time."""
+    """Nothing in files in place of figures, and in pages, whose drawing takes most of a study's time."""
     from fuzz.cases import not_drawn
 
     from experiments.output import figures
 
-    monkeypatch.setattr(figures, "save", not_drawn)
+    monkeypatch.setattr(figures, "drawn", not_drawn)
 
 
 @pytest.fixture

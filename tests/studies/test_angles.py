@@ -92,6 +92,7 @@ def pendulum(tmp_path_factory):
     return out, recorded, joints
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_identify_reads_the_angles_as_they_are(pendulum, tmp_path):
     folder, recorded, joints = pendulum
     arguments = [str(folder / "arm.xml"), str(folder / "run.trc"), "--wrenches", str(folder / "wrenches.csv")]

@@ -78,6 +78,7 @@ def test_a_ball_is_identified_from_its_quaternions(arm, torques):
     assert (estimate.held_out.ratio[[0, 1, 2, 3, 4]] < 0.2).all()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_reads_quaternions_from_a_log(arm, tmp_path):
     log, model = recorded(arm, 0, noise=1e-5), tmp_path / "ball.xml"
     model.write_text(MODEL)

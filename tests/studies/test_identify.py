@@ -99,6 +99,7 @@ def bowing(tmp_path):
     return columns
 
 
+@pytest.mark.usefixtures("undrawn")
 @needs_data
 @pytest.mark.parametrize("model", ["three_link_human.xml", "threeLinkHuman_subject1_sensorExt.urdf"])
 def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
@@ -297,6 +298,7 @@ def test_ordinary_least_squares_without_offsets_is_the_papers(tmp_path):
     np.testing.assert_allclose(result.fit.values, expected, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_updated_scene_reloads_and_needs_the_same_wrenches(tmp_path, capsys):
     log = tmp_path / "log.csv"
     recording().save(log)

@@ -63,7 +63,7 @@ def out(tmp_path_factory):
     """What everything leaves, with empty files in place of figures."""
     folder = tmp_path_factory.mktemp("everything") / "results"
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(figures, "save", not_drawn)
+        patched.setattr(figures, "drawn", not_drawn)
         patched.setattr(workers, "Processes", Here)
         told(patched)
         assert everything([*OPTIONS, "--out", str(folder)]) == 0

@@ -36,9 +36,8 @@ def test_any_number_of_workers_gives_the_same_numbers(tmp_path):
     source = draw(tmp_path, "--redraw", "sensors")
     here = run(source, 9, tmp_path)
     assert here.shape == (9, 1, 2, 13)
-    for workers in (1, 2):
-        with worker_pool(workers) as pool:
-            np.testing.assert_array_equal(run(source, 9, tmp_path, executor=pool.executor), here)
+    with worker_pool(2) as pool:
+        np.testing.assert_array_equal(run(source, 9, tmp_path, executor=pool.executor), here)
 
 
 def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeypatch):
@@ -65,10 +64,10 @@ def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeyp
     ("number", "moment"), [(signal.SIGINT, "starting"), (signal.SIGINT, "running"), (signal.SIGTERM, "running")]
 )
 def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, number, moment):
-    command = ["--trials", "100000", "--redraw", "sensors", "--workers", "2", "--out", str(tmp_path)]
+    command = ["--samples", "100", "--trials", "100000", "--redraw", "sensors", "--workers", "2"]
     # The bar stands at zero while the workers start.
     pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
-    code, said = interrupted([*command, "--formats", "png"], pattern, number)
+    code, said = interrupted([*command, "--formats", "png", "--out", str(tmp_path)], pattern, number)
     assert code == 130
     assert b"Traceback" not in said
     assert b"resource_tracker" not in said
@@ -91,7 +90,18 @@ def test_trials_of_another_run_are_not_resumed(tmp_path):
 
 @pytest.mark.usefixtures("undrawn", "no_joint", "here")
 def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
-    command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors", "--joint-trials", "0"]
+    command = [
+        "--out",
+        str(tmp_path),
+        "--formats",
+        "png",
+        "--samples",
+        "200",
+        "--redraw",
+        "sensors",
+        "--joint-trials",
+        "0",
+    ]
     assert multicontact.main([*command, "--trials", "6"]) == 0
     before = (tmp_path / trials.FILE).read_bytes()
     assert multicontact.main([*command, "--trials", "2"]) == 0
@@ -131,7 +141,8 @@ def problem_names():
 
 
 def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
-    found = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="943"), 1000, tmp_path))
+    # 1000 trials know a standard deviation to 2.2 % and a coverage to 0.7 %, however long they are.
+    found = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="300"), 1000, tmp_path))
     np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.10)
     assert ((found.coverage >= 0.93) & (found.coverage <= 0.97)).all()
     assert (np.abs(found.mean) < 4.5 * found.std / np.sqrt(1000)).all()
@@ -139,7 +150,7 @@ def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
 
 def test_standard_deviations_are_right_with_two_contacts(tmp_path):
     # 250 trials know a standard deviation to 4.5 %, and the coverage of all 13 parameters to half a percent or so.
-    source = draw(tmp_path, "--redraw", "wrench", samples="943", contact="pad handle")
+    source = draw(tmp_path, "--redraw", "wrench", samples="300", contact="pad handle")
     analyse = partial(trial, Problem.of(packaged("multicontact", contact="pad handle")), ("contact",))
     found = distribution(run(source, 250, tmp_path, analyse=analyse))
     np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.14)
@@ -176,9 +187,11 @@ def test_statistics():
 
 @pytest.mark.usefixtures("undrawn", "no_joint")
 @pytest.mark.parametrize("study_module", [misaligned, multicontact])
-def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, study_module):
+def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, request, study_module):
+    if study_module is multicontact:  # It is enough that one of them starts processes.
+        request.getfixturevalue("here")
     options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--joint-trials", "2"]
-    options_ += ["--redraw", "sensors"]
+    options_ += ["--redraw", "sensors", "--samples", "200"]
     assert study_module.main(options_) == 0
     models = {
         "misaligned": ("simplified", "full", "full_joint"),
@@ -205,7 +218,7 @@ def test_joint_trials_are_resumed_as_well(tmp_path, monkeypatch):
     monkeypatch.setattr(
         monte_carlo, "joint_trial", lambda problem, model, recording: trial(problem, [model], recording)
     )
-    command = ["--out", str(tmp_path), "--formats", "png", "--redraw", "sensors", "--trials", "20"]
+    command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "20"]
     work, calls = trials.in_order, []
 
     def interrupted(*args, **more):

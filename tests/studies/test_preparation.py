@@ -145,7 +145,7 @@ def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
     columns |= {f"grip{k}": x for k, x in enumerate(grip.T)}
     path, log, mapping = tmp_path / "flyer.xml", tmp_path / "log.csv", tmp_path / "columns.toml"
     path.write_text(FLYER, encoding="utf-8")
-    write(log, columns)
+    write(log, {name: x[::2] for name, x in columns.items()})
     mapping.write_text(
         '[base]\nposition = ["x", "y", "z"]\nquaternion = ["qw", "qx", "qy", "qz"]\n[wrenches.grip]\nbody = "trunk"\n'
         'force = ["grip0", "grip1", "grip2"]\ntorque = ["grip3", "grip4", "grip5"]\n',

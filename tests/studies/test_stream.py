@@ -139,6 +139,7 @@ applied_to_link = false
 """
 
 
+@pytest.mark.usefixtures("here")
 def test_a_mapping_of_columns_gives_what_the_channels_give(tmp_path, capsys):
     spec = scenes.load("double_pendulum", contact="pad")
     spec.compile()
