@@ -327,12 +327,15 @@ def _git_commit() -> str | None:
     environment = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")}
 
     def git(*arguments: str) -> str:
-        command = ["git", "-C", str(here.parents[2]), *arguments]
+        # A lock on the checkout would stay behind if this process's group was killed, or the disk was full.
+        command = ["git", "--no-optional-locks", "-C", str(here.parents[2]), *arguments]
         return subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.strip()
 
     try:
         git("ls-files", "--error-unmatch", str(here))
-        return git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty")
+        # `git describe --dirty` would lock all the same.
+        differs = git("status", "--porcelain", "--untracked-files=no")
+        return git("rev-parse", "HEAD") + ("-dirty" if differs else "")
     except (OSError, subprocess.CalledProcessError):
         return None
 
