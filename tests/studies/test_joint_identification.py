@@ -35,20 +35,16 @@ def by_command(tmp_path, recordings, *options, columns=""):
     return json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
 
 
-def told(recording):
-    """The same without the command, its files and its figures."""
-    return ident.identify(PENDULUM, recording).to_dict()
-
-
 def distances(estimate, std):
     """How far base parameters are from the truth, in one of the two kinds of standard deviations."""
     return np.abs(np.array(estimate["values"][: len(TRUTH)]) - TRUTH) / estimate[std][: len(TRUTH)]
 
 
-def test_clean_recordings_are_usable_and_nothing_is_found():
+@pytest.mark.usefixtures("undrawn")
+def test_clean_recordings_are_usable_and_nothing_is_found(tmp_path):
     beyond = []
     for seed in range(4):
-        estimate = told(faulty(seed))
+        estimate = by_command(tmp_path, [faulty(seed)], "--base", "base")
         assert estimate["setup"] == [] and estimate["verdict"].startswith("Usable")
         assert estimate["std"][estimate["columns"].index("Ixx2")] <= 0.03
         assert (np.array(estimate["std_setup"]) >= estimate["std"]).all()
@@ -56,6 +52,7 @@ def test_clean_recordings_are_usable_and_nothing_is_found():
     assert np.mean(beyond) <= 0.15
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("fault", "name", "value", "words"),
     [
@@ -69,8 +66,8 @@ def test_clean_recordings_are_usable_and_nothing_is_found():
         ({"gains": (1, 1, 1.1, 1, 1, 1)}, "gain(Fz)", 0.1, "The channel Fz reads"),
     ],
 )
-def test_a_fault_of_the_set_up_is_found_and_taken_out(fault, name, value, words):
-    estimate = told(faulty(3, **fault))
+def test_a_fault_of_the_set_up_is_found_and_taken_out(tmp_path, fault, name, value, words):
+    estimate = by_command(tmp_path, [faulty(3, **fault)], "--base", "base")
     (found,) = estimate["setup"]
     assert found["name"] == name and words in found["text"]
     assert abs(found["value"] - value) < 3 * found["std"]
@@ -78,9 +75,10 @@ def test_a_fault_of_the_set_up_is_found_and_taken_out(fault, name, value, words)
     assert estimate["verdict"].startswith("Usable")
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("fault", [{"origin": (0.05, 0, 0)}, {"zero": (0, 3)}, {"gains": (1, 1, 1, 1, 1.1, 1)}])
-def test_what_cannot_be_told_is_in_the_second_interval(fault):
-    estimate = told(faulty(3, **fault))
+def test_what_cannot_be_told_is_in_the_second_interval(tmp_path, fault):
+    estimate = by_command(tmp_path, [faulty(3, **fault)], "--base", "base")
     assert (distances(estimate, "std_setup") < 4).all()
     if not estimate["setup"]:
         assert (distances(estimate, "std") > 10).any()
