@@ -7,6 +7,9 @@
 #include <stdint.h>
 #include <string.h>
 
+/* Grows with every change of what `ident.model.compiled` calls, which does without what was built before it. */
+const int32_t interface_version = 2;
+
 /* Samples of a block: few enough for its intermediate results to stay near, and a few of the widest registers. */
 enum { BLOCK = 32 };
 

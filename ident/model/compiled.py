@@ -7,7 +7,7 @@ digits of fifty-three. The environment variable MULTICONTACT_COMPILED=0 switches
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from ctypes import CDLL, POINTER, Structure, byref, c_int64, c_void_p
+from ctypes import CDLL, POINTER, Structure, byref, c_int32, c_int64, c_void_p
 from functools import cache
 from importlib.util import find_spec
 from math import prod
@@ -17,6 +17,9 @@ import numpy as np
 
 VARIABLE = "MULTICONTACT_COMPILED"
 """Environment variable that switches compiled code off."""
+
+VERSION = 2
+"""Of what is called here, as `blocks.c` has it."""
 
 BLOCK, COLUMN = 32, 136
 """Samples that programs work on at once, and need at least; and the room for a column of samples whose products are
@@ -165,7 +168,10 @@ def _library() -> CDLL | None:
         return None
     try:
         library = CDLL(spec.origin)
-    except OSError:  # It was built for another system.
+        built = c_int32.in_dll(library, "interface_version").value
+    except (OSError, ValueError):  # It was built for another system, or from other sources.
+        return None
+    if built != VERSION:
         return None
     program, address, number = POINTER(_Program), c_void_p, c_int64
     library.run.argtypes = (program, address, *(address, number) * 2, number, address, address)

@@ -102,3 +102,12 @@ def test_the_environment_switches_it_off(monkeypatch):
     with compiled.switched(True):
         assert compiled.available()
     assert not compiled.available()
+
+
+def test_what_was_built_from_other_sources_is_left_alone(monkeypatch):
+    monkeypatch.setattr(compiled, "VERSION", compiled.VERSION + 1)
+    compiled._library.cache_clear()
+    assert not compiled.available()
+    monkeypatch.undo()
+    compiled._library.cache_clear()
+    assert compiled.available()
