@@ -14,7 +14,7 @@ from experiments.output import figures
 from ident.errors import InputError
 
 Row = dict[str, Any]
-BLUE, RED = "tab:blue", "tab:red"
+BLUE, RED = "C0", "C1"
 
 
 def figure_benchmark(results: Results) -> Figure:

@@ -104,4 +104,5 @@ def _written(results: dict[str, Any]) -> Results:
     caption = "Time a sample over the number of samples, and over the number of bodies, ours and a peer's."
     drawn = {"figure_benchmark": (figure_benchmark(results), caption)} if results["comparisons"] else {}
     numbers = {Path(FILE).stem: results, "provenance": results["provenance"]}
-    return Results(tables(results), drawn, numbers)
+    filled = {name: table for name, table in tables(results).items() if table.rows}
+    return Results(filled, drawn, numbers)

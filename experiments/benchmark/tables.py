@@ -54,7 +54,7 @@ def table_ratios(results: Results) -> Table:
         ("task", "mechanism", "bodies", "N", "peer", "ours", "theirs", "numpy alone", "ratio", "lowest", "highest"),
         (
             (
-                *_texts(row, "task mechanism bodies samples peer"),
+                *_cells(row, "task mechanism bodies samples peer"),
                 *(time and 1e6 * time / row["samples"] for time in (row["ours"], row["theirs"], row.get("numpy"))),
                 *_numbers(row, "ratio lowest highest"),
             )
@@ -70,7 +70,7 @@ def table_simulation(results: Results) -> Table:
         ("call", "threads", "ours", "loop", "ratio", "lowest", "highest"),
         (
             (
-                *_texts(row, "task threads"),
+                *_cells(row, "task threads"),
                 *(rate / 1e3 for rate in _numbers(row, "ours native")),
                 *_numbers(row, "ratio lowest highest"),
             )
@@ -84,7 +84,7 @@ def table_workers(results: Results) -> Table:
     return _table(
         "Work that processes share: trials or samples a second",
         ("task", "workers", "rate", "speedup"),
-        ((*_texts(row, "task workers"), *_numbers(row, "rate speedup")) for row in results["shared"]),
+        ((*_cells(row, "task workers"), *_numbers(row, "rate speedup")) for row in results["shared"]),
     )
 
 
@@ -108,7 +108,7 @@ def table_limits(results: Results) -> Table:
         ),
         (
             (
-                *_texts(row, "task mechanism bodies samples operations"),
+                *_cells(row, "task mechanism bodies samples operations"),
                 1e3 * row["seconds"],
                 *(100 * share for share in _numbers(row, "arithmetic writing first_writing")),
             )
@@ -122,7 +122,7 @@ def table_memory(results: Results) -> Table:
     return _table(
         "Peak memory of an identification above what there was, MB: samples made piece by piece, and in arrays",
         ("N", "in pieces", "in arrays"),
-        ((*_texts(row, "samples"), *_numbers(row, "streamed in_memory")) for row in results["peaks"]),
+        ((*_cells(row, "samples"), *_numbers(row, "streamed in_memory")) for row in results["peaks"]),
     )
 
 
@@ -143,5 +143,5 @@ def _numbers(row: Mapping[str, Any], names: str) -> tuple[float, ...]:
     return tuple(float(row[name]) for name in names.split())
 
 
-def _texts(row: Mapping[str, Any], names: str) -> tuple[str, ...]:
-    return tuple(str(row[name]) for name in names.split())
+def _cells(row: Mapping[str, Any], names: str) -> tuple[Cell, ...]:
+    return tuple(row[name] for name in names.split())

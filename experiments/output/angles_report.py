@@ -36,10 +36,10 @@ def markers_table(postures: Postures) -> report.Table:
         "marker": postures.marked.labels,
         "rms_mm": [MM * float(np.sqrt(np.mean(x**2))) if x.size else np.nan for x in map(_finite, kept.T)],
         "largest_mm": [MM * float(x.max()) if x.size else np.nan for x in map(_finite, distances.T)],
-        "missing_frames": list(map(str, np.isnan(distances).sum(axis=0))),
-        "outlying_frames": list(map(str, outlying.sum(axis=0))),
+        "missing_frames": np.isnan(distances).sum(axis=0).tolist(),
+        "outlying_frames": outlying.sum(axis=0).tolist(),
     }
-    return report.Table("Distances of the markers from the fit, in mm", *report.columns(**columns), decimals=2)
+    return report.Table("Distances of the markers from the fit", *report.columns(**columns), decimals=2)
 
 
 def _finite(x: np.ndarray) -> np.ndarray:
@@ -60,7 +60,7 @@ def joints_table(postures: Postures) -> report.Table:
             q = scale * postures.qpos[there, model.jnt_qposadr[j]]
             values = float(q.min()), float(q.max())
         std = scale * float(np.sqrt((postures.std[there, k] ** 2).mean())) if there.any() else np.nan
-        rows.append((name, "mm" if slide else "°", *values, std, str((~there).sum()), str(beyond_range(postures, j))))
+        rows.append((name, "mm" if slide else "°", *values, std, int((~there).sum()), beyond_range(postures, j)))
     heads = ("coordinate", "unit", "lowest", "highest", "std", "frames_not_determined", "frames_beyond_range")
     return report.Table("Coordinates", *report.columns(**dict(zip(heads, zip(*rows, strict=True), strict=True))))
 
@@ -102,7 +102,7 @@ def residuals_figure(found: "Angles") -> Figure:
     with figures.paper_style():
         figure = Figure(figsize=(7.16, 1.9))
         ax = figure.subplots()
-        ax.plot(found.markers.time, by_frame, color="tab:blue", lw=0.8)
+        ax.plot(found.markers.time, by_frame, color="C0", lw=0.8)
         ax.set_xlabel("Time (s)", labelpad=2)
         ax.set_ylabel("Distance, RMS (mm)", labelpad=2)
         ax.set_ylim(bottom=0)

@@ -37,7 +37,7 @@ def accelerations(seed: int = 0) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 def figure_estimator() -> Figure:
     """The accelerations over a few seconds."""
     time, found = accelerations()
-    lines = (figures.Line("tab:red", 0.7), figures.Line("black", 2.0), figures.Line("tab:blue", 1.2, "--"))
+    lines = (figures.Line("C1", 0.7), figures.Line("black", 2.0), figures.Line("C0", 1.2, "--"))
     with figures.paper_style():
         figure = Figure(figsize=(6.4, 2.6))
         ax = figure.subplots()

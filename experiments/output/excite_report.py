@@ -39,7 +39,8 @@ def table_quality(problem: Problem, before: Motion, after: Motion) -> report.Tab
     """Every criterion before and after."""
     old, new = (criteria.quality(problem, motion) for motion in (before, after))
     rows = tuple((name, old[name], new[name]) for name in old)
-    return report.Table("Criteria", ("criterion", "before", "after"), rows, decimals=4)
+    names = {name: report.heading(name) for name in old} | {"log_det_information": "log det of the information"}
+    return report.Table("Criteria", ("criterion", "before", "after"), rows, decimals=4, names=names)
 
 
 def table_deviations(problem: Problem, before: Motion, after: Motion, title: str) -> report.Table:
@@ -53,7 +54,8 @@ def table_deviations(problem: Problem, before: Motion, after: Motion, title: str
     names = (*problem.parameters.names, "geometric mean")
     means = {name: np.append(values, criteria.geometric_mean(values)) for name, values in std.items()}
     heads, rows = report.columns(parameter=names, **means)
-    return report.Table(title, heads, rows, decimals=max(3, 1 - math.floor(math.log10(std["std_after"].min()))))
+    decimals = max(3, 1 - math.floor(math.log10(std["std_after"].min())))
+    return report.Table(title, heads, rows, decimals=decimals, bodies=problem.mechanism.bodies)
 
 
 def table_limits(problem: Problem, limits: Limits, before: Motion, after: Motion) -> report.Table:
@@ -95,7 +97,7 @@ def figure(problem: Problem, limits: Limits, time: np.ndarray, before: Motion, a
             name = f"{escape.label(joint)}\n" if column == 0 else ""
             ax.set_ylabel(f"{name}{STATES[column]} ({problem.units[joint]}{PER[column]})", labelpad=2)
         for ax in axes[-1]:
-            ax.set_xlabel("time (s)", labelpad=2)
+            ax.set_xlabel("Time (s)", labelpad=2)
         for column in range(3):
             drawing.align_ylabels(axes[:, column])
         drawing.legend(lines, labels, loc="outside upper center", ncols=3)
@@ -106,9 +108,9 @@ def _panel(
     ax: Axes, time: np.ndarray, before: np.ndarray, after: np.ndarray, limits: tuple[float, float]
 ) -> list[Line2D]:
     """Draws one quantity of one joint, and returns the lines of the design, of what was before, and of the limits."""
-    bounds = [ax.axhline(limit, color="tab:red", lw=0.7, ls="--") for limit in limits]
+    bounds = [ax.axhline(limit, color="C1", lw=0.7, ls="--") for limit in limits]
     (old,) = ax.plot(time, before, color="0.6")
-    (new,) = ax.plot(time, after, color="tab:blue", lw=1.0)
+    (new,) = ax.plot(time, after, color="C0", lw=1.0)
     room = 0.08 * (limits[1] - limits[0])
     ax.set_ylim(limits[0] - room, limits[1] + room)
     ax.set_xlim(time[0], time[-1])

@@ -27,10 +27,10 @@ ABOUT = (
 )
 """What the page says of the study."""
 
-COLORS = {"prior": "0.55", "estimate": "tab:blue"}
+COLORS = {"prior": "0.55", "estimate": "C0"}
 
 KINDS = {"masses": slice(0, 1), "first moments": slice(1, 4), "inertias": slice(4, 10)}
-KIND_COLORS = ("tab:blue", "tab:orange", "tab:green")
+KIND_COLORS = ("C0", "C1", "C2")
 """Parameters of a segment by what they are, and their colours."""
 
 
@@ -46,10 +46,13 @@ def table_segments(found: Study) -> report.Table:
     columns = ["segment"]
     for what in ("mass", "first_moment", "inertia"):
         columns += [f"{what}_{which}" for which in ("true", "prior", "estimate", "std")]
-    title = (
-        "Segments: mass (kg), largest component of the first moment (kg m) and of the inertia (kg m²) about the joint"
-    )
-    return report.Table(title, tuple(columns), tuple(rows), decimals=3)
+    title = "Segments: mass, largest component of the first moment, and of the inertia about the joint"
+    heads = {
+        f"{what}_{which}": f"{'s.d.' if which == 'std' else which}, {what.replace('_', ' ')} ({unit})"
+        for what, unit in (("mass", "kg"), ("first_moment", "kg m"), ("inertia", "kg m²"))
+        for which in ("true", "prior", "estimate", "std")
+    }
+    return report.Table(title, tuple(columns), tuple(rows), decimals=3, heads=heads)
 
 
 def table_prediction(found: Study) -> report.Table:

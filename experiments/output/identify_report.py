@@ -19,10 +19,11 @@ from experiments.studies.errors import HALF_WIDTH
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
-from ident.geometry.inertia import PARAMETERS
+from ident.geometry.inertia import PARAMETERS, with_bodies
 from ident.judgement.diagnosis import amplitude_spectrum
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.several_files import name_of
+from ident.tolerances import DRIVE
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
@@ -62,8 +63,19 @@ def parameters_table(result: Estimate) -> report.Table:
 
 
 def _units(result: Estimate) -> tuple[str, ...]:
-    """Units of all coefficients as far as their names tell: base parameters; drives and offsets are in SI units."""
-    return tuple(unit_of(name) or "" for name in result.names)
+    """Units of all coefficients: base parameters, what drives take, offsets of channels."""
+    return tuple(coefficient_unit(result, name) for name in result.names)
+
+
+def coefficient_unit(result: Estimate, name: str) -> str:
+    """Unit of a coefficient by its name, as `m2rz2`, `Fv(knee)` or `offset(Fx)`."""
+    if (own := unit_of(name)) is not None:
+        return own
+    kind, _, of = name.removesuffix(")").partition("(")
+    unit = channel_unit(result, of)
+    turns = {DRIVE["rotor"]: "kg m²", DRIVE["viscous"]: "N m s"}
+    slides = {DRIVE["rotor"]: "kg", DRIVE["viscous"]: "N s/m"}
+    return (slides if unit == "N" else turns).get(kind, unit)
 
 
 def _relative(value: float, std: float) -> str:
@@ -93,7 +105,11 @@ def quality_table(result: Estimate) -> report.Table:
     ratios = ("ratio", "relative_rms", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
     columns = ("channel", "signal_std", "residual_rms", *ratios, "correlation_s", "note")
     units = tuple(channel_unit(result, channel) for channel in result.channels)
-    return report.Table("Prediction of the held-out part", columns, rows, units=units)
+    heads = {
+        "ratio_model_as_it_came": "ratio, model as it came",
+        "ratio_least_squares": "ratio, least squares",
+    }
+    return report.Table("Prediction of the held-out part", columns, rows, units=units, heads=heads)
 
 
 def full_table(result: Estimate) -> report.Table:
@@ -142,7 +158,7 @@ def data_lines(result: Estimate) -> list[str]:
     lines.append(f"Residuals: alike over {result.correlation.min():.2g} to {result.correlation.max():.2g} s.")
     for what, gained in separating_sensors(prepared.mechanism, prepared.sensors).items():
         if gained:
-            lines.append(f"More would be seen {what}: {', '.join(gained)}.")
+            lines.append(f"More would be seen {what}: {with_bodies(gained, prepared.mechanism.bodies)}.")
     return [*lines, *prepared.notes]
 
 

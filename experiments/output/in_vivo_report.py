@@ -29,8 +29,8 @@ SHOWN = ("m2rz2", "Iyy2", "m3rz3", "Iyy3")
 CHANNELS = {"Fx": "N", "Fz": "N", "My": "N m"}
 """Channels that a bow moves, and their units."""
 
-LINES = {"scaled model": ("0.5", "D"), "joint estimate": ("tab:blue", "o")}
-OTHERS = (("tab:red", "s"), ("tab:orange", "^"))
+LINES = {"scaled model": ("0.5", "D"), "joint estimate": ("C0", "o")}
+OTHERS = (("C1", "s"), ("C4", "^"))
 """Colour and marker of each estimator."""
 
 
@@ -46,7 +46,15 @@ def table_parameters(found: Study) -> report.Table:
         columns[name] = psi.tolist()
         if std is not None:
             columns[f"{name}, std"] = std.tolist()
-    return report.Table("Base parameters of a person who bows, SI units", *report.columns(**columns), decimals=2)
+    heads = {name: _head(name) for name in columns}
+    title, bodies = "Base parameters of a person who bows, SI units", found.joint.prepared.mechanism.bodies
+    return report.Table(title, *report.columns(**columns), decimals=2, bodies=bodies, heads=heads)
+
+
+def _head(column: str) -> str:
+    """A column's name in words: those of one estimator are beside each other, under its name."""
+    name = column.removesuffix(", std")
+    return column if column == "parameter" else f"{'value' if name == column else 's.d.'}, {name}"
 
 
 def table_prediction(found: Study) -> report.Table:
@@ -92,9 +100,9 @@ def _parameters(ax: Axes, found: Study) -> None:
         at = places + 0.15 * (number - 1.5)
         ax.errorbar(at, psi[which] / model, bars, fmt=marker, color=color, ms=3, lw=0.9, capsize=0)
     ax.axhline(0, color="0.8", lw=0.6, zorder=0)
-    ax.set_xticks(places, [figures.parameter_symbol(name) for name in SHOWN])
+    ax.set_xticks(places, [figures.named_symbol(name, found.joint.prepared.mechanism.bodies) for name in SHOWN])
     ax.set_ylabel("Estimate over the model's", labelpad=2)
-    ax.set_title("(a) Legs (2) and trunk (3), 95 % intervals")
+    ax.set_title("(a) Legs and trunk, 95 % intervals")
 
 
 def numbers(found: Study) -> dict[str, Any]:

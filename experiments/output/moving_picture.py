@@ -25,7 +25,7 @@ METRES_PER_NEWTON = 1 / 500
 CHANNEL = 3
 """τ_x, the moment about the joints' axes."""
 
-GROUND, HAND, TOTAL, ESTIMATE = "tab:red", "tab:green", "black", "tab:blue"
+GROUND, HAND, TOTAL, ESTIMATE = "C1", "C2", "black", "C0"
 
 
 def moving_figure(result: Study) -> tuple[Figure, Callable[[int], None]]:
@@ -87,8 +87,8 @@ def _draw_side(ax: Axes, points: np.ndarray, forces: np.ndarray) -> None:
     ax.set(xlim=(-0.75, 0.95), ylim=(-0.62, 1.15), aspect="equal")
     ax.set_axis_off()
     ax.plot([0, 0], [-0.45, -0.06], color="0.6", lw=8, solid_capstyle="butt")
-    ax.plot(*points[:2].T, color="tab:blue", lw=6, solid_capstyle="round")
-    ax.plot(*points[1:].T, color="tab:orange", lw=5, solid_capstyle="round")
+    ax.plot(*points[:2].T, color="C0", lw=6, solid_capstyle="round")
+    ax.plot(*points[1:].T, color="C4", lw=5, solid_capstyle="round")
     ax.plot(*points.T, "o", color="0.15", ms=6)
     for name, start, force, color, height in (
         ("ground", points[0], forces[0], GROUND, -0.6),

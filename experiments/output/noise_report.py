@@ -20,6 +20,7 @@ from experiments.studies import noise
 from experiments.studies.errors import HALF_WIDTH, Errors
 from experiments.studies.noise import ESTIMATORS, LABELS, Study
 from experiments.studies.noisy_recordings import CONDITIONS, SUBJECTS
+from ident.geometry.inertia import with_bodies
 
 PARAMETER = "Ixx2"
 """What the comparison looks at: an inertia, which accelerations alone tell of."""
@@ -32,13 +33,13 @@ ABOUT = (
 """What the page says of the study."""
 
 LINES = {
-    "ordinary": ("tab:red", "s"),
-    "weighted": ("tab:orange", "D"),
-    "usual_filter": ("tab:red", "s"),
-    "instruments": ("tab:green", "^"),
-    "spline": ("tab:purple", "v"),
-    "chosen_filter": ("tab:orange", "D"),
-    "joint": ("tab:blue", "o"),
+    "ordinary": ("C1", "s"),
+    "weighted": ("C4", "D"),
+    "usual_filter": ("C1", "s"),
+    "instruments": ("C2", "^"),
+    "spline": ("C3", "v"),
+    "chosen_filter": ("C4", "D"),
+    "joint": ("C0", "o"),
 }
 """Colour and marker of each estimator; no two of one panel share either."""
 
@@ -68,10 +69,15 @@ def table_estimators(found: Study, subject: str) -> report.Table:
             if (errors := found.errors.get((name, key))) is not None:
                 percent = [100 * float(x[k]) / true for x in (errors.mean, errors.std, errors.predicted_std)]
                 said = [CONDITIONS[name].label, LABELS[key]]
-                rows.append((*said, *percent, float(errors.coverage[k]), str(len(errors.errors))))
+                rows.append((*said, *percent, float(errors.coverage[k]), len(errors.errors)))
     columns = ("noise", "estimator", "bias", "spread", "predicted", "coverage_95", "recordings")
-    title = f"Errors of {PARAMETER} of the {subject}, % of {true:.2f} kg m², over many recordings"
+    title = f"Errors of {_named(PARAMETER, subject)} of the {subject}, % of {true:.2f} kg m², over many recordings"
     return report.Table(title, columns, tuple(rows), decimals=2)
+
+
+def _named(parameter: str, subject: str) -> str:
+    """A parameter with the name of its body."""
+    return with_bodies([parameter], SUBJECTS[subject].mechanism.bodies)
 
 
 def table_coverage(found: Study) -> report.Table:
@@ -84,7 +90,7 @@ def table_coverage(found: Study) -> report.Table:
             refused = len(found.refused.get((name, "joint"), ()))
             some = (coverage.mean(), coverage.min(), np.sqrt((ratio**2).mean()), abs(ratio[k]))
             shown: list[report.Cell] = [condition.subject, condition.label, *map(float, some)]
-            rows.append((*shown, errors.names[k], str(len(errors.errors)), str(refused)))
+            rows.append((*shown, _named(errors.names[k], condition.subject), len(errors.errors), refused))
     columns = (
         *("subject", "noise", "coverage_95", "lowest_coverage_95", "bias_rms", "largest_bias", "parameter"),
         *("recordings", "refused"),
@@ -108,7 +114,7 @@ def figure(found: Study) -> Figure:
             _legend(part, handles)
         below.suptitle("(c) Joint estimate, all base parameters", fontsize=8)
         _honesty(below.subplots(1, 2, sharey=True), found)
-        marks: dict[str, Any] = {"ms": 2, "alpha": 0.5, "mew": 0, "lw": 0, "color": "tab:blue", "marker": "o"}
+        marks: dict[str, Any] = {"ms": 2, "alpha": 0.5, "mew": 0, "lw": 0, "color": "C0", "marker": "o"}
         _legend(
             below,
             [
@@ -183,10 +189,10 @@ def _honesty(axes: Sequence[Axes], found: Study) -> None:
     for row, name in enumerate(shown):
         errors = found.errors[name, "joint"]
         for ax, each in ((left, 100 * errors.coverage), (right, errors.mean / errors.std)):
-            ax.plot(each, np.full(len(each), row), "o", color="tab:blue", ms=2, alpha=0.5, mew=0)
+            ax.plot(each, np.full(len(each), row), "o", color="C0", ms=2, alpha=0.5, mew=0)
         mean, half = 100 * float(errors.coverage.mean()), _uncertainty(errors)
-        left.hlines(row, mean - half, min(mean + half, 100), color="tab:blue", lw=0.9)
-        left.plot(mean, row, "o", color="tab:blue", ms=3.5)
+        left.hlines(row, mean - half, min(mean + half, 100), color="C0", lw=0.9)
+        left.plot(mean, row, "o", color="C0", ms=3.5)
     left.set_yticks(rows, [_row(name) for name in shown])
     left.invert_yaxis()
     left.set_xlabel("Intervals with the truth (%)", labelpad=2)
@@ -231,11 +237,12 @@ def numbers(found: Study) -> dict[str, Any]:
 def results(found: Study) -> Results:
     """What the study leaves behind."""
     caption = (
-        f"Error of {PARAMETER} over {found.recordings} recordings by noise on the joint sensors: mean, 95 % of the "
-        "errors (lines) and what each estimator predicts of itself (bars), for the paper's pendulum (a) and a person "
-        "who bows (b); and how often the joint estimate's intervals hold the truth, with its biases in standard "
-        "deviations, for every base parameter (c). The ordinates of (a) and (b) are linear within ±1 %. In (c) "
-        "correlated noise (AR) is as large as that of ×3 and of 0.5°; missing samples and outliers are besides ×1."
+        f"Error of {_named(PARAMETER, 'pendulum')} and {_named(PARAMETER, 'person')}, {found.recordings} recordings, "
+        "by noise on the joint sensors: mean, 95 % of the errors (lines) and what each estimator predicts of itself "
+        "(bars), for the paper's pendulum (a) and a person who bows (b); and how often the joint estimate's intervals "
+        "hold the truth, with its biases in standard deviations, for every base parameter (c). The ordinates of (a) "
+        "and (b) are linear within ±1 %. In (c) correlated noise (AR) is as large as that of ×3 and of 0.5°; missing "
+        "samples and outliers are besides ×1."
     )
     tables = {f"table_{subject}": table_estimators(found, subject) for subject in SUBJECTS}
     tables["table_coverage"] = table_coverage(found)

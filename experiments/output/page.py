@@ -12,6 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from experiments.output import escape, figures, report
+from experiments.output.page_symbols import pieces
 from experiments.output.results import Results
 from ident.recordings.atomic import replacing
 
@@ -99,7 +100,7 @@ def rendered(template: str, root: Path, shown: Mapping[str, Results], formats: I
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"parameters": figures.PARAMETER.split, "indented": _indented, "digest": _digest}
+    environment.filters |= {"pieces": pieces, "indented": _indented, "digest": _digest}
     environment.globals |= {"results": shown, "formats": sorted(set(formats)), "png": png}
     return environment.get_template(template).render(values)
 

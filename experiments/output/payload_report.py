@@ -57,6 +57,32 @@ def _intervals(body: RigidBody) -> str:
     return "95 %: " + "; ".join(f"{name} ± {' '.join(f'{x:.2g}' for x in some)}" for name, some in parts)
 
 
+def _sensor_unit(name: str) -> str:
+    """Unit of what may be wrong of a sensor, by its name, as `offset(Fx)` or `rotation_x(wrist)`."""
+    kind, _, of = name.partition("(")
+    if kind == "offset":
+        return "N" if of.startswith("F") else "N m"
+    return {"delay": "s", "clock": "1", "gain": "1", "origin": "m"}.get(kind.partition("_")[0], "rad")
+
+
+def _in_words(name: str) -> str:
+    """What may be wrong of a sensor: `rotation_x(wrist)` is its turn about x."""
+    kind, _, of = name.removesuffix(")").partition("(")
+    kind, _, axis = kind.partition("_")
+    kinds = {
+        "offset": f"offset of {of}",
+        "gain": f"gain of {of}, less 1",
+        "delay": "delay",
+        "clock": "rate of its clock, less 1",
+        "origin": f"shift along {axis}",
+        "rotation": f"turn about {axis}",
+        "gravity": f"tilt of gravity about {axis}",
+        "zero": f"zero of joint {of}",
+        "axis": f"tilt of the axis of joint {of} about {axis}",
+    }
+    return kinds.get(kind, name)
+
+
 def _text(*numbers: float) -> str:
     return " ".join(f"{x:.6g}" for x in numbers)
 
@@ -117,7 +143,9 @@ class PayloadReport:
         name, value, std, taken = zip(*self.payload.sensor_parameters, strict=True)
         words = ["taken out" if each else "taken as stated" for each in taken]
         columns: dict[str, Any] = {"parameter": name, "estimate": value, "std": std, "note": words}
-        return report.Table("The sensor, SI units and radians", *report.columns(**columns), decimals=5)
+        units = tuple(map(_sensor_unit, name))
+        names = {each: _in_words(each) for each in name}
+        return report.Table("The sensor", *report.columns(**columns), decimals=5, units=units, names=names)
 
     def lines(self) -> list[str]:
         """What was taken."""

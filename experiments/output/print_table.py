@@ -236,7 +236,7 @@ def _stack(lines: Sequence[str], numeric: bool) -> str:
 def unit_line(text: str) -> str:
     """A line of a head, a unit in brackets by siunitx."""
     match = re.fullmatch(r"\((.+)\)", text)
-    words = re.sub(r"(^|(?<= ))[a-z]$", lambda letter: f"${letter[0]}$", text)
+    words = re.sub(r"(^|(?<= ))[a-zα-ω]$", lambda letter: f"${_GREEK.get(letter[0], letter[0])}$", text)
     if words != text:
         return words
     return f"({unit(match[1])})" if match and match[1] in _UNITS else text_with_symbols(text)

@@ -34,8 +34,8 @@ class Table:
     Attributes:
         title: What it shows, for the screen and for pages.
         columns: Column names of the CSV file; everywhere else they are `heading`s.
-        rows: Cells: texts, numbers, or None for an empty one.
-        decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits.
+        rows: Cells: texts, numbers, or None for an empty one; columns of empty ones are in the CSV file alone.
+        decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits; `int` have none.
         marked: First cells of the rows that get an asterisk, everywhere but in the CSV file.
         footnote: What the asterisk means.
         caption: Caption in print, by default the title.
@@ -43,6 +43,7 @@ class Table:
         bodies: Names of the bodies that parameters in the first column belong to, by their numbers from 1.
         units: Units of the rows, by default those of the parameters where there are bodies.
         heads: Words for columns that `heading` does not find.
+        names: Words for first cells, everywhere but in the CSV file.
     """
 
     title: str
@@ -56,6 +57,7 @@ class Table:
     bodies: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     heads: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
 
     def csv(self) -> str:
         """Comma-separated values with full precision; where bodies have names, a column says whose a parameter is."""
@@ -69,8 +71,18 @@ class Table:
             writer.writerow(["" if cell is None else cell for cell in cells])
         return out.getvalue()
 
+    def filled(self) -> "Table":
+        """The table without columns of empty cells, as readers get it."""
+        kept = [k for k in range(len(self.columns)) if k == 0 or any(row[k] not in (None, "") for row in self.rows)]
+        if not self.rows or len(kept) == len(self.columns):
+            return self
+        columns = tuple(self.columns[k] for k in kept)
+        return replace(self, columns=columns, rows=tuple(tuple(row[k] for k in kept) for row in self.rows))
+
     def markdown(self) -> str:
         """A Markdown table under its title, numbers right-aligned."""
+        if (filled := self.filled()) is not self:
+            return filled.markdown()
         rule = ["---:" if numeric else "---" for numeric in self.numeric()]
         head = list(map(escape.markdown, self.headings()))
         table = "".join(f"| {' | '.join(row)} |\n" for row in [head, rule, *self.texts(escape.markdown)])
@@ -79,10 +91,12 @@ class Table:
 
     def tex(self, label: str = "", layout: Layout = PAPER) -> str:
         """A table as a journal prints it, with a label for references."""
-        return print_table.tex(self.shown(layout), label, layout)
+        return print_table.tex(self.shown(layout).filled(), label, layout)
 
     def text(self) -> str:
         """Aligned columns for the terminal, without those of units, which the title tells."""
+        if (filled := self.filled()) is not self:
+            return filled.text()
         kept = [k for k in range(len(self.headings())) if not (k == 1 and self._units())]
         lines = [[line[k] for k in kept] for line in (self.headings(), *self.texts())]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
@@ -131,7 +145,7 @@ class Table:
 
     def _name(self, cell: Cell, escaped: Callable[[str], str]) -> str:
         """A row's first cell: a parameter with the name of its body."""
-        text = self._text(cell, escaped)
+        text = escaped(self.names[cell]) if isinstance(cell, str) and cell in self.names else self._text(cell, escaped)
         body = body_of(cell, self.bodies) if isinstance(cell, str) else None
         # Added up and not formatted: in pages the parts are HTML already.
         return text if body is None else text + " of " + escaped(body)
@@ -144,14 +158,14 @@ class Table:
         return escaped(number(cell, self.decimals))
 
 
-UNITS = ("deg", "rad", "N", "s")
+UNITS = ("deg", "rad", "N", "s", "mm")
 """Units that names of columns, options and other numbers end with."""
 
 _HEADINGS = {
     rf"_({'|'.join(UNITS)})$": r" (\1)",
     r"_(simplified|full|joint|paper|scene|weighted|ignoring|relative|updated_model)$": r", \1",
     "^paper_": "paper's ",
-    r"(?<![^_])std(?![^_, ])": "s.d.",
+    r"(?<![^_ ])std(?![^_, ])": "s.d.",
     r"(?<![^_])rms(?![^_, ])": "RMS",
     "_wrench_noise$": " (wrench noise)",
     "_95$": ", 95 %",
@@ -168,6 +182,8 @@ def heading(name: str) -> str:
 
 def number(value: float, decimals: int = 3) -> str:
     """A number for readers: with so many decimals, or as a power of ten from a million on, where no one counts them."""
+    if isinstance(value, int):
+        return str(value)
     # Adding zero turns a rounded -0.0 into 0.0.
     return f"{round(value, decimals) + 0.0:.{decimals}f}" if abs(value) < 1e6 else f"{value:.2e}"
 
@@ -341,12 +357,17 @@ def _git_commit() -> str | None:
 
 
 def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], tuple[tuple[Cell, ...], ...]]:
-    """Column names and rows of a `Table` from its columns; NaN becomes an empty cell."""
-    rows = tuple(tuple(map(_cell, row)) for row in zip(*named.values(), strict=True))
-    return tuple(named), rows
+    """Column names and rows of a `Table` from its columns; NaN becomes an empty cell, columns of `int` stay so."""
+    return tuple(named), tuple(zip(*(map(_cell, _alike(list(column))) for column in named.values()), strict=True))
+
+
+def _alike(column: list[Cell]) -> list[Cell]:
+    """A column in which whole numbers are such alone, or numbers like the others."""
+    numbers = [cell for cell in column if cell is not None and not isinstance(cell, str)]
+    if all(isinstance(cell, int) for cell in numbers):
+        return column
+    return [cell if cell is None or isinstance(cell, str) else float(cell) for cell in column]
 
 
 def _cell(value: Cell) -> Cell:
-    if value is None or isinstance(value, str):
-        return value
-    return None if math.isnan(value) else float(value)
+    return None if isinstance(value, float) and math.isnan(value) else value

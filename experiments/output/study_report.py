@@ -96,8 +96,8 @@ def _conditions(study: Study) -> list[str]:
     for name, model in file.models.items():
         estimate = study.fit(name).estimate
         published, shape = (file.published.get(what, {}).get(name) for what in ("condition_number", "shape"))
-        printed = f" (paper: {published}{' at {}x{}'.format(*shape) if shape else ''})" if published else ""
-        at = f"{estimate.rows}x{study.fit(name).base.rank}"
+        printed = f" (paper: {published}{' at {} × {}'.format(*shape) if shape else ''})" if published else ""
+        at = f"{estimate.rows} × {study.fit(name).base.rank}"
         line = f"Condition number, {model.title}: {estimate.condition_number:.4g} at {at}{printed}"
         if model.axes == "recovered" and model.parameters is None:
             tilt = axes(study)["tilt_recovered_deg"]
@@ -135,7 +135,7 @@ def said(study: Study) -> Said:
     """What the page says besides tables and figures."""
     models = [model.title for model in study.file.models.values()]
     about = (
-        f"Simulated from {study.file.scene.identity['name']} and identified anew, a model at a time: "
+        f"Simulated from the scene '{study.file.scene.identity['name']}' and identified anew, a model at a time: "
         f"{'; '.join(models)}."
     )
     return Said(study.file.title, about, lines=lines(study), replay=replay(study).to_page())

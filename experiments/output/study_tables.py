@@ -81,7 +81,7 @@ def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> 
 
 
 def _published(numbers: Mapping[str, float], parameters: Iterable[str]) -> list[float]:
-    return [numbers.get(name, np.nan) for name in parameters]
+    return [float(numbers.get(name, np.nan)) for name in parameters]
 
 
 def _notes(study: Study, groups: Iterable[Mapping[str, Any]]) -> list[str]:
@@ -146,7 +146,7 @@ def contacts(study: Study, entry: Mapping[str, Any]) -> report.Table:
             link=[body for body, _ in known.sites.values()],
             touches=each("fraction"),
             touches_alone=each("fraction_alone"),
-            episodes=map(str, each("episodes")),
+            episodes=each("episodes"),
             peak_force_N=each("peak_force_N"),
         ),
         decimals=entry.get("decimals", 3),

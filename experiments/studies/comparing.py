@@ -65,7 +65,11 @@ class Result:
 
 
 def _told(value: Any) -> str:
-    return " ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)
+    if isinstance(value, list):
+        return " ".join(map(str, value)) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "none" if value is None else str(value)
 
 
 def read_results(folders: Sequence[Path]) -> list[Result]:
@@ -138,7 +142,7 @@ class Difference:
     def comparison(self) -> Comparison:
         """The difference from noise that the two do not share."""
         (a, A, _), (b, B, _) = (result.at(self.names) for result in (self.first, self.second))
-        return Comparison(self.names, a - b, A + B)
+        return Comparison(self.names, a - b, A + B, tuple(self.first.bodies))
 
     @cached_property
     def std_setup(self) -> np.ndarray:

@@ -15,6 +15,7 @@ from experiments.output.results import Results
 from experiments.studies import criteria, excitation, paper
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
+from ident.geometry.inertia import with_bodies
 from ident.mechanism.motion import Motion
 from sim.models.mechanism import mechanism
 from sim.motion.collisions import Collisions
@@ -103,8 +104,8 @@ def run(args: argparse.Namespace) -> None:
     after = Motion(*trajectory.states(time))
     start = "the paper's excitation" if published else "the first random start"
     title = (
-        f"Excitation of {', '.join(problem.joints)}: predicted standard deviations, kg, kg m and kg m², of {start} and "
-        "the designed one"
+        f"Excitation of {', '.join(problem.joints)}: predicted standard deviations, SI units, of {start} and the "
+        "designed one"
     )
     tables = {
         "table_deviations": table_deviations(problem, before, after, title),
@@ -179,8 +180,9 @@ def _lines(problem: Problem, start: str, compared: tuple[Motion, Motion], collis
     """What is printed, and what the page says, besides the tables."""
     before, after = (criteria.mean_deviation(problem, motion) for motion in compared)
     first, last = (criteria.quality(problem, motion)["condition_number"] for motion in compared)
+    named = with_bodies(problem.parameters.names, problem.mechanism.bodies)
     return [
-        f"{problem.parameters.rank} base parameters: {', '.join(problem.parameters.names)}.",
+        f"{problem.parameters.rank} base parameters: {named}.",
         f"Predicted standard deviations (kg, kg m, kg m²), geometric mean before, {start}: {before:.2e}; after: "
         f"{after:.2e}, {after / before - 1:+.0%}.",
         f"Condition number before: {first:.1f}; after: {last:.1f}.",

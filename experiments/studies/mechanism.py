@@ -22,7 +22,7 @@ from ident.mechanism.tree import Tree
 DRAWN_AT = np.array([0.45, 0.75])
 """Joint angles of Figure 1, in rad."""
 
-FRAME_COLORS = ("tab:red", "tab:green", "tab:blue")
+FRAME_COLORS = ("C1", "C2", "C0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,8 @@ def mechanism() -> tuple[Tree, Drawing]:
 def table_1() -> report.Table:
     """Table I as printed."""
     columns = ("frame", "inertia", "alpha", "d", "theta", "r")
-    return report.Table("Modified DH parameters of the double pendulum, as printed", columns, paper.TABLE_1)
+    title, heads = "Modified DH parameters of the double pendulum, as printed", {"alpha": "α", "theta": "θ"}
+    return report.Table(title, columns, paper.TABLE_1, heads=heads)
 
 
 def table_2(tree: Tree, base: np.ndarray) -> report.Table:
@@ -71,9 +72,10 @@ def table_2(tree: Tree, base: np.ndarray) -> report.Table:
         cells = (turned, _numbers(T[:3, 3] + base), _numbers(body.twist[:3]), _numbers(body.twist[3:]))
         rows.append((f"{body.name}, i = {i}", *cells))
     return report.Table(
-        "Geometric model of the double pendulum, m",
+        "Geometric model of the double pendulum",
         ("frame", "initial rotation", "initial position", "twist v", "twist omega"),
         tuple(rows),
+        heads={"initial position": "initial position (m)", "twist v": "twist v (m)", "twist omega": "twist ω"},
     )
 
 
@@ -145,7 +147,7 @@ def _draw_links(ax: Axes, drawing: Drawing) -> None:
         ax.plot(*_flat(joint), "o", color="white", mec="black", ms=5, mew=0.8)
     for T, mass in zip(drawing.poses, drawing.masses, strict=True):
         ax.plot(*_flat(np.array([T[:3, 3], mass])).T, color="0.3", lw=0.6)
-    ax.plot(*_flat(drawing.masses).T, "o", color="tab:orange", ms=4, mec="black", mew=0.4)
+    ax.plot(*_flat(drawing.masses).T, "o", color="C4", ms=4, mec="black", mew=0.4)
 
 
 def _label_mechanism(ax: Axes, drawing: Drawing) -> None:
@@ -173,7 +175,7 @@ def _note(ax: Axes, point: np.ndarray, text: str, shift: tuple[int, int]) -> Non
 
 
 def _frame(ax: Axes, T: np.ndarray) -> None:
-    """Axes of a frame: x red, y green, z blue."""
+    """Axes of a frame: x vermilion, y green, z blue."""
     origin = T[:3, 3]
     for axis, color in enumerate(FRAME_COLORS):
         arrow = {"arrowstyle": "-|>", "color": color, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
@@ -182,9 +184,8 @@ def _frame(ax: Axes, T: np.ndarray) -> None:
 
 def results(tree: Tree, drawing: Drawing) -> Results:
     """Both tables and the figure."""
-    caption = (
-        "The double pendulum (left) and its frames (right; x red, y green, z blue), drawn from the scene's geometry."
-    )
+    frames = "x vermilion, y green, z blue"
+    caption = f"The double pendulum (left) and its frames (right; {frames}), drawn from the scene's geometry."
     return Results(
         tables={"table_1": table_1(), "table_2": table_2(tree, drawing.base)},
         figures={"figure_1": (figure_1(drawing), caption)},

@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from experiments.cli import options
 from experiments.output import report
+from experiments.output.layout import unit_of
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from experiments.runs.checkpoint import SAVE_EVERY
@@ -211,7 +212,7 @@ def accumulated(
 def table(estimate: Fit) -> report.Table:
     """Base parameters, and offsets in N and N m, with their standard deviations."""
     return report.Table(
-        f"Base parameters from {estimate.samples} samples, kg, kg m and kg m²; std of wrench noise, {estimate.noise}",
+        f"Base parameters from {estimate.samples} samples, SI units; s.d. of wrench noise, {estimate.noise}",
         *report.columns(
             parameter=estimate.names,
             estimated=estimate.values,
@@ -219,6 +220,8 @@ def table(estimate: Fit) -> report.Table:
             regrouping=[*estimate.parameters.expressions(digits=4), *[""] * len(estimate.equations.offsets)],
         ),
         decimals=4,
+        bodies=estimate.equations.mechanism.bodies,
+        units=tuple(unit_of(name) or ("N" if "F" in name else "N m") for name in estimate.names),
     )
 
 

@@ -105,7 +105,9 @@ def table(found: Sweep, names: Sequence[str]) -> report.Table:
         for value, column in zip(found.values, found.numbers(name).T, strict=True)
     ]
     columns = ("number", found.option, "runs", "mean", "std")
-    return report.Table(f"Over {report.heading(found.option)}", columns, tuple(rows), decimals=4)
+    title = f"Numbers over {report.heading(found.option)}, their means and standard deviations over the seeds"
+    words = {name: report.heading(name) for name in names}
+    return report.Table(title, columns, tuple(rows), decimals=4, names=words)
 
 
 def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
@@ -119,7 +121,7 @@ def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
         for ax, (name, title) in zip(panels, titles.items(), strict=True):
             numbers = found.numbers(name)
             mean = np.array([_statistics(column)[1] for column in numbers.T], dtype=float)
-            ax.plot(x[order], mean[order], "o-" if numeric else "o", color="tab:blue", ms=3, zorder=3, label="mean")
+            ax.plot(x[order], mean[order], "o-" if numeric else "o", color="C0", ms=3, zorder=3, label="mean")
             for row in numbers:
                 ax.plot(x, row, "o", color="0.6", ms=1.5, label="seed")
             if np.nanmin(numbers) > 0 and np.nanmax(numbers) > 100 * np.nanmin(numbers):
@@ -136,11 +138,11 @@ def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
     return figure
 
 
-def _statistics(x: np.ndarray) -> tuple[str, float | None, float | None]:
+def _statistics(x: np.ndarray) -> tuple[int, float | None, float | None]:
     """Number of runs that have a number, its mean and its standard deviation, as far as they are defined."""
     known = x[np.isfinite(x)]
     mean = float(known.mean()) if len(known) else None
-    return str(len(known)), mean, float(known.std(ddof=1)) if len(known) > 1 else None
+    return len(known), mean, float(known.std(ddof=1)) if len(known) > 1 else None
 
 
 def _label(name: str) -> str:
@@ -189,14 +191,22 @@ def run(args: argparse.Namespace) -> None:
     origin = report.provenance(choices)
     written = Results(
         {"table_sweep": table(found, found.names)},
-        {"figure_sweep": (chart(found, charted), f"{args.study} over {report.heading(option)}.")},
+        {
+            "figure_sweep": (
+                chart(found, charted),
+                f"Numbers over {report.heading(option)}: of each seed, and their means.",
+            )
+        },
         {"sweep": {"runs": found.runs, "provenance": origin}, "provenance": origin},
     )
     refused = [run["refused"] for run in found.runs if "refused" in run]
     with report.results_folder(args.out) as folder:
         written.write(folder, args.formats)
-        about = f"The study '{args.study}' over its option {option}, with {args.seeds} seeds of each value."
-        said = Said(f"{args.study} over {report.heading(option)}", about, lines=refused, heading="Refused")
+        seeds = f"{args.seeds} seeds" if args.seeds > 1 else "one seed"
+        about = f"The study '{args.study}' over its option {option}, with {seeds} of each value."
+        said = Said(
+            f"{packaged(args.study).title} over {report.heading(option)}", about, lines=refused, heading="Refused"
+        )
         write_report(folder, written, args.formats, said)
     print(table(found, list(charted)).text())
     print(f"Everything is in {args.out}; open {PAGE}.")

@@ -1,5 +1,9 @@
 """The ten inertial parameters φ of a rigid body: their order, their names, and other ways to write them."""
 
+import re
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+
 import numpy as np
 
 from ident.errors import InputError
@@ -28,6 +32,27 @@ def parameter_names(bodies: int) -> tuple[str, ...]:
         for i in range(1, bodies + 1)
         for name in PARAMETERS
     )
+
+
+def body_of_parameter(name: str, bodies: Sequence[str]) -> str | None:
+    """Name of the body that one of `parameter_names` belongs to, None of any other name.
+
+    >>> body_of_parameter("m2rz2", ("base", "shank"))
+    'shank'
+    """
+    match = re.fullmatch(r"(?:m|m\d+r[xyz]|I[xyz]{2})(\d+)", name)
+    k = int(match[1]) if match else 0
+    return bodies[k - 1] if 1 <= k <= len(bodies) else None
+
+
+def with_bodies(names: Iterable[str], bodies: Sequence[str]) -> str:
+    """Names of parameters in a row, with the name of the body behind those that belong to it.
+
+    >>> with_bodies(["m1", "m2rz2", "Ixx2"], ("base", "shank"))
+    'm1 of base, m2rz2, Ixx2 of shank'
+    """
+    grouped = groupby(names, lambda name: body_of_parameter(name, bodies))
+    return ", ".join(", ".join(own) + (f" of {body}" if body else "") for body, own in grouped)
 
 
 def symmetric(entries: np.ndarray) -> np.ndarray:

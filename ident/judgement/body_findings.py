@@ -1,10 +1,11 @@
 """What became of the bodies of a model: whether they are physical, and how far from the model's."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ident.geometry.inertia import with_bodies
 from ident.judgement.finding import Finding
 from ident.parameters.consistency import ConsistentParameters
 
@@ -21,11 +22,11 @@ SLIGHT = 1e-3
 """Bodies below this fraction of the whole mass are not worth a remark."""
 
 
-def consistency_finding(full: ConsistentParameters) -> Finding:
-    """What physical consistency has cost."""
+def consistency_finding(full: ConsistentParameters, bodies: Sequence[str]) -> Finding:
+    """What physical consistency has cost, with the names of the bodies."""
     if not full.divergence.any():
         return Finding("The estimate does not contradict the model, whose bodies stay as they are.", False)
-    listed = ", ".join(f"{name} by {shift:+.1f}" for name, shift in full.moved(0.1)[:5])
+    listed = ", ".join(f"{with_bodies([name], bodies)} by {shift:+.1f}" for name, shift in full.moved(0.1)[:5])
     moves = f"it moves {listed} standard deviations" if listed else "it moves none of them"
     if full.attainable:
         return Finding(f"The updated model has the base parameters within their joint 95 % region: {moves}.", False)

@@ -7,6 +7,7 @@ from scipy import special
 
 from ident.errors import InputError
 from ident.estimation.least_squares import Fit
+from ident.geometry.inertia import with_bodies
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,11 +18,13 @@ class Comparison:
         names: Names of the r base parameters.
         difference: First less second ψ (r,).
         covariance: Its covariance, the sum of both (r, r).
+        bodies: Names of the bodies.
     """
 
     names: tuple[str, ...]
     difference: np.ndarray
     covariance: np.ndarray
+    bodies: tuple[str, ...] = ()
 
     @property
     def z(self) -> np.ndarray:
@@ -40,7 +43,9 @@ class Comparison:
 
     def __str__(self) -> str:
         order = np.argsort(-np.abs(self.z), kind="stable")[:5]
-        largest = ", ".join(f"{self.names[k]} by {self.difference[k]:+.3g} (z {self.z[k]:+.1f})" for k in order)
+        named = (with_bodies([self.names[k]], self.bodies) for k in order)
+        differ = (f"by {self.difference[k]:+.3g} (z {self.z[k]:+.1f})" for k in order)
+        largest = ", ".join(f"{name} {how}" for name, how in zip(named, differ, strict=True))
         return f"χ² {self.chi2:.1f} of {len(self.names)} parameters (p {self.p_value:.2g}); most differ {largest}."
 
 
@@ -57,4 +62,5 @@ def compared(first: Fit, second: Fit) -> Comparison:
             f"{', '.join(second.parameters.names)}."
         )
     r = len(names)
-    return Comparison(names, first.psi - second.psi, first.covariance[:r, :r] + second.covariance[:r, :r])
+    covariance = first.covariance[:r, :r] + second.covariance[:r, :r]
+    return Comparison(names, first.psi - second.psi, covariance, first.equations.mechanism.bodies)

@@ -44,7 +44,7 @@ def payload_findings(result: "Estimate", told: np.ndarray, sensor: str) -> list[
         *model_error_findings(result),
         *stuck_findings(result),
     ]
-    if (physical := consistency_finding(result.consistent())).doubt:
+    if (physical := consistency_finding(result.consistent(), result.prepared.mechanism.bodies)).doubt:
         on_fit.append(physical)
     on_fit = [Finding(finding.text.replace(f"'{GROUND}'", f"'{sensor}'"), finding.doubt) for finding in on_fit]
     if not told[0] or not told[1:4].all():

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ident.geometry.inertia import with_bodies
 from ident.judgement.body_findings import consistency_finding, mass_findings
 from ident.judgement.finding import Finding
 from ident.judgement.fit_findings import (
@@ -66,11 +67,12 @@ def uses(result: "Estimate") -> Iterator[str]:
     yield f"Of {len(std)} base parameters it knows {counts}."
     wider = [name for name, a, b in zip(result.base.names, result.std, std, strict=True) if b > WIDER * a]
     if wider:
-        yield f"What is not known of the set-up more than doubles the deviations of {_listed(wider)}."
+        listed = _listed(wider, result.prepared.mechanism.bodies)
+        yield f"What is not known of the set-up more than doubles the deviations of {listed}."
 
 
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+def _listed(names: Sequence[str], bodies: Sequence[str]) -> str:
+    return with_bodies(names[:8], bodies) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
 def _ratios(result: "Estimate") -> dict[str, float]:
@@ -114,4 +116,4 @@ def findings(result: "Estimate") -> list[Finding]:
         *caveats(result),
     ]
     on_fit.sort(key=lambda finding: not finding.doubt)
-    return [*on_fit, *mass_findings(result), consistency_finding(result.consistent())]
+    return [*on_fit, *mass_findings(result), consistency_finding(result.consistent(), result.prepared.mechanism.bodies)]

@@ -287,3 +287,23 @@ def test_what_belongs_to_a_run_that_is_alive_stays(tmp_path):
     with report.results_folder(out):
         pass
     assert {path.name for path in out.iterdir()} == set("cd")
+
+
+def test_columns_without_cells_are_in_the_csv_file_alone():
+    table = report.Table("t", *report.columns(name=["a", "b"], empty=[None, np.nan], note=["", ""], x=[1.0, 2.0]))
+    assert table.csv().startswith("name,empty,note,x\na,,,1.0\n")
+    assert table.filled().columns == ("name", "x")
+    for shown in (table.markdown(), table.text(), table.tex()):
+        assert "mpty" not in shown and "2.000" in shown
+
+
+def test_counts_have_no_decimals_unless_numbers_stand_beside_them():
+    table = report.Table("t", *report.columns(name=["a", "b"], count=[3, 40], mixed=[1, 0.5]))
+    assert table.texts() == [["a", "3", "1.000"], ["b", "40", "0.500"]] and table.numeric() == [False, True, True]
+    assert "S[table-format=2.0]S[table-format=1.3]" in table.tex()
+
+
+def test_first_cells_have_words_for_readers_and_names_in_the_csv_file():
+    table = report.Table("t", ("number", "x"), (("axis_error_deg", 1.0),), names={"axis_error_deg": "axis error (deg)"})
+    assert table.csv() == "number,x\naxis_error_deg,1.0\n"
+    assert table.texts() == [["axis error (deg)", "1.000"]]

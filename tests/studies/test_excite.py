@@ -347,7 +347,7 @@ def test_deviations_are_relative_to_masses_where_the_model_has_some(tmp_path, ca
     assert "no body has one; choose --criterion determinant or condition" in refusal(excite.main, given, capsys)
     assert excite.main([*given, "--criterion", "determinant"]) == 0
     head, *_ = (tmp_path / "out" / "table_deviations.csv").read_text().splitlines()
-    assert head == "parameter,std_before,std_after"
+    assert head == "parameter,body,std_before,std_after"
 
 
 def test_bad_limits_are_refused():

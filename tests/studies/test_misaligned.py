@@ -234,7 +234,7 @@ def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
 def test_huge_condition_numbers_are_said_with_their_reason(tmp_path, capsys):
     assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png"]) == 0
     printed = capsys.readouterr().out
-    assert re.search(r"its own columns: \d\.\d+e\+0\d at 5658x13", printed)
+    assert re.search(r"its own columns: \d\.\d+e\+0\d at 5658 × 13", printed)
     assert re.search(r"the tilt alone, 0\.00\d+ deg as recovered", printed)
     assert not re.search(r"\d{7}\.", printed)
 

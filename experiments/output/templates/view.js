@@ -79,6 +79,7 @@ class View {
     };
     this.colors = paints(canvas);
     this.poses = data.bodies.map((_, k) => this.pose(k));
+    this.labels = [];
     this.faces();
     data.bodies.forEach((body, k) => this.body(body, k));
     data.axes.forEach((axis) => this.axis(axis));
@@ -176,15 +177,21 @@ class View {
     this.label(to, `${name} ${Math.hypot(...force).toPrecision(3)} N`);
   }
 
+  // Beside a point, within the canvas, and below those that are in its place already.
   label(point, text) {
-    const [x, y] = this.onScreen(point);
-    const { context } = this;
+    const { context, labels } = this;
     context.font = "13px sans-serif";
+    const { width } = context.measureText(text);
+    const [across, down] = this.onScreen(point);
+    const x = Math.max(2, Math.min(across + 8, this.canvas.clientWidth - width - 2));
+    let y = Math.max(14, down - 4);
+    while (labels.some((other) => Math.abs(other.y - y) < 16 && x < other.x + other.width && other.x < x + width)) y += 4;
+    labels.push({ x, y, width });
     context.lineWidth = 3;
     context.strokeStyle = this.colors.paper;
-    context.strokeText(text, x + 8, y - 4);
+    context.strokeText(text, x, y);
     context.fillStyle = this.colors.ink;
-    context.fillText(text, x + 8, y - 4);
+    context.fillText(text, x, y);
   }
 
   line(points, { stroke = null, fill = null, width = 1, dash = [], close = false }) {
