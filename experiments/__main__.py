@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 
 from experiments import mechanism, misaligned, multicontact
-from experiments.cli import options
+from experiments.cli import options, print_options
 
 
 def run(args: argparse.Namespace) -> None:
@@ -34,7 +34,9 @@ def run(args: argparse.Namespace) -> None:
         out = args.out / folder
         # A study that the interrupted run had not reached starts from the beginning.
         resume = ["--resume"] if more and args.resume and (out / FILE).exists() else []
-        results[folder] = study(make_parser().parse_args(["--out", str(out), "--formats", *formats, *more, *resume]))
+        page = ["--page-columns", str(args.page_columns)]
+        given = ["--out", str(out), "--formats", *formats, *page, *more, *resume]
+        results[folder] = study(make_parser().parse_args(given))
         print()
     write_index(args.out, results, formats)
     print(f"Everything on one page: {args.out / 'index.html'}")
@@ -42,7 +44,9 @@ def run(args: argparse.Namespace) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.output_parser("", __doc__)
+    out = options.command_parser("", __doc__)
+    options.add_formats(out)
+    print_options.add_page(out)
     options.add_trials(out)
     return out
 

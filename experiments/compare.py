@@ -18,10 +18,7 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(f"The comparison needs a folder of its own, but '{args.out}' holds one of the results.")
     origin = report.provenance({"results": list(map(str, args.results)), **print_options.author_choices(args)})
     inputs = compare_report.inputs(args.results)
-    with (
-        print_options.style_of(args),
-        report.results_folder(args.out, stale=compare_report.OUTPUTS, inputs=inputs) as folder,
-    ):
+    with report.results_folder(args.out, stale=compare_report.OUTPUTS, inputs=inputs) as folder:
         shown = compare_report.results(compared, origin, layout)
         compare_report.write(shown, compared, folder, layout)
     print(compare_report.text(shown, compared))
@@ -30,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.command_parser("compare", __doc__)
+    out = options.print_parser("compare", __doc__)
     out.add_argument(
         "results",
         type=Path,
@@ -38,7 +35,6 @@ def parser() -> argparse.ArgumentParser:
         metavar="RESULT",
         help="folders that identify has written, the first against all",
     )
-    print_options.add_print(out)
     return out
 
 

@@ -43,10 +43,7 @@ def run(args: argparse.Namespace) -> None:
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
     layout, origin = print_options.layout_of(args), own_model.provenance(args, result.logs)
-    with (
-        report.results_folder(out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args)) as folder,
-        print_options.style_of(args),
-    ):
+    with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
         missing = identify_report.write(result, folder, args.model, args.logs, origin, layout, film=args.film)
     print(identify_report.text(result))
     print(f"Everything is in {out}; open {PAGE}.")
@@ -85,7 +82,7 @@ def _person(args: argparse.Namespace) -> Any:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.command_parser("identify", __doc__)
+    out = options.print_parser("identify", __doc__)
     out.set_defaults(out=Path("results"))
     out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
     out.add_argument(
@@ -137,7 +134,6 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--film", action="store_true", help="write a film too: MP4 by ffmpeg if it is there, else GIF")
     otherwise = " of the joint estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)
-    print_options.add_print(out)
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
     return out
 

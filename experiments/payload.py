@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from experiments.cli import options, own_model
+from experiments.cli import options, own_model, print_options
 from ident.tolerances import HOLDOUT
 
 
@@ -26,14 +26,15 @@ def run(args: argparse.Namespace) -> None:
     payload = identify_payload(robot, logs, body=args.body, sensor=args.sensor, **fitting)
     shown = payload_report.PayloadReport(payload, args.flange or args.body)
     with report.results_folder(out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
-        shown.write(folder, args.model, args.logs, own_model.provenance(args, payload.estimate.logs))
+        origin, layout = own_model.provenance(args, payload.estimate.logs), print_options.layout_of(args)
+        shown.write(folder, args.model, args.logs, origin, layout)
     print(shown.text())
     print(f"Everything is in {out}; open {PAGE}.")
 
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.command_parser("payload", __doc__)
+    out = options.print_parser("payload", __doc__)
     out.set_defaults(out=Path("results"))
     out.add_argument("model", type=Path, help="MJCF or URDF file of the robot")
     out.add_argument(

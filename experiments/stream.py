@@ -19,7 +19,7 @@ def run(args: argparse.Namespace) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
-    out = options.command_parser("stream", __doc__)
+    out = options.print_parser("stream", __doc__)
     out.add_argument("model", type=Path, help="MJCF, URDF or OpenSim file")
     out.add_argument(
         "recordings",

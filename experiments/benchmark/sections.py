@@ -92,7 +92,7 @@ def _bounds(effort: Effort) -> dict[str, Any]:
 
 def run(args: argparse.Namespace) -> None:
     """Measures, and writes and prints the results."""
-    given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
+    given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     with report.writable(args.out):
         results = measured(QUICK if args.quick else Effort()) | {"provenance": report.provenance(given)}
     lines = [f"Measured on {words.machine(results)}.", *words.findings(results), *results["notes"]]

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 import scenes
 from experiments.cli.defaults import FORMATS, JOINT_TRIALS, REDRAWN
-from experiments.cli.print_options import add_print
+from experiments.cli.print_options import add_print, style_of
 from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]
@@ -53,11 +53,23 @@ def command_parser(name: str, description: str | None) -> argparse.ArgumentParse
     return parser
 
 
-def output_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of everything that draws figures; arguments as for `command_parser`."""
+def print_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser of everything that writes tables and figures for print; arguments as for `command_parser`."""
     parser = command_parser(name, description)
-    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=["pdf", "png"], help="formats of the figures")
+    add_print(parser)
     return parser
+
+
+def output_parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Parser of everything of which the user chooses the figures' formats; arguments as for `command_parser`."""
+    parser = print_parser(name, description)
+    add_formats(parser)
+    return parser
+
+
+def add_formats(parser: argparse.ArgumentParser) -> None:
+    """Adds the formats of figures."""
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=["pdf", "png"], help="formats of the figures")
 
 
 def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
@@ -69,7 +81,6 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     parser.add_argument(
         "--noise-scale", type=float, help=f"factor on the scene's and the excitation's noise{otherwise}"
     )
-    add_print(parser)
     add_trials(parser)
     return parser
 
@@ -231,7 +242,8 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
     options = parser.parse_args(argv)
     with _interruptible_once(), _notes_printed_once():
         try:
-            study(options)
+            with style_of(options):
+                study(options)
         except (InputError, OSError, MemoryError) as error:
             print(f"{parser.prog}: error: {error}", file=sys.stderr)
             return 2

@@ -14,11 +14,7 @@ if TYPE_CHECKING:
 
 def add_print(parser: argparse.ArgumentParser) -> None:
     """Adds the options; `layout_of` and `style_of` give what they say."""
-    print_ = parser.add_argument_group("print")
-    print_.add_argument(
-        "--page-columns", type=int, choices=(1, 2), default=2, help="columns of the page that tables and figures fit"
-    )
-    print_.add_argument("--style", type=Path, help="style file of matplotlib's, whose settings go before the paper's")
+    print_ = add_page(parser)
     print_.add_argument(
         "--caption",
         nargs=2,
@@ -34,6 +30,16 @@ def add_print(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="parameters that tables in LaTeX and figures show, by symbol as m2rz2 or by body, by default all",
     )
+
+
+def add_page(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Adds those of them that all results share, and returns their group."""
+    print_ = parser.add_argument_group("print")
+    print_.add_argument(
+        "--page-columns", type=int, choices=(1, 2), default=2, help="columns of the page that tables and figures fit"
+    )
+    print_.add_argument("--style", type=Path, help="style file of matplotlib's, whose settings go before the paper's")
+    return print_
 
 
 def layout_of(args: argparse.Namespace) -> "Layout":
@@ -52,11 +58,17 @@ def layout_of(args: argparse.Namespace) -> "Layout":
 
 @contextmanager
 def style_of(args: argparse.Namespace) -> Iterator[None]:
-    """Draws figures as wide as the page's column, in the author's style, for the duration of a block."""
-    from experiments.output.figures import author_style
-    from experiments.output.layout import WIDTHS
+    """Draws figures as wide as the page's column, in the author's style, for the duration of a block.
 
-    with author_style(args.style, WIDTHS[args.page_columns][0]):
+    Raises:
+        InputError: The style file does not exist, or says what matplotlib does not know.
+    """
+    if "page_columns" not in args:
+        yield
+        return
+    from experiments.output.figures import author_style
+
+    with author_style(args.style, args.page_columns):
         yield
 
 

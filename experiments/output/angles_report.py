@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.output import figures, report
+from experiments.output.layout import PAPER, Layout
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from ident.recordings.atomic import save_arrays
@@ -100,7 +101,7 @@ def residuals_figure(found: "Angles") -> Figure:
     seen = np.isfinite(distances)
     by_frame = np.sqrt(np.nansum(distances**2, axis=1) / np.maximum(seen.sum(axis=1), 1))
     with figures.paper_style():
-        figure = Figure(figsize=(7.16, 1.9))
+        figure = Figure(figsize=(figures.text_width(), 1.9))
         ax = figure.subplots()
         ax.plot(found.markers.time, by_frame, color="C0", lw=0.8)
         ax.set_xlabel("Time (s)", labelpad=2)
@@ -151,6 +152,7 @@ def write(
     markers: Path,
     provenance: dict[str, Any],
     formats: Sequence[str],
+    layout: Layout = PAPER,
 ) -> None:
     """Writes everything into a folder: angles, their covariance, tables, a page, and the scaled model if there is one.
 
@@ -160,9 +162,14 @@ def write(
         model: Model file; `markers` the file of the markers.
         provenance: Where the results come from.
         formats: Formats of the figures.
+        layout: How tables and figures are printed.
+
+    Raises:
+        InputError: The layout names tables, figures or parameters that there are not.
     """
     shown, every = results(found, provenance), list(dict.fromkeys(["png", *formats]))
-    shown.write(folder, every)
+    shown.check(layout)
+    shown.write(folder, every, layout)
     for suffix in ("csv", "npz"):
         found.recording.save(folder / f"angles.{suffix}")
     names = np.array(found.postures.marked.dof_names)

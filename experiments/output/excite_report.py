@@ -88,7 +88,7 @@ def figure(problem: Problem, limits: Limits, time: np.ndarray, before: Motion, a
         "limits",
     )
     with figures.paper_style():
-        drawing = Figure(figsize=(7.16, 0.55 + 1.15 * len(problem.joints)))
+        drawing = Figure(figsize=(figures.text_width(), 0.55 + 1.15 * len(problem.joints)))
         axes = drawing.subplots(len(problem.joints), 3, sharex=True, squeeze=False)
         for (k, column), ax in np.ndenumerate(axes):
             joint, (low, high) = problem.joints[k], bounds[column]

@@ -29,6 +29,12 @@ PARAMETER = re.compile(r"\bm(\d+)(?:r([xyz])\1)?\b|\bI([xyz]{2})(\d+)\b")
 _STABLE_METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
+WIDTHS = {1: (4.77, 4.77), 2: (3.5, 7.16)}
+"""Width in inches of a column and of the text, of pages with one column (LaTeX's article) and with two (IEEE's)."""
+
+_PAGE: ContextVar[int] = ContextVar("_PAGE", default=2)
+"""Columns of the page that figures are drawn for."""
+
 _AUTHORS: ContextVar[Any] = ContextVar("_AUTHORS", default=())
 """Settings of an author's that go before the paper's."""
 
@@ -42,14 +48,14 @@ def paper_style() -> Iterator[None]:
 
 
 @contextmanager
-def author_style(path: Path | None, width: float) -> Iterator[None]:
-    """Makes figures for the duration of a block a column wide, in inches, and as a style file of matplotlib's says.
+def author_style(path: Path | None, columns: int) -> Iterator[None]:
+    """Makes a block's figures fit a page of so many columns, and be as a style file of matplotlib's says.
 
     Raises:
         InputError: The file does not exist, or says what matplotlib does not know.
     """
     with paper_style():
-        given: Any = {"figure.figsize": [width, mpl.rcParams["figure.figsize"][1]]}
+        given: Any = {"figure.figsize": [WIDTHS[columns][0], mpl.rcParams["figure.figsize"][1]]}
     if path is not None:
         try:
             settings = [
@@ -61,16 +67,22 @@ def author_style(path: Path | None, width: float) -> Iterator[None]:
         except (OSError, ValueError, KeyError) as error:
             reason = f"'{error.args[0]}' is no setting" if isinstance(error, KeyError) else str(error)
             raise InputError(f"--style needs a style file of matplotlib's, but '{path}': {reason}.") from None
-    before = _AUTHORS.set(given)
+    before, page = _AUTHORS.set(given), _PAGE.set(columns)
     try:
         yield
     finally:
         _AUTHORS.reset(before)
+        _PAGE.reset(page)
 
 
 def column_width() -> float:
     """Width of a column in inches, within `paper_style`."""
     return float(mpl.rcParams["figure.figsize"][0])
+
+
+def text_width() -> float:
+    """Width of the page's text in inches, for figures over all of its columns."""
+    return WIDTHS[_PAGE.get()][1]
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def table_prediction(found: Study) -> report.Table:
 def figure(found: Study, feet_alone: Study) -> Figure:
     """Errors of first moments, and what each further recording adds, with the rail and without."""
     with figures.paper_style():
-        drawing = Figure(figsize=(3.5, 5.2))
+        drawing = Figure(figsize=(figures.column_width(), 5.2))
         above, below = drawing.subplots(2, 1, height_ratios=(2.2, 1))
         _segments(above, found)
         _growth(below, found, feet_alone)

@@ -330,7 +330,7 @@ def write(
         InputError: The layout names tables, figures or parameters that there are not.
     """
     shown, formats = results(result, provenance, layout), ("pdf", "svg", "png")
-    layout.check([*shown.tables, *shown.figures], result.base.names, result.prepared.mechanism.bodies)
+    shown.check(layout)
     shown.write(folder, formats, layout)
     suffixes = {"robot": "urdf", "OpenSimDocument": "osim"}
     updated = folder / f"model.{suffixes.get(parsed(model).tag, 'xml')}"

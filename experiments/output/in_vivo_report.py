@@ -30,7 +30,7 @@ CHANNELS = {"Fx": "N", "Fz": "N", "My": "N m"}
 """Channels that a bow moves, and their units."""
 
 LINES = {"scaled model": ("0.5", "D"), "joint estimate": ("C0", "o")}
-OTHERS = (("C1", "s"), ("C4", "^"))
+OTHERS = (("C1", "s"), ("C2", "^"))
 """Colour and marker of each estimator."""
 
 
@@ -70,7 +70,7 @@ def table_prediction(found: Study) -> report.Table:
 def figure(found: Study) -> Figure:
     """Inertias and first moments by estimator, and what is predicted of the held-out part."""
     with figures.paper_style():
-        drawing = Figure(figsize=(3.5, 5.4))
+        drawing = Figure(figsize=(figures.column_width(), 5.4))
         above, *below = drawing.subplots(1 + len(CHANNELS), 1, height_ratios=(1.5, 1, 1, 1))
         _parameters(above, found)
         time, measured, predicted = found.held_out

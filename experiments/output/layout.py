@@ -6,9 +6,6 @@ from dataclasses import dataclass, field
 from experiments.output.figures import PARAMETER, body_index
 from ident.errors import InputError
 
-WIDTHS = {1: (4.77, 4.77), 2: (3.5, 7.16)}
-"""Width in inches of a column and of the text, of pages with one column (LaTeX's article) and with two (IEEE's)."""
-
 
 @dataclass(frozen=True)
 class Layout:
@@ -39,6 +36,10 @@ class Layout:
                 raise InputError(f"--caption needs one of {', '.join(files)}, got '{name}'.")
         for name in self.parameters:
             if name not in (*parameters, *bodies):
+                if not parameters:
+                    raise InputError(
+                        f"--parameters chooses parameters of bodies, but there are none here, got '{name}'."
+                    )
                 choices = f"parameters {', '.join(parameters)} or bodies {', '.join(bodies)}"
                 raise InputError(f"--parameters needs {choices}, got '{name}'.")
 

@@ -105,7 +105,7 @@ def table_coverage(found: Study) -> report.Table:
 def figure(found: Study) -> Figure:
     """Errors of every estimator over the noise, and coverage and bias of the joint estimate."""
     with figures.paper_style():
-        drawing = Figure(figsize=(3.5, 5.6))
+        drawing = Figure(figsize=(figures.column_width(), 5.6))
         (above,), (between,), (below,) = drawing.subfigures(3, 1, height_ratios=(1.75, 1.75, 2.1), squeeze=False)
         for part, subject in ((above, "pendulum"), (between, "person")):
             _compare(part.subplots(), found, subject)

@@ -11,6 +11,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from experiments.cli.print_options import author_choices, layout_of
 from experiments.output import escape, figures, report
 from experiments.output.page_symbols import pieces
 from experiments.output.results import Results
@@ -54,6 +55,18 @@ def write_report(folder: Path, shown: Results, formats: Iterable[str], said: Sai
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
+def write_results(args: argparse.Namespace, folder: Path, shown: Results, formats: Iterable[str], said: Said) -> None:
+    """Writes tables, figures, numbers and their page into a folder, for print as the command line says.
+
+    Raises:
+        InputError: It chooses captions or parameters of what is not written.
+    """
+    layout = layout_of(args)
+    shown.check(layout)
+    shown.write(folder, formats, layout)
+    write_report(folder, shown, formats, said)
+
+
 def conclude(args: argparse.Namespace, found: Results, said: Said, origin: dict[str, Any]) -> Results:
     """Ends a command that has no more to write than results: writes them with a page, and prints what they say.
 
@@ -66,10 +79,10 @@ def conclude(args: argparse.Namespace, found: Results, said: Said, origin: dict[
     Returns:
         All that was written.
     """
-    written = found | Results(numbers={"provenance": origin})
+    options = {**origin["options"], **author_choices(args)}
+    written = found | Results(numbers={"provenance": {**origin, "options": options}})
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
-        written.write(folder, args.formats)
-        write_report(folder, written, args.formats, said)
+        write_results(args, folder, written, args.formats, said)
     print("\n".join([*(table.text() for table in written.tables.values()), *filter(None, [said.verdict]), *said.lines]))
     print(f"Everything is in {args.out}; open {PAGE}.")
     return written

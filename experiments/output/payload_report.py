@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.output import identify_report, report
+from experiments.output.layout import PAPER, Layout
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from experiments.studies.errors import HALF_WIDTH
@@ -182,7 +183,9 @@ class PayloadReport:
         verdict = [f"Verdict: {payload.verdict()}", *(finding.line for finding in payload.findings)]
         return "\n".join([*self.lines(), "", *tables, self.forms_text(), *verdict])
 
-    def write(self, folder: Path, model: Path, logs: Sequence[Path], provenance: dict[str, Any]) -> None:
+    def write(
+        self, folder: Path, model: Path, logs: Sequence[Path], provenance: dict[str, Any], layout: Layout = PAPER
+    ) -> None:
         """Writes tables, a figure, a page, the forms, numbers for scripts, and the model file updated if it has masses.
 
         Args:
@@ -190,6 +193,10 @@ class PayloadReport:
             model: The model file.
             logs: The logs.
             provenance: Where the results come from.
+            layout: How tables and figures are printed.
+
+        Raises:
+            InputError: The layout names tables, figures or parameters that there are not.
         """
         payload, formats = self.payload, ("pdf", "png")
         held_out = identify_report.held_out_figure(payload.estimate)
@@ -203,7 +210,8 @@ class PayloadReport:
             figures={"figure_held_out": (held_out, "Measured and predicted channels on the held-out part.")},
             numbers={"payload": self.to_dict(), "provenance": provenance},
         )
-        shown.write(folder, formats)
+        shown.check(layout)
+        shown.write(folder, formats, layout)
         (folder / "payload.txt").write_text(self.forms_text(), encoding="utf-8")
         updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
         if payload.robot.prior is not None:

@@ -7,8 +7,8 @@ from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
 from experiments.output import escape
-from experiments.output.figures import PARAMETER, parameter_symbol
-from experiments.output.layout import WIDTHS, Layout, body_of
+from experiments.output.figures import PARAMETER, WIDTHS, parameter_symbol
+from experiments.output.layout import Layout, body_of
 
 if TYPE_CHECKING:
     from experiments.output.report import Table

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from experiments.output import figures, print_table, report
-from experiments.output.layout import PAPER, Layout
+from experiments.output.layout import PAPER, Layout, body_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +29,17 @@ class Results:
         return Results(
             {**self.tables, **more.tables}, {**self.figures, **more.figures}, {**self.numbers, **more.numbers}
         )
+
+    def check(self, layout: Layout) -> None:
+        """Refuses an author's choices of tables, figures and parameters that there are not.
+
+        Raises:
+            InputError: There is one.
+        """
+        of_bodies = [table for table in self.tables.values() if table.bodies]
+        names = dict.fromkeys(str(row[0]) for t in of_bodies for row in t.rows if body_of(str(row[0]), t.bodies))
+        bodies = dict.fromkeys(body for table in of_bodies for body in table.bodies)
+        layout.check([*self.tables, *self.figures], [*names], [*bodies])
 
     def write(self, folder: Path, formats: Iterable[str], layout: Layout = PAPER) -> None:
         """Writes everything into a folder, the figures in these formats, and for print as a layout says."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.cli.print_options import layout_of, style_of
+from experiments.cli.print_options import layout_of
 from experiments.output import report, study_figures, study_tables
 from experiments.output.page import Said
 from experiments.output.replay import Replay, every_nth
@@ -182,9 +182,8 @@ def run(args: argparse.Namespace, file: StudyFile, source: Path | None = None) -
     given = {name: getattr(args, name, None) for name in ("seed", "samples", "tilt_deg", "azimuth_deg", "noise_scale")}
     file = file.with_options(**{name: value for name, value in given.items() if value is not None})
     layout = layout_of(args)
-    with style_of(args):
-        study = simulated(file)
-        names = {name for model in file.models for name in study.fit(model).base.names}
-        monte_carlo_files = [f"monte_carlo_{name}" for name in file.trials] + ["figure_monte_carlo"]
-        layout.check([*file.tables, *file.figures, *monte_carlo_files], sorted(names), study.known.bodies)
-        return monte_carlo.conclude(args, study, results(study), text(study), said(study), source)
+    study = simulated(file)
+    names = {name for model in file.models for name in study.fit(model).base.names}
+    monte_carlo_files = [f"monte_carlo_{name}" for name in file.trials] + ["figure_monte_carlo"]
+    layout.check([*file.tables, *file.figures, *monte_carlo_files], sorted(names), study.known.bodies)
+    return monte_carlo.conclude(args, study, results(study), text(study), said(study), source)

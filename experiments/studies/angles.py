@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.cli import options
+from experiments.cli.print_options import layout_of
 from experiments.output import angles_report, report
 from experiments.output.page import PAGE
 from ident.errors import InputError
@@ -54,7 +55,8 @@ def run(args: argparse.Namespace) -> None:
     ]
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     with report.results_folder(args.out, stale=angles_report.OUTPUTS, inputs=inputs) as folder:
-        angles_report.write(found, folder, args.model, args.markers, report.provenance(given), args.formats)
+        origin, layout = report.provenance(given), layout_of(args)
+        angles_report.write(found, folder, args.model, args.markers, origin, args.formats, layout)
     print(angles_report.text(found))
     print(f"Everything is in {args.out}; open {PAGE}.")
 

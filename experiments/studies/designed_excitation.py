@@ -10,7 +10,7 @@ import scenes
 from experiments.cli.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
 from experiments.output import report
 from experiments.output.excite_report import figure, recording, table_deviations, table_limits, table_quality
-from experiments.output.page import PAGE, Said, write_report
+from experiments.output.page import PAGE, Said, write_results
 from experiments.output.results import Results
 from experiments.studies import criteria, excitation, paper
 from experiments.studies.excitation import Problem
@@ -156,7 +156,7 @@ def _write(
     time: np.ndarray,
     trajectory: FourierTrajectory,
 ) -> None:
-    given = {key: str(value) if key == "out" else value for key, value in vars(args).items()}
+    given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     series = {
         "duration": trajectory.duration,
         "joints": list(problem.joints),
@@ -166,14 +166,13 @@ def _write(
     source = report.provenance(given, {"series": series, "base_parameters": list(problem.parameters.names)})
     shown = results | Results(numbers={"provenance": source})
     with report.results_folder(args.out, stale=report.OUTPUTS, inputs=[Path(args.model)]) as folder:
-        shown.write(folder, args.formats)
         about = {"designed": args.model, "criterion": args.criterion, "series": series}
         samples = recording(problem, time, Motion(*trajectory.states(time)), about)
         files = ("trajectory.csv", "trajectory.npz")
         for name in files:
             samples.save(folder / name)
         said = Said(f"Excitation of {Path(args.model).name}", lines=lines, files=files)
-        write_report(folder, shown, args.formats, said)
+        write_results(args, folder, shown, args.formats, said)
 
 
 def _lines(problem: Problem, start: str, compared: tuple[Motion, Motion], collisions: Collisions | None) -> list[str]:

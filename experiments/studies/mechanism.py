@@ -111,7 +111,7 @@ def _numbers(values: np.ndarray) -> str:
 def figure_1(drawing: Drawing) -> Figure:
     """Mechanism on the left, frames on the right."""
     with figures.paper_style():
-        figure = Figure(figsize=(3.5, 2.8))
+        figure = Figure(figsize=(figures.column_width(), 2.8))
         left, right = figure.subplots(1, 2, sharey=True)
         for ax in (left, right):
             _draw_links(ax, drawing)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from experiments.cli.defaults import REDRAWN
 from experiments.cli.print_options import author_choices, layout_of
 from experiments.output import figures, report
-from experiments.output.layout import PAPER, WIDTHS, Layout
+from experiments.output.layout import PAPER, Layout
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
@@ -85,7 +85,7 @@ def table(model: str, found: Distribution, bodies: tuple[str, ...] = ()) -> repo
 def chart(found: Mapping[str, Distribution], bodies: tuple[str, ...] = (), layout: Layout = PAPER) -> Figure:
     """All parameters at a glance, a panel for each model: interval, mean, prediction and the paper's error."""
     with figures.paper_style():
-        width = figures.column_width() if len(found) < 3 else WIDTHS[layout.columns][1]
+        width = figures.column_width() if len(found) < 3 else figures.text_width()
         figure = Figure(figsize=(width, 3.2))
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
         for ax, (model, d) in zip(panels, found.items(), strict=True):

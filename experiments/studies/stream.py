@@ -19,9 +19,10 @@ import numpy as np
 from tqdm import tqdm
 
 from experiments.cli import options
+from experiments.cli.print_options import author_choices
 from experiments.output import report
 from experiments.output.layout import unit_of
-from experiments.output.page import PAGE, Said, write_report
+from experiments.output.page import PAGE, Said, write_results
 from experiments.output.results import Results
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import WorkerPool, worker_pool
@@ -266,12 +267,11 @@ def run(args: argparse.Namespace) -> None:
         estimate = huber_white(first, reading, steady=True)
         with report.results_folder(args.out, inputs=inputs) as folder:
             held = args.held_out and str(args.held_out)
-            origin = report.provenance({**identity, "ignore": args.ignore, "held_out": held})
+            origin = report.provenance({**identity, "ignore": args.ignore, "held_out": held, **author_choices(args)})
             estimated = summary(estimate, judgement) | {"provenance": origin}
             numbers = {"estimate": estimated, "provenance": origin}
             written = Results({"base_parameters": table(estimate)}, numbers=numbers)
-            written.write(folder, ())
-            write_report(folder, written, (), _said(args, estimate, judgement, reading.notes))
+            write_results(args, folder, written, (), _said(args, estimate, judgement, reading.notes))
     print("\n".join([text(estimate, judgement), *reading.notes]))
     print(f"Everything is in {args.out}; open {PAGE}.")
 

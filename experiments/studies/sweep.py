@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.cli.print_options import author_choices
 from experiments.output import escape, figures, report, study_report
-from experiments.output.page import PAGE, Said, write_report
+from experiments.output.page import PAGE, Said, write_results
 from experiments.output.results import Results
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import worker_pool
@@ -116,7 +117,7 @@ def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
     x = np.array(found.values) if numeric else np.arange(len(found.values))
     order = np.argsort(x)
     with figures.paper_style():
-        figure = Figure(figsize=(3.5, 0.6 + 1.1 * len(titles)))
+        figure = Figure(figsize=(figures.column_width(), 0.6 + 1.1 * len(titles)))
         panels = figure.subplots(len(titles), 1, sharex=True, squeeze=False)[:, 0]
         for ax, (name, title) in zip(panels, titles.items(), strict=True):
             numbers = found.numbers(name)
@@ -188,6 +189,7 @@ def run(args: argparse.Namespace) -> None:
         if name not in found.names:
             raise InputError(f"--numbers needs names of {', '.join(found.names)}, got '{name}'.")
     choices = {key: getattr(args, key) for key in ("study", "over", "seeds", "numbers", "formats")}
+    choices |= author_choices(args)
     origin = report.provenance(choices)
     written = Results(
         {"table_sweep": table(found, found.names)},
@@ -201,12 +203,11 @@ def run(args: argparse.Namespace) -> None:
     )
     refused = [run["refused"] for run in found.runs if "refused" in run]
     with report.results_folder(args.out) as folder:
-        written.write(folder, args.formats)
         seeds = f"{args.seeds} seeds" if args.seeds > 1 else "one seed"
         about = f"The study '{args.study}' over its option {option}, with {seeds} of each value."
         said = Said(
             f"{packaged(args.study).title} over {report.heading(option)}", about, lines=refused, heading="Refused"
         )
-        write_report(folder, written, args.formats, said)
+        write_results(args, folder, written, args.formats, said)
     print(table(found, list(charted)).text())
     print(f"Everything is in {args.out}; open {PAGE}.")

@@ -11,7 +11,8 @@ from test_escape import EVIL
 from truth import told
 
 from experiments.output import figures, report, study_figures, study_tables
-from experiments.output.layout import WIDTHS, Layout, body_of, unit_of
+from experiments.output.figures import WIDTHS
+from experiments.output.layout import Layout, body_of, unit_of
 from experiments.output.print_table import PACKAGES
 from experiments.output.results import Results
 from experiments.studies.simulated import study
@@ -88,7 +89,7 @@ def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several(columns):
 def test_figures_are_a_column_wide_in_the_authors_style(tmp_path):
     style = tmp_path / "own.mplstyle"
     style.write_text("font.size: 5\naxes.prop_cycle: cycler('color', ['k'])\n")
-    with figures.author_style(style, WIDTHS[1][0]), figures.paper_style():
+    with figures.author_style(style, 1), figures.paper_style():
         import matplotlib as mpl
 
         assert (mpl.rcParams["font.size"], figures.column_width()) == (5, WIDTHS[1][0])
@@ -97,9 +98,9 @@ def test_figures_are_a_column_wide_in_the_authors_style(tmp_path):
         assert (mpl.rcParams["font.size"], figures.column_width()) == (8, WIDTHS[2][0])
     for text, said in (("font.size: huge?\n", "font.size"), ("nonsense: 1\n", "nonsense")):
         style.write_text(text)
-        with pytest.raises(InputError, match=f"--style needs a style file.*{said}"), figures.author_style(style, 3.5):
+        with pytest.raises(InputError, match=f"--style needs a style file.*{said}"), figures.author_style(style, 2):
             pass
-    with pytest.raises(InputError, match="--style needs"), figures.author_style(tmp_path / "absent", 3.5):
+    with pytest.raises(InputError, match="--style needs"), figures.author_style(tmp_path / "absent", 2):
         pass
 
 
@@ -149,7 +150,7 @@ def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studie
     evil = [text for text in EVIL if "\N{ARABIC LETTER ALEF}" not in text]
     hostile = tuple((name, 1.0, name) for name in evil)
     tables["table_evil"] = report.Table(EVIL[1], ("name", EVIL[2], EVIL[6]), hostile, notes=tuple(evil))
-    with figures.author_style(None, WIDTHS[columns][0]):
+    with figures.author_style(None, columns):
         for found in studies:
             tables |= {f"{name}_{found.several}": study_tables.table(found, name) for name in found.file.tables}
             for name, entry in found.file.figures.items():

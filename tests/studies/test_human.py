@@ -15,7 +15,8 @@ from experiments import human
 def test_a_person_from_a_wrong_prior(tmp_path, capsys):
     out = tmp_path / "person"
     small = ["--seconds", "2", "--rate", "50", "--noise", "0.2", "--activities", "squats", "arm swings"]
-    assert human.main([*small, "--workers", "1", "--out", str(out)]) == 0
+    assert human.main([*small, "--workers", "1", "--out", str(out), "--caption", "table_segments", "Ours."]) == 0
+    assert r"\caption{Ours.}" in (out / "table_segments.tex").read_text(encoding="utf-8")
     assert "joint estimate" in capsys.readouterr().out
     assert replayed(out / "report.html")["estimated"]
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))

@@ -1,9 +1,11 @@
 import csv
+import json
 import re
 import shutil
 
 import numpy as np
 import pytest
+from commands import refusal
 from fuzz.cases import not_drawn
 from fuzz.here import Here
 from mechanisms import double_pendulum
@@ -12,6 +14,7 @@ from truth import told
 from experiments.__main__ import main as everything
 from experiments.mechanism import main
 from experiments.output import figures
+from experiments.output.figures import WIDTHS
 from experiments.runs import workers
 from experiments.studies import mechanism, paper
 from ident.geometry.se3 import exp
@@ -54,8 +57,15 @@ def test_table_1_as_printed_is_the_double_pendulum():
 
 
 def test_the_command_prints_the_check(tmp_path, capsys):
-    assert main(["--out", str(tmp_path), "--formats", "png"]) == 0
+    own = ["--page-columns", "1", "--caption", "table_1", "Ours."]
+    assert main(["--out", str(tmp_path), "--formats", "pdf", *own]) == 0
     assert "Tables I and II are the same mechanism" in capsys.readouterr().out
+    assert r"\caption{Ours.}" in (tmp_path / "table_1.tex").read_text(encoding="utf-8")
+    assert f"/MediaBox [ 0 0 {72 * WIDTHS[1][0]:g} ".encode() in (tmp_path / "figure_1.pdf").read_bytes()
+    options = json.loads((tmp_path / "provenance.json").read_text())["options"]
+    assert options == {"formats": ["pdf"], "page_columns": 1, "caption": [["table_1", "Ours."]]}
+    message = refusal(main, ["--out", str(tmp_path), "--parameters", "m1"], capsys)
+    assert "--parameters chooses parameters of bodies, but there are none here, got 'm1'" in message
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,8 @@ def rows(out, number):
 
 
 def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
-    out = run(tmp_path, "--workers", "2")
+    out = run(tmp_path, "--workers", "2", "--caption", "table_sweep", "Ours.")
+    assert r"\caption{Ours.}" in (out / "table_sweep.tex").read_text(encoding="utf-8")
     found = json.loads((out / "sweep.json").read_text())["runs"]
     expected = [
         {
