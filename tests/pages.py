@@ -15,10 +15,10 @@ from sim.simulation.simulate import simulate
 PENDULUM = Path(scenes.__file__).parent / "double_pendulum.xml"
 
 
-def options(folder, *more):
+def options(folder, *more, seed=0):
     """Options of the command that writes it, after the log has been written."""
     spec = scenes.load("double_pendulum", contact="pad")
-    original = simulate(spec, DOUBLE_PENDULUM, samples=500)
+    original = simulate(spec, DOUBLE_PENDULUM, samples=500, seed=seed)
     channels = ("ground", "contact", "joint")
     kept = {name: x for name, x in original.measured.items() if name.startswith(channels)}
     cell = Sensor(*mechanism(spec, "base").site("contact"), applied_to_link=False)

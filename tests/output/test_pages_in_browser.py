@@ -1,11 +1,14 @@
 """What a browser makes of a page: nothing goes wrong or out, what is to move moves, and everybody can read it."""
 
 import os
+from functools import cache
 from pathlib import Path
 
+import every_page
 import pytest
 from browser import browser, needs_browser
-from pages import identified
+
+from experiments.cli.command import COMMANDS
 
 pytestmark = needs_browser
 AXE = os.environ.get("MULTICONTACT_AXE", "")
@@ -34,26 +37,20 @@ SLIDE = "const s = document.getElementById('slider'); s.value = arguments[0]; s.
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    return identified(tmp_path_factory.mktemp("identified")) / "report.html"
+def page_of(tmp_path_factory):
+    """The page of a command by its name, written once."""
+    return cache(lambda name: every_page.written(name, tmp_path_factory.mktemp(name)))
+
+
+@pytest.fixture(scope="module")
+def page(page_of):
+    return page_of("identify")
 
 
 @pytest.fixture(scope="module")
 def window():
     with browser() as found:
         yield found
-
-
-@pytest.mark.parametrize("dark", [False, True])
-@pytest.mark.parametrize("width", [400, 1200])
-def test_nothing_goes_wrong_or_out_and_the_page_fits(page, window, width, dark):
-    window.open(page, width=width, dark=dark)
-    window.run(SLIDE, 40)
-    assert window.log("browser") == []
-    assert [url for url in window.requests() if not url.startswith("data:")] == [page.resolve().as_uri()]
-    assert window.run("return document.documentElement.scrollWidth <= innerWidth")
-    shade = window.run("return getComputedStyle(document.body).backgroundColor")
-    assert shade == ("rgb(22, 24, 27)" if dark else "rgb(255, 255, 255)")
 
 
 def test_the_slider_moves_the_arrows_and_the_cursor(page, window):
@@ -99,11 +96,30 @@ def test_parameters_and_findings_tell_what_they_are_about(page, window):
     assert window.run("return document.getElementById('told').textContent").startswith("The finding is about ")
 
 
-@pytest.mark.skipif(not AXE, reason="MULTICONTACT_AXE names no axe.min.js, of the npm package axe-core")
+def test_every_command_with_a_page_is_looked_at():
+    assert set(every_page.COMMANDS) == set(COMMANDS) - {"columns", "derive", "readme"}
+
+
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [400, 1200])
-def test_everybody_can_read_it(page, window, width, dark):
+@pytest.mark.parametrize("name", every_page.COMMANDS)
+def test_nothing_goes_wrong_or_out_and_the_page_fits(page_of, window, name, width, dark):
+    page = page_of(name)
     window.open(page, width=width, dark=dark)
+    window.run(f"if (document.getElementById('slider')) {{ {SLIDE} }}", 40)
+    assert window.log("browser") == []
+    assert [url for url in window.requests() if not url.startswith("data:")] == [page.resolve().as_uri()]
+    assert window.run("return document.documentElement.scrollWidth <= innerWidth")
+    assert window.run("return [...document.images].filter((image) => !image.naturalWidth).length") == 0
+    shade = window.run("return getComputedStyle(document.body).backgroundColor")
+    assert shade == ("rgb(22, 24, 27)" if dark else "rgb(255, 255, 255)")
+
+
+@pytest.mark.skipif(not AXE, reason="MULTICONTACT_AXE names no axe.min.js, of the npm package axe-core")
+@pytest.mark.parametrize(("width", "dark"), [(400, True), (1200, False)])
+@pytest.mark.parametrize("name", every_page.COMMANDS)
+def test_everybody_can_read_it(page_of, window, name, width, dark):
+    window.open(page_of(name), width=width, dark=dark)
     window.run(Path(AXE).read_text(encoding="utf-8"))
-    found = window.run("return axe.run().then((all) => all.violations)")
+    found = window.run("return axe.run({ resultTypes: ['violations'] }).then((all) => all.violations)")
     assert [(each["id"], each["nodes"][0]["html"]) for each in found] == []

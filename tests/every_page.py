@@ -1,0 +1,151 @@
+"""A page of every command that leaves one, from runs as small as they come, for the tests that look at all of them."""
+
+import os
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import wrist
+from fuzz.cases import not_drawn
+from fuzz.here import Here
+from marked import labels_of, marked_person, trc, trial
+from pages import PENDULUM, identified, options
+from truth import told
+
+import scenes
+from experiments import (
+    angles,
+    compare,
+    excite,
+    human,
+    identify,
+    in_vivo,
+    mechanism,
+    misaligned,
+    multicontact,
+    payload,
+    stream,
+    study,
+    sweep,
+)
+from experiments import noise as noise_command
+from experiments.__main__ import main as everything
+from experiments.benchmark.__main__ import main as benchmark
+from experiments.output import figures, human_report, noise_report
+from experiments.output.page import PAGE
+from experiments.runs import workers
+from experiments.studies import human as human_study
+from experiments.studies import noise
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate
+
+DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "human_bowing"
+PNG = ["--formats", "png"]
+SHORT = ["--samples", "150", *PNG]
+TRIALS = ["--trials", "2", "--redraw", "sensors"]
+
+
+def _identify(folder):
+    identified(folder)
+    return 0
+
+
+def _compare(folder):
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(figures, "save", not_drawn)
+        for seed, name in enumerate("ab"):
+            assert identify.main(options(folder, "--name", name, seed=seed)) == 0
+    return compare.main([str(folder / "a"), str(folder / "b"), "--out", str(folder / "out")])
+
+
+def _payload(folder):
+    (folder / "arm.xml").write_text(wrist.model(), encoding="utf-8")
+    wrist.log(seconds=4.0).save(folder / "arm.npz")
+    files = [str(folder / "arm.xml"), str(folder / "arm.npz")]
+    return payload.main([*files, "--body", "tool", "--sensor", "wrist", "--name", "out", "--out", str(folder)])
+
+
+def _stream(folder):
+    simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=200).save(folder / "log.npz")
+    return stream.main([str(PENDULUM), str(folder / "log.npz"), "--base", "base", "--out", str(folder / "out")])
+
+
+def _angles(folder):
+    spec = marked_person()
+    model = spec.compile()
+    (folder / "person.xml").write_text(spec.to_xml())
+    time, _, x = trial(model, 40)
+    x += 0.002 * np.random.default_rng(0).normal(size=x.shape)
+    (folder / "walk.trc").write_text(trc(time, labels_of(model), x))
+    return angles.main([*map(str, (folder / "person.xml", folder / "walk.trc")), "--scale", *_out(folder)])
+
+
+def _noise(folder):
+    """Quick estimators stand for the others."""
+    some = {name: noise.CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
+    cheap = {
+        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": noise.commanded_instruments},
+        "person": {"usual_filter": noise.usual_filter, "joint": noise.usual_filter},
+    }
+    with pytest.MonkeyPatch.context() as patched:
+        for module in (noise, noise_report):
+            patched.setattr(module, "CONDITIONS", some)
+            patched.setattr(module, "ESTIMATORS", cheap)
+        return noise_command.main(["--recordings", "2", *_out(folder)])
+
+
+def _human(folder):
+    """One person stands for the other, who holds no rail."""
+    small = ["--seconds", "2", "--rate", "50", "--noise", "0.2", "--activities", "squats", "arm swings"]
+    once = cache(lambda seconds: human_study.study(seconds, activities=small[-2:]))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(human_report, "human", SimpleNamespace(study=lambda seconds, **_: once(seconds)))
+        return human.main([*small, "--workers", "1", *_out(folder)])
+
+
+def _in_vivo(folder):
+    if not (DATA / "bowing.csv").is_file():
+        pytest.skip("MULTICONTACT_DATA has no human_bowing")
+    return in_vivo.main(["--data", str(DATA), *_out(folder)])
+
+
+def _sweep(folder):
+    assert sweep.main(["multicontact", "--over", "samples", "100", "150", "--out", str(folder), *PNG]) == 0
+    (folder / "multicontact" / "samples").rename(folder / "out")
+    return 0
+
+
+def _out(folder):
+    return ["--out", str(folder / "out"), *PNG]
+
+
+COMMANDS = {
+    "identify": _identify,
+    "compare": _compare,
+    "payload": _payload,
+    "stream": _stream,
+    "angles": _angles,
+    "human": _human,
+    "in_vivo": _in_vivo,
+    "noise": _noise,
+    "benchmark": lambda folder: benchmark(["--quick", *_out(folder)]),
+    "sweep": _sweep,
+    "mechanism": lambda folder: mechanism.main(_out(folder)),
+    "excite": lambda folder: excite.main(["double_pendulum", "--starts", "1", "--iterations", "3", *_out(folder)]),
+    "misaligned": lambda folder: misaligned.main(["--out", str(folder / "out"), *SHORT, *TRIALS]),
+    "multicontact": lambda folder: multicontact.main(["--out", str(folder / "out"), *SHORT]),
+    "study": lambda folder: study.main(["several_contacts", "--out", str(folder / "out"), *SHORT]),
+    "paper": lambda folder: everything(_out(folder)),
+}
+"""By the names of `experiments.cli.command`, what writes a page into `out` in a folder; 0 where it went well."""
+
+
+def written(name, folder):
+    """Writes the page of a command, joint estimates of studies being the truth, and returns its file."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(workers, "Processes", Here)
+        told(patched)
+        assert COMMANDS[name](folder) == 0
+    return folder / "out" / ("index.html" if name == "paper" else PAGE)
