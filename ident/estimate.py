@@ -267,7 +267,7 @@ class Estimate:
         bodies = zip(self.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
         return {
             "verdict": self.verdict(),
-            "findings": [{"text": finding.text, "doubt": finding.doubt} for finding in self.findings],
+            "findings": [finding.to_dict() for finding in self.findings],
             "columns": list(self.names),
             "values": self.fit.values.tolist(),
             "std": self.fit.std.tolist(),

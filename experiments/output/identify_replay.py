@@ -1,18 +1,18 @@
 """What a page replays of an identification: measured and predicted channels, bodies, and where findings are."""
 
-import re
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from experiments.output.figures import PARAMETER, body_index
+from experiments.output.figures import body_index
 from experiments.output.layout import unit_of
 from experiments.output.parameter_words import in_words, regrouped_in_words
 from experiments.output.replay import Replay, every_nth
 from experiments.studies.errors import HALF_WIDTH
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
+from ident.judgement.finding import Finding
 from ident.parameters.prior import KNOWN, parameters_told
 
 
@@ -42,7 +42,7 @@ def replay(result: Estimate) -> Replay:
         shaded="held out, and only predicted",
         remark="All predictions take the set-up as it was found.",
         parameters=[_parameter(result, k) for k in range(len(result.names))],
-        findings=[place(finding.text, result) for finding in result.findings],
+        findings=[place(finding, result) for finding in result.findings],
     )
 
 
@@ -75,32 +75,26 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
     }
 
 
-def place(text: str, result: Estimate) -> dict[str, Any]:
-    """Where a finding is, by the names in its sentence: body, channels, span of time; nothing where it has none."""
-    log = result.prepared
+def place(finding: Finding, result: Estimate) -> dict[str, Any]:
+    """What a press on a finding shows: its body, channels and span of time in the first log, if it has them."""
+    log, at = result.logs[0][0], finding.place
     tree, sensors = log.mechanism.tree, log.recording.sensors
-    on = {body.joint: i for i, body in enumerate(tree.bodies) if body.joint}
-    on |= {name: tree.names.index(each.body) for name, each in sensors.items() if each.body is not None}
-    on |= {name: i for i, name in enumerate(tree.names)}
-    # Many a body is called by a word that sentences have too, as base: quotes or a number tell a name.
-    bodies = [on[name] for name in _named(text, on, r"'{0}'|(?<!\w){0}(?= [\d(])")]
-    if not bodies and (parameter := PARAMETER.search(text)):
-        bodies = [tree.inertial[index] for index in [body_index(parameter[0])] if index is not None]
-    channels = _named(text, result.channels, r"(?<!\w){0}(?!\w)")
-    span = next(([each.start, each.end] for each in log.left_out if each.why == text), None)
-    about = [f"body {tree.names[bodies[0]]}"] if bodies else []
-    about += [f"channel{'s' * (len(channels) > 1)} {', '.join(channels)}"] if channels else []
-    about += [f"{span[0]:.2f} s to {span[1]:.2f} s"] if span else []
+    moved = {body.joint: name for body, name in zip(tree.bodies, tree.names, strict=True) if body.joint}
+    touched = [sensors[name].body for name in at.wrenches if name in sensors]
+    bodies = [name for name in (*at.bodies, *(moved.get(joint) for joint in at.joints), *touched) if name in tree.names]
+    span = at.span if at.log == 0 else None
+    kinds = {"body": at.bodies, "joint": at.joints, "wrench": at.wrenches, "channel": at.channels}
+    about = [_listed(kind, names) for kind, names in kinds.items() if any(names)]
+    about += [f"{at.span[0]:.2f} s to {at.span[1]:.2f} s" + f" of log {at.log + 1}" * (at.log > 0)] if at.span else []
     return {
         "where": f"The finding is about {'; '.join(about)}." if about else "",
-        "body": bodies[0] if bodies else None,
-        "channels": channels,
-        "span": span,
+        "body": tree.names.index(bodies[0]) if bodies else None,
+        "channels": [channel for channel in at.channels if channel in result.channels],
+        "span": list(span) if span else None,
     }
 
 
-def _named(text: str, names: Iterable[str], pattern: str) -> list[str]:
-    """Those of some names that a text has in the surroundings of a pattern, in the order of the text."""
-    found = {name: re.search(pattern.format(re.escape(name)), text) for name in names if name}
-    places = {name: match.start() for name, match in found.items() if match}
-    return sorted(places, key=places.__getitem__)
+def _listed(kind: str, names: Sequence[str]) -> str:
+    """Some names after what they are, one or several."""
+    several = {"body": "bodies", "wrench": "wrenches"}.get(kind, f"{kind}s")
+    return f"{kind if len(names) == 1 else several} {', '.join(names)}"

@@ -169,7 +169,7 @@ class PayloadReport:
         frames = {payload.body: payload.in_frame(), self.flange: self.at_flange}
         return {
             "verdict": payload.verdict(),
-            "findings": [{"text": finding.text, "doubt": finding.doubt} for finding in payload.findings],
+            "findings": [finding.to_dict() for finding in payload.findings],
             "quantities": list(QUANTITIES),
             "frames": {name: {key: x.tolist() for key, x in body._asdict().items()} for name, body in frames.items()},
             "sensor": {each.name: each._asdict() for each in payload.sensor_parameters},

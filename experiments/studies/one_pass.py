@@ -14,7 +14,7 @@ from ident.estimation.robust import independent, separable
 from ident.estimation.samples import Samples
 from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import FrameCheck
-from ident.judgement.finding import Finding
+from ident.judgement.finding import Finding, Place
 from ident.judgement.fit_findings import inseparable_findings, quality_findings
 from ident.judgement.verdict import sentence
 from ident.judgement.wrench_findings import offset_findings, weight_findings
@@ -218,11 +218,17 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
     findings = [
         *_sign(predicted, straight, opposite),
         *_weight(seen, mechanism),
-        *([Finding(f"Constant, though the motion would change it: {', '.join(stuck)}.", True)] if stuck else []),
+        *_stuck(stuck),
         *_offsets(fit),
         *quality_findings(ratios, part),
     ]
     return Judged(ratios, sorted(findings, key=lambda finding: not finding.doubt), part)
+
+
+def _stuck(channels: Sequence[str]) -> Iterator[Finding]:
+    if channels:
+        place = Place(channels=tuple(channels))
+        yield Finding(f"Constant, though the motion would change it: {', '.join(channels)}.", True, place)
 
 
 def _offsets(fit: Fit) -> Iterator[Finding]:

@@ -231,7 +231,7 @@ def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
     rank = estimate.parameters.rank
     return {
         "verdict": judged.verdict,
-        "findings": [vars(finding) for finding in judged.findings],
+        "findings": [finding.to_dict() for finding in judged.findings],
         "residual_ratio": dict(judged.ratio),
         "names": list(estimate.parameters.names),
         "psi": estimate.psi.tolist(),

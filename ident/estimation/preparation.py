@@ -34,11 +34,13 @@ class LeftOut(NamedTuple):
         start: Time of the first, s.
         end: Time of the last, s.
         why: A sentence on it.
+        body: Body that it is about, None where it is about none.
     """
 
     start: float
     end: float
     why: str
+    body: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

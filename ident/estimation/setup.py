@@ -22,6 +22,10 @@ PRIORS = {
 frame, m, and its rotation, rad; gain of a channel; tilt of gravity, zeros and tilts of joint axes, rad."""
 
 
+TOGETHER = " + "
+"""Between the names of wrenches that share what they may be late by."""
+
+
 @dataclass(frozen=True)
 class SetupParameter:
     """A number that is zero where the set-up is as stated.
@@ -60,7 +64,7 @@ def setup_parameters(
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
     felt = len(equations.channels) > len(equations.torques)
     ground = [GROUND] if felt and held else []
-    wrenches, together = [*ground, *contacts], [" + ".join(contacts)] if felt and contacts else []
+    wrenches, together = [*ground, *contacts], [TOGETHER.join(contacts)] if felt and contacts else []
     hinges = [body for body in tree.bodies if body.coordinates and body.turns]
     rows: list[tuple[str, str, int | None]] = []
     for wrench in ground if held else together:

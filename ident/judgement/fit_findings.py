@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.judgement.finding import Finding
+from ident.judgement.finding import Finding, Place
 from ident.judgement.halves import DISAGREE
 from ident.tolerances import LEFT, POOR, UNEXPLAINED
 
@@ -29,7 +29,7 @@ BEYOND, RARELY = 0.05, 0.01
 def setup_remarks(result: "Estimate") -> Iterator[Finding]:
     """What of the set-up is not as stated."""
     for each in result.setup:
-        yield Finding(each.text, False)
+        yield Finding(each.text, False, each.place)
     if result.joint is not None and result.joint.search.incredible:
         yield Finding(
             "No set-up near the one that was stated explains the recording, though something is wrong beyond noise: a "
@@ -84,6 +84,7 @@ def model_error_findings(result: "Estimate") -> Iterator[Finding]:
         yield Finding(
             f"Residuals of {', '.join(correlated)} go with the motion: the model is not quite that of the mechanism.",
             True,
+            Place(channels=tuple(correlated)),
         )
 
 
@@ -96,8 +97,10 @@ def quality_findings(ratios: Mapping[str, float], part: str) -> Iterator[Finding
         ("Predicted poorly", POOR, UNEXPLAINED, False),
     )
     for what, low, high, doubt in kinds:
-        if listed := ", ".join(f"{channel} ({ratio:.3g})" for channel, ratio in ratios.items() if low < ratio <= high):
-            yield Finding(f"{what}, {part} residual over standard deviation in brackets: {listed}.", doubt)
+        if found := {channel: ratio for channel, ratio in ratios.items() if low < ratio <= high}:
+            listed = ", ".join(f"{channel} ({ratio:.3g})" for channel, ratio in found.items())
+            text = f"{what}, {part} residual over standard deviation in brackets: {listed}."
+            yield Finding(text, doubt, Place(channels=tuple(found)))
 
 
 def inseparable_findings(channels: Sequence[str]) -> Iterator[Finding]:
@@ -107,6 +110,7 @@ def inseparable_findings(channels: Sequence[str]) -> Iterator[Finding]:
             f"Constant offsets of {', '.join(channels)} cannot be told from masses and first moments: "
             "those take them up.",
             False,
+            Place(channels=tuple(channels)),
         )
 
 
@@ -118,25 +122,27 @@ def stuck_findings(result: "Estimate") -> Iterator[Finding]:
             f'{", ".join(result.prepared.stuck)}. Mend the sensor, or map what is not connected as missing, by "" in '
             "--columns.",
             True,
+            Place(channels=tuple(each.partition(" (")[0] for each in result.prepared.stuck)),
         )
 
 
 def posture_findings(result: "Estimate") -> Iterator[Finding]:
     """Joints that were recorded beyond the model's ranges."""
     mechanism = result.prepared.mechanism
-    beyond = []
+    beyond: dict[str, str] = {}
     coordinates = mechanism.tree.body_coordinates(result.prepared.samples.motion.q)
     for joint, q in zip((body.joint for body in mechanism.tree.bodies), coordinates, strict=True):
         if joint in mechanism.ranges and q.shape[1] == 1:
             low, high = mechanism.ranges[joint]
             slack = BEYOND * (high - low)
             share = float(((q < low - slack) | (q > high + slack)).mean())
-            beyond += [f"{joint} ({share:.0%} of the samples)"] if share > RARELY else []
+            beyond |= {joint: f"{joint} ({share:.0%} of the samples)"} if share > RARELY else {}
     if beyond:
         yield Finding(
-            f"Joints are recorded beyond the model's ranges: {', '.join(beyond)}; a zero, a sign or a unit may be "
-            "wrong.",
+            f"Joints are recorded beyond the model's ranges: {', '.join(beyond.values())}; a zero, a sign or a unit "
+            "may be wrong.",
             True,
+            Place(joints=tuple(beyond)),
         )
 
 

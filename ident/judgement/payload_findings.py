@@ -1,6 +1,7 @@
 """Whether to believe what a wrist sensor says of a payload."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,7 +47,7 @@ def payload_findings(result: "Estimate", told: np.ndarray, sensor: str) -> list[
     ]
     if (physical := consistency_finding(result.consistent(), result.prepared.mechanism.bodies)).doubt:
         on_fit.append(physical)
-    on_fit = [Finding(finding.text.replace(f"'{GROUND}'", f"'{sensor}'"), finding.doubt) for finding in on_fit]
+    on_fit = [replace(finding, text=finding.text.replace(f"'{GROUND}'", f"'{sensor}'")) for finding in on_fit]
     if not told[0] or not told[1:4].all():
         on_fit.append(Finding("The motion does not tell mass and centre of mass; turn the sensor further.", True))
     if untold := _untold(told):

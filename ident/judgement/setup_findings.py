@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from ident.estimation.joint_estimate import Joint
-from ident.estimation.setup import SetupParameter
+from ident.estimation.setup import TOGETHER, SetupParameter
+from ident.judgement.finding import NOWHERE, Place
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,7 @@ class SetupFinding:
         std: Its standard deviation.
         text: The finding in one sentence.
         alternatives: Names of others that the data could mean as well.
+        place: What it belongs to.
     """
 
     name: str
@@ -26,6 +28,7 @@ class SetupFinding:
     std: float
     text: str
     alternatives: tuple[str, ...]
+    place: Place = NOWHERE
 
     def to_dict(self) -> dict[str, Any]:
         """For scripts, in JSON's types."""
@@ -53,8 +56,16 @@ def setup_findings(joint: Joint) -> list[SetupFinding]:
             meant = ", or ".join([*deviation.together, *(short(parameter(a)[0]) for a in deviation.alternatives)])
             text = f"{text[:-1]}; or else, as the data cannot tell these apart: {meant}."
         others = (*deviation.together, *(names[a] for a in deviation.alternatives))
-        out.append(SetupFinding(names[k], float(fit.theta[k]), float(std[k]), text, others))
+        out.append(SetupFinding(names[k], float(fit.theta[k]), float(std[k]), text, others, place_of(each)))
     return out
+
+
+def place_of(each: SetupParameter) -> Place:
+    """The wrenches, the channel or the joint that a set-up parameter belongs to."""
+    if each.kind in ("delay", "clock", "origin", "rotation"):
+        return Place(wrenches=tuple(each.of.split(TOGETHER)))
+    kinds = {"gain": Place(channels=(each.of,)), "zero": Place(joints=(each.of,)), "axis": Place(joints=(each.of,))}
+    return kinds.get(each.kind, NOWHERE)
 
 
 def sentence(each: SetupParameter, value: float, std: float, where: str = "") -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from ident.judgement.finding import Finding
+from ident.judgement.finding import Finding, Place
 from ident.judgement.torque_checks import SLOW, lacking_drive
 from ident.tolerances import DRIVE
 
@@ -25,12 +25,15 @@ def torque_findings(result: "Estimate") -> Iterator[Finding]:
             f"The torques of {', '.join(flipped)} look as if they had the opposite sign: with it they are far nearer "
             "to the model's own prediction.",
             True,
+            Place(joints=tuple(flipped)),
         )
-    if scaled := [f"{check.joint} ({check.gain:.3g})" for check in checks.joints if check.scaled and not check.flipped]:
+    if scaled := {each.joint: each.gain for each in checks.joints if each.scaled and not each.flipped}:
+        listed = ", ".join(f"{joint} ({gain:.3g})" for joint, gain in scaled.items())
         yield Finding(
-            f"Torques are the model's own but for a factor, in brackets: {', '.join(scaled)}; a unit, a gear ratio or "
+            f"Torques are the model's own but for a factor, in brackets: {listed}; a unit, a gear ratio or "
             "a motor's constant may be missing.",
             True,
+            Place(joints=tuple(scaled)),
         )
     absent = checks.absent
     if absent is not None and absent.suspicious and not checks.grossly_wrong:
@@ -38,6 +41,7 @@ def torque_findings(result: "Estimate") -> Iterator[Finding]:
             f"The torques look as if '{absent.body}' was not carried: without it {absent.explained:.0%} of the squared "
             "difference from the model's own prediction vanishes. Take it out of the model, or out of the updated one.",
             True,
+            Place(bodies=(absent.body,)),
         )
 
 
@@ -59,4 +63,5 @@ def friction_findings(result: "Estimate") -> Iterator[Finding]:
             f"Residuals follow the velocity or its sign, the share of their variance that friction would take away in "
             f"brackets: {listed}. It is likely and was not fitted: --drive {drive}.",
             lacking != {SLOW},
+            Place(channels=tuple(shares)),
         )

@@ -54,11 +54,15 @@ class Unmeasured:
     contact: ContactCheck | None
 
     @property
+    def body(self) -> str | None:
+        """Body that it may be on, None where no force on one explains it."""
+        at = self.contact
+        return at.body if at and (at.explained > THROUGH_A_POINT or at.distance < NEAR) else None
+
+    @property
     def sentence(self) -> str:
         """What was found, and done about it."""
-        at = self.contact
-        through = at and (at.explained > THROUGH_A_POINT or at.distance < NEAR)
-        on = f", as on '{at.body}'" if at and through else ""
+        on = f", as on '{self.body}'" if self.body else ""
         return (
             f"From {self.start:.2f} to {self.end:.2f} s something that is not measured carries up to "
             f"{self.carries:.0%} of the weight{on}; these samples are left out."
@@ -68,7 +72,8 @@ class Unmeasured:
 def without_unmeasured(prepared: Prepared) -> Prepared:
     """A recording without the samples in which a contact is not measured."""
     contacts = unmeasured_contacts(prepared)
-    return replace(prepared, left_out=tuple(LeftOut(each.start, each.end, each.sentence) for each in contacts))
+    left_out = tuple(LeftOut(each.start, each.end, each.sentence, each.body) for each in contacts)
+    return replace(prepared, left_out=left_out)
 
 
 def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ident.geometry.inertia import with_bodies
 from ident.judgement.body_findings import consistency_finding, mass_findings
-from ident.judgement.finding import Finding
+from ident.judgement.finding import Finding, Place
 from ident.judgement.fit_findings import (
     caveats,
     course_findings,
@@ -92,13 +92,21 @@ def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str
     return f"Usable: {part} residuals are at most {max(explained.values()):.2f} of the signal in {names}."
 
 
+def unmeasured_findings(result: "Estimate") -> Iterator[Finding]:
+    """Samples that were left out."""
+    for k, (log, _) in enumerate(result.logs):
+        for each in log.left_out:
+            place = Place(bodies=(each.body,) if each.body else (), span=(each.start, each.end), log=k)
+            yield Finding(each.why, False, place)
+
+
 def findings(result: "Estimate") -> list[Finding]:
     """All findings on the fit, the doubts first, and then those on the updated model."""
     on_fit = [
         *frame_findings(result),
         *base_findings(result),
         *contact_findings(result),
-        *(Finding(each.why, False) for log, _ in result.logs for each in log.left_out),
+        *unmeasured_findings(result),
         *weight_findings(result.checks.weight),
         *fitted_offset_findings(result),
         *torque_findings(result),

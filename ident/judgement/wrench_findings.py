@@ -7,7 +7,7 @@ import numpy as np
 
 from ident.estimation.equations import COMPONENTS
 from ident.judgement.checks import Weight
-from ident.judgement.finding import Finding
+from ident.judgement.finding import Finding, Place
 from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def frame_findings(result: "Estimate") -> Iterator[Finding]:
             f"The wrench '{name}' looks as if it had {both}: against the model's own prediction its relative error "
             f"would fall from {check.error:.2f} to {check.error_turned:.2f}.",
             True,
+            Place(wrenches=(name,)),
         )
 
 
@@ -62,6 +63,7 @@ def base_findings(result: "Estimate") -> Iterator[Finding]:
             f"'{check.body}', not what it is now. Against the model's own prediction its relative error would fall "
             f"from {check.error:.2f} to {check.error_there:.2f}.",
             True,
+            Place(bodies=(check.body,)),
         )
 
 
@@ -86,6 +88,7 @@ def contact_findings(result: "Estimate") -> Iterator[Finding]:
         f"A contact may be left out: forces through one point of body '{check.body}', ({point}) m in its frame, "
         f"would explain {check.explained:.0%} of the residual moment.",
         True,
+        Place(bodies=(check.body,)),
     )
 
 
@@ -146,18 +149,20 @@ def offset_findings(
     if not large:
         return
     of_weight = {c: abs(offsets[c][0]) / weights[c[0]] for c in large if c in COMPONENTS}
-    if huge := [f"{large[c]} ({share:.0%})" for c, share in of_weight.items() if share > OFFSET]:
+    if huge := {c: f"{large[c]} ({share:.0%})" for c, share in of_weight.items() if share > OFFSET}:
         yield Finding(
             f"Constant offsets are large beside the model's weight, of which or of whose moment at the mechanism's "
-            f"reach they are so much: {', '.join(huge)}: a sensor may not be tared, gravity or mass of the model "
-            "may be wrong, or a support is not measured.",
+            f"reach they are so much: {', '.join(huge.values())}: a sensor may not be tared, gravity or mass of the "
+            "model may be wrong, or a support is not measured.",
             True,
+            Place(channels=tuple(huge)),
         )
-    listed = ", ".join(large.values())
+    listed, place = ", ".join(large.values()), Place(channels=tuple(large))
     if fitted:
-        yield Finding(f"Constant offsets were found and taken out: {listed}.", False)
+        yield Finding(f"Constant offsets were found and taken out: {listed}.", False, place)
     else:
-        yield Finding(f"Constant offsets are in the measurements and were not fitted (--offsets does): {listed}.", True)
+        text = f"Constant offsets are in the measurements and were not fitted (--offsets does): {listed}."
+        yield Finding(text, True, place)
 
 
 def _weights(result: "Estimate") -> dict[str, float]:

@@ -57,8 +57,11 @@ def test_nothing_is_found_where_the_weight_is_not_measured():
 @pytest.mark.parametrize("estimator", ["joint", "weighted"])
 def test_an_identification_says_so_and_does_without_these_samples(estimator):
     estimate = ident.identify(PENDULUM, leaning([(2, 3), (6, 9)], FORCE, seed=1), estimator=estimator)
-    said = [f.text for f in estimate.findings if "something that is not measured carries" in f.text]
-    assert len(said) == 2 and all("% of the weight, as on 'link2';" in text for text in said)
+    said = [f for f in estimate.findings if "something that is not measured carries" in f.text]
+    assert len(said) == 2 and all("% of the weight, as on 'link2';" in f.text for f in said)
+    for finding, (start, end) in zip(said, [(2, 3), (6, 9)], strict=True):
+        place = finding.place
+        assert place.bodies == ("link2",) and place.log == 0 and place.span == pytest.approx((start, end), abs=0.3)
     for time in (estimate.held_out.time, estimate.prepared.recording.time[estimate.prepared.taken(estimate.part)]):
         assert not ((time > 2) & (time < 3) | (time > 6) & (time < 9)).any()
     assert len(estimate.residual) == len(estimate.prepared.taken(estimate.part))

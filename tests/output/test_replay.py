@@ -3,26 +3,32 @@
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from pages import identified, replayed
+from pages import PENDULUM, identified, replayed
 
 import scenes
 from experiments.output import replay as replays
+from experiments.output.identify_replay import place
 from experiments.output.page import Said, write_report
 from experiments.output.parameter_words import in_words, regrouped_in_words
 from experiments.output.replay import Replay, ellipsoid, evenly, every_nth
 from experiments.output.report import Table
 from experiments.output.results import Results
 from ident.geometry.inertia import parameters_from_com
+from ident.judgement.finding import Finding, Place
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
+from ident.recordings.wrench import Sensor
 from sim.models.mechanism import mechanism
 from sim.models.shapes import shapes
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate
 
 TURNED = "\N{RIGHT-TO-LEFT OVERRIDE}"
 NAMES = [TURNED + "arm", "<script>alert(1)</script>", "$x$", r"\input{a}", "Größe", "</script>", 'a,b"c']
@@ -46,12 +52,36 @@ def test_numbers_of_the_page_are_those_of_its_json(out):
     assert (out / "report.html").stat().st_size < 3_000_000
 
 
-def test_findings_are_where_their_sentences_say(out):
-    findings = {each["where"]: each for each in replayed(out / "report.html")["findings"]}
-    assert findings["The finding is about channel Fx."]["channels"] == ["Fx"]
-    bodies = {each["body"] for where, each in findings.items() if where.startswith("The finding is about body link")}
-    # The word base, as in base parameters, is not the body of that name.
-    assert bodies and 0 not in bodies
+def test_findings_are_where_their_data_say(out):
+    shown = replayed(out / "report.html")["findings"]
+    findings = json.loads((out / "estimate.json").read_text())["findings"]
+    places = {each["text"]: (each["place"], page) for each, page in zip(findings, shown, strict=True)}
+    place, page = next(each for text, each in places.items() if text.startswith("Not explained by this motion"))
+    assert place == {"channels": ["Fx"]} and page["channels"] == ["Fx"]
+    assert page["where"] == "The finding is about channel Fx."
+    place, page = next(each for text, each in places.items() if text.startswith("The updated model"))
+    assert set(place["bodies"]) == {"link1", "link2"} and page["body"] in (1, 2)
+    assert page["where"] == f"The finding is about bodies {', '.join(place['bodies'])}."
+    assert all(page["where"] == "" for place, page in places.values() if not place)
+
+
+def test_a_place_is_shown_by_its_data_whatever_the_sentence_says(tmp_path):
+    arm = mechanism(PENDULUM, "base")
+    spec = scenes.load("double_pendulum", contact="pad")
+    recording = simulate(spec, DOUBLE_PENDULUM, samples=300)
+    recording = recording.with_sensors({"contact": Sensor(*mechanism(spec, "base").site("contact"))})
+    log = SimpleNamespace(mechanism=arm, recording=recording)
+    result = SimpleNamespace(logs=[(log, slice(0))], channels=("Fx", "Mz"))
+
+    def shown(**where):
+        found = place(Finding("Fx of 'base' from 0.00 to 1.00 s, m2rz2.", True, Place(**where)), result)
+        return found["where"].removeprefix("The finding is about "), *(found[k] for k in ("body", "channels", "span"))
+
+    assert shown() == ("", None, [], None)
+    assert shown(joints=("joint2",), channels=("Mz", "Fq")) == ("joint joint2; channels Mz, Fq.", 2, ["Mz"], None)
+    assert shown(wrenches=("contact",), span=(1.0, 2.0)) == ("wrench contact; 1.00 s to 2.00 s.", 2, [], [1.0, 2.0])
+    assert shown(wrenches=("ground",)) == ("wrench ground.", None, [], None)
+    assert shown(bodies=("link1",), span=(1.0, 2.0), log=1) == ("body link1; 1.00 s to 2.00 s of log 2.", 1, [], None)
 
 
 def test_all_files_are_linked_and_nothing_else(out):
