@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-NAMES = ("double_pendulum", "bowing", "humanoid")
+BASES = {"double_pendulum": "base", "bowing": "foot", "humanoid": "pelvis"}
+"""Scenes, and the body of each whose frame is {0}."""
+
+NAMES = tuple(BASES)
 """Names that `load` knows, one for each mechanism's MJCF file in this package."""
 
 VARIED = ("double_pendulum",)

@@ -32,7 +32,7 @@ def parameters(study: Study, entry: Mapping[str, Any]) -> report.Table:
     columns: dict[str, Any] = {"parameter": names}
     heads: dict[str, str] = {}
     for group in groups:
-        suffix = group.get("as", group["model"])
+        suffix = group.get("as", "" if group["model"] == study.file.main else group["model"])
         for name in group["show"]:
             column = f"{name}_{suffix}" if suffix else name
             columns[column] = quantity(study, group["model"], name, names)

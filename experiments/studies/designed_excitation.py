@@ -24,9 +24,6 @@ from sim.motion.excitation_design import Limits
 from sim.motion.fourier import FourierTrajectory
 from sim.simulation.simulate import LONGEST, RATE
 
-BASES = {SCENE: "base", "bowing": "foot", "humanoid": "pelvis"}
-"""Body whose frame is {0} in the scenes."""
-
 PER_PERIOD = 10
 """Samples that a period of the fastest harmonic needs at least."""
 
@@ -91,7 +88,7 @@ def _ranges(problem: Problem, given: Sequence[float] | None) -> tuple[np.ndarray
 def run(args: argparse.Namespace) -> None:
     """Designs a motion, and writes and prints it."""
     scene = args.model in scenes.NAMES
-    base = args.base or BASES.get(args.model) if scene else args.base
+    base = args.base or scenes.BASES.get(args.model) if scene else args.base
     arm = mechanism(scenes.load(args.model) if scene else args.model, base, ignore=args.ignore)
     problem = excitation.problem(arm, args.joints, sensors=args.sensors, noise=args.noise, ignore=args.ignore)
     published = args.model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)

@@ -12,6 +12,7 @@ import numpy as np
 import scenes
 from experiments.studies import paper
 from experiments.studies.fitting import ESTIMATORS
+from experiments.studies.study_defaults import usual
 from experiments.studies.study_file import ALL, AXES, Model, Scene, StudyFile
 from ident.errors import InputError
 from ident.recordings.entries import check_keys, table
@@ -94,6 +95,8 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     models = _models(table("[models]", entries["models"]), scene)
     trials = table("[trials]", entries.get("trials", {}))
     check_keys("[trials]", trials, ("models", "joint"))
+    main = choice("main", entries["main"], models) if "main" in entries else None
+    tables, figures = usual(models, main)
     tried = table("trials.models", trials.get("models", {}))
     for name, model in tried.items():
         choice(f"trials.models.{name}", model, models)
@@ -102,12 +105,12 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
         scene=scene,
         excitation=_excitation(entries.get("excitation", "double_pendulum")),
         models=models,
-        main=choice("main", entries["main"], models) if "main" in entries else None,
+        main=main,
         trials=tried,
         joint_trials=choice("trials.joint", trials["joint"], tried) if "joint" in trials else None,
         published=_published(entries.get("published", {}), models),
-        tables=_shown("tables", entries, TABLES, models, scene),
-        figures=_shown("figures", entries, FIGURES, models, scene),
+        tables=_shown("tables", entries, TABLES, models, scene, tables),
+        figures=_shown("figures", entries, FIGURES, models, scene, figures),
         **_recording(table("[recording]", entries.get("recording", {}))),
     )
 
@@ -154,7 +157,7 @@ def _scene(entry: Mapping[str, Any], folder: Path) -> Scene:
         raise InputError(f"scene.model '{name}' does not exist.")
     tilt = _number("scene.tilt_deg", entry["tilt_deg"]) if "tilt_deg" in entry else None
     azimuth = _number("scene.azimuth_deg", entry.get("azimuth_deg", 0.0), -360.0)
-    base = _text("scene.base", entry["base"]) if "base" in entry else None
+    base = _text("scene.base", entry["base"]) if "base" in entry else None if own else scenes.BASES[name]
     return Scene(model, base, tilt, azimuth, _contacts(entry.get("contacts", []), own))
 
 
@@ -230,9 +233,14 @@ def _published(value: Any, models: Collection[str]) -> Mapping[str, Any]:
 
 
 def _shown(
-    what: str, entries: Mapping[str, Any], kinds: Mapping[str, Sequence[str]], models: Mapping[str, Model], scene: Scene
+    what: str,
+    entries: Mapping[str, Any],
+    kinds: Mapping[str, Sequence[str]],
+    models: Mapping[str, Model],
+    scene: Scene,
+    unsaid: Mapping[str, Mapping[str, Any]],
 ) -> Mapping[str, Mapping[str, Any]]:
-    """Tables or figures by the names of their files, each with its `kind` and `caption`."""
+    """Tables or figures by the names of their files, each with `kind`, `caption` and, `unsaid`, what is usual of it."""
     shown = {}
     for name, value in table(f"[{what}]", entries.get(what, {})).items():
         where, entry = f"{what}.{name}", table(f"{what}.{name}", value)
@@ -240,6 +248,7 @@ def _shown(
             raise InputError(f"{where}: names of files here begin with {what[:-1]}_, letters and digits follow.")
         kind = choice(f"{where}.kind", entry.get("kind", next(iter(kinds))), kinds)
         check_keys(where, entry, ("kind", "caption", *kinds[kind]))
+        entry = {**unsaid[kind], **entry}
         if kind == "contacts" and not scene.contacts:
             raise InputError(f"{where} shows contacts, but [scene] has none.")
         # What a kind is made of comes first, and there has to be some of it.
@@ -247,7 +256,7 @@ def _shown(
             if needed != "decimals" and not entry.get(needed):
                 raise InputError(f"{where} needs {needed}.")
         _check_shown(where, entry, models, WRENCHES if kind == "wrenches" else ())
-        shown[name] = {"caption": _text(f"{where}.caption", entry.get("caption", "")), **entry, "kind": kind}
+        shown[name] = {**entry, "caption": _text(f"{where}.caption", entry["caption"]), "kind": kind}
     return shown
 
 

@@ -61,6 +61,29 @@ def test_the_studies_of_the_package_are_whole(name):
     assert len([*file.tables, *file.figures]) >= 4
 
 
+def test_what_a_file_does_not_say_is_usual(tmp_path):
+    text = """
+scene = { model = "double_pendulum" }
+models = { plain = {}, true_axes = { axes = "true" }, shared = { parameters = "plain" } }
+tables = { table_a = { kind = "wrench errors" } }
+figures = { figure_a = { kind = "wrenches" }, figure_b = { kind = "residuals" } }
+"""
+    file = study_entries.read(written(tmp_path, text))
+    assert (file.scene.base, file.samples, file.seed, file.noise_scale) == ("base", 943, 0, 1)
+    assert file.excitation is DOUBLE_PENDULUM
+    assert file.tables["table_a"]["models"] == ["plain", "true_axes"] and file.tables["table_a"]["caption"]
+    own = {"Plain": "plain", "True axes": "true_axes"}
+    assert file.figures["figure_a"]["curves"] == {"True": "true"} | own and file.figures["figure_b"]["curves"] == own
+    main = study_entries.read(written(tmp_path, 'main = "true_axes"' + text))
+    assert main.figures["figure_b"]["curves"] == {"Measured - predicted": "true_axes"}
+
+
+@pytest.mark.parametrize("name", ["misaligned", "multicontact"])
+def test_the_papers_studies_are_stated_in_thirty_lines(name):
+    text = files("experiments.studies").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 30
+
+
 def test_options_go_before_the_file():
     file = study_entries.packaged("multicontact", contact="handle", seed=4)
     assert (file.seed, dict(file.scene.contacts)) == (4, {"handle": "contact"})

@@ -1,0 +1,34 @@
+"""What tables and figures of a study show where its file does not say it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from experiments.studies.study_file import Model
+
+Entries = Mapping[str, Mapping[str, Any]]
+
+ERRORS = "RMS errors of the recovered wrench, and their ratio to the s.d. of the true, noise-free one"
+EPISODES = "Contacts: shares of the samples in which each touches, and touches alone, number of episodes, peak force"
+"""Captions of tables."""
+
+DRAWN_ERRORS = "Absolute error of the recovered wrench against the true, noise-free one, faint, and its running RMS."
+RESIDUALS = "Measured total wrench less the predicted one."
+CONTACTS = "Measured wrenches in the base frame that the links exert on what touches them."
+"""Captions of figures."""
+
+
+def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entries]:
+    """Entries of tables and of figures by their kinds: captions, and the models that have parameters of their own."""
+    own = {name.replace("_", " ").capitalize(): name for name, model in models.items() if model.parameters is None}
+    tables: Entries = {
+        "parameters": {"caption": ""},
+        "wrench errors": {"caption": ERRORS, "models": list(own.values())},
+        "contacts": {"caption": EPISODES},
+    }
+    figures: Entries = {
+        "wrenches": {"caption": "", "curves": {"True": "true", **own}},
+        "wrench errors": {"caption": DRAWN_ERRORS, "curves": own},
+        "residuals": {"caption": RESIDUALS, "curves": {"Measured - predicted": main} if main else own},
+        "contacts": {"caption": CONTACTS},
+    }
+    return tables, figures
