@@ -1,4 +1,4 @@
-"""Names and texts of whatever origin, so written that TeX, Markdown and matplotlib show them letter by letter.
+"""Names and texts of whatever origin, so written that TeX, Markdown, CSV and matplotlib show them letter by letter.
 
 Pages in HTML have the standard library's `html.escape`.
 """
@@ -30,6 +30,17 @@ def tex(text: str) -> str:
 def markdown(text: str) -> str:
     """A text in a cell of a Markdown table; underscores within words stay as they are, they mean nothing."""
     return re.sub(r"[\\`*{}\[\]<>|~$&#!]|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", _line(text))
+
+
+def cell(text: str) -> str:
+    """A text in a cell of a CSV file, behind an apostrophe if spreadsheets could take it for a formula.
+
+    Signs before nothing but letters, digits, points and slashes stay as they are, which call nothing.
+
+    >>> [cell(text) for text in ("=1+2", "@x", "-2+cmd|' /C calc'!A0", "-π/2", "m2rz2")]
+    ["'=1+2", "'@x", "'-2+cmd|' /C calc'!A0", '-π/2', 'm2rz2']
+    """
+    return f"'{text}" if re.match(r"\s*[=@]|\s*[-+](?![\w/. ]*$)|[\t\r]", text) else text
 
 
 def label(text: str) -> str:

@@ -60,15 +60,18 @@ class Table:
     names: Mapping[str, str] = field(default_factory=dict)
 
     def csv(self) -> str:
-        """Comma-separated values with full precision; where bodies have names, a column says whose a parameter is."""
+        """Comma-separated values with full precision; where bodies have names, a column says whose a parameter is.
+
+        Texts that spreadsheets would take for formulas have an apostrophe before them.
+        """
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         owners = [body_of(str(row[0]), self.bodies) for row in self.rows] if self.bodies else []
         first, *more = self.columns
-        writer.writerow([first, *["body"] * bool(owners), *more])
+        writer.writerow(map(escape.cell, [first, *["body"] * bool(owners), *more]))
         for k, row in enumerate(self.rows):
             cells = [row[0], *owners[k : k + 1], *row[1:]]
-            writer.writerow(["" if cell is None else cell for cell in cells])
+            writer.writerow([escape.cell(cell) if isinstance(cell, str) else cell for cell in cells])
         return out.getvalue()
 
     def filled(self) -> "Table":

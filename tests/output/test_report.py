@@ -1,3 +1,5 @@
+import csv
+import io
 import json
 import subprocess
 import sys
@@ -307,3 +309,12 @@ def test_first_cells_have_words_for_readers_and_names_in_the_csv_file():
     table = report.Table("t", ("number", "x"), (("axis_error_deg", 1.0),), names={"axis_error_deg": "axis error (deg)"})
     assert table.csv() == "number,x\naxis_error_deg,1.0\n"
     assert table.texts() == [["axis error (deg)", "1.000"]]
+
+
+@pytest.mark.parametrize("name", ["=1+2", "+x()", "-x|y!A0", "@SUM(A1)", " =x", "\t=x", '=HYPERLINK("http://a","b")'])
+def test_names_are_no_formulas_of_spreadsheets(name):
+    table = report.Table("t", ("parameter", name), (("m1", 1.0), (name, -2.5)), bodies=(name,))
+    (first, *head), *rows = csv.reader(io.StringIO(table.csv()))
+    assert (first, head) == ("parameter", ["body", f"'{name}"])
+    assert rows == [["m1", f"'{name}", "1.0"], [f"'{name}", "", "-2.5"]]
+    assert name.strip() in table.text()
