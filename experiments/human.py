@@ -23,6 +23,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--noise", type=float, default=0.5, help="standard deviation of the angles, degrees")
     out.add_argument("--decay", type=float, default=0.0, help="correlation of their noise from sample to sample")
     options.add_local_workers(out, default=min(2, os.cpu_count() or 1))
+    options.add_film(out)
     return out
 
 

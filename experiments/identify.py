@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     print(identify_report.text(result))
     print(f"Everything is in {out}; open {PAGE}.")
     if missing:
-        raise InputError(f"All but the film is written: {missing}")
+        raise InputError(missing)
 
 
 @contextmanager
@@ -131,7 +131,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--mass", type=float, help="of a table: mass of the person, kg")
     out.add_argument("--height", type=float, help="of a table: height of the person, m")
     out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")
-    out.add_argument("--film", action="store_true", help="write a film too: MP4 by ffmpeg if it is there, else GIF")
+    options.add_film(out)
     otherwise = " of the joint estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")

@@ -19,6 +19,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument(
         "--data", type=Path, required=True, metavar="DIR", help="folder of the recording, which is not ours to ship"
     )
+    options.add_film(out)
     return out
 
 

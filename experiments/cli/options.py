@@ -81,6 +81,7 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
     parser.add_argument(
         "--noise-scale", type=float, help=f"factor on the scene's and the excitation's noise{otherwise}"
     )
+    add_film(parser)
     add_trials(parser)
     return parser
 
@@ -145,6 +146,11 @@ def add_local_workers(group: argparse._ActionsContainer, *, default: int | None,
     """Adds the number of local processes, and says what it is otherwise, where the default is None."""
     told = f"local processes that share the work{otherwise}"
     group.add_argument("--workers", type=whole_number(1, 1024), default=default, help=told)
+
+
+def add_film(parser: argparse.ArgumentParser) -> None:
+    """Adds whether what moves on the page becomes a film."""
+    parser.add_argument("--film", action="store_true", help="write a film too: MP4 by ffmpeg if it is there, else GIF")
 
 
 def add_mechanism(parser: argparse.ArgumentParser) -> None:

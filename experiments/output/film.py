@@ -70,6 +70,9 @@ def pictures(arm: Mechanism, origin: Origin, page: Mapping[str, Any]) -> Generat
         # Without graphics hardware these take most of the time.
         for costly in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
             scene.flags[costly] = False
+        # Sites and tendons are not moved along.
+        shown = mujoco.MjvOption()
+        shown.sitegroup[:] = shown.tendongroup[:] = 0
         camera, view = _camera(arm, page), mujoco.MjrRect(0, 0, WIDTH, HEIGHT)
         pixels = np.empty((HEIGHT, WIDTH, 3), np.uint8)
         for k in range(len(page["frames"])):
@@ -78,7 +81,7 @@ def pictures(arm: Mechanism, origin: Origin, page: Mapping[str, Any]) -> Generat
                 T = (arm.pose if body < 0 else poses[body]) @ T
                 data.geom_xpos[g], data.geom_xmat[g] = T[:3, 3], T[:3, :3].ravel()
             every = mujoco.mjtCatBit.mjCAT_ALL
-            mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, every, scene)
+            mujoco.mjv_updateScene(model, data, shown, None, camera, every, scene)
             for body, T in zip(page["bodies"], poses, strict=True):
                 _add_body(scene, body, T, poses, solid=not places)
             for arrow in page["arrows"]:

@@ -167,7 +167,7 @@ def said(found: Study) -> Said:
         findings=[(finding.text, finding.doubt) for finding in estimate.findings],
         lines=[f"{line}."],
         # There is no table of base parameters, whose rows could be pressed.
-        replay=replace(identify_replay.replay(estimate), parameters=()).to_page(),
+        replay=replace(identify_replay.replay(estimate), parameters=()),
     )
 
 

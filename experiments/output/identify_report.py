@@ -10,13 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from experiments.output import escape, figures, report
-from experiments.output.film import write_film
 from experiments.output.identify_replay import channel_unit, replay
 from experiments.output.layout import PAPER, Layout, unit_of
-from experiments.output.page import PAGE, Said, write_report
+from experiments.output.page import PAGE, Said, filmed, write_report
 from experiments.output.results import Results
 from experiments.studies.errors import HALF_WIDTH
-from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS, with_bodies
@@ -27,7 +25,7 @@ from ident.tolerances import DRIVE
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
-OUTPUTS = (*report.OUTPUTS, PAGE, "film.*", "estimate.json", "model.xml", "model.urdf", "model.osim")
+OUTPUTS = (*report.OUTPUTS, PAGE, "estimate.json", "model.xml", "model.urdf", "model.osim")
 
 
 def parameters_table(result: Estimate) -> report.Table:
@@ -335,20 +333,15 @@ def write(
     suffixes = {"robot": "urdf", "OpenSimDocument": "osim"}
     updated = folder / f"model.{suffixes.get(parsed(model).tag, 'xml')}"
     write_model(updated, result.prepared.mechanism, result.consistent())
-    moving, films, missing = replay(result).to_page(), list[str](), ""
-    if film:
-        try:
-            films = [write_film(folder, result.prepared.mechanism, moving)]
-        except InputError as error:
-            missing = str(error)
     said = Said(
         f"{model.name}, identified from {', '.join(map(name_of, logs))}",
         verdict=result.verdict(),
         findings=[(finding.text, finding.doubt) for finding in result.findings],
         lines=data_lines(result),
         heading="The recording",
-        replay=moving,
-        files=[updated.name, *films],
+        replay=replay(result),
+        files=[updated.name],
     )
+    said, missing = filmed(film, folder, said)
     write_report(folder, shown, formats, said)
     return missing

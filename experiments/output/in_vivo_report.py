@@ -137,7 +137,7 @@ def said(found: Study) -> Said:
         verdict=f"Of the joint estimate: {joint.verdict()}",
         findings=[(finding.text, finding.doubt) for finding in joint.findings],
         # Its table is not that of the joint estimate alone, whose rows could be pressed.
-        replay=replace(replay(joint), parameters=()).to_page(),
+        replay=replace(replay(joint), parameters=()),
     )
 
 

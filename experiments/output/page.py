@@ -5,7 +5,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from experiments.cli.print_options import author_choices, layout_of
 from experiments.output import escape, figures, report
 from experiments.output.page_symbols import pieces
+from experiments.output.replay import Replay
 from experiments.output.results import Results
+from ident.errors import InputError
 from ident.recordings.atomic import replacing
 
 PAGE = "report.html"
@@ -33,7 +35,7 @@ class Said:
         lines: Sentences with the main numbers.
         heading: What they are about.
         blocks: Texts to copy, by what they are for.
-        replay: What moves, as `replay.Replay.to_page` has it.
+        replay: What moves.
         files: Names of other files in the same folder.
     """
 
@@ -44,13 +46,14 @@ class Said:
     lines: Sequence[str] = ()
     heading: str = "In numbers"
     blocks: Mapping[str, str] = field(default_factory=dict)
-    replay: Mapping[str, Any] | None = None
+    replay: Replay | None = None
     files: Sequence[str] = ()
 
 
 def write_report(folder: Path, shown: Results, formats: Iterable[str], said: Said) -> None:
     """Writes `report.html` into a folder that holds these results, which it links to."""
-    page = rendered("report.html", folder, {"": shown}, formats, said=said)
+    moving = None if said.replay is None else said.replay.to_page()
+    page = rendered("report.html", folder, {"": shown}, formats, said=said, replay=moving)
     with replacing(folder / PAGE) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
@@ -67,6 +70,23 @@ def write_results(args: argparse.Namespace, folder: Path, shown: Results, format
     write_report(folder, shown, formats, said)
 
 
+def filmed(asked: bool, folder: Path, said: Said) -> tuple[Said, str]:
+    """What a page says, with a film of what moves written into the folder if one is asked for.
+
+    Returns:
+        It with the name of the film, and why there is none although it is asked for, in a sentence, else nothing.
+    """
+    if not asked or said.replay is None:
+        return said, ""
+    from experiments.output.film import write_film
+
+    try:
+        name = write_film(folder, said.replay.mechanism, said.replay.to_page())
+    except InputError as error:
+        return said, f"All but the film is written: {error}"
+    return replace(said, files=(*said.files, name)), ""
+
+
 def conclude(args: argparse.Namespace, found: Results, said: Said, origin: dict[str, Any]) -> Results:
     """Ends a command that has no more to write than results: writes them with a page, and prints what they say.
 
@@ -78,13 +98,19 @@ def conclude(args: argparse.Namespace, found: Results, said: Said, origin: dict[
 
     Returns:
         All that was written.
+
+    Raises:
+        InputError: A film is asked for, and cannot be written; all else is.
     """
     options = {**origin["options"], **author_choices(args)}
     written = found | Results(numbers={"provenance": {**origin, "options": options}})
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
+        said, missing = filmed(getattr(args, "film", False), folder, said)
         write_results(args, folder, written, args.formats, said)
     print("\n".join([*(table.text() for table in written.tables.values()), *filter(None, [said.verdict]), *said.lines]))
     print(f"Everything is in {args.out}; open {PAGE}.")
+    if missing:
+        raise InputError(missing)
     return written
 
 

@@ -191,7 +191,7 @@ def number(value: float, decimals: int = 3) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}" if abs(value) < 1e6 else f"{value:.2e}"
 
 
-OUTPUTS = ("table_*", "figure_*", "monte_carlo*")
+OUTPUTS = ("table_*", "figure_*", "monte_carlo*", "film.*")
 """Patterns of the files that a study writes, besides `summary.json` and `provenance.json`."""
 
 

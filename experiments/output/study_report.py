@@ -138,7 +138,7 @@ def said(study: Study) -> Said:
         f"Simulated from the scene '{study.file.scene.identity['name']}' and identified anew, a model at a time: "
         f"{'; '.join(models)}."
     )
-    return Said(study.file.title, about, lines=lines(study), replay=replay(study).to_page())
+    return Said(study.file.title, about, lines=lines(study), replay=replay(study))
 
 
 def replay(study: Study) -> Replay:

@@ -16,7 +16,7 @@ from experiments.cli.defaults import REDRAWN
 from experiments.cli.print_options import author_choices, layout_of
 from experiments.output import figures, report
 from experiments.output.layout import PAPER, Layout
-from experiments.output.page import PAGE, Said, write_report
+from experiments.output.page import PAGE, Said, filmed, write_report
 from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from experiments.studies.errors import Errors
@@ -152,12 +152,15 @@ def conclude(
     inputs = [] if source is None else [source]
     with report.results_folder(args.out, stale=report.OUTPUTS, inputs=inputs) as folder:
         written.write(folder, args.formats, layout)
+        said, missing = filmed(args.film, folder, said)
         write_report(folder, written, args.formats, said)
     print(text)
     if args.trials:
         written |= _run(draw, *done, study, args, layout)
         write_report(args.out, written, args.formats, said)
     print(f"Everything is in {args.out}; open {PAGE}.")
+    if missing:
+        raise InputError(missing)
     return written
 
 

@@ -1,5 +1,6 @@
 """Films: drawn where there is OpenGL, and where there is none a sentence beside results that are whole."""
 
+import shutil
 from itertools import pairwise
 
 import numpy as np
@@ -7,10 +8,11 @@ import pytest
 from commands import refusal
 from pages import options
 from PIL import Image
+from truth import told
 
 import scenes
-from experiments import identify
-from experiments.output import film
+from experiments import identify, misaligned
+from experiments.output import film, replay
 from experiments.output.replay import Replay
 from ident.errors import InputError
 from ident.mechanism.motion import Motion
@@ -48,6 +50,24 @@ def test_without_opengl_there_is_a_sentence(moving, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="A film needs OpenGL, which is not to be had here by MUJOCO_GL=nothing; "):
         film.write_film(tmp_path, *moving)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_study_has_a_film_in_either_format(tmp_path, monkeypatch, capsys):
+    told(monkeypatch)
+    monkeypatch.setattr(replay, "FRAMES", 3)
+    found = shutil.which("ffmpeg")
+    for name, there in (("film.gif", None), ("film.mp4", found)):
+        monkeypatch.setattr(film.shutil, "which", lambda _, there=there: there)
+        code = misaligned.main(["--samples", "60", "--formats", "png", "--film", "--out", str(tmp_path)])
+        if "A film needs OpenGL" in (said := capsys.readouterr().err):
+            pytest.skip(said)
+        assert code == 0
+        if there or name == "film.gif":
+            assert [path.name for path in tmp_path.glob("film.*")] == [name] and (tmp_path / name).stat().st_size > 1000
+            assert f'href="{name}"' in (tmp_path / "report.html").read_text(encoding="utf-8")
+    if not found:
+        pytest.skip("ffmpeg is not on PATH, so no MP4 was written")
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -112,7 +112,7 @@ def named_replay(names):
     arm = replace(arm, tree=replace(tree, bodies=bodies), prior=None, source=None)
     still = Motion(*np.zeros((3, 2, 0)))
     recording = Recording(np.arange(2.0), {"ground_force": np.ones((2, 3)), "ground_torque": np.zeros((2, 3))})
-    return Replay(arm, recording, still, [(names[0], "N")], np.arange(2), {"measured": np.ones((2, 1))}).to_page()
+    return Replay(arm, recording, still, [(names[0], "N")], np.arange(2), {"measured": np.ones((2, 1))})
 
 
 def test_ellipsoids_are_those_of_uniform_bodies():
