@@ -20,8 +20,15 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--seconds", type=options.whole_number(2, 120), default=4, help="length of each recording")
     out.add_argument("--activities", nargs="+", help="what is recorded, by default all that a person does")
     out.add_argument("--rate", type=options.whole_number(20, 200), default=50, help="samples per second")
-    out.add_argument("--noise", type=float, default=0.5, help="standard deviation of the angles, degrees")
-    out.add_argument("--decay", type=float, default=0.0, help="correlation of their noise from sample to sample")
+    out.add_argument(
+        "--from",
+        dest="source",
+        choices=("angles", "correlated", "markers"),
+        default="angles",
+        help="where angles come from: noise that is white, or correlated at 0.9 from sample to sample; or markers with "
+        "2 mm on skin that moves",
+    )
+    out.add_argument("--noise", type=float, default=0.5, help="standard deviation of angles not from markers, degrees")
     options.add_local_workers(out, default=min(2, os.cpu_count() or 1))
     options.add_film(out)
     return out

@@ -27,6 +27,9 @@ ABOUT = (
 )
 """What the page says of the study."""
 
+CORRELATED = 0.9
+"""Correlation of the noise of angles from sample to sample where it is not white."""
+
 COLORS = {"prior": "0.55", "estimate": "C0"}
 
 KINDS = {"masses": slice(0, 1), "first moments": slice(1, 4), "inertias": slice(4, 10)}
@@ -173,11 +176,10 @@ def said(found: Study) -> Said:
 
 def run(args: argparse.Namespace) -> Results:
     """Runs the study and writes, prints and returns its results."""
-    if not 0 <= args.decay < 1 or not 0 < args.noise < 30:
-        raise InputError(
-            f"Noise needs --decay from 0 to below 1 and --noise in degrees, got {args.decay}, {args.noise}."
-        )
-    laboratory = Laboratory(angle_deg=args.noise, decay=args.decay, rate=float(args.rate))
+    if not 0 < args.noise < 30:
+        raise InputError(f"Noise of angles (--noise) is from above 0 to below 30 degrees, got {args.noise:g}.")
+    decay = CORRELATED if args.source == "correlated" else 0.0
+    laboratory = Laboratory(args.noise, decay, rate=float(args.rate), markers=args.source == "markers")
     with report.writable(args.out), ExitStack() as stack:
         executor = stack.enter_context(worker_pool(args.workers)).executor if args.workers > 1 else None
         shared = {"seed": args.seed, "activities": args.activities, "executor": executor, "report": progress}
@@ -185,6 +187,6 @@ def run(args: argparse.Namespace) -> Results:
             human.study(float(args.seconds), laboratory=replace(laboratory, rail=rail), **shared)
             for rail in (True, False)
         )
-    told = "seed", "seconds", "activities", "rate", "noise", "decay", "formats"
+    told = "seed", "seconds", "activities", "rate", "source", "noise", "formats"
     choices = {key: getattr(args, key) for key in told}
     return conclude(args, results(found, feet_alone), said(found), report.provenance(choices))

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import scenes
 from experiments.studies.noisy_recordings import autoregressive
+from experiments.studies.person_markers import from_markers
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.geometry.se3 import inverse, pose
 from ident.mechanism.mechanism import Mechanism
@@ -47,6 +48,9 @@ class Laboratory:
         late: Seconds by which plates and rail are late.
         rate: Samples per second, Hz.
         rail: Whether there is a rail to hold.
+        markers: Whether angles and the pelvis's pose follow from markers, instead of having noise of their own.
+        marker: Standard deviation of the markers' positions, m.
+        skin: How far skin moves over bone, m; see `experiments.studies.person_markers`.
     """
 
     angle_deg: float = 0.5
@@ -56,6 +60,9 @@ class Laboratory:
     late: float = 0.02
     rate: float = 100.0
     rail: bool = True
+    markers: bool = False
+    marker: float = 0.002
+    skin: float = 0.004
 
     def times(self, seconds: float) -> np.ndarray:
         """Sample times of a recording of such a length, s (N,)."""
@@ -99,28 +106,58 @@ def recorded(activity: str, seconds: float, seed: int, laboratory: Laboratory = 
         seed: Of the motion, and of all noise.
         laboratory: How well it measures.
     """
-    rng = np.random.default_rng((seed, 1))
-    time, tree = laboratory.times(seconds), humanoid().tree
+    time = laboratory.times(seconds)
     true, late = (moved(activity, t, seed, rail=laboratory.rail) for t in (time, time - laboratory.late))
-    measured = _wrenches(late, rng, laboratory)
-    for body, x in zip(tree.bodies, tree.body_coordinates(true.q), strict=True):
+    found = sensed(humanoid(), time, (true, late), laboratory, np.random.default_rng((seed, 1)))
+    return replace(found, provenance={**found.provenance, "activity": activity, "seed": seed})
+
+
+def sensed(
+    who: Mechanism,
+    time: np.ndarray,
+    motions: tuple[Motion, Motion],
+    laboratory: Laboratory,
+    rng: np.random.Generator,
+    unmeasured: np.ndarray | float = 0.0,
+) -> Recording:
+    """What a laboratory's sensors say of a person.
+
+    Args:
+        who: The person, on a pelvis that moves.
+        time: Sample times, s (N,).
+        motions: What she does then, and what she did when plates and rail, which are late, felt it.
+        laboratory: How well it measures.
+        rng: Of all noise.
+        unmeasured: Wrench in the world that something else exerts on her then, which has no sensor (N, 6).
+    """
+    true, late = motions
+    measured = _wrenches(who, late, rng, laboratory, unmeasured)
+    sensors = {name: sensor for name, sensor in SENSORS.items() if f"{name}_force" in measured}
+    if laboratory.markers:
+        felt = Recording(time, measured, sensors=sensors)
+        return from_markers(who, time, true, (laboratory.marker, laboratory.skin), rng, felt)
+    for body, x in zip(who.tree.bodies, who.tree.body_coordinates(true.q), strict=True):
         if body.coordinates:
             measured[f"{body.joint}_position"] = _noisy(x, rng, laboratory)
     assert true.base is not None
     base = true.base.T.copy()
     base[:, :3, 3] += laboratory.position * rng.normal(size=(len(time), 3))
     base[:, :3, :3] = base[:, :3, :3] @ _turns(rng, len(time), laboratory).as_matrix()
-    sensors = {name: sensor for name, sensor in SENSORS.items() if f"{name}_force" in measured}
-    told = {"activity": activity, "seed": seed}
-    return Recording(time, measured, sensors=sensors, base=base, provenance=told)
+    return Recording(time, measured, sensors=sensors, base=base)
 
 
-def _wrenches(motion: Motion, rng: np.random.Generator, laboratory: Laboratory) -> dict[str, np.ndarray]:
-    """Channels of the plates and the rail, which together give what the motion needs."""
-    who, base = humanoid(), motion.base
+def _wrenches(
+    who: Mechanism,
+    motion: Motion,
+    rng: np.random.Generator,
+    laboratory: Laboratory,
+    unmeasured: np.ndarray | float,
+) -> dict[str, np.ndarray]:
+    """Channels of the plates and the rail, which with what is not measured give what the motion needs."""
+    base = motion.base
     assert base is not None
     Y = base_wrench_regressor(who.tree, *motion.states, gravity=who.gravity, base=base)
-    left_over = transform_wrench(base.T, Y @ who.known)
+    left_over = transform_wrench(base.T, Y @ who.known) - unmeasured
     sensed = {}
     if laboratory.rail:
         waves = np.sin(2 * np.pi * rng.uniform(0.2, 0.8, 3) * np.arange(len(left_over))[:, None] / laboratory.rate)

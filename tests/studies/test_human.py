@@ -41,6 +41,6 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
 
 
 def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
-    for option, value in (("--noise", "40"), ("--decay", "1"), ("--seconds", "1"), ("--activities", "sleeping")):
+    for option, value in (("--noise", "40"), ("--from", "films"), ("--seconds", "1"), ("--activities", "sleeping")):
         said = refusal(human.main, [option, value, "--out", str(tmp_path / "out")], capsys)
         assert value in said

@@ -1,5 +1,7 @@
 """Recordings of a person: all contacts together give what MuJoCo's inverse dynamics asks for; the prior is wrong."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -58,3 +60,18 @@ def test_the_prior_is_physical_and_wrong_by_a_fifth():
     true = humanoid()
     ratios = [mistaken(true, np.random.default_rng(seed)).known[::10] / true.known[::10] for seed in range(20)]
     assert np.log(ratios).std() == pytest.approx(0.2, rel=0.15)
+
+
+def test_angles_from_markers_are_as_good_as_they_are_said_to_be():
+    """With white noise of the markers alone; skin that moves makes them worse, and what is said of them too."""
+    exact = recorded("squats", 1.0, 1, EXACT)
+    errors = {}
+    for skin in (0.0, 0.004):
+        marked = recorded("squats", 1.0, 1, replace(EXACT, force=1.5, markers=True, skin=skin))
+        assert set(marked.sensors) == {"left", "right", "rail"}
+        hinges = [f"{body.joint}_position" for body in humanoid().tree.bodies if body.coordinates == 1]
+        z = [(marked.measured[name] - exact.measured[name]) / marked.noise[name] for name in hinges]
+        errors[skin] = np.sqrt(np.mean(np.square(z))), marked.provenance["sigma_m"]
+        assert np.abs(marked.base - exact.base)[:, :3, 3].max() < (0.005 if skin == 0 else 0.03)
+    assert 0.9 < errors[0.0][0] < 1.1 and errors[0.0][1] == pytest.approx(0.002, rel=0.05)
+    assert errors[0.004][0] < 1.3 and errors[0.004][1] > 0.004

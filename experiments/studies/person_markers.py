@@ -1,0 +1,99 @@
+"""A person's markers on skin that moves, and the angles that the project's own fit finds from them."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from experiments.studies.noisy_recordings import autoregressive
+from ident.geometry.inertia import com_from_parameters
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
+from ident.recordings.recording import Recording
+from sim.markers.marked_model import MarkedModel, marked_model
+from sim.markers.recording import recording
+from sim.markers.trial_fit import check_fit, fit_trial
+from sim.models.model_update import updated_spec
+
+EACH = 4
+"""Markers on each body."""
+
+LASTS = 0.3
+"""Time over which skin stays where it has moved, s."""
+
+PER_RADIAN = 2.0
+"""How far skin slides as the body's joint turns by one radian, of its standard deviation otherwise."""
+
+
+def from_markers(
+    who: Mechanism,
+    time: np.ndarray,
+    motion: Motion,
+    size: tuple[float, float],
+    rng: np.random.Generator,
+    felt: Recording,
+) -> Recording:
+    """A recording whose angles and base follow from noisy markers, as those of `python -m experiments.angles` do.
+
+    Skin moves over bone by chance, for about `LASTS`, and slides as the joint turns, a marker in a direction of
+    its own.
+
+    Args:
+        who: The person, on a base that moves.
+        time: Times of the frames, s (N,).
+        motion: What she does.
+        size: Standard deviations of the markers' positions, and of how far skin moves, m.
+        rng: Of all noise.
+        felt: What plates and rail measure on the same clock.
+    """
+    marked, places = _marked(who)
+    assert motion.base is not None
+    poses = motion.base.T[:, None] @ who.tree.poses(motion.q)
+    turns = who.tree.body_coordinates(motion.q)
+    noise, skin = size
+    decay = np.exp(-float(np.median(np.diff(time))) / LASTS)
+    seen = []
+    for body, place in places:
+        i = who.tree.names.index(body)
+        by_chance = np.stack([autoregressive(rng, len(time), decay) for _ in range(3)], axis=1)
+        slides = PER_RADIAN * _direction(rng) * _turned(turns[i])[:, None]
+        own = place + skin * (by_chance + slides)
+        at = poses[:, i, :3, 3] + (poses[:, i, :3, :3] @ own[..., None])[..., 0]
+        seen.append(at + noise * rng.normal(size=at.shape))
+    postures = fit_trial(marked, np.stack(seen, axis=1))
+    check_fit(postures)
+    return recording(postures, time, "pelvis", {"sigma_m": postures.sigma}, felt)
+
+
+def _turned(coordinates: np.ndarray) -> np.ndarray:
+    """How far a body's joint is turned from its home, rad (N,): angles (N, 1), quaternions (N, 4) or nothing (N, 0)."""
+    if coordinates.shape[1] == 4:
+        return 2 * np.arctan2(np.linalg.norm(coordinates[:, 1:], axis=1), np.abs(coordinates[:, 0]))
+    return coordinates.sum(axis=1)
+
+
+def _direction(rng: np.random.Generator) -> np.ndarray:
+    """A unit vector by chance (3,)."""
+    v = rng.normal(size=3)
+    return np.asarray(v / np.linalg.norm(v))
+
+
+@lru_cache(maxsize=2)
+def _marked(who: Mechanism) -> tuple[MarkedModel, list[tuple[str, np.ndarray]]]:
+    """The model with `EACH` markers on every body that has mass, and these bodies and places in their frames.
+
+    Markers are by chance on the ellipsoid with the body's mass and moments of inertia.
+    """
+    spec, rng, places = updated_spec(who, who.known), np.random.default_rng(0), []
+    labels = []
+    for body, phi in zip(who.bodies, who.known.reshape(-1, 10), strict=True):
+        mass, centre, central = com_from_parameters(phi)
+        moments, axes = np.linalg.eigh(central)
+        # Moments of an ellipsoid of half-axes a: m (a_j² + a_k²) / 5.
+        half = np.sqrt(np.maximum(5 / mass * (moments.sum() / 2 - moments), 0))
+        for k in range(EACH):
+            place = centre + axes @ (half * _direction(rng))
+            labels.append(f"{body}_marker{k}")
+            spec.body(body).add_site(name=labels[-1], pos=place)
+            places.append((body, place))
+    marked, _ = marked_model(spec, labels)
+    return marked, places
