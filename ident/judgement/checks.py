@@ -170,5 +170,7 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
         return None
     if not known.all():
         raise NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not measured here")
-    in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
-    return diagnosis.check_contact(prepared.mechanism.tree, prepared.samples.motion.q[prepared.taken(part)], in_base)
+    in_base, q = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0], prepared.samples.motion.q[prepared.taken(part)]
+    # Noise of what is measured passes its sensor, and with it the bodies next to that one.
+    measured = {str(sensor.body) for name, sensor in prepared.recording.sensors.items() if name != GROUND}
+    return diagnosis.check_contact(prepared.mechanism.tree, q, in_base, measured)

@@ -66,6 +66,9 @@ CLOSE = 0.2
 NEAR = 0.12
 """Distance within which forces pass a body that is likely, m: half a foot, along which they wander."""
 
+AS_NEAR = 1.03
+"""Distances within this factor of the smallest one are as good as the same."""
+
 TINY = 1e-12
 """Stands for a force that is none, N."""
 
@@ -174,7 +177,9 @@ def right_angled_rotations() -> list[np.ndarray]:
     return sorted(turns, key=lambda R: -np.trace(R))
 
 
-def check_contact(tree: Tree, q: np.ndarray, residual: np.ndarray, usual: Collection[str] = ()) -> ContactCheck:
+def check_contact(
+    tree: Tree, q: np.ndarray, residual: np.ndarray, usual: Collection[str] = (), up: np.ndarray | None = None
+) -> ContactCheck:
     """Where on the mechanism an unmeasured force would have to act to leave this residual.
 
     The residual moment is least-squares fitted by `(p_i + R_i c) × F`. Over a short time forces nearly always pass
@@ -185,13 +190,29 @@ def check_contact(tree: Tree, q: np.ndarray, residual: np.ndarray, usual: Collec
         q: Joint coordinates (N, n_q).
         residual: Measured less predicted wrench in the base frame, all six channels (N, 6).
         usual: Bodies that are likely: one of them it is if the forces pass `NEAR` it.
+        up: Directions against gravity in the base frame (N, 3), if the force carries weight: of bodies next to each
+            other whose distance is as good as the same, since its line runs through both, it then is the lowest.
 
     Returns:
         The best body and point.
     """
-    found = [_contact_on(tree, i, tree.poses(q)[:, i], residual) for i in tree.inertial]
-    near = [check for check in found if check.body in usual and check.distance < NEAR]
-    return min(near or found, key=lambda check: check.distance)
+    poses = tree.poses(q)
+    found = {i: _contact_on(tree, i, poses[:, i], residual) for i in tree.inertial}
+    likely = {i: check for i, check in found.items() if check.body in usual and check.distance < NEAR} or found
+    best = min(likely, key=lambda i: likely[i].distance)
+    if up is None:
+        return likely[best]
+    linked = [i for i in likely if best in (i, _carrier(tree, i)) or i == _carrier(tree, best)]
+    as_near = [i for i in linked if likely[i].distance <= AS_NEAR * likely[best].distance]
+    return likely[min(as_near, key=lambda i: float((poses[:, i, :3, 3] * up).sum(axis=1).mean()))]
+
+
+def _carrier(tree: Tree, i: int) -> int:
+    """The next body with inertia that carries another one; -1 if the base does."""
+    parent = tree.bodies[i].parent
+    while parent >= 0 and parent not in tree.inertial:
+        parent = tree.bodies[parent].parent
+    return parent
 
 
 def _contact_on(tree: Tree, i: int, T: np.ndarray, residual: np.ndarray) -> ContactCheck:

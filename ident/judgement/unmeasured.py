@@ -99,7 +99,7 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
                 float(time[span][0]),
                 float(time[span][-1]),
                 float(missing[first:last].max() / (heavier * weight)),
-                _contact(prepared, slice(first, last), residual),
+                _contact(prepared, slice(first, last), residual, up[first:last]),
             )
         )
     return tuple(found)
@@ -142,12 +142,12 @@ def _spans(missing: np.ndarray, least: float, shortest: int) -> list[tuple[int, 
     return [(s.start, s.stop) for s in spans if s.stop - s.start >= shortest]
 
 
-def _contact(prepared: Prepared, part: slice, residual: np.ndarray) -> ContactCheck | None:
+def _contact(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> ContactCheck | None:
     if not np.isfinite(residual).all():
         return None
-    in_base = (coAd(prepared.frame) @ residual[..., None])[..., 0]
-    unloaded = _unloaded(prepared, part)
-    return check_contact(prepared.mechanism.tree, prepared.samples.motion.q[part], in_base, unloaded)
+    in_base, unloaded = (coAd(prepared.frame) @ residual[..., None])[..., 0], _unloaded(prepared, part)
+    q, up_in_base = prepared.samples.motion.q[part], up @ prepared.frame[:3, :3].T
+    return check_contact(prepared.mechanism.tree, q, in_base, unloaded, up_in_base)
 
 
 def _unloaded(prepared: Prepared, part: slice) -> set[str]:
