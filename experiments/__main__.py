@@ -1,16 +1,20 @@
-"""Runs everything: the mechanism, both studies, that of contacts also with several at once, and a page of them all."""
+"""Runs everything: the mechanism, both studies, that of contacts also with several at once, a person, a page of all."""
 
 import argparse
 from collections.abc import Callable
 from functools import partial
 
-from experiments import mechanism, misaligned, multicontact
+from experiments import human, mechanism, misaligned, multicontact
 from experiments.cli import options, print_options
+
+PERSON = ("--seconds", "3")
+"""How much of a person is recorded: enough for all channels of unseen motions to be predicted three times better than
+by the prior, and a minute or two of work."""
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs every study with its defaults, into folders of their own."""
-    from experiments.output import study_report
+    from experiments.output import human_report, study_report
     from experiments.output.index import write_index
     from experiments.output.results import Results
     from experiments.studies import mechanism as drawn
@@ -29,11 +33,12 @@ def run(args: argparse.Namespace) -> None:
     for name in ("misaligned", "multicontact", "several_contacts"):
         make_parser = misaligned.parser if name == "misaligned" else multicontact.parser
         studies[name] = partial(study_report.run, file=packaged(name)), make_parser, trials
+    studies["human"] = human_report.run, human.parser, [*PERSON, "--workers", str(args.workers)]
     results = {}
     for folder, (study, make_parser, more) in studies.items():
         out = args.out / folder
         # A study that the interrupted run had not reached starts from the beginning.
-        resume = ["--resume"] if more and args.resume and (out / FILE).exists() else []
+        resume = ["--resume"] if args.resume and (out / FILE).exists() else []
         page = ["--page-columns", str(args.page_columns)]
         given = ["--out", str(out), "--formats", *formats, *page, *more, *resume]
         results[folder] = study(make_parser().parse_args(given))

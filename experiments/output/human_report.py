@@ -6,16 +6,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from experiments.cli.own_model import progress
-from experiments.output import figures, identify_replay, report
+from experiments.output import identify_replay, report
+from experiments.output.human_figure import figure, foretold, growth
 from experiments.output.page import Said, conclude
 from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from experiments.studies import human
-from experiments.studies.errors import HALF_WIDTH
 from experiments.studies.human import Study
 from experiments.studies.person_recordings import Laboratory
 from ident.errors import InputError
@@ -29,12 +27,6 @@ ABOUT = (
 
 CORRELATED = 0.9
 """Correlation of the noise of angles from sample to sample where it is not white."""
-
-COLORS = {"prior": "0.55", "estimate": "C0"}
-
-KINDS = {"masses": slice(0, 1), "first moments": slice(1, 4), "inertias": slice(4, 10)}
-KIND_COLORS = ("C0", "C1", "C2")
-"""Parameters of a segment by what they are, and their colours."""
 
 
 def table_segments(found: Study) -> report.Table:
@@ -65,57 +57,6 @@ def table_prediction(found: Study) -> report.Table:
     return report.Table(title, ("candidate", *found.estimate.channels[:6]), tuple(rows), decimals=3)
 
 
-def figure(found: Study, feet_alone: Study) -> Figure:
-    """Errors of first moments, and what each further recording adds, with the rail and without."""
-    with figures.paper_style():
-        drawing = Figure(figsize=(figures.column_width(), 5.2))
-        above, below = drawing.subplots(2, 1, height_ratios=(2.2, 1))
-        _segments(above, found)
-        _growth(below, found, feet_alone)
-    return drawing
-
-
-def _segments(ax: Axes, found: Study) -> None:
-    """Error of each first moment's vector, relative to its size, of prior and estimate."""
-    phi, std = found.segments
-    true, prior = (arm.known.reshape(-1, 10) for arm in (found.true, found.mechanism))
-    size = np.linalg.norm(true[:, 1:4], axis=1)
-    rows = np.arange(len(size))
-    for name, x, offset in (("prior", prior, -0.15), ("estimate", phi, 0.15)):
-        error = 100 * np.linalg.norm((x - true)[:, 1:4], axis=1) / size
-        ax.plot(error, rows + offset, "o", ms=3, color=COLORS[name], label=name)
-    said = 100 * HALF_WIDTH * np.linalg.norm(std[:, 1:4], axis=1) / size
-    ax.hlines(rows + 0.15, 0, said, color=COLORS["estimate"], lw=0.9, alpha=0.5, label="said of the estimate, 95 %")
-    ax.set_yticks(rows, [name.replace("_", " ") for name in found.true.bodies])
-    ax.invert_yaxis()
-    ax.set_xscale("symlog", linthresh=10, linscale=1)
-    ax.set_xlim(left=0)
-    ax.set_xlabel("Error of the first moment (%)", labelpad=2)
-    ax.set_title("(a) First moments of segments")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.35, -0.13), ncols=3, fontsize=6, columnspacing=1)
-
-
-def growth(found: Study) -> np.ndarray:
-    """Deviations of masses, first moments and inertias over the prior's, geometric means, by recordings (k + 1, 3)."""
-    deviations = np.array([found.information(range(n)) for n in range(len(found.activities) + 1)])
-    logs = np.log(deviations / deviations[0])
-    return np.exp(np.stack([logs[..., which].mean(axis=(1, 2)) for which in KINDS.values()], axis=1))
-
-
-def _growth(ax: Axes, found: Study, feet_alone: Study) -> None:
-    """How the deviations of segments shrink as recordings are added."""
-    numbers = np.arange(len(found.activities) + 1)
-    for study, style, contacts in ((found, "-", "plates and rail"), (feet_alone, "--", "plates")):
-        for name, marker, color, ratio in zip(KINDS, "osD", KIND_COLORS, growth(study).T, strict=True):
-            label = name if study is found else None
-            ax.plot(numbers, ratio, marker + style, ms=3, lw=0.9, color=color, label=label)
-        ax.plot([], [], style, color="0.3", lw=0.9, label=contacts)
-    ax.set_xticks(numbers, ["none", *(f"+ {activity}" for activity in found.activities)], rotation=20, ha="right")
-    ax.set_ylabel("Deviation over the prior's", labelpad=2)
-    ax.set_title(f"(b) Recordings of {found.seconds:g} s each")
-    ax.legend(loc="lower left", fontsize=6, ncols=1)
-
-
 def numbers(found: Study) -> dict[str, Any]:
     """Key numbers for scripts."""
     estimate, (phi, std) = found.estimate, found.segments
@@ -127,11 +68,13 @@ def numbers(found: Study) -> dict[str, Any]:
             strict=True,
         )
     }
+    told = {name: [x.tolist() for x in each] for name, each in foretold(found).items()}
     centres = {name: com_from_parameters(np.array(each["estimate"]))[1].tolist() for name, each in segments.items()}
     return {
         "activities": list(found.activities),
         "seconds": found.seconds,
         "base_parameters": len(found.psi),
+        "combinations": len(found.determined),
         "determined": int(found.determined.sum()),
         "coverage_of_determined": found.coverage if found.determined.any() else None,
         "rms_z": float(np.sqrt((found.distances[1] ** 2).mean())),
@@ -139,7 +82,9 @@ def numbers(found: Study) -> dict[str, Any]:
         "verdict": estimate.verdict(),
         "segments": segments,
         "growth": growth(found).tolist(),
+        "foretold": {name: dict(zip(("seconds", "deviation"), x, strict=True)) for name, x in told.items()},
         "errors": {name: dict(zip(estimate.channels, x.tolist(), strict=False)) for name, x in found.errors.items()},
+        "times_better": (found.errors["prior"] / found.errors["joint estimate"]).tolist(),
         "centres_of_mass": centres,
     }
 
@@ -148,9 +93,10 @@ def results(found: Study, feet_alone: Study) -> Results:
     """What the study leaves behind, of a person who holds the rail and of one who does not."""
     caption = (
         "A person on two force plates who holds a rail: error of each segment's first moment before and after "
-        f"{len(found.activities)} recordings of {found.seconds:g} s, with what the estimate says of itself (a), and "
+        f"{len(found.activities)} recordings of {found.seconds:g} s, with what the estimate says of itself (a); "
         "standard deviations of all segments' parameters, geometric means over those known beforehand, as recordings "
-        "are added, with the rail and without (b)."
+        "are added (b), and of the wrench that unseen motions need, a geometric mean of the channels, as they get "
+        "longer, of one motion or of all of them (c); with the rail and without."
     )
     tables = {"table_segments": table_segments(found), "table_prediction": table_prediction(found)}
     summary = {"plates_and_rail": numbers(found), "plates": numbers(feet_alone)}

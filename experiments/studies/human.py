@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.accumulator import accumulate
 from ident.estimation.joint import Report, inverse_of_precision
+from ident.estimation.piece import Piece, linearised
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
 from ident.identification import identified
@@ -92,47 +93,87 @@ class Study:
         return {"prior": prior, "filtered least squares": filtered, "joint estimate": self.estimate.psi}
 
     @cached_property
-    def errors(self) -> dict[str, np.ndarray]:
-        """Errors of the wrench that unseen motions need, RMS over the wrench's own deviation, by candidate (6,).
-
-        The motions are exact, so that parameters alone err.
-        """
+    def unseen(self) -> np.ndarray:
+        """Base-wrench regressor of motions that were not recorded (N, 6, r); they are exact: parameters alone err."""
         columns = []
         for number, activity in enumerate(self.activities):
             time = Laboratory().times(self.seconds)
             motion = moved(activity, time, UNSEEN + self.seed + number)
             Y = base_wrench_regressor(self.true.tree, *motion.states, gravity=self.true.gravity, base=motion.base)
             columns.append(Y[..., list(self.estimate.base.kept)])
-        Y = np.concatenate(columns)
-        signal = (Y @ self.psi).std(axis=0)
-        return {k: np.sqrt(((Y @ (psi - self.psi)) ** 2).mean(axis=0)) / signal for k, psi in self.candidates.items()}
+        return np.concatenate(columns)
+
+    @cached_property
+    def errors(self) -> dict[str, np.ndarray]:
+        """Errors of the wrench that unseen motions need, RMS over the wrench's own deviation, by candidate (6,)."""
+        signal = (self.unseen @ self.psi).std(axis=0)
+        off = {name: self.unseen @ (psi - self.psi) for name, psi in self.candidates.items()}
+        return {name: np.sqrt((x**2).mean(axis=0)) / signal for name, x in off.items()}
 
     @cached_property
     def segments(self) -> tuple[np.ndarray, np.ndarray]:
         """φ of all segments and standard deviations, by what was known and the estimate (b, 10) each."""
-        return self._conditioned(range(len(self.activities)))
+        return self._conditioned([self.seconds] * len(self.activities))
 
     @property
     def coverage(self) -> float:
         """Share of the 95 % intervals of what is determined that hold the truth."""
         return float((np.abs(self.distances[1][self.determined]) < HALF_WIDTH).mean())
 
-    def information(self, recordings: Sequence[int]) -> np.ndarray:
-        """Standard deviations of φ that some of the recordings would give, at the noise that all have shown (b, 10)."""
-        return self._conditioned(recordings)[1]
+    def information(self, seconds: Sequence[float]) -> np.ndarray:
+        """Standard deviations of φ after the first seconds of each recording, at the noise that all show (b, 10)."""
+        return self._conditioned(seconds)[1]
 
-    def _conditioned(self, recordings: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """φ and its standard deviations, as some recordings tell of it (b, 10) each."""
-        joint, estimate = self.estimate.joint, self.estimate
+    def foretold(self, seconds: Sequence[float]) -> float:
+        """Standard deviation of the wrench that unseen motions need after the first seconds of each recording.
+
+        It is over that by what was known beforehand, a geometric mean of the channels, and of noise alone: the set-up
+        is as it was found.
+        """
+        both = [self._covariance(each, setup=False) for each in (seconds, [0.0] * len(self.activities))]
+        now, before = ((self._squares * covariance).sum(axis=(1, 2)) for covariance in both)
+        return float(np.exp(np.log(now / before).mean() / 2))
+
+    @cached_property
+    def _squares(self) -> np.ndarray:
+        """Products of the columns of each channel's unseen regressor, summed over samples (6, r, r)."""
+        Y = self.unseen.swapaxes(0, 1)
+        return Y.swapaxes(1, 2) @ Y
+
+    def _conditioned(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """φ and its standard deviations, as the first seconds of each recording tell of it (b, 10) each."""
+        estimate = self.estimate
+        phi, std = conditioned(self.mechanism, estimate.base, estimate.psi, self._covariance(seconds))
+        return phi.reshape(-1, 10), std.reshape(-1, 10)
+
+    def _covariance(self, seconds: Sequence[float], *, setup: bool = True) -> np.ndarray:
+        """Covariance of base parameters after the first seconds of each recording (r, r).
+
+        Args:
+            seconds: How many of each.
+            setup: Whether with what is left open of the set-up.
+        """
+        joint, rank = self.estimate.joint, self.estimate.base.rank
         assert joint is not None
         fit, own = joint.fit, np.repeat(np.arange(len(joint.counts)), joint.counts)
-        taken = [schur for k, (schur, _) in zip(own, fit.shares, strict=True) if k in recordings]
-        precision = sum(taken, start=fit.prior.precision)
-        open_ = (fit.free | joint.is_setup) & (np.diag(precision) > 0)
-        rank = estimate.base.rank
-        covariance = inverse_of_precision(precision[np.ix_(open_, open_)])[:rank, :rank]
-        phi, std = conditioned(self.mechanism, estimate.base, estimate.psi, covariance)
-        return phi.reshape(-1, 10), std.reshape(-1, 10)
+        precision = fit.prior.precision.copy()
+        for k, length in enumerate(np.array(seconds)[own]):
+            if length >= self.seconds:
+                precision += fit.shares[k][0]
+            elif length > 0:
+                begun = beginning(fit.pieces[k], float(length))
+                part = linearised(joint.measurement, begun, fit.coefficients[k], theta=fit.theta, noise=fit.noise)
+                precision += part.schur
+        open_ = (fit.free | (joint.is_setup & setup)) & (np.diag(precision) > 0)
+        return inverse_of_precision(precision[np.ix_(open_, open_)])[:rank, :rank]
+
+
+def beginning(piece: Piece, seconds: float) -> Piece:
+    """A piece of which the first seconds were recorded, counted from the beginning of its recording."""
+    q, *_ = piece.states
+    there, felt = (x < piece.origin + seconds for x in (piece.time, piece.when))
+    states = np.where(there[:, None], q, np.nan), None, None
+    return replace(piece, states=states, measured=np.where(felt[:, None], piece.measured, np.nan))
 
 
 def least_squares_from_prior(estimate: Estimate) -> np.ndarray:

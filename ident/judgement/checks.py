@@ -171,6 +171,6 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
     if not known.all():
         raise NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not measured here")
     in_base, q = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0], prepared.samples.motion.q[prepared.taken(part)]
-    # Noise of what is measured passes its sensor, and with it the bodies next to that one.
+    # Noise is no contact that was left out: it may seem to be a force on any body, one with a sensor among them.
     measured = {str(sensor.body) for name, sensor in prepared.recording.sensors.items() if name != GROUND}
     return diagnosis.check_contact(prepared.mechanism.tree, q, in_base, measured)

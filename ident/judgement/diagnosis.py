@@ -189,7 +189,7 @@ def check_contact(
         tree: The mechanism.
         q: Joint coordinates (N, n_q).
         residual: Measured less predicted wrench in the base frame, all six channels (N, 6).
-        usual: Bodies that are likely: one of them it is if the forces pass `NEAR` it.
+        usual: Bodies that are likely: one of them it is if the forces pass `NEAR` it, or as near as any other.
         up: Directions against gravity in the base frame (N, 3), if the force carries weight: of bodies next to each
             other whose distance is as good as the same, since its line runs through both, it then is the lowest.
 
@@ -198,7 +198,8 @@ def check_contact(
     """
     poses = tree.poses(q)
     found = {i: _contact_on(tree, i, poses[:, i], residual) for i in tree.inertial}
-    likely = {i: check for i, check in found.items() if check.body in usual and check.distance < NEAR} or found
+    near = max(NEAR, AS_NEAR * min(check.distance for check in found.values()))
+    likely = {i: check for i, check in found.items() if check.body in usual and check.distance < near} or found
     best = min(likely, key=lambda i: likely[i].distance)
     if up is None:
         return likely[best]

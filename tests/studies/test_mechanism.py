@@ -2,6 +2,7 @@ import csv
 import json
 import re
 import shutil
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,11 +17,18 @@ from experiments.mechanism import main
 from experiments.output import figures
 from experiments.output.figures import WIDTHS
 from experiments.runs import workers
-from experiments.studies import mechanism, paper
+from experiments.studies import human, mechanism, paper
+from experiments.studies.person_recordings import Laboratory
 from ident.geometry.se3 import exp
 
 OPTIONS = ["--formats", "svg", "--trials", "4", "--joint-trials", "2", "--redraw", "sensors"]
-STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts")
+STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts", "human")
+
+
+@cache
+def briefly():
+    """Two motions of a person for two seconds, in place of recordings with and without a rail that take a minute."""
+    return human.study(2.0, laboratory=Laboratory(rate=50), activities=["squats", "steps"])
 
 
 def test_figure_1_is_drawn_from_the_scene():
@@ -76,6 +84,8 @@ def out(tmp_path_factory):
         patched.setattr(figures, "drawn", not_drawn)
         patched.setattr(workers, "Processes", Here)
         told(patched)
+        person = briefly()
+        patched.setattr(human, "study", lambda *args, **kwargs: person)
         assert everything([*OPTIONS, "--out", str(folder)]) == 0
     return folder
 
@@ -83,7 +93,7 @@ def out(tmp_path_factory):
 def test_everything_on_one_page(out):
     assert {path.name for path in out.iterdir()} == {*STUDIES, "index.html"}
     page = (out / "index.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 11
+    assert page.count("data:image/png;base64,") == 12
     targets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)|url\(([^)]*)""", page)
     links = {link for pair in targets for link in pair if link and not link.startswith("data:")}
     sections = {link for link in links if link.startswith("#")}
@@ -112,7 +122,9 @@ def test_everything_on_one_page(out):
 
 
 @pytest.mark.usefixtures("undrawn", "no_joint", "here")
-def test_everything_resumes_what_was_interrupted(out, tmp_path):
+def test_everything_resumes_what_was_interrupted(out, tmp_path, monkeypatch):
+    person = briefly()
+    monkeypatch.setattr(human, "study", lambda *args, **kwargs: person)
     again = shutil.copytree(out, tmp_path / "results")
     (again / "multicontact" / "trials.npz").unlink()
     (again / "index.html").unlink()
