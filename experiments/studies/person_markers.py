@@ -31,6 +31,7 @@ def from_markers(
     size: tuple[float, float],
     rng: np.random.Generator,
     felt: Recording,
+    base: str = "pelvis",
 ) -> Recording:
     """A recording whose angles and base follow from noisy markers, as those of `python -m experiments.angles` do.
 
@@ -38,16 +39,18 @@ def from_markers(
     its own.
 
     Args:
-        who: The person, on a base that moves.
+        who: The person.
         time: Times of the frames, s (N,).
         motion: What she does.
         size: Standard deviations of the markers' positions, and of how far skin moves, m.
         rng: Of all noise.
         felt: What plates and rail measure on the same clock.
+        base: The body that everything hangs on.
     """
     marked, places = _marked(who)
-    assert motion.base is not None
-    poses = motion.base.T[:, None] @ who.tree.poses(motion.q)
+    poses = who.tree.poses(motion.q)
+    if motion.base is not None:
+        poses = motion.base.T[:, None] @ poses
     turns = who.tree.body_coordinates(motion.q)
     noise, skin = size
     decay = np.exp(-float(np.median(np.diff(time))) / LASTS)
@@ -61,7 +64,7 @@ def from_markers(
         seen.append(at + noise * rng.normal(size=at.shape))
     postures = fit_trial(marked, np.stack(seen, axis=1))
     check_fit(postures)
-    return recording(postures, time, "pelvis", {"sigma_m": postures.sigma}, felt)
+    return recording(postures, time, base, {"sigma_m": postures.sigma}, felt)
 
 
 def _turned(coordinates: np.ndarray) -> np.ndarray:
