@@ -234,7 +234,8 @@ def _fine_enough(task: _Task, share: int, step: float, finest: float) -> Joint:
     """Knots get denser as long as residuals are correlated, if that makes them smaller: something jumps.
 
     Where they are correlated over long times mostly the model is not quite right, and no trajectory should make up for
-    that. Or else knots are much too far apart: then denser ones leave no drift, which the set-up must not explain.
+    that. Or else knots are much too far apart: then denser ones leave no drift, which the set-up must not explain. What
+    does not settle with denser knots is no better than what did.
     """
 
     def denser(estimate: Joint) -> Joint:
@@ -253,7 +254,8 @@ def _fine_enough(task: _Task, share: int, step: float, finest: float) -> Joint:
             fine = task.searched(denser(fine))
     except (ExcitationError, np.linalg.LinAlgError):
         return coarse
-    return fine if _smaller(fine, coarse) else coarse
+    unsettled = fine.fit.status == "stopped" and coarse.fit.status == "converged"
+    return fine if _smaller(fine, coarse) and not unsettled else coarse
 
 
 def _jumps(estimate: Joint) -> bool:
