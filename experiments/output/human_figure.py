@@ -22,7 +22,7 @@ SHARES = (0.15, 0.3, 0.6, 1.0)
 def figure(found: Study, feet_alone: Study) -> Figure:
     """Errors of first moments, and what more recordings and seconds add, with the rail and without."""
     with figures.paper_style():
-        drawing = Figure(figsize=(figures.column_width(), 6.9))
+        drawing = Figure(figsize=(figures.column_width(), 7.2))
         above, middle, below = drawing.subplots(3, 1, height_ratios=(2, 1, 1.1))
         _segments(above, found)
         _growth(middle, found, feet_alone)
@@ -98,4 +98,4 @@ def _foretold(ax: Axes, found: Study, feet_alone: Study) -> None:
     ax.set_xlabel("Seconds recorded", labelpad=2)
     ax.set_ylabel("Deviation over the prior's", labelpad=2)
     ax.set_title("(c) What unseen motions need")
-    ax.legend(loc="lower left", fontsize=6)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.42, -0.28), ncols=4, fontsize=6, columnspacing=1)

@@ -157,15 +157,28 @@ class Study:
         assert joint is not None
         fit, own = joint.fit, np.repeat(np.arange(len(joint.counts)), joint.counts)
         precision = fit.prior.precision.copy()
-        for k, length in enumerate(np.array(seconds)[own]):
-            if length >= self.seconds:
-                precision += fit.shares[k][0]
-            elif length > 0:
-                begun = beginning(fit.pieces[k], float(length))
-                part = linearised(joint.measurement, begun, fit.coefficients[k], theta=fit.theta, noise=fit.noise)
-                precision += part.schur
+        for k, length in enumerate(np.array(seconds)[own].tolist()):
+            precision += self._share(k, length) if length > 0 else 0.0
         open_ = (fit.free | (joint.is_setup & setup)) & (np.diag(precision) > 0)
         return inverse_of_precision(precision[np.ix_(open_, open_)])[:rank, :rank]
+
+    def _share(self, k: int, seconds: float) -> np.ndarray:
+        """What the first seconds of a piece add to the precision of θ (p, p)."""
+        joint = self.estimate.joint
+        assert joint is not None
+        fit = joint.fit
+        if seconds >= self.seconds:
+            return fit.shares[k][0]
+        if (k, seconds) not in self._begun:
+            begun = beginning(fit.pieces[k], seconds)
+            part = linearised(joint.measurement, begun, fit.coefficients[k], theta=fit.theta, noise=fit.noise)
+            self._begun[k, seconds] = part.schur
+        return self._begun[k, seconds]
+
+    @cached_property
+    def _begun(self) -> dict[tuple[int, float], np.ndarray]:
+        """These of the pieces and seconds that were asked for."""
+        return {}
 
 
 def beginning(piece: Piece, seconds: float) -> Piece:
