@@ -54,7 +54,7 @@ def _identify(folder):
 
 def _compare(folder):
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(figures, "save", not_drawn)
+        patched.setattr(figures, "drawn", not_drawn)
         for seed, name in enumerate("ab"):
             assert identify.main(options(folder, "--name", name, seed=seed)) == 0
     return compare.main([str(folder / "a"), str(folder / "b"), "--out", str(folder / "out")])
