@@ -96,13 +96,10 @@ def _noise(folder):
         return noise_command.main(["--recordings", "2", *_out(folder)])
 
 
-def _human(folder):
-    """One person stands for the other, who holds no rail."""
-    small = ["--seconds", "2", "--rate", "50", "--noise", "0.2", "--activities", "squats", "arm swings"]
-    once = cache(lambda seconds: human_study.study(seconds, activities=small[-2:]))
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(human_report, "human", SimpleNamespace(study=lambda seconds, **_: once(seconds)))
-        return human.main([*small, "--workers", "1", *_out(folder)])
+@cache
+def _person():
+    """Who stands for all persons of a study, with the rail and without."""
+    return human_study.study(2.0, activities=("squats", "arm swings"))
 
 
 def _in_vivo(folder):
@@ -127,7 +124,7 @@ COMMANDS = {
     "payload": _payload,
     "stream": _stream,
     "angles": _angles,
-    "human": _human,
+    "human": lambda folder: human.main(["--workers", "1", *_out(folder)]),
     "in_vivo": _in_vivo,
     "noise": _noise,
     "benchmark": lambda folder: benchmark(["--quick", *_out(folder)]),
@@ -146,6 +143,7 @@ def written(name, folder):
     """Writes the page of a command, joint estimates of studies being the truth, and returns its file."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
+        patched.setattr(human_report, "human", SimpleNamespace(study=lambda *_, **__: _person()))
         told(patched)
         assert COMMANDS[name](folder) == 0
     return folder / "out" / ("index.html" if name == "paper" else PAGE)
