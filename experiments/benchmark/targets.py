@@ -53,7 +53,7 @@ def table_targets(results: Results) -> report.Table:
         what = f"ratio, {task}, {mechanism}, N = {number}"
         measured = _ratios(results, task, mechanism, number)
         for way, wanted, found in zip(("numpy", "compiled"), (plain, compiled), measured, strict=True):
-            rows += [(f"{what}, {way}", "at least", wanted, found)] if wanted else []
+            rows += [(f"{what}, {way}", "at least", float(wanted), found)] if wanted else []
     simulated = [row["ratio"] for row in results["simulations"] if row["task"] == "simulate"]
     peaks = [max(row["streamed"], row["in_memory"]) for row in results["peaks"]]
     errors = [row["ours"] / row["qr"] for row in results["accuracies"]]

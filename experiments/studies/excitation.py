@@ -143,7 +143,8 @@ def best(
 ) -> FourierTrajectory:
     """The best of what is found from several starts, and then from half as many near the best; progress goes to stderr.
 
-    A way around collisions is looked for where the motion with them is better than the best without any so far.
+    A way around collisions is looked for where the motion with them is better than the best without any so far. Where
+    nothing is found, the first start stands for the best.
 
     Args:
         value: What to make small.

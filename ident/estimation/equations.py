@@ -82,7 +82,7 @@ class Equations:
         return replace(samples, motion=samples.motion.checked(self.mechanism.tree))
 
     def order(self, samples: Samples) -> tuple[np.ndarray, tuple[int, ...]]:
-        """Columns `[Y_b | drives | offsets | measured]` in an order in which those that few channels see come first.
+        """Columns `[Y_b | drives | offsets | measured]` in an order in which channels begin late that see few of them.
 
         Args:
             samples: Samples that fit.

@@ -18,6 +18,9 @@ from ident.recordings.wrench import GROUND, pose_in_base
 
 Found = TypeVar("Found")
 
+NOISE_WANDERS = 1 / 15
+"""How far from a measured contact its noise may seem to act, of the mechanism's size: half a foot of a person's."""
+
 
 class NotCheckedError(Exception):
     """Something cannot be checked; the message says why."""
@@ -170,7 +173,9 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
         return None
     if not known.all():
         raise NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not measured here")
-    in_base, q = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0], prepared.samples.motion.q[prepared.taken(part)]
+    tree, q = prepared.mechanism.tree, prepared.samples.motion.q[prepared.taken(part)]
+    in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
     # Noise is no contact that was left out: it may seem to be a force on any body, one with a sensor among them.
-    measured = {str(sensor.body) for name, sensor in prepared.recording.sensors.items() if name != GROUND}
-    return diagnosis.check_contact(prepared.mechanism.tree, q, in_base, measured)
+    measured = {sensor.body for name, sensor in prepared.recording.sensors.items() if sensor.body and name != GROUND}
+    size = float(np.linalg.norm(np.ptp(tree.poses(q)[:, :, :3, 3], axis=1), axis=1).max())
+    return diagnosis.check_contact(tree, q, in_base, measured, near=min(diagnosis.NEAR, NOISE_WANDERS * size))

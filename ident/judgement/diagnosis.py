@@ -178,7 +178,13 @@ def right_angled_rotations() -> list[np.ndarray]:
 
 
 def check_contact(
-    tree: Tree, q: np.ndarray, residual: np.ndarray, usual: Collection[str] = (), up: np.ndarray | None = None
+    tree: Tree,
+    q: np.ndarray,
+    residual: np.ndarray,
+    usual: Collection[str] = (),
+    up: np.ndarray | None = None,
+    *,
+    near: float = NEAR,
 ) -> ContactCheck:
     """Where on the mechanism an unmeasured force would have to act to leave this residual.
 
@@ -189,16 +195,18 @@ def check_contact(
         tree: The mechanism.
         q: Joint coordinates (N, n_q).
         residual: Measured less predicted wrench in the base frame, all six channels (N, 6).
-        usual: Bodies that are likely: one of them it is if the forces pass `NEAR` it, or as near as any other.
+        usual: Bodies that are likely: one of them it is if the forces pass near it, or as near as any other.
         up: Directions against gravity in the base frame (N, 3), if the force carries weight: of bodies next to each
-            other whose distance is as good as the same, since its line runs through both, it then is the lowest.
+            other whose distance is as good as the same, since its line runs through both, it then is the one whose
+            frame's origin is lowest.
+        near: What counts as near, m.
 
     Returns:
         The best body and point.
     """
     poses = tree.poses(q)
     found = {i: _contact_on(tree, i, poses[:, i], residual) for i in tree.inertial}
-    near = max(NEAR, AS_NEAR * min(check.distance for check in found.values()))
+    near = max(near, AS_NEAR * min(check.distance for check in found.values()))
     likely = {i: check for i, check in found.items() if check.body in usual and check.distance < near} or found
     best = min(likely, key=lambda i: likely[i].distance)
     if up is None:

@@ -39,7 +39,8 @@ CHECKED = 4
 """Times at which collisions are looked for, for each time at which the cost is taken."""
 
 NEARBY = 0.8
-"""How far another start is from a motion, in parts of the root mean square of each joint's coefficients."""
+"""How far another start is from a motion, in parts of the root mean square of each joint's coefficients, and of a
+quarter of the joint's range."""
 
 INSIDE = 0.9
 """Part of a start's distance from the middle of all limits that a search, which leads along them, begins with."""
@@ -217,7 +218,8 @@ class _Search:
 
         x = minimum(walled, inside, self.rows, iterations)
         found = scaled_into(self.trajectory(x), self.limits)
-        return None if walls.hit(self.variables(found)) else found
+        time = np.linspace(0, self.duration, 2 * CHECKED * self.samples + 1)
+        return None if collisions.depth(found.states(time)[0]).any() else found
 
     def variables(self, motion: FourierTrajectory) -> np.ndarray:
         """The scaled variables of a motion (n, w)."""

@@ -10,7 +10,7 @@ import numpy as np
 from sim.motion.collisions import Collisions
 
 THICK = 1.1
-"""Distance of the walls in clearances: between two times bodies come closer by less than it exceeds 1."""
+"""Distance of the walls in clearances: more than 1, since between two times bodies come a little closer."""
 
 FAR = 4.0
 """Distance in clearances at which walls begin to be felt."""
@@ -53,11 +53,13 @@ class Walls:
 
     def shrunk(self, x: np.ndarray) -> np.ndarray | None:
         """The largest part of a motion, about one of its postures, in front of all walls (n, w), or None."""
-        q = self._positions(x)
-        depth = self.collisions.depth(q, FAR * self.collisions.clearance)
-        free = q[depth == depth.min()]
+        q, clearance = self._positions(x), self.collisions.clearance
+        free = q[self.collisions.depth(q, THICK * clearance) == 0]
+        # Those with most room, which is counted as far as walls are felt.
+        free = free[np.argsort(self.collisions.depth(free, FAR * clearance), kind="stable")]
+        roomy = free[: max(POSTURES, len(free) // 2)]
         found, largest = None, 0.0
-        for posture in free[np.unique(np.linspace(0, len(free) - 1, POSTURES).astype(int))]:
+        for posture in roomy[np.unique(np.linspace(0, len(roomy) - 1, POSTURES).astype(int))] if len(roomy) else ():
             center = np.zeros_like(x)
             center[:, 0] = (posture - self.middle) / self.half_range
             part = self._part(x, center)

@@ -69,6 +69,17 @@ def test_a_missing_contact_is_found(body):
     assert check.explained > 1 - 1e-12
 
 
+def test_a_body_that_is_likely_comes_first_only_if_it_is_near():
+    at = np.block([[np.eye(3), np.array([[0.1], [-0.2], [0.3]])], [np.zeros(3), 1]])
+    wrench = np.hstack([RNG.normal(size=(300, 3)), np.zeros((300, 3))])
+    residual = transform_wrench(TREE.poses(STATES[0])[:, 2] @ at, wrench)
+    likely = (TREE.names[1],)
+    beside = diagnosis.check_contact(TREE, STATES[0], residual, likely, near=1e3)
+    assert beside.body == TREE.names[1] and beside.distance > 0.01
+    for near in (0.0, 0.9 * beside.distance):
+        assert diagnosis.check_contact(TREE, STATES[0], residual, likely, near=near).body == TREE.names[2]
+
+
 def test_correlation_time_of_white_and_slow_noise():
     white = RNG.normal(size=5000)
     slow = np.convolve(white, np.exp(-np.arange(500) / 100), mode="same")

@@ -148,6 +148,23 @@ def test_the_gradient_of_walls_is_that_of_their_barrier(arm):
     check_gradient(walls.barrier, x)
 
 
+def test_where_all_postures_touch_there_is_no_way_between_walls():
+    model = mujoco.MjModel.from_xml_string(FOLDING)
+    folded = Walls(Collisions(model, JOINTS, 0.1), np.ones((2, 20, 1)), np.array([0.0, 3.0]), np.ones(2))
+    assert folded.hit(np.zeros((2, 1))) and folded.shrunk(np.zeros((2, 1))) is None
+
+
+def test_a_posture_may_be_near_to_walls_if_all_are():
+    model = mujoco.MjModel.from_xml_string(FOLDING)
+    maps = np.ones((2, 20, 2))
+    maps[:, :, 1] = np.linspace(-1, 1, 20)
+    walls = Walls(Collisions(model, JOINTS, 0.05), maps, np.array([0.0, 2.2]), np.ones(2))
+    x = np.array([[0.0, 0.0], [0.0, 1.0]])
+    q = np.array([[0.0, 2.2 + k] for k in np.linspace(-1, 1, 20)])
+    assert walls.hit(x) and (walls.collisions.depth(q, 0.2 * 4) > 0).all()
+    assert not walls.hit(walls.shrunk(x))
+
+
 def check_gradient(function, x):
     direction, h = np.random.default_rng(1).normal(size=x.shape), 1e-6
     up, down = (function(x + sign * h * direction)[0] for sign in (1, -1))
