@@ -25,7 +25,7 @@ PAYS = 30_000
 def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
     from experiments.output import identify_report, report
-    from experiments.output.page import PAGE
+    from experiments.output.page import PAGE, complain
     from experiments.studies.identification import prepare
     from ident.identification import NO_CUTOFF, identified
 
@@ -47,8 +47,7 @@ def run(args: argparse.Namespace) -> None:
         missing = identify_report.write(result, folder, args.model, args.logs, origin, layout, film=args.film)
     print(identify_report.text(result))
     print(f"Everything is in {out}; open {PAGE}.")
-    if missing:
-        raise InputError(missing)
+    complain(missing)
 
 
 @contextmanager

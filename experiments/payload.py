@@ -10,7 +10,7 @@ from ident.tolerances import HOLDOUT
 def run(args: argparse.Namespace) -> None:
     """Identifies and writes and prints what was found."""
     from experiments.output import payload_report, report
-    from experiments.output.page import PAGE
+    from experiments.output.page import PAGE, complain
     from experiments.studies.identification import recorded
     from ident.payload.identification import identify_payload
     from ident.payload.mounting import place_of
@@ -27,9 +27,10 @@ def run(args: argparse.Namespace) -> None:
     shown = payload_report.PayloadReport(payload, args.flange or args.body)
     with report.results_folder(out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
         origin, layout = own_model.provenance(args, payload.estimate.logs), print_options.layout_of(args)
-        shown.write(folder, args.model, args.logs, origin, layout)
+        refused = shown.write(folder, args.model, args.logs, origin, layout)
     print(shown.text())
     print(f"Everything is in {out}; open {PAGE}.")
+    complain(refused)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -61,11 +61,14 @@ def style_of(args: argparse.Namespace) -> Iterator[None]:
     """Draws figures as wide as the page's column, in the author's style, for the duration of a block.
 
     Raises:
-        InputError: The style file does not exist, or says what matplotlib does not know.
+        InputError: The style file does not exist, or says what matplotlib does not know; or a table or figure is given
+            two captions.
     """
     if "page_columns" not in args:
         yield
         return
+    if "caption" in args:
+        layout_of(args)
     from experiments.output.figures import author_style
 
     with author_style(args.style, args.page_columns):

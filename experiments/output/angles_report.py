@@ -153,7 +153,7 @@ def write(
     provenance: dict[str, Any],
     formats: Sequence[str],
     layout: Layout = PAPER,
-) -> None:
+) -> str:
     """Writes everything into a folder: angles, their covariance, tables, a page, and the scaled model if there is one.
 
     Args:
@@ -164,11 +164,11 @@ def write(
         formats: Formats of the figures.
         layout: How tables and figures are printed.
 
-    Raises:
-        InputError: The layout names tables, figures or parameters that there are not.
+    Returns:
+        Why the layout is not kept to, in a sentence, else nothing.
     """
     shown, every = results(found, provenance), list(dict.fromkeys(["png", *formats]))
-    shown.check(layout)
+    layout, refused = shown.chosen(layout)
     shown.write(folder, every, layout)
     for suffix in ("csv", "npz"):
         found.recording.save(folder / f"angles.{suffix}")
@@ -184,6 +184,7 @@ def write(
         files=["angles.csv", "angles.npz", "covariance.npz", *(["model_scaled.xml"] if found.scaling else [])],
     )
     write_report(folder, shown, every, said)
+    return refused
 
 
 def text(found: "Angles") -> str:

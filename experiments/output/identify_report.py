@@ -322,13 +322,12 @@ def write(
         film: Whether a film is asked for.
 
     Returns:
-        Why there is no film although it is asked for, in a sentence, else nothing.
-
-    Raises:
-        InputError: The layout names tables, figures or parameters that there are not.
+        Why there is no film although it is asked for, and why the layout is not kept to, in sentences; else nothing.
     """
-    shown, formats = results(result, provenance, layout), ("pdf", "svg", "png")
-    shown.check(layout)
+    shown, formats = results(result, provenance), ("pdf", "svg", "png")
+    layout, refused = shown.chosen(layout)
+    if layout.parameters:
+        shown = results(result, provenance, layout)
     shown.write(folder, formats, layout)
     suffixes = {"robot": "urdf", "OpenSimDocument": "osim"}
     updated = folder / f"model.{suffixes.get(parsed(model).tag, 'xml')}"
@@ -344,4 +343,4 @@ def write(
     )
     said, missing = filmed(film, folder, said)
     write_report(folder, shown, formats, said)
-    return missing
+    return " ".join(filter(None, [missing, refused]))

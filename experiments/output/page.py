@@ -58,16 +58,16 @@ def write_report(folder: Path, shown: Results, formats: Iterable[str], said: Sai
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
-def write_results(args: argparse.Namespace, folder: Path, shown: Results, formats: Iterable[str], said: Said) -> None:
+def write_results(args: argparse.Namespace, folder: Path, shown: Results, formats: Iterable[str], said: Said) -> str:
     """Writes tables, figures, numbers and their page into a folder, for print as the command line says.
 
-    Raises:
-        InputError: It chooses captions or parameters of what is not written.
+    Returns:
+        Why captions and parameters are not as it says, in a sentence, else nothing.
     """
-    layout = layout_of(args)
-    shown.check(layout)
+    layout, refused = shown.chosen(layout_of(args))
     shown.write(folder, formats, layout)
     write_report(folder, shown, formats, said)
+    return refused
 
 
 def filmed(asked: bool, folder: Path, said: Said) -> tuple[Said, str]:
@@ -100,18 +100,28 @@ def conclude(args: argparse.Namespace, found: Results, said: Said, origin: dict[
         All that was written.
 
     Raises:
-        InputError: A film is asked for, and cannot be written; all else is.
+        InputError: A film is asked for, and cannot be written, or captions or parameters are chosen of what is not
+            there; all else is written.
     """
     options = {**origin["options"], **author_choices(args)}
     written = found | Results(numbers={"provenance": {**origin, "options": options}})
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
         said, missing = filmed(getattr(args, "film", False), folder, said)
-        write_results(args, folder, written, args.formats, said)
+        refused = write_results(args, folder, written, args.formats, said)
     print("\n".join([*(table.text() for table in written.tables.values()), *filter(None, [said.verdict]), *said.lines]))
     print(f"Everything is in {args.out}; open {PAGE}.")
-    if missing:
-        raise InputError(missing)
+    complain(missing, refused)
     return written
+
+
+def complain(*sentences: str) -> None:
+    """Ends a command, after everything is written and printed, with what is not as it was asked for.
+
+    Raises:
+        InputError: There is such a sentence.
+    """
+    if told := " ".join(filter(None, sentences)):
+        raise InputError(told)
 
 
 def rendered(template: str, root: Path, shown: Mapping[str, Results], formats: Iterable[str], **values: object) -> str:

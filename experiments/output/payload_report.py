@@ -185,7 +185,7 @@ class PayloadReport:
 
     def write(
         self, folder: Path, model: Path, logs: Sequence[Path], provenance: dict[str, Any], layout: Layout = PAPER
-    ) -> None:
+    ) -> str:
         """Writes tables, a figure, a page, the forms, numbers for scripts, and the model file updated if it has masses.
 
         Args:
@@ -195,8 +195,8 @@ class PayloadReport:
             provenance: Where the results come from.
             layout: How tables and figures are printed.
 
-        Raises:
-            InputError: The layout names tables, figures or parameters that there are not.
+        Returns:
+            Why the layout is not kept to, in a sentence, else nothing.
         """
         payload, formats = self.payload, ("pdf", "png")
         held_out = identify_report.held_out_figure(payload.estimate)
@@ -210,7 +210,7 @@ class PayloadReport:
             figures={"figure_held_out": (held_out, "Measured and predicted channels on the held-out part.")},
             numbers={"payload": self.to_dict(), "provenance": provenance},
         )
-        shown.check(layout)
+        layout, refused = shown.chosen(layout)
         shown.write(folder, formats, layout)
         (folder / "payload.txt").write_text(self.forms_text(), encoding="utf-8")
         updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
@@ -226,6 +226,7 @@ class PayloadReport:
             files=["payload.txt", *([] if payload.robot.prior is None else [updated.name])],
         )
         write_report(folder, shown, formats, said)
+        return refused
 
 
 def _columns(body: RigidBody) -> dict[str, list[float]]:

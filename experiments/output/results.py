@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from experiments.output import figures, print_table, report
 from experiments.output.layout import PAPER, Layout, body_of
+from ident.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +31,20 @@ class Results:
             {**self.tables, **more.tables}, {**self.figures, **more.figures}, {**self.numbers, **more.numbers}
         )
 
-    def check(self, layout: Layout) -> None:
-        """Refuses an author's choices of tables, figures and parameters that there are not.
+    def chosen(self, layout: Layout) -> tuple[Layout, str]:
+        """An author's choices, or none of them where one is of a table, figure or parameter that there is not.
 
-        Raises:
-            InputError: There is one.
+        Returns:
+            How to print, and why it is not as the author chose, in a sentence, else nothing.
         """
         of_bodies = [table for table in self.tables.values() if table.bodies]
         names = dict.fromkeys(str(row[0]) for t in of_bodies for row in t.rows if body_of(str(row[0]), t.bodies))
         bodies = dict.fromkeys(body for table in of_bodies for body in table.bodies)
-        layout.check([*self.tables, *self.figures], [*names], [*bodies])
+        try:
+            layout.check([*self.tables, *self.figures], [*names], [*bodies])
+        except InputError as error:
+            return Layout(layout.columns), f"All is written, with captions and parameters as by default: {error}"
+        return layout, ""
 
     def write(self, folder: Path, formats: Iterable[str], layout: Layout = PAPER) -> None:
         """Writes everything into a folder, the figures in these formats, and for print as a layout says."""

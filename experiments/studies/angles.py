@@ -10,7 +10,7 @@ import numpy as np
 from experiments.cli import options
 from experiments.cli.print_options import layout_of
 from experiments.output import angles_report, report
-from experiments.output.page import PAGE
+from experiments.output.page import PAGE, complain
 from ident.errors import InputError
 from ident.recordings.marker_files import read_markers
 from ident.recordings.markers import Markers
@@ -56,9 +56,10 @@ def run(args: argparse.Namespace) -> None:
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     with report.results_folder(args.out, stale=angles_report.OUTPUTS, inputs=inputs) as folder:
         origin, layout = report.provenance(given), layout_of(args)
-        angles_report.write(found, folder, args.model, args.markers, origin, args.formats, layout)
+        refused = angles_report.write(found, folder, args.model, args.markers, origin, args.formats, layout)
     print(angles_report.text(found))
     print(f"Everything is in {args.out}; open {PAGE}.")
+    complain(refused)
 
 
 def study(args: argparse.Namespace) -> Angles:

@@ -10,7 +10,7 @@ import scenes
 from experiments.cli.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
 from experiments.output import report
 from experiments.output.excite_report import figure, recording, table_deviations, table_limits, table_quality
-from experiments.output.page import PAGE, Said, write_results
+from experiments.output.page import PAGE, Said, complain, write_results
 from experiments.output.results import Results
 from experiments.studies import criteria, excitation, paper
 from experiments.studies.excitation import Problem
@@ -112,11 +112,13 @@ def run(args: argparse.Namespace) -> None:
     lines = _lines(problem, start, (before, after), collisions)
     drawing = figure(problem, limits, time, before, after)
     caption = f"Position, velocity and acceleration of the joints that move: designed, and before, {start}."
-    _write(args, problem, Results(tables, {"figure_excitation": (drawing, caption)}), lines, time, trajectory)
+    results = Results(tables, {"figure_excitation": (drawing, caption)})
+    refused = _write(args, problem, results, lines, time, trajectory)
     for table in tables.values():
         print(table.text())
     print("\n".join(lines))
     print(f"Everything is in {args.out}; open {PAGE}.")
+    complain(refused)
 
 
 def _collisions(args: argparse.Namespace, problem: Problem) -> Collisions | None:
@@ -152,7 +154,8 @@ def _write(
     lines: Sequence[str],
     time: np.ndarray,
     trajectory: FourierTrajectory,
-) -> None:
+) -> str:
+    """Writes everything, and returns what `write_results` does."""
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     series = {
         "duration": trajectory.duration,
@@ -169,7 +172,7 @@ def _write(
         for name in files:
             samples.save(folder / name)
         said = Said(f"Excitation of {Path(args.model).name}", lines=lines, files=files)
-        write_results(args, folder, shown, args.formats, said)
+        return write_results(args, folder, shown, args.formats, said)
 
 
 def _lines(problem: Problem, start: str, compared: tuple[Motion, Motion], collisions: Collisions | None) -> list[str]:

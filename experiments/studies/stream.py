@@ -22,7 +22,7 @@ from experiments.cli import options
 from experiments.cli.print_options import author_choices
 from experiments.output import report
 from experiments.output.layout import unit_of
-from experiments.output.page import PAGE, Said, write_results
+from experiments.output.page import PAGE, Said, complain, write_results
 from experiments.output.results import Results
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import WorkerPool, worker_pool
@@ -271,9 +271,10 @@ def run(args: argparse.Namespace) -> None:
             estimated = summary(estimate, judgement) | {"provenance": origin}
             numbers = {"estimate": estimated, "provenance": origin}
             written = Results({"base_parameters": table(estimate)}, numbers=numbers)
-            write_results(args, folder, written, (), _said(args, estimate, judgement, reading.notes))
+            refused = write_results(args, folder, written, (), _said(args, estimate, judgement, reading.notes))
     print("\n".join([text(estimate, judgement), *reading.notes]))
     print(f"Everything is in {args.out}; open {PAGE}.")
+    complain(refused)
 
 
 def _said(args: argparse.Namespace, estimate: Fit, judged: Judged, notes: Sequence[str]) -> Said:

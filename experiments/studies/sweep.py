@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from experiments.cli.print_options import author_choices
 from experiments.output import escape, figures, report, study_report
-from experiments.output.page import PAGE, Said, write_results
+from experiments.output.page import PAGE, Said, complain, write_results
 from experiments.output.results import Results
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import worker_pool
@@ -208,6 +208,7 @@ def run(args: argparse.Namespace) -> None:
         said = Said(
             f"{packaged(args.study).title} over {report.heading(option)}", about, lines=refused, heading="Refused"
         )
-        write_results(args, folder, written, args.formats, said)
+        unprinted = write_results(args, folder, written, args.formats, said)
     print(table(found, list(charted)).text())
     print(f"Everything is in {args.out}; open {PAGE}.")
+    complain(unprinted)

@@ -1,12 +1,15 @@
-"""The options of authors: every command that writes tables or figures has them, and refuses bad ones at once."""
+"""The options of authors: every command that writes tables or figures has them, and refuses bad ones at once; choices
+of what does not come out, which only shows in the end, lose no results."""
 
 import re
 from pathlib import Path
 
 import pytest
 from commands import refusal
+from pages import options as identified
 
 import experiments
+from experiments import identify, mechanism
 from experiments.cli.command import COMMANDS
 
 PAGE = {"page_columns", "style"}
@@ -44,6 +47,39 @@ def test_a_style_that_is_missing_is_refused_before_the_work(name, tmp_path, monk
     given = [*NEEDED.get(name, []), "--style", "absent.mplstyle"]
     assert "--style needs a style file of matplotlib's" in refusal(COMMANDS[name].main, given, capsys)
     assert not list(tmp_path.iterdir())
+
+
+def test_two_captions_of_one_table_are_refused_before_the_work(tmp_path, capsys):
+    given = ["--caption", "table_1", "a", "--caption", "table_1", "b", "--out", str(tmp_path / "out")]
+    assert "one of them is given two" in refusal(mechanism.main, given, capsys)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("main", "given", "table"),
+    [
+        (lambda folder, more: mechanism.main(["--out", str(folder / "out"), *more]), ["--parameters", "m1"], "table_1"),
+        (
+            lambda folder, more: identify.main(identified(folder, *more)),
+            ["--parameters", "m9"],
+            "table_full_parameters",
+        ),
+        (
+            lambda folder, more: identify.main(identified(folder, *more)),
+            ["--caption", "table_9", "x"],
+            "table_held_out",
+        ),
+    ],
+)
+def test_choices_of_what_is_not_written_lose_no_results(main, given, table, tmp_path, capsys):
+    error = refusal(lambda more: main(tmp_path, more), given, capsys)
+    assert f"error: All is written, with captions and parameters as by default: {given[0]} " in error
+    assert f"got '{given[1]}'" in error
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"report.html", "provenance.json", f"{table}.csv", f"{table}.tex"} <= written
+    rows = (tmp_path / "out" / f"{table}.csv").read_text(encoding="utf-8").count("\n")
+    assert rows > 1 and (tmp_path / "out" / f"{table}.tex").read_text(encoding="utf-8").count(r"\\") >= rows
 
 
 def test_figures_have_one_cycle_of_colours_one_font_and_the_pages_width():
