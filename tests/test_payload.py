@@ -64,7 +64,8 @@ def test_a_late_sensor_is_found_and_named():
     payload = identify_payload(arm(), wrist.log(seconds=8.0, delay=4), **GIVEN)
     delay = next(each for each in payload.sensor_parameters if each.name == "delay(wrist)")
     assert delay.taken_out and abs(delay.value - 0.04) < 4 * delay.std
-    assert any("The wrench 'wrist' is" in finding.text and "ms late" in finding.text for finding in payload.findings)
+    said = [f for f in payload.findings if "The wrench 'wrist' is" in f.text and "ms late" in f.text]
+    assert [finding.place.wrenches for finding in said] == [("wrist",)]
 
 
 def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():

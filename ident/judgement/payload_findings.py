@@ -47,7 +47,7 @@ def payload_findings(result: "Estimate", told: np.ndarray, sensor: str) -> list[
     ]
     if (physical := consistency_finding(result.consistent(), result.prepared.mechanism.bodies)).doubt:
         on_fit.append(physical)
-    on_fit = [replace(finding, text=finding.text.replace(f"'{GROUND}'", f"'{sensor}'")) for finding in on_fit]
+    on_fit = [_of_sensor(finding, sensor) for finding in on_fit]
     if not told[0] or not told[1:4].all():
         on_fit.append(Finding("The motion does not tell mass and centre of mass; turn the sensor further.", True))
     if untold := _untold(told):
@@ -78,6 +78,13 @@ def payload_verdict(findings: Sequence[Finding], values: np.ndarray, std: np.nda
         f"Usable: {values[0]:.4g} ± {INTERVAL * std[0]:.2g} kg, the centre of mass to "
         f"{1e3 * INTERVAL * std[1:4].max():.2g} mm, {inertia} (95 %)."
     )
+
+
+def _of_sensor(finding: Finding, sensor: str) -> Finding:
+    """A finding that calls the wrench at the base by the sensor's name."""
+    wrenches = tuple(sensor if name == GROUND else name for name in finding.place.wrenches)
+    text = finding.text.replace(f"'{GROUND}'", f"'{sensor}'")
+    return replace(finding, text=text, place=replace(finding.place, wrenches=wrenches))
 
 
 def _untold(told: np.ndarray) -> list[str]:
