@@ -11,7 +11,7 @@ class Place:
     Attributes:
         bodies: Names of bodies; likewise `joints`, `wrenches` and `channels`.
         span: First and last time, s.
-        log: Index of the log that the span is in.
+        log: Index of the log that it is in, where it is in one of several.
     """
 
     bodies: tuple[str, ...] = ()
@@ -25,7 +25,8 @@ class Place:
         """What there is of it, in JSON's types."""
         names = {key: getattr(self, key) for key in ("bodies", "joints", "wrenches", "channels")}
         told: dict[str, Any] = {key: list(value) for key, value in names.items() if value}
-        return told | ({} if self.span is None else {"span": list(self.span), "log": self.log})
+        told |= {} if self.span is None else {"span": list(self.span)}
+        return told | ({"log": self.log} if self.log or self.span else {})
 
 
 NOWHERE = Place()

@@ -1,6 +1,6 @@
 """What of the set-up was found not to be as stated, in words."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,9 +32,8 @@ class SetupFinding:
 
     def to_dict(self) -> dict[str, Any]:
         """For scripts, in JSON's types."""
-        return {"name": self.name, "value": self.value, "std": self.std, "text": self.text} | {
-            "alternatives": list(self.alternatives)
-        }
+        told = {"name": self.name, "value": self.value, "std": self.std, "text": self.text}
+        return told | {"alternatives": list(self.alternatives), "place": self.place.to_dict()}
 
 
 def setup_findings(joint: Joint) -> list[SetupFinding]:
@@ -45,18 +44,19 @@ def setup_findings(joint: Joint) -> list[SetupFinding]:
 
     def parameter(k: int) -> tuple[SetupParameter, str]:
         base, _, log = names[k].partition(" of log ")
-        return by_name[base], f" in log {log}" if log else ""
+        return by_name[base], log
 
     out = []
     for deviation in joint.search.deviations:
         k = deviation.index
-        each, where = parameter(k)
-        text = sentence(each, float(fit.theta[k]), float(std[k]), where)
+        each, log = parameter(k)
+        text = sentence(each, float(fit.theta[k]), float(std[k]), f" in log {log}" if log else "")
         if deviation.alternatives or deviation.together:
             meant = ", or ".join([*deviation.together, *(short(parameter(a)[0]) for a in deviation.alternatives)])
             text = f"{text[:-1]}; or else, as the data cannot tell these apart: {meant}."
         others = (*deviation.together, *(names[a] for a in deviation.alternatives))
-        out.append(SetupFinding(names[k], float(fit.theta[k]), float(std[k]), text, others, place_of(each)))
+        place = replace(place_of(each), log=int(log) - 1) if log else place_of(each)
+        out.append(SetupFinding(names[k], float(fit.theta[k]), float(std[k]), text, others, place))
     return out
 
 

@@ -118,6 +118,7 @@ def test_several_logs_share_parameters_and_have_delays_of_their_own(tmp_path, ca
     for number, delay in enumerate(delays[1:], start=2):
         each = found[f"delay(ground) of log {number}"]
         assert abs(each["value"] - delay) < 3 * each["std"] and f"in log {number}" in each["text"]
+        assert each["place"] == {"wrenches": ["ground"], "log": number - 1}
     assert (distances(estimate, "std") < 4).all()
     alone = ident.identify(PENDULUM, logs[0])
     assert np.median(np.array(estimate["std"][: len(TRUTH)]) / alone.std) < 0.8
