@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> None:
         out = args.out / folder
         # A study that the interrupted run had not reached starts from the beginning.
         resume = ["--resume"] if args.resume and (out / FILE).exists() else []
-        page = ["--page-columns", str(args.page_columns)]
+        page = ["--page-columns", str(args.page_columns), *(["--style", str(args.style)] if args.style else [])]
         given = ["--out", str(out), "--formats", *formats, *page, *more, *resume]
         results[folder] = study(make_parser().parse_args(given))
         print()

@@ -10,7 +10,11 @@ from pages import options as identified
 
 import experiments
 from experiments import identify, mechanism
+from experiments.__main__ import main as everything
+from experiments.cli import print_options
 from experiments.cli.command import COMMANDS
+from experiments.output import human_report, index, study_report
+from experiments.studies import mechanism as drawn
 
 PAGE = {"page_columns", "style"}
 CHOICES = PAGE | {"caption", "parameters"}
@@ -47,6 +51,16 @@ def test_a_style_that_is_missing_is_refused_before_the_work(name, tmp_path, monk
     given = [*NEEDED.get(name, []), "--style", "absent.mplstyle"]
     assert "--style needs a style file of matplotlib's" in refusal(COMMANDS[name].main, given, capsys)
     assert not list(tmp_path.iterdir())
+
+
+def test_everything_hands_on_what_it_says_of_the_page(tmp_path, monkeypatch):
+    style, given = tmp_path / "mine.mplstyle", []
+    style.write_text("font.size: 7\n", encoding="utf-8")
+    for module in (drawn, study_report, human_report):
+        monkeypatch.setattr(module, "run", lambda args, **_: given.append(print_options.author_choices(args)))
+    monkeypatch.setattr(index, "write_index", lambda *_: None)
+    assert everything(["--style", str(style), "--page-columns", "1", "--out", str(tmp_path)]) == 0
+    assert given == 5 * [{"page_columns": 1, "style": "mine.mplstyle"}]
 
 
 def test_two_captions_of_one_table_are_refused_before_the_work(tmp_path, capsys):
