@@ -1,6 +1,6 @@
 """What tables and figures of a study show where its file does not say it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from experiments.studies.study_file import Model
@@ -19,7 +19,7 @@ CONTACTS = "Measured wrenches in the base frame that the links exert on what tou
 
 def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entries]:
     """Entries of tables and of figures by their kinds: captions, and the models that have parameters of their own."""
-    own = {name.replace("_", " ").capitalize(): name for name, model in models.items() if model.parameters is None}
+    own = labelled([name for name, model in models.items() if model.parameters is None])
     tables: Entries = {
         "parameters": {"caption": ""},
         "wrench errors": {"caption": ERRORS, "models": list(own.values())},
@@ -32,3 +32,14 @@ def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entri
         "contacts": {"caption": CONTACTS},
     }
     return tables, figures
+
+
+def labelled(models: Sequence[str]) -> dict[str, str]:
+    """Models by what legends call them: their names in words, or as they are where words would say the same of two.
+
+    >>> labelled(["full", "a_b", "a b"])
+    {'Full': 'full', 'a_b': 'a_b', 'a b': 'a b'}
+    """
+    words = {name: name.replace("_", " ").capitalize() for name in models}
+    said = list(words.values())
+    return {words[name] if said.count(words[name]) == 1 else name: name for name in models}

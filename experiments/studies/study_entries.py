@@ -201,6 +201,10 @@ def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, Model]:
     models: dict[str, Model] = {}
     for name, value in entries.items():
         where, entry = f"models.{name}", table(f"models.{name}", value)
+        if name.casefold() in WRENCHES:
+            raise InputError(
+                f"{where} needs another name: curves of wrenches call {', '.join(WRENCHES)} what is no model."
+            )
         check_keys(where, entry, ("title", "axes", "parameters", "ignore", "estimators"))
         given = entry.get("ignore", [])
         models[name] = Model(

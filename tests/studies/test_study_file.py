@@ -78,6 +78,16 @@ figures = { figure_a = { kind = "wrenches" }, figure_b = { kind = "residuals" } 
     assert main.figures["figure_b"]["curves"] == {"Measured - predicted": "true_axes"}
 
 
+def test_models_whose_names_are_alike_in_words_are_all_drawn(tmp_path):
+    text = """
+scene = { model = "double_pendulum" }
+models = { a_b = {}, "a b" = { axes = "true" }, other = {} }
+figures = { figure_a = { kind = "wrenches" } }
+"""
+    drawn = study_entries.read(written(tmp_path, text)).figures["figure_a"]["curves"]
+    assert drawn == {"True": "true", "a_b": "a_b", "a b": "a b", "Other": "other"}
+
+
 @pytest.mark.parametrize("name", ["misaligned", "multicontact"])
 def test_the_papers_studies_are_stated_in_thirty_lines(name):
     text = files("experiments.studies").joinpath(f"{name}.toml").read_text(encoding="utf-8")
@@ -158,6 +168,11 @@ def toml(values):
         ('["ordinary", "weighted"]', '["ordinary"]', "shows error_weighted, but drawn has no estimator 'weighted'"),
         ('"residuals"', '"residual"', "figures.figure_mine.kind needs one of wrenches, wrench errors, residuals"),
         ('"Known" = "known"', '"Known" = "other"', "curves.Known needs one of drawn, known, got 'other'"),
+        (
+            "drawn = {",
+            "True = {",
+            "models.True needs another name: curves of wrenches call true, measured, ground what",
+        ),
         ("tables.table_mine", "tables.mine", "tables.mine: names of files here begin with table_"),
         (
             '"double_pendulum"\n[scene]',
