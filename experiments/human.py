@@ -28,7 +28,8 @@ def parser() -> argparse.ArgumentParser:
         help="where angles come from: noise that is white, or correlated at 0.9 from sample to sample; or markers with "
         "2 mm on skin that moves",
     )
-    out.add_argument("--noise", type=float, default=0.5, help="standard deviation of angles not from markers, degrees")
+    noise = "standard deviation of angles not from markers, degrees, by default 0.5"
+    out.add_argument("--noise", type=float, help=noise)
     options.add_local_workers(out, default=min(2, os.cpu_count() or 1))
     options.add_film(out)
     return out

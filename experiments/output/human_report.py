@@ -103,15 +103,15 @@ def results(found: Study, feet_alone: Study) -> Results:
     return Results(tables, {"figure_human": (figure(found, feet_alone), caption)}, {"summary": summary})
 
 
-def said(found: Study) -> Said:
-    """What the page says besides tables and figure: what `identify` says of the estimate, and a replay."""
+def said(found: Study, laboratory: Laboratory) -> Said:
+    """What the page says besides tables and figure: where angles come from, what `identify` says, and a replay."""
     estimate, determined = found.estimate, found.determined
     line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined"
     if determined.any():
         line += f"; {found.coverage:.0%} of their 95 % intervals hold the truth"
     return Said(
         "A person on two force plates, at a rail",
-        ABOUT,
+        f"{ABOUT} {measured(laboratory)}",
         verdict=estimate.verdict(),
         findings=[(finding.text, finding.doubt) for finding in estimate.findings],
         lines=[f"{line}."],
@@ -122,10 +122,7 @@ def said(found: Study) -> Said:
 
 def run(args: argparse.Namespace) -> Results:
     """Runs the study and writes, prints and returns its results."""
-    if not 0 < args.noise < 30:
-        raise InputError(f"Noise of angles (--noise) is from above 0 to below 30 degrees, got {args.noise:g}.")
-    decay = CORRELATED if args.source == "correlated" else 0.0
-    laboratory = Laboratory(args.noise, decay, rate=float(args.rate), markers=args.source == "markers")
+    laboratory = _laboratory(args)
     with report.writable(args.out), ExitStack() as stack:
         executor = stack.enter_context(worker_pool(args.workers)).executor if args.workers > 1 else None
         shared = {"seed": args.seed, "activities": args.activities, "executor": executor, "report": progress}
@@ -134,5 +131,36 @@ def run(args: argparse.Namespace) -> Results:
             for rail in (True, False)
         )
     told = "seed", "seconds", "activities", "rate", "source", "noise", "formats"
-    choices = {key: getattr(args, key) for key in told}
-    return conclude(args, results(found, feet_alone), said(found), report.provenance(choices))
+    choices = {key: getattr(args, key) for key in told} | {
+        "noise": None if laboratory.markers else laboratory.angle_deg
+    }
+    return conclude(args, results(found, feet_alone), said(found, laboratory), report.provenance(choices))
+
+
+def _laboratory(args: argparse.Namespace) -> Laboratory:
+    """How well it measures, as the options say.
+
+    Raises:
+        InputError: The noise of angles is out of range, or stated of angles that follow from markers.
+    """
+    rate = float(args.rate)
+    if args.source == "markers":
+        if args.noise is not None:
+            raise InputError(
+                f"Noise of angles (--noise) belongs to --from angles or correlated, those from markers have that of "
+                f"the markers; got {args.noise:g}."
+            )
+        return Laboratory(rate=rate, markers=True)
+    noise = Laboratory.angle_deg if args.noise is None else args.noise
+    if not 0 < noise < 30:
+        raise InputError(f"Noise of angles (--noise) is from above 0 to below 30 degrees, got {noise:g}.")
+    return Laboratory(noise, CORRELATED if args.source == "correlated" else 0.0, rate=rate)
+
+
+def measured(laboratory: Laboratory) -> str:
+    """Where angles come from, in a sentence."""
+    if laboratory.markers:
+        noise, skin = 1e3 * laboratory.marker, 1e3 * laboratory.skin
+        return f"Angles come from markers, with noise of {noise:g} mm, on skin that moves by {skin:g} mm."
+    kind = f"correlated at {laboratory.decay:g} from sample to sample" if laboratory.decay else "white"
+    return f"Angles have noise of {laboratory.angle_deg:g}°, {kind}."
