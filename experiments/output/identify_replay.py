@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from experiments.output.figures import body_index
-from experiments.output.layout import unit_of
+from experiments.output.layout import offset_unit, unit_of
 from experiments.output.parameter_words import in_words, regrouped_in_words
 from experiments.output.replay import Replay, every_nth
 from experiments.studies.errors import HALF_WIDTH
@@ -49,7 +49,7 @@ def replay(result: Estimate) -> Replay:
 def channel_unit(result: Estimate, channel: str) -> str:
     """Unit of a channel: a component of a wrench, or a joint's torque or force."""
     if channel in COMPONENTS:
-        return "N" if channel[0] == "F" else "N m"
+        return offset_unit(channel)
     tree = result.prepared.mechanism.tree
     motion = np.hstack([body.motions for body in tree.bodies if body.freedoms])[:, tree.freedoms.index(channel)]
     return "N m" if motion[3:].any() else "N"

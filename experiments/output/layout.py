@@ -58,3 +58,8 @@ def unit_of(parameter: str) -> str | None:
     """Unit of a parameter of φ."""
     match = PARAMETER.fullmatch(parameter)
     return None if match is None else "kg m²" if match[3] else "kg m" if match[2] else "kg"
+
+
+def offset_unit(name: str) -> str:
+    """Unit of a component of a wrench, or of its offset: N of `Fx` and of `offset(Fx)`, N m of moments."""
+    return "N" if name.removeprefix("offset(").startswith("F") else "N m"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.output import identify_report, report
-from experiments.output.layout import PAPER, Layout
+from experiments.output.layout import PAPER, Layout, offset_unit
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
 from experiments.studies.errors import HALF_WIDTH
@@ -60,9 +60,9 @@ def _intervals(body: RigidBody) -> str:
 
 def _sensor_unit(name: str) -> str:
     """Unit of what may be wrong of a sensor, by its name, as `offset(Fx)` or `rotation_x(wrist)`."""
-    kind, _, of = name.partition("(")
+    kind, _, _ = name.partition("(")
     if kind == "offset":
-        return "N" if of.startswith("F") else "N m"
+        return offset_unit(name)
     return {"delay": "s", "clock": "1", "gain": "1", "origin": "m"}.get(kind.partition("_")[0], "rad")
 
 

@@ -21,7 +21,7 @@ from tqdm import tqdm
 from experiments.cli import options
 from experiments.cli.print_options import author_choices
 from experiments.output import report
-from experiments.output.layout import unit_of
+from experiments.output.layout import offset_unit, unit_of
 from experiments.output.page import PAGE, Said, complain, write_results
 from experiments.output.results import Results
 from experiments.runs.checkpoint import SAVE_EVERY
@@ -222,7 +222,7 @@ def table(estimate: Fit) -> report.Table:
         ),
         decimals=4,
         bodies=estimate.equations.mechanism.bodies,
-        units=tuple(unit_of(name) or ("N" if "F" in name else "N m") for name in estimate.names),
+        units=tuple(unit_of(name) or offset_unit(name) for name in estimate.names),
     )
 
 
