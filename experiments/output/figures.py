@@ -19,6 +19,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from experiments.output import escape
 from ident.errors import InputError
+from ident.geometry.inertia import body_of_parameter
 
 SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
 """Symbol and unit of the components of a wrench."""
@@ -178,17 +179,10 @@ def parameter_symbol(name: str) -> str:
     return f"$m_{{{mass}}}$" if moment is None else f"$m_{{{mass}}}r_{{{moment},{mass}}}$"
 
 
-def body_index(name: str) -> int | None:
-    """Index of the body whose parameter this is, None of other coefficients: `m2rz2` belongs to the second, 1."""
-    match = PARAMETER.fullmatch(name)
-    return None if match is None else int(match[1] or match[4]) - 1
-
-
 def named_symbol(name: str, bodies: Sequence[str]) -> str:
     """A parameter's symbol with the name of its body, bodies numbered from 1, for labels in figures."""
-    index = body_index(name)
-    body = f", {escape.label(bodies[index])}" if index is not None and index < len(bodies) else ""
-    return f"{parameter_symbol(name)}{body}"
+    body = body_of_parameter(name, bodies)
+    return parameter_symbol(name) + (f", {escape.label(body)}" if body else "")
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:

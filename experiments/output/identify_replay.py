@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from experiments.output.figures import body_index
 from experiments.output.layout import offset_unit, unit_of
 from experiments.output.parameter_words import in_words, regrouped_in_words
 from experiments.output.replay import Replay, every_nth
 from experiments.studies.errors import HALF_WIDTH
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
+from ident.geometry.inertia import body_index
 from ident.judgement.finding import Finding
 from ident.parameters.prior import KNOWN, parameters_told
 

@@ -3,8 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from experiments.output.figures import PARAMETER, body_index
+from experiments.output.figures import PARAMETER
 from ident.errors import InputError
+from ident.geometry.inertia import body_of_parameter
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Layout:
 
     def shows(self, parameter: str, bodies: Sequence[str]) -> bool:
         """Whether a parameter is shown, bodies numbered from 1."""
-        return not self.parameters or bool({parameter, body_of(parameter, bodies)} & {*self.parameters})
+        return not self.parameters or bool({parameter, body_of_parameter(parameter, bodies)} & {*self.parameters})
 
     def check(self, files: Sequence[str], parameters: Sequence[str], bodies: Sequence[str]) -> None:
         """Refuses captions of files that are not written, and parameters that there are not.
@@ -46,12 +47,6 @@ class Layout:
 
 PAPER = Layout()
 """The paper's own: two columns, everything shown."""
-
-
-def body_of(parameter: str, bodies: Sequence[str]) -> str | None:
-    """Name of the body that a parameter belongs to, None of one that is none of φ's."""
-    index = body_index(parameter)
-    return bodies[index] if index is not None and index < len(bodies) else None
 
 
 def unit_of(parameter: str) -> str | None:

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from experiments.output.figures import PARAMETER, body_index
+from experiments.output.figures import PARAMETER
+from ident.geometry.inertia import body_index
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters

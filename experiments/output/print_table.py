@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from experiments.output import escape
 from experiments.output.figures import PARAMETER, WIDTHS, parameter_symbol
-from experiments.output.layout import Layout, body_of
+from experiments.output.layout import Layout
+from ident.geometry.inertia import body_of_parameter
 
 if TYPE_CHECKING:
     from experiments.output.report import Table
@@ -185,7 +186,7 @@ def _texts(table: "Table") -> list[list[str]]:
     has_units = len(table.headings()) > len(table.columns)
     for row, (first, *_), plain in zip(rows, table.rows, table.texts(), strict=True):
         row[:] = [number if n else text for number, text, n in zip(plain, row, numeric, strict=True)]
-        if (body := body_of(str(first), table.bodies)) is not None:
+        if (body := body_of_parameter(str(first), table.bodies)) is not None:
             row[0] = f"{row[0][: -len(escape.tex(body))]}\\emph{{{escape.tex(body)}}}"
         if has_units:
             row[1] = unit(plain[1])

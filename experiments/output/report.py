@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from experiments.output import escape, print_table
-from experiments.output.layout import PAPER, Layout, body_of, unit_of
+from experiments.output.layout import PAPER, Layout, unit_of
 from experiments.runs.signals import held_back
 from ident.errors import InputError
+from ident.geometry.inertia import body_of_parameter
 from ident.recordings.atomic import PARTIAL, claimed, unwritten
 
 Cell = str | float | None
@@ -66,7 +67,7 @@ class Table:
         """
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        owners = [body_of(str(row[0]), self.bodies) for row in self.rows] if self.bodies else []
+        owners = [body_of_parameter(str(row[0]), self.bodies) for row in self.rows] if self.bodies else []
         first, *more = self.columns
         writer.writerow(map(escape.cell, [first, *["body"] * bool(owners), *more]))
         for k, row in enumerate(self.rows):
@@ -149,7 +150,7 @@ class Table:
     def _name(self, cell: Cell, escaped: Callable[[str], str]) -> str:
         """A row's first cell: a parameter with the name of its body."""
         text = escaped(self.names[cell]) if isinstance(cell, str) and cell in self.names else self._text(cell, escaped)
-        body = body_of(cell, self.bodies) if isinstance(cell, str) else None
+        body = body_of_parameter(cell, self.bodies) if isinstance(cell, str) else None
         # Added up and not formatted: in pages the parts are HTML already.
         return text if body is None else text + " of " + escaped(body)
 

@@ -8,8 +8,9 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from experiments.output import figures, print_table, report
-from experiments.output.layout import PAPER, Layout, body_of
+from experiments.output.layout import PAPER, Layout
 from ident.errors import InputError
+from ident.geometry.inertia import body_of_parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,9 @@ class Results:
             How to print, and why it is not as the author chose, in a sentence, else nothing.
         """
         of_bodies = [table for table in self.tables.values() if table.bodies]
-        names = dict.fromkeys(str(row[0]) for t in of_bodies for row in t.rows if body_of(str(row[0]), t.bodies))
+        names = dict.fromkeys(
+            str(row[0]) for t in of_bodies for row in t.rows if body_of_parameter(str(row[0]), t.bodies)
+        )
         bodies = dict.fromkeys(body for table in of_bodies for body in table.bodies)
         try:
             layout.check([*self.tables, *self.figures], [*names], [*bodies])

@@ -34,15 +34,24 @@ def parameter_names(bodies: int) -> tuple[str, ...]:
     )
 
 
+def body_index(name: str) -> int | None:
+    """Index of the body that one of `parameter_names` belongs to, None of any other name.
+
+    >>> body_index("m2rz2")
+    1
+    """
+    match = re.fullmatch(r"(?:m|m(\d+)r[xyz](?=\1$)|I[xyz]{2})([1-9]\d*)", name)
+    return None if match is None else int(match[2]) - 1
+
+
 def body_of_parameter(name: str, bodies: Sequence[str]) -> str | None:
     """Name of the body that one of `parameter_names` belongs to, None of any other name.
 
     >>> body_of_parameter("m2rz2", ("base", "shank"))
     'shank'
     """
-    match = re.fullmatch(r"(?:m|m\d+r[xyz]|I[xyz]{2})(\d+)", name)
-    k = int(match[1]) if match else 0
-    return bodies[k - 1] if 1 <= k <= len(bodies) else None
+    k = body_index(name)
+    return bodies[k] if k is not None and k < len(bodies) else None
 
 
 def with_bodies(names: Iterable[str], bodies: Sequence[str]) -> str:

@@ -12,11 +12,12 @@ from truth import told
 
 from experiments.output import figures, report, study_figures, study_tables
 from experiments.output.figures import WIDTHS
-from experiments.output.layout import Layout, body_of, offset_unit, unit_of
+from experiments.output.layout import Layout, offset_unit, unit_of
 from experiments.output.print_table import PACKAGES
 from experiments.output.results import Results
 from experiments.studies.simulated import study
 from ident.errors import InputError
+from ident.geometry.inertia import body_of_parameter
 
 BODIES = ("base", "left_thigh", "shank & foot")
 NAMES = ("m1", "m2rz2", "Ixy3")
@@ -60,7 +61,11 @@ def test_a_row_says_whose_a_parameter_is_in_every_format():
     assert "\nm2rz2,left_thigh,-12.5,0.25," in TABLE.csv()
     assert "| m2rz2* of left_thigh | kg m | -12.500 |" in TABLE.markdown()
     assert "m2rz2* of left_thigh" in TABLE.text() and "kg m" not in TABLE.text()
-    assert body_of("offset(Fx)", BODIES) is None and body_of("m9", BODIES) is None and unit_of("offset(Fx)") is None
+    assert (
+        body_of_parameter("offset(Fx)", BODIES) is None
+        and body_of_parameter("m9", BODIES) is None
+        and unit_of("offset(Fx)") is None
+    )
     assert [offset_unit(name) for name in ("offset(Fx)", "offset(My)", "Fz", "Mz")] == ["N", "N m", "N", "N m"]
 
 
