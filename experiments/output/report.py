@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ class Table:
         title: What it shows, for the screen and for pages.
         columns: Column names of the CSV file; everywhere else they are `heading`s.
         rows: Cells: texts, numbers, or None for an empty one; columns of empty ones are in the CSV file alone.
-        decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits; `int` have none.
+        decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits; counts have none.
         marked: First cells of the rows that get an asterisk, everywhere but in the CSV file.
         footnote: What the asterisk means.
         caption: Caption in print, by default the title.
@@ -185,8 +186,11 @@ def heading(name: str) -> str:
 
 
 def number(value: float, decimals: int = 3) -> str:
-    """A number for readers: with so many decimals, or as a power of ten from a million on, where no one counts them."""
-    if isinstance(value, int):
+    """A number for readers: with so many decimals, or as a power of ten from a million on, where no one counts them.
+
+    Whole numbers, numpy's too, have no decimals; truth values are numbers like others.
+    """
+    if _whole(value):
         return str(value)
     # Adding zero turns a rounded -0.0 into 0.0.
     return f"{round(value, decimals) + 0.0:.{decimals}f}" if abs(value) < 1e6 else f"{value:.2e}"
@@ -361,16 +365,21 @@ def _git_commit() -> str | None:
 
 
 def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], tuple[tuple[Cell, ...], ...]]:
-    """Column names and rows of a `Table` from its columns; NaN becomes an empty cell, columns of `int` stay so."""
+    """Column names and rows of a `Table` from its columns; NaN becomes an empty cell, columns of counts stay so."""
     return tuple(named), tuple(zip(*(map(_cell, _alike(list(column))) for column in named.values()), strict=True))
 
 
 def _alike(column: list[Cell]) -> list[Cell]:
     """A column in which whole numbers are such alone, or numbers like the others."""
     numbers = [cell for cell in column if cell is not None and not isinstance(cell, str)]
-    if all(isinstance(cell, int) for cell in numbers):
+    if all(map(_whole, numbers)):
         return column
     return [cell if cell is None or isinstance(cell, str) else float(cell) for cell in column]
+
+
+def _whole(value: float) -> bool:
+    """Whether it is a count, by its type."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def _cell(value: Cell) -> Cell:

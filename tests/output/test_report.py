@@ -299,8 +299,9 @@ def test_columns_without_cells_are_in_the_csv_file_alone():
         assert "mpty" not in shown and "2.000" in shown
 
 
-def test_counts_have_no_decimals_unless_numbers_stand_beside_them():
-    table = report.Table("t", *report.columns(name=["a", "b"], count=[3, 40], mixed=[1, 0.5]))
+@pytest.mark.parametrize("counts", [[3, 40], np.array([3, 40])])
+def test_counts_have_no_decimals_unless_numbers_stand_beside_them(counts):
+    table = report.Table("t", *report.columns(name=["a", "b"], count=counts, mixed=[True, 0.5]))
     assert table.texts() == [["a", "3", "1.000"], ["b", "40", "0.500"]] and table.numeric() == [False, True, True]
     assert "S[table-format=2.0]S[table-format=1.3]" in table.tex()
 
