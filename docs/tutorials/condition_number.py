@@ -87,9 +87,9 @@ print(f"best motion: condition number {conditions[by_deviation]:.0f}")
 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
 figure.suptitle("Forty motions by chance")
-panel.loglog(conditions, deviations, "o", color="tab:blue")
-panel.loglog(conditions[by_condition], deviations[by_condition], "s", color="tab:red", label="best conditioned")
-panel.loglog(conditions[by_deviation], deviations[by_deviation], "D", color="tab:green", label="smallest deviations")
+panel.loglog(conditions, deviations, "o", color="C0")
+panel.loglog(conditions[by_condition], deviations[by_condition], "s", color="C1", label="best conditioned")
+panel.loglog(conditions[by_deviation], deviations[by_deviation], "D", color="C2", label="smallest deviations")
 panel.set(xlabel="condition number", ylabel="geometric mean of the standard deviations\n(kg, kg m, kg m²)")
 panel.legend()
 

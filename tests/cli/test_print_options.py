@@ -100,8 +100,10 @@ def test_figures_have_one_cycle_of_colours_one_font_and_the_pages_width():
     folder = Path(experiments.__file__).parent
     drawing = [path for path in folder.rglob("*.py") if "matplotlib.figure" in path.read_text(encoding="utf-8")]
     own = {"moving_picture.py", "estimator_figure.py", "film.py"}  # the documentation's, and films
-    assert len(drawing) > 10
-    for path in drawing:
+    tutorials = list((folder.parent / "docs" / "tutorials").glob("*.py"))
+    own |= {path.name for path in tutorials}
+    assert len(drawing) > 10 and tutorials
+    for path in (*drawing, *tutorials):
         text = path.read_text(encoding="utf-8")
         assert not re.findall(r"\"tab:\w+|\"#[0-9a-fA-F]{6}\"|font\.?family|fontname", text), path.name
         assert path.name in own or not re.findall(r"figsize=\(\d", text), path.name
