@@ -177,7 +177,7 @@ class View {
     this.label(to, `${name} ${Math.hypot(...force).toPrecision(3)} N`);
   }
 
-  // Beside a point, within the canvas, and below those that are in its place already.
+  // Beside a point, below those that are in its place already; within the canvas across, but not down.
   label(point, text) {
     const { context, labels } = this;
     context.font = "13px sans-serif";
