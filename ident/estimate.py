@@ -12,7 +12,7 @@ from ident.estimation.joint_estimate import Joint
 from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared
 from ident.estimation.robust import spread
-from ident.estimation.samples import Samples
+from ident.estimation.samples import Samples, joined
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
@@ -21,7 +21,7 @@ from ident.judgement.finding import Finding
 from ident.judgement.setup_findings import SetupFinding, setup_findings
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.verdict import findings, verdict
-from ident.mechanism.motion import Motion, joined
+from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
@@ -184,8 +184,7 @@ class Estimate:
 
     @cached_property
     def _fitted(self) -> Samples:
-        samples = [prepared.samples[prepared.taken(part)] for prepared, part in self.logs]
-        return Samples(joined([x.motion for x in samples]), np.concatenate([x.measured for x in samples]))
+        return joined([prepared.samples[prepared.taken(part)] for prepared, part in self.logs])
 
     @property
     def unexplained(self) -> tuple[str, ...]:

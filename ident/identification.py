@@ -19,13 +19,12 @@ from ident.estimation.joint_estimate import Joint, joint_estimate
 from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, prepared
 from ident.estimation.robust import robust_fit, separable
-from ident.estimation.samples import Samples
+from ident.estimation.samples import Samples, joined
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
 from ident.judgement.torque_checks import torque_checks
 from ident.judgement.unmeasured import without_unmeasured
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import joined
 from ident.parameters.prior import KNOWN, known_covariance
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND
@@ -189,7 +188,7 @@ class _Divided:
     @property
     def samples(self) -> Samples:
         """All samples to fit."""
-        return _joined([log.samples[log.taken(part)] for log, part in self.fitted])
+        return joined([log.samples[log.taken(part)] for log, part in self.fitted])
 
     def with_logs(self, logs: Sequence[Prepared], judges: Sequence[Prepared]) -> "_Divided":
         """The same parts of other versions of the recordings."""
@@ -204,11 +203,7 @@ class _Divided:
         each = list(fits) * len(samples) if len(fits) == 1 else fits
         residual = np.concatenate([fit.residual(x) for fit, x in zip(each, samples, strict=True)])
         time = np.concatenate([log.recording.time[log.taken(part)] for log, part in self.judged])
-        return HeldOut(time, _joined(samples), fits[0], residual)
-
-
-def _joined(samples: Sequence[Samples]) -> Samples:
-    return Samples(joined([x.motion for x in samples]), np.concatenate([x.measured for x in samples]))
+        return HeldOut(time, joined(samples), fits[0], residual)
 
 
 def _least_squares(divided: _Divided, weighted: bool, offsets: bool) -> Estimate:

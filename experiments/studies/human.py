@@ -17,10 +17,9 @@ from ident.estimation.accumulator import accumulate
 from ident.estimation.joint import Report, inverse_of_precision
 from ident.estimation.piece import Piece, linearised
 from ident.estimation.preparation import prepared
-from ident.estimation.samples import Samples
+from ident.estimation.samples import joined
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.motion import joined
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.prior import conditioned, known_covariance
 from sim.motion.person import ACTIVITIES
@@ -193,8 +192,7 @@ def least_squares_from_prior(estimate: Estimate) -> np.ndarray:
     """Base parameters next to the prior that fit best at filtered states, taken for exact (r,)."""
     logs = [prepared(log.mechanism, log.recording, cutoff=USUAL) for log, _ in estimate.logs]
     equations = logs[0].equations
-    inner = [log.samples[slice(log.edge, len(log.samples) - log.edge)] for log in logs]
-    samples = Samples(joined([x.motion for x in inner]), np.concatenate([x.measured for x in inner]))
+    samples = joined([log.samples[slice(log.edge, len(log.samples) - log.edge)] for log in logs])
     R = accumulate(equations, samples).root
     prior = equations.parameters.regroup(equations.mechanism.known)
     step, *_ = np.linalg.lstsq(R[:, :-1], R[:, -1] - R[:, :-1] @ prior, rcond=LEAST_SEEN)
