@@ -102,7 +102,8 @@ def interrupted(command, pattern, number=signal.SIGINT):
     It has a group of its own, of which nobody must be left.
     """
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
-    quiet["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    # Else MuJoCo asks glfw, which asks a process of its own, whose traceback stands there if it is ended meanwhile.
+    quiet["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "disable"}
     command = [sys.executable, "-c", WITHOUT_FIGURES, *command]
     with subprocess.Popen(command, **quiet) as process:
         seen = read_until(process, pattern)
