@@ -1,6 +1,6 @@
 """Regressor and identification against a loop over another library's regressor and `np.linalg.lstsq`."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -55,28 +55,26 @@ def comparisons(effort: Effort) -> list[Comparison]:
         for number in effort.sizes:
             found += _compared(mechanism, number, effort)
     found.append(_streamed(double_pendulum(), effort))
-    found += [_of_arm(arm, motion, effort) for arm, motion in arms(effort)]
+    found += [_of_arm(arm, samples, effort) for arm, samples in arms(effort)]
     return found
 
 
-def arms(effort: Effort) -> Iterator[tuple[Subject, Motion]]:
-    """Arms of increasing length, and motions of them."""
+def arms(effort: Effort) -> Iterator[tuple[Subject, Samples]]:
+    """Arms of increasing length, and samples of their motion without a wrench."""
     for bodies in effort.bodies:
         number = min(effort.sizes[-2], LINKS // bodies)
-        yield (
-            subject(CHAIN, chain(bodies)),
-            Motion(*np.random.default_rng(0).normal(size=(3, number, bodies - 1))),
-        )
+        motion = Motion(*np.random.default_rng(0).normal(size=(3, number, bodies - 1)))
+        yield subject(CHAIN, chain(bodies)), Samples(motion, np.zeros((number, 6)))
 
 
-def _of_arm(arm: Subject, motion: Motion, effort: Effort) -> Comparison:
+def _of_arm(arm: Subject, samples: Samples, effort: Effort) -> Comparison:
     """The regressor of an arm, whose parameters as few samples as these do not determine."""
-    samples, peer = arm.unmeasured(motion), Pinocchio(arm.tree, STANDARD_GRAVITY)
-    states, every = peer.states(motion.states, None), peer.columns(range(10 * len(arm.tree.inertial)))
+    peer = Pinocchio(arm.tree, STANDARD_GRAVITY)
+    states, every = peer.states(samples.motion.states, None), peer.columns(range(10 * len(arm.tree.inertial)))
     Y = arm.regressor(samples)
     check_agreement(f"{AGAIN}, {arm.name}", Y[:3], peer.regressor(*(x[:3] for x in states))[..., every])
     ways = with_and_without(partial(arm.regressor, samples, out=Y), partial(peer.regressor, *states))
-    return _comparison(AGAIN, arm, len(motion), alternating(ways, effort.seconds, effort.least))
+    return _comparison(AGAIN, arm, len(samples), alternating(ways, effort.seconds, effort.least))
 
 
 def solved(Y: np.ndarray, wrench: np.ndarray, columns: Sequence[int] | None = None) -> np.ndarray:
@@ -87,15 +85,13 @@ def solved(Y: np.ndarray, wrench: np.ndarray, columns: Sequence[int] | None = No
     return np.linalg.lstsq(rows, wrench.ravel(), rcond=None)[0]
 
 
-def _compared(
-    mechanism: Subject, number: int, effort: Effort, tasks: Iterable[str] = tuple(TASKS)
-) -> Iterator[Comparison]:
+def _compared(mechanism: Subject, number: int, effort: Effort) -> Iterator[Comparison]:
     """Comparisons on one mechanism and number of samples."""
     samples = mechanism.samples(number)
     peer = Pinocchio(mechanism.tree, STANDARD_GRAVITY)
     _check(mechanism, samples[: effort.sizes[0]], peer)
     ways = _ways(mechanism, samples, peer)
-    for task in tasks:
+    for task in TASKS:
         if task in (REGRESSOR, AGAIN, ACCUMULATION) or number * len(mechanism.tree.bodies) <= LARGEST:
             times = alternating(with_and_without(*ways[task]), effort.seconds, effort.least)
             yield _comparison(task, mechanism, number, times)

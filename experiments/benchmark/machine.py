@@ -130,10 +130,9 @@ def distances(effort: Effort, reached: Limits) -> list[Distance]:
             regressor, sums = partial(mechanism.regressor, samples), partial(accumulate, mechanism.equations, samples)
             found.append(_distance(REGRESSOR, mechanism, number, regressor, effort, reached))
             found.append(_distance(ACCUMULATION, mechanism, number, sums, effort, reached))
-    for arm, motion in arms(effort):
-        samples = arm.unmeasured(motion)
+    for arm, samples in arms(effort):
         again = partial(arm.regressor, samples, out=arm.regressor(samples))
-        found.append(_distance(AGAIN, arm, len(motion), again, effort, reached))
+        found.append(_distance(AGAIN, arm, len(samples), again, effort, reached))
     return found
 
 

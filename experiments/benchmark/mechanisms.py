@@ -59,10 +59,6 @@ class Subject(Mechanism):
             part.measured[:] += self.regressor(part, self.parameters.kept) @ psi
         return samples
 
-    def unmeasured(self, motion: Motion) -> Samples:
-        """Samples of a motion without a wrench."""
-        return Samples(motion, np.zeros((len(motion), 6)))
-
     def pieces(self, number: int, size: int) -> Iterator[Samples]:
         """Random samples in pieces that are made when they are asked for."""
         for seed, start in enumerate(range(0, number, size)):
