@@ -1,6 +1,6 @@
 """Trajectory, parameters, set-up and noise of a recording at once.
 
-minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
+minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + κ Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
 
 over spline coefficients c and parameters θ by Gauss-Newton steps. After each of them noise and smoothness follow by
 restricted maximum likelihood (`ident.estimation.restricted_likelihood`). Ordered by time the curvature is banded, but

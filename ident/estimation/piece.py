@@ -11,6 +11,11 @@ from ident.estimation.rows import ChannelRows, Factors, StateRows
 from ident.estimation.spline import ORDER, Local, Spline
 from ident.estimation.whitening import Innovations, Sums, innovations
 
+UNDERSMOOTHED = 0.03
+"""Part κ of the likeliest λ that a trajectory is smoothed by where there are channels. With all of it the trajectory
+that is best together with θ is a little small, and θ too large by much of its deviation where noise is slow or strong;
+less costs θ hardly anything (Rice, Statist. Probab. Lett. 4, 1986)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Piece:
@@ -57,6 +62,11 @@ class Noise:
     floor_states: np.ndarray
     floor_channels: np.ndarray
 
+    @property
+    def stiffness(self) -> np.ndarray:
+        """What the squared jerk of each coordinate costs: λ, or a part of it beside channels (n,)."""
+        return self.jerk * (UNDERSMOOTHED if len(self.channels) else 1.0)
+
     def change(self, before: "Noise") -> float:
         """Largest change of the logarithm of a standard deviation, or of ρ."""
         logs = [np.abs(np.log(getattr(self, k) / getattr(before, k))) for k in ("states", "channels")]
@@ -95,7 +105,7 @@ class Linearised(NamedTuple):
         step: Step of the coefficients at fixed θ (size n,).
         by_theta: How it changes with a step of θ, `step - by_theta @ δθ` (size n, p).
         taken: These shares of innovations and of their halves, for halves zero where ρ is (3, s).
-        held: `tr(H⁻¹ λ_j P_j)` of the jerk's penalties (n,).
+        held: `tr(H⁻¹ κ λ_j P_j)` of the jerk's penalties (n,).
     """
 
     schur: np.ndarray
@@ -162,7 +172,7 @@ def misfit(
     every, nothing = [*states.values(), channels], Sums(np.zeros((3, len(bends))), np.zeros((3, len(bends))))
     sums = [*(states[kind].new.sums if kind in states else nothing for kind in range(3)), channels.new.sums]
     return Misfit(
-        cost=sum(each.new.cost for each in every) + float(noise.jerk @ bends),
+        cost=sum(each.new.cost for each in every) + float(noise.stiffness @ bends),
         squares=np.concatenate([each.squares for each in sums], axis=1),
         number=np.concatenate([each.number for each in sums], axis=1),
         bends=bends,
@@ -205,7 +215,7 @@ def linearised(
     channels.add_to(arrow)
     for rows in states.values():
         rows.add_to(arrow)
-    arrow.add_penalty(noise.jerk, coefficients)
+    arrow.add_penalty(noise.stiffness, coefficients)
     eliminated = arrow.eliminated()
     posterior = Posterior.of(eliminated, np.zeros((len(columns), 0)) if root is None else root, S, n)
     taken = [states[kind].taken(posterior) if kind in states else np.zeros((3, n)) for kind in range(3)]
@@ -216,7 +226,7 @@ def linearised(
         step=eliminated.step,
         by_theta=eliminated.by_theta,
         taken=np.concatenate([*taken, channels.taken(posterior)], axis=1),
-        held=noise.jerk * curvature,
+        held=noise.stiffness * curvature,
     )
 
 

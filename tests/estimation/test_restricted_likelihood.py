@@ -7,10 +7,11 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.optimize import minimize
 
-from ident.estimation import whitening
-from ident.estimation.joint import COLOURED
+from ident.estimation import joint, whitening
+from ident.estimation.joint import COLOURED, Prior, Start, fit
 from ident.estimation.piece import Noise, Piece, linearised, misfit
 from ident.estimation.restricted_likelihood import MOST_CORRELATED, renewed
+from ident.estimation.smoothing_start import smoothed
 from ident.estimation.spline import LOCAL, Spline
 
 STEP = 0.02
@@ -33,6 +34,24 @@ class Linear:
         by_states = np.zeros((1, 3, 1, len(wrenches)))
         by_states[:, 2] = 1
         return self.values(states, wrenches, theta), by_states, wrenches[:, 0, :2].T[None]
+
+
+class Turned:
+    """One channel `θ ẍ` of one coordinate x: a larger inertia goes with a smaller motion."""
+
+    names = ("inertia",)
+    zeros = {}  # noqa: RUF012
+
+    def of_kind(self, kind, of=""):
+        return {}
+
+    def values(self, states, wrenches, theta):
+        return (theta[0] * states[2, :, 0])[None]
+
+    def derivatives(self, states, wrenches, theta):
+        by_states = np.zeros((1, 3, 1, len(wrenches)))
+        by_states[:, 2] = theta[0]
+        return self.values(states, wrenches, theta), by_states, states[2, :, 0][None, None]
 
 
 def correlated(rng, number, rho):
@@ -97,7 +116,7 @@ def twice_lost(piece, sigma, rho):
         J[number + k, interval[k] : interval[k] + LOCAL] = basis[2, k]
     J[number:, -2:] = piece.wrenches[:, 0, :2]
     for k in range(spline.intervals):
-        S[k : k + LOCAL, k : k + LOCAL] += JERK * spline.penalty
+        S[k : k + LOCAL, k : k + LOCAL] += noise_of(sigma, rho).stiffness * spline.penalty
     y = np.concatenate([piece.states[0][:, 0], piece.measured[:, 0]])
     runs = np.split(np.arange(number), np.flatnonzero(np.diff(interval) > 1) + 1)
     parts = [sigma**2 * rho ** np.abs(np.subtract.outer(run, run)) for run in runs]
@@ -120,6 +139,38 @@ def test_updates_end_at_the_maximum_of_the_restricted_likelihood(rho, gap, monke
     np.testing.assert_allclose(found, best.x, rtol=0.02)
     # The trajectory has taken what is slow: residuals themselves are less correlated.
     assert found[1] - plain > 0.05
+
+
+def turned(rng, rho, sigma, inertia=2.0, number=300):
+    """By how many deviations θ is off where noise is told, but not smoothness, of a motion by some tenths."""
+    time = STEP * np.arange(number)
+    w, phase, size = rng.uniform(1.5, 6, 4), rng.uniform(0, 2 * np.pi, 4), 0.1 * rng.normal(size=4)
+    waves = np.sin(np.outer(time, w) + phase)
+    measured = (waves @ size + sigma * correlated(rng, number, rho))[:, None]
+    channel = (-inertia * waves @ (size * w**2) + 0.1 * rng.normal(size=number))[:, None]
+    piece = Piece(
+        Spline.over(-0.1, time[-1] + 0.1, 0.1),
+        time,
+        (measured, None, None),
+        time,
+        channel,
+        np.zeros((number, 2, 0)),
+    )
+    noise = replace(noise_of(sigma, rho), channels=np.array([0.1]))
+    start = Start(np.array([inertia]), noise, smoothed([piece], noise).coefficients)
+    found = fit(Turned(), [piece], start, prior=Prior(np.zeros(1), np.zeros((1, 1))), free=np.array([True]))
+    return (found.theta[0] - inertia) / np.sqrt(found.covariance[0, 0])
+
+
+@pytest.mark.parametrize(("rho", "sigma"), [(0.0, 0.1), (0.9, 0.02)])
+def test_smoothness_takes_nothing_of_the_motion_that_matters(rho, sigma, monkeypatch):
+    """With all of the likeliest λ one in two or fewer of these intervals hold, and θ is three deviations too large."""
+    monkeypatch.setattr(
+        joint, "renewed", lambda noise, *at, **how: replace(noise, jerk=renewed(noise, *at, **how).jerk)
+    )
+    z = np.array([turned(np.random.default_rng(seed), rho, sigma) for seed in range(40)])
+    assert abs(z.mean()) < 0.4
+    assert np.mean(np.abs(z) < 1.96) >= 0.9
 
 
 def test_white_noise_stays_white():
