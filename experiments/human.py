@@ -30,6 +30,13 @@ def parser() -> argparse.ArgumentParser:
     )
     noise = "standard deviation of angles not from markers, degrees, by default 0.5"
     out.add_argument("--noise", type=float, help=noise)
+    out.add_argument(
+        "--persons",
+        type=options.whole_number(1, 1000),
+        default=1,
+        help="persons, each with other motions, noise and another wrong prior, of whom it is counted how often "
+        "intervals hold; tables, figure and page are of the first",
+    )
     options.add_local_workers(out, default=min(2, os.cpu_count() or 1))
     options.add_film(out)
     return out

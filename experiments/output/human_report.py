@@ -1,6 +1,7 @@
 """What recordings say of a person's segments: tables, a figure, key numbers, and the terminal's text."""
 
 import argparse
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -14,6 +15,7 @@ from experiments.output.page import Said, conclude
 from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from experiments.studies import human
+from experiments.studies.errors import HALF_WIDTH
 from experiments.studies.human import Study
 from experiments.studies.person_recordings import Laboratory
 from ident.errors import InputError
@@ -57,6 +59,33 @@ def table_prediction(found: Study) -> report.Table:
     return report.Table(title, ("candidate", *found.estimate.channels[:6]), tuple(rows), decimals=3)
 
 
+def table_coverage(persons: Sequence[Study]) -> report.Table:
+    """How often intervals of what is determined hold, person by person and of all together."""
+    rows: list[tuple[report.Cell, ...]] = []
+    for number, found in enumerate(persons, start=1):
+        better = float((found.errors["prior"] / found.errors["joint estimate"]).min())
+        rows.append((str(number), *_counted([found]), found.noise_of_angles, better))
+    rows.append(("all", *_counted(persons), None, None))
+    columns = "person", "determined", "hold", "rms_z", "noise_of_angles", "times_better"
+    heads = {
+        "determined": "combinations that are determined",
+        "hold": "95 % intervals that hold",
+        "rms_z": "error over s.d., RMS",
+        "noise_of_angles": "noise of angles found (°)",
+        "times_better": "least times better than the prior",
+    }
+    title = "How often 95 % intervals of what recordings determine hold, each time another person, motion and noise"
+    return report.Table(title, columns, tuple(rows), decimals=2, heads=heads)
+
+
+def _counted(persons: Sequence[Study]) -> tuple[int, float | None, float | None]:
+    """Combinations that are determined, which share of their 95 % intervals hold, and their errors in s.d., RMS."""
+    z = np.concatenate([found.distances[1][found.determined] for found in persons])
+    if not len(z):
+        return 0, None, None
+    return len(z), float((np.abs(z) < HALF_WIDTH).mean()), float(np.sqrt((z**2).mean()))
+
+
 def numbers(found: Study) -> dict[str, Any]:
     """Key numbers for scripts."""
     estimate, (phi, std) = found.estimate, found.segments
@@ -89,8 +118,8 @@ def numbers(found: Study) -> dict[str, Any]:
     }
 
 
-def results(found: Study, feet_alone: Study) -> Results:
-    """What the study leaves behind, of a person who holds the rail and of one who does not."""
+def results(found: Study, feet_alone: Study, others: Sequence[Study] = ()) -> Results:
+    """What the study leaves behind, of a person who holds the rail, of one who does not, and of others who hold it."""
     caption = (
         "A person on two force plates who holds a rail: error of each segment's first moment before and after "
         f"{len(found.activities)} recordings of {found.seconds:g} s, with what the estimate says of itself (a); "
@@ -100,6 +129,8 @@ def results(found: Study, feet_alone: Study) -> Results:
     )
     tables = {"table_segments": table_segments(found), "table_prediction": table_prediction(found)}
     summary = {"plates_and_rail": numbers(found), "plates": numbers(feet_alone)}
+    if others:
+        tables["table_coverage"] = table_coverage([found, *others])
     return Results(tables, {"figure_human": (figure(found, feet_alone), caption)}, {"summary": summary})
 
 
@@ -125,16 +156,17 @@ def run(args: argparse.Namespace) -> Results:
     laboratory = _laboratory(args)
     with report.writable(args.out), ExitStack() as stack:
         executor = stack.enter_context(worker_pool(args.workers)).executor if args.workers > 1 else None
-        shared = {"seed": args.seed, "activities": args.activities, "executor": executor, "report": progress}
-        found, feet_alone = (
-            human.study(float(args.seconds), laboratory=replace(laboratory, rail=rail), **shared)
-            for rail in (True, False)
+        shared = {"activities": args.activities, "executor": executor, "report": progress}
+        found, feet_alone, *others = (
+            human.study(float(args.seconds), seed=seed, laboratory=replace(laboratory, rail=rail), **shared)
+            for seed, rail in [(args.seed, True), (args.seed, False)]
+            + [(args.seed + k, True) for k in range(1, args.persons)]
         )
-    told = "seed", "seconds", "activities", "rate", "source", "noise", "formats"
+    told = "seed", "seconds", "activities", "rate", "source", "noise", "persons", "formats"
     choices = {key: getattr(args, key) for key in told} | {
         "noise": None if laboratory.markers else laboratory.angle_deg
     }
-    return conclude(args, results(found, feet_alone), said(found, laboratory), report.provenance(choices))
+    return conclude(args, results(found, feet_alone, others), said(found, laboratory), report.provenance(choices))
 
 
 def _laboratory(args: argparse.Namespace) -> Laboratory:

@@ -119,6 +119,17 @@ class Study:
         """Share of the 95 % intervals of what is determined that hold the truth."""
         return float((np.abs(self.distances[1][self.determined]) < HALF_WIDTH).mean())
 
+    @property
+    def noise_of_angles(self) -> float:
+        """Standard deviation of the hinges' angles that was found, degrees: their median."""
+        joint = self.estimate.joint
+        assert joint is not None
+        hinges = np.concatenate(
+            [np.zeros(joint.measurement.of_base, bool)]
+            + [np.full(body.coordinates, not body.is_ball) for body in self.true.tree.bodies]
+        )
+        return float(np.degrees(np.median(joint.fit.noise.states[0, hinges])))
+
     def information(self, seconds: Sequence[float]) -> np.ndarray:
         """Standard deviations of φ after the first seconds of each recording, at the noise that all show (b, 10)."""
         return self._conditioned(seconds)[1]

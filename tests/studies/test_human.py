@@ -28,7 +28,10 @@ def at_the_rail(monkeypatch):
 def test_a_person_from_a_wrong_prior(tmp_path, capsys):
     out = tmp_path / "person"
     small = ["--seconds", "2", "--rate", "50", "--noise", "0.2", "--activities", "squats", "arm swings"]
-    assert main([*small, "--workers", "1", "--out", str(out), "--caption", "table_segments", "Ours."]) == 0
+    assert (
+        main([*small, "--persons", "2", "--workers", "1", "--out", str(out), "--caption", "table_segments", "Ours."])
+        == 0
+    )
     assert r"\caption{Ours.}" in (out / "table_segments.tex").read_text(encoding="utf-8")
     assert "joint estimate" in capsys.readouterr().out
     assert replayed(out / "report.html")["estimated"]
@@ -55,6 +58,14 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
             assert any(
                 float(rows[name][f"inertia_{which}"]) == pytest.approx(x, rel=1e-3, abs=1e-3) for x in each[which][4:7]
             )
+
+    with (out / "table_coverage.csv").open(newline="", encoding="utf-8") as file:
+        first, second, both = csv.DictReader(file)
+    assert [row["person"] for row in (first, second, both)] == ["1", "2", "all"]
+    assert int(both["determined"]) == int(first["determined"]) + int(second["determined"]) == 2 * found["determined"]
+    assert float(both["hold"]) == pytest.approx(found["coverage_of_determined"])
+    assert float(first["times_better"]) == pytest.approx(min(found["times_better"]))
+    assert 0.15 < float(first["noise_of_angles"]) < 0.22 and not both["noise_of_angles"]
 
 
 def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
