@@ -145,7 +145,10 @@ class Estimate:
         if self.joint is None:
             return self.fit.covariance
         m = len(self.names)
-        return self.fit.covariance + np.maximum(self.joint.covariance_of_setup[:m, :m], 0)
+        added = self.joint.covariance_of_setup[:m, :m].copy()
+        # Less than nothing by rounding alone.
+        np.fill_diagonal(added, np.maximum(np.diag(added), 0))
+        return self.fit.covariance + added
 
     @property
     def moved_from_prior(self) -> np.ndarray:

@@ -15,6 +15,18 @@ def ordinary():
     return ident.identify(PENDULUM, faulty(), estimator="ordinary", cutoff=5.0)
 
 
+def test_what_is_open_of_the_setup_adds_to_the_variance_of_every_combination():
+    """Where it makes parameters err together in opposite directions as well."""
+    estimate = ident.identify(PENDULUM, faulty())
+    noise, both = (
+        x[: estimate.base.rank, : estimate.base.rank] for x in (estimate.fit.covariance, estimate.covariance_setup)
+    )
+    unit = np.outer(*2 * [np.sqrt(np.diag(both))])
+    assert np.linalg.eigvalsh((both - noise) / unit).min() > -1e-9
+    assert ((both - noise) / unit).min() < -0.1
+    np.testing.assert_allclose(np.sqrt(np.diag(both)), estimate.std_setup)
+
+
 def test_condition_numbers_are_those_of_the_regressor_as_it_is_and_with_unit_norm():
     prepared, part = ordinary().logs[0]
     base = find_base_parameters(PENDULUM)
