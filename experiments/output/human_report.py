@@ -16,7 +16,7 @@ from experiments.output.results import Results
 from experiments.runs.workers import worker_pool
 from experiments.studies import human
 from experiments.studies.errors import HALF_WIDTH
-from experiments.studies.human import Study
+from experiments.studies.human import MOVED, Study
 from experiments.studies.person_recordings import Laboratory
 from ident.errors import InputError
 from ident.geometry.inertia import com_from_parameters
@@ -66,24 +66,25 @@ def table_coverage(persons: Sequence[Study]) -> report.Table:
         better = float((found.errors["prior"] / found.errors["joint estimate"]).min())
         rows.append((str(number), *_counted([found]), found.noise_of_angles, better))
     rows.append(("all", *_counted(persons), None, None))
-    columns = "person", "determined", "hold", "rms_z", "noise_of_angles", "times_better"
     heads = {
-        "determined": "combinations that are determined",
-        "hold": "95 % intervals that hold",
-        "rms_z": "error over s.d., RMS",
+        "determined": "determined",
+        "hold": "of 95 % intervals hold",
+        "determined_by_noise": "determined, of noise alone",
+        "hold_by_noise": "of 95 % intervals hold, of noise alone",
         "noise_of_angles": "noise of angles found (°)",
         "times_better": "least times better than the prior",
     }
-    title = "How often 95 % intervals of what recordings determine hold, each time another person, motion and noise"
-    return report.Table(title, columns, tuple(rows), decimals=2, heads=heads)
+    title = "How often intervals of what recordings determine hold, each time of another person, motion and noise"
+    return report.Table(title, ("person", *heads), tuple(rows), decimals=2, heads=heads)
 
 
-def _counted(persons: Sequence[Study]) -> tuple[int, float | None, float | None]:
-    """Combinations that are determined, which share of their 95 % intervals hold, and their errors in s.d., RMS."""
-    z = np.concatenate([found.distances[1][found.determined] for found in persons])
-    if not len(z):
-        return 0, None, None
-    return len(z), float((np.abs(z) < HALF_WIDTH).mean()), float(np.sqrt((z**2).mean()))
+def _counted(persons: Sequence[Study]) -> tuple[report.Cell, ...]:
+    """Combinations that are determined, and which share of their 95 % intervals hold: with set-up, of noise alone."""
+    out: list[report.Cell] = []
+    for each in ([found.distances for found in persons], [found.distances_of_noise for found in persons]):
+        z = np.concatenate([distances[std < MOVED] for std, distances in each])
+        out += [len(z), float((np.abs(z) < HALF_WIDTH).mean()) if len(z) else None]
+    return tuple(out)
 
 
 def numbers(found: Study) -> dict[str, Any]:

@@ -67,14 +67,28 @@ class Study:
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `distances_by`, with what is left open of the set-up."""
+        return self.distances_by(self.estimate.covariance_setup)
+
+    @cached_property
+    def distances_of_noise(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `distances_by`, of noise alone, the set-up as it was found."""
+        return self.distances_by(self.estimate.covariance)
+
+    def distances_by(self, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Along the combinations of base parameters that recordings tell of independently, the best known first.
+
+        Args:
+            covariance: That of what was fitted, base parameters first (p, p).
 
         Returns:
             Standard deviations over those known beforehand, and errors in standard deviations (k,); without
             combinations that are known to rounding.
         """
-        covariance = self.estimate.covariance_setup[: len(self.psi), : len(self.psi)]
-        variances, directions = linalg.eigh(covariance, known_covariance(self.mechanism, self.estimate.base))
+        rank = len(self.psi)
+        variances, directions = linalg.eigh(
+            covariance[:rank, :rank], known_covariance(self.mechanism, self.estimate.base)
+        )
         told = variances > ROUNDING
         std = np.sqrt(variances[told])
         return std, directions[:, told].T @ (self.estimate.psi - self.psi) / std
