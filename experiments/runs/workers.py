@@ -12,6 +12,7 @@ from multiprocessing.context import SpawnProcess
 from queue import SimpleQueue
 from typing import Any
 
+from experiments.runs.environment import THREADS, environment
 from experiments.runs.signals import held_back
 from ident.errors import InputError
 
@@ -65,7 +66,7 @@ def _local(number: int) -> Iterator[Executor]:
         # Started later, the tracker of shared resources would let signals through again.
         resource_tracker.ensure_running()
     with ExitStack() as stack:
-        with _one_thread_each(), held_back():
+        with environment(dict.fromkeys(THREADS, "1")), held_back():
             executor = Processes(number)
             stack.callback(executor.kill)
         try:
@@ -135,17 +136,3 @@ def _serve(connection: Connection) -> None:
             except Exception as error:
                 reply = pickle.dumps((False, error))
             connection.send_bytes(reply)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Lets the processes that start in a block use one thread for linear algebra."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ[name] for name in names if name in os.environ}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name in names:
-            del os.environ[name]
-        os.environ.update(before)
