@@ -7,10 +7,10 @@ On every interval of length h the same six polynomials overlap, so that a value 
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import comb, factorial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 DEGREE = 5
 LOCAL = DEGREE + 1
@@ -21,11 +21,17 @@ ORDER = 3
 
 
 def _polynomials() -> np.ndarray:
-    """Coefficients of the powers of u in [0, 1] of the overlapping functions, first function first (6, 6)."""
-    knots = np.arange(-DEGREE, DEGREE + 2, dtype=float)
-    factorial = np.cumprod([1, *range(1, LOCAL)])
-    pieces = [BSpline(knots, np.eye(LOCAL)[k], DEGREE) for k in range(LOCAL)]
-    return np.array([[float(piece(0.0, d)) / factorial[d] for d in range(LOCAL)] for piece in pieces])
+    """Coefficients of the powers of u in [0, 1] of the overlapping functions, first function first (6, 6).
+
+    `B(t) = Σ_j (-1)^j C(6, j) (t - j)₊⁵ / 5!`, its powers multiplied out where t = u + 5 - k for function k; as this
+    short sum they need no splines of scipy's, which bring its optimisers and take as long to import as numpy.
+    """
+    out = np.zeros((LOCAL, LOCAL))
+    for k in range(LOCAL):
+        for power in range(LOCAL):
+            terms = ((-1) ** j * comb(LOCAL, j) * (DEGREE - k - j) ** (DEGREE - power) for j in range(LOCAL - k))
+            out[k, power] = comb(DEGREE, power) * sum(terms) / factorial(DEGREE)
+    return out
 
 
 POLYNOMIALS = _polynomials()
