@@ -98,8 +98,7 @@ def figure(problem: Problem, limits: Limits, time: np.ndarray, before: Motion, a
             ax.set_ylabel(f"{name}{STATES[column]} ({problem.units[joint]}{PER[column]})", labelpad=2)
         for ax in axes[-1]:
             ax.set_xlabel("Time (s)", labelpad=2)
-        for column in range(3):
-            drawing.align_ylabels(axes[:, column])
+        figures.align_ylabels(axes.flat)
         drawing.legend(lines, labels, loc="outside upper center", ncols=3)
     return drawing
 

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.transforms import ScaledTranslation
 
 from experiments.output import escape
 from ident.errors import InputError
@@ -135,13 +136,34 @@ def wrench_panels(
                     ax.axvspan(start, end, color="0.87", lw=0, zorder=0, label=label if k == 0 else None)
         for ax in axes[-1]:
             ax.set_xlabel(xlabel, labelpad=2)
-        figure.align_ylabels(axes)
+        align_ylabels(axes.flat)
         handles, labels = axes[0, 0].get_legend_handles_labels()
         columns = len(labels) if len(labels) < 4 else 2
         legend = figure.legend(handles, labels, loc="outside upper center", ncols=columns)
         for handle in legend.get_lines():
             handle.set_linewidth(max(handle.get_linewidth(), 0.8))
     return figure
+
+
+def align_ylabels(axes: Iterable[Axes]) -> None:
+    """Puts the labels of ordinates below each other in every column of panels, beside the widest of its ticks.
+
+    `Figure.align_ylabels` looks the same, but measures all ticks of a column again for each of its labels, at every
+    step of the layout and in every file.
+    """
+    columns: dict[int, list[tuple[Axes, float]]] = {}
+    for ax in axes:
+        ax.yaxis.label.set_visible(False)
+        box, place = ax.yaxis.get_tightbbox(), ax.get_subplotspec()
+        ax.yaxis.label.set_visible(True)
+        assert place is not None
+        width = 0.0 if box is None else ax.bbox.x0 - box.x0
+        columns.setdefault(place.colspan.start, []).append((ax, width / ax.figure.dpi))
+    for column in columns.values():
+        widest = max(width for _, width in column)
+        for ax, _ in column:
+            left = ScaledTranslation(-widest - ax.yaxis.labelpad / 72, 0, ax.figure.dpi_scale_trans)
+            ax.yaxis.set_label_coords(0, 0.5, transform=ax.transAxes + left)
 
 
 def _spans(x: np.ndarray, when: np.ndarray) -> np.ndarray:

@@ -238,7 +238,7 @@ def _finish(figure: Figure, axes: list[Axes], xlabel: str) -> None:
     for ax in {axes[min(rows, len(axes)) - 1], axes[-1]}:
         ax.set_xlabel(xlabel, labelpad=2)
         ax.tick_params(labelbottom=True)
-    figure.align_ylabels(axes)
+    figures.align_ylabels(axes)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
 
 
