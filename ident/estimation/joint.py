@@ -34,6 +34,9 @@ COLOURED = 3
 SMOOTHEST = 1e8
 """Largest λ over `h⁶ rate / σ²`: then samples of some twenty knots are averaged."""
 
+CYCLE = 0.5
+"""Size of a step that leads back, over that of the step before, from which noise and parameters chase each other."""
+
 SMALLEST_STEP = 1 / 64
 """Part of a step; where that does not lower the cost none does."""
 
@@ -181,6 +184,7 @@ def fit(
     problem = _Problem(shared, pieces, prior, free, names or measurement.names, selections or every, run)
     at, trace, status, stalled = start, list[float](), "stopped", 0
     fitted = np.flatnonzero(free)
+    before = np.zeros_like(start.theta)
     white = COLOURED if coloured and not start.noise.channels_rho.any() else 0
     parts = problem.linearised(at, fitted)
     try:
@@ -195,7 +199,8 @@ def fit(
                 noise = replace(noise, jerk=np.minimum(noise.jerk, problem.smoothest(noise)))
             quiet = round_ >= white + coloured and _quiet(at, trace[-1], moves, noise)
             stalled = 0 if moved is not at else stalled + 1
-            at = replace(moved, noise=noise)
+            back = _leads_back(step[free], before[free], problem.precision(parts))
+            at, before = replace(moved, noise=noise.midway(at.noise) if back else noise), step
             if quiet or stalled > 1:
                 status = "converged" if quiet else "stuck"
                 break
@@ -267,13 +272,17 @@ class _Problem:
         """A Gauss-Newton step of θ (p,), and a root of the covariance of what is fitted (k, k)."""
         free, prior = self.free, self.prior
         pull = -prior.precision @ (at.theta - prior.mean)
-        precision = sum((part.schur for part in parts), start=prior.precision[np.ix_(free, free)])
+        precision = self.precision(parts)
         gradient = sum((part.gradient for part in parts), start=pull[free])
         names = [name for name, fitted in zip(self.names, free, strict=True) if fitted]
         root = root_of_inverse(precision, names)
         step = np.zeros_like(at.theta)
         step[free] = root @ (root.T @ gradient)
         return step, root
+
+    def precision(self, parts: Sequence[Linearised]) -> np.ndarray:
+        """Precision of what is fitted, the prior's included (k, k)."""
+        return sum((part.schur for part in parts), start=self.prior.precision[np.ix_(self.free, self.free)])
 
     def smoothest(self, noise: Noise) -> np.ndarray:
         """The largest λ with which the equations can be solved (n,): coordinates that rest ask for infinite ones."""
@@ -336,6 +345,14 @@ def _quiet(at: Start, step: float, moves: Sequence[np.ndarray], noise: Noise) ->
     std = at.noise.states[0]
     motion = max(float(np.max(np.abs(move.reshape(-1, len(std))) / std)) for move in moves)
     return step < SETTLED and motion < SETTLED_MOTION and noise.change(at.noise) < SETTLED_NOISE
+
+
+def _leads_back(step: np.ndarray, before: np.ndarray, precision: np.ndarray) -> bool:
+    """Whether a step undoes at least so much of the one before (k,): renewed noise alternates with it, and no further.
+
+    Noise midway between the two, of which each is that of the other's parameters, ends such a cycle.
+    """
+    return bool(step @ precision @ before < -CYCLE * (before @ precision @ before) < 0)
 
 
 def inverse_of_precision(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:

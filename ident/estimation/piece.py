@@ -1,6 +1,6 @@
 """One piece of a recording in the joint estimate: its samples, its trajectory, and the two linearised."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -72,6 +72,12 @@ class Noise:
         logs = [np.abs(np.log(getattr(self, k) / getattr(before, k))) for k in ("states", "channels")]
         logs += [np.abs(getattr(self, k) - getattr(before, k)) for k in ("states_rho", "channels_rho")]
         return max(float(x.max(initial=0)) for x in logs)
+
+    def midway(self, other: "Noise") -> "Noise":
+        """Geometric means of standard deviations and smoothness, and means of ρ."""
+        scales = {k: np.sqrt(getattr(self, k) * getattr(other, k)) for k in ("states", "channels", "jerk")}
+        rhos = {k: (getattr(self, k) + getattr(other, k)) / 2 for k in ("states_rho", "channels_rho")}
+        return replace(self, **scales, **rhos)
 
 
 class Misfit(NamedTuple):

@@ -14,10 +14,11 @@ from commands import refusal
 from experiments import misaligned
 from experiments.cli import defaults
 from experiments.output import study_figures
-from experiments.studies import paper, study_file
+from experiments.studies import fitting, paper, study_file
 from experiments.studies.fitting import joint_fit
 from experiments.studies.simulated import study as study_of
 from ident.errors import ExcitationError
+from ident.identification import identified
 
 NAMES = ("table_3", "table_3_full", "table_wrench_errors")
 TABLES = [f"{name}.{suffix}" for name in NAMES for suffix in ("csv", "md", "tex")]
@@ -80,6 +81,20 @@ def test_the_joint_estimate_has_not_the_bias_of_least_squares(study):
     assert abs(joint.error[k]) < abs(study.fit("full_on_table").error[k]) / 2
     # Nothing is off by more than its deviation and a hundredth of a degree of the recovered axes leave open.
     assert (abs(joint.error) < 4 * joint.std + 0.02).all()
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(seed, monkeypatch):
+    estimates = []
+
+    def kept(*args, **options):
+        estimates.append(identified(*args, **options))
+        return estimates[-1]
+
+    monkeypatch.setattr(fitting, "identified", kept)
+    study_of("misaligned", seed=seed).joint("simplified")
+    (estimate,) = estimates
+    assert estimate.joint.fit.status == "converged"
 
 
 def test_the_joint_estimate_does_not_know_that_axes_are_tilted(study):
