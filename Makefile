@@ -1,10 +1,13 @@
 # `make paper` regenerates the study, `make test` runs the tests; both set up their own environment in .venv.
-# `make test-extras` runs the tests that need the optional extras, `make docs` builds the pages into results/docs.
+# `make test-extras` runs the tests that need the optional extras, `make docs` builds the pages into results/docs,
+# `make install` sets up the environment alone.
 PYTHON ?= python3
 VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
 
 BIN := $(VENV)/bin
+# What is used is compiled when it is first used: half of an installation's work would be to compile all the rest.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c $(CONSTRAINTS)
 # A file's tests share what is costly to make, so they stay with one worker.
 PARALLEL := --numprocesses auto --dist loadfile
 # Only the model files of these packages are read, so they come without what their code needs.
@@ -17,7 +20,7 @@ OF_EXTRAS := tests/studies/test_derive.py tests/test_against_pinocchio.py tests/
 	tests/recordings/test_markers.py tests/studies/test_identify_formats.py
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
 
-.PHONY: paper test test-extras check docs readme clean
+.PHONY: paper test test-extras check docs readme install clean
 
 paper: $(INSTALLED)
 	$(BIN)/python -m experiments
@@ -26,8 +29,8 @@ test: $(INSTALLED)
 	$(BIN)/python -m pytest $(PARALLEL) $(TESTS)
 
 test-extras: $(INSTALLED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,symbolic,peers,cluster,completion,formats,docs]"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) --no-deps $(MODELS)
+	$(PIP) -e ".[test,symbolic,peers,cluster,completion,formats,docs]"
+	$(PIP) --no-deps $(MODELS)
 	$(BIN)/python -m pytest $(PARALLEL) $(OF_EXTRAS)
 
 check: $(INSTALLED)
@@ -42,17 +45,19 @@ docs: $(INSTALLED)-docs
 readme: $(INSTALLED)
 	$(BIN)/python -m experiments.readme
 
+install: $(INSTALLED)
+
 clean:
 	rm -rf $(VENV) build dist *.egg-info results
 
 # Once it is there, the pages are built without a network.
 $(INSTALLED)-docs: $(INSTALLED)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,docs]"
+	$(PIP) -e ".[test,docs]"
 	touch $@
 
 $(INSTALLED): pyproject.toml ident/model/blocks.c $(CONSTRAINTS)
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and \
 		'Python 3.11 or newer is needed, $(PYTHON) is older: use make PYTHON=python3.12, say.')"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e ".[test,dev]"
+	$(PIP) -e ".[test,dev]"
 	touch $@
