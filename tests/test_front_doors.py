@@ -90,11 +90,12 @@ def test_libraries_are_imported_when_they_are_needed():
 
 
 @pytest.mark.skipif(find_spec("mypy") is None, reason="mypy comes with the extra 'dev'")
-def test_clients_are_typed(tmp_path):
+def test_clients_are_typed(tmp_path, pytestconfig):
     """In strict mode, and without the packages' own configuration."""
+    known = pytestconfig.cache.mkdir("clients")
     for name, code in CLIENTS.items():
         (tmp_path / f"{name.replace(' ', '_')}.py").write_text(code, encoding="utf-8")
-    arguments = ["--strict", "--follow-imports=silent", "--config-file=", f"--cache-dir={tmp_path / 'cache'}"]
+    arguments = ["--strict", "--follow-imports=silent", "--config-file=", f"--cache-dir={known}"]
     command = [sys.executable, "-m", "mypy", *arguments, *map(str, tmp_path.glob("*.py"))]
     # Type checkers do not follow the import hook of an editable installation.
     here = {**os.environ, "MYPYPATH": str(Path(__file__).parents[1])}

@@ -77,7 +77,8 @@ def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np
     tree = _one_axis_each(mechanism.tree)
     weight = np.concatenate([-mechanism.gravity, np.zeros(3, dtype=int)])[None]
     moving = np.eye(6, dtype=int) if sensors.moving_base else np.zeros((0, 6), dtype=int)
-    composite = _composites(tree)
+    transfers = [_transfer(body) for body in tree.bodies]
+    composite = _composites(tree, [constant for constant, _ in transfers])
 
     # For {0} and every body: rows on its composite, and what it can have there: twists, gravity's accelerations, and
     # the directions in which the base wrench is measured, which change frames as twists do.
@@ -87,7 +88,7 @@ def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np
     energy = {BASE: np.eye(10 if sensors.moving_base and sensors.joint_torques else 0, 10, dtype=int)}
     constraints = [rows[BASE] @ composite[BASE]]
     for i, body in enumerate(tree.bodies):
-        constant, varying = _transfer(body)
+        constant, varying = transfers[i]
         twists[i] = _span([_carried(twists[body.parent], body), body.motions.T], 6)
         weights[i] = _span([_carried(weights[body.parent], body)], 6)
         directions[i] = _span([_carried(directions[body.parent], body)], 6)
@@ -189,14 +190,17 @@ def _torque_rows(twist: np.ndarray, twists: np.ndarray, weights: np.ndarray) -> 
     return [twists @ momentum_regressor(twist), *(twist[None] @ momentum_regressor(weight) for weight in weights)]
 
 
-def _composites(tree: Tree) -> dict[int, np.ndarray]:
-    """For {0} and every body, the part of its composite's φ that no posture changes, from the stacked φ (10, 10 b)."""
+def _composites(tree: Tree, transfers: list[np.ndarray]) -> dict[int, np.ndarray]:
+    """For {0} and every body, the part of its composite's φ that no posture changes, from the stacked φ (10, 10 b).
+
+    The constant part of each body's `_transfer` moves its φ to the parent.
+    """
     own = np.eye(10 * len(tree.inertial), dtype=int)
     composite = dict.fromkeys(range(BASE, len(tree.bodies)), np.zeros((10, len(own)), dtype=int))
     composite |= {i: own[10 * k : 10 * k + 10] for k, i in enumerate(tree.inertial)}
     for i in reversed(range(len(tree.bodies))):
         parent = tree.bodies[i].parent
-        composite[parent] = composite[parent] + _transfer(tree.bodies[i])[0] @ composite[i]
+        composite[parent] = composite[parent] + transfers[i] @ composite[i]
     return composite
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
-from scipy.interpolate import make_interp_spline
 
 from ident.errors import ModelError
 from sim.models.opensim.document import label, number, numbers
@@ -160,6 +159,9 @@ def _spline(element: ET.Element) -> Curve:
     x, y = _table(element)
     if len(x) == 2:
         return _piecewise_linear(element)
+    # Of all models few have splines, which would bring scipy's optimisers along for every command.
+    from scipy.interpolate import make_interp_spline
+
     ends = [6 * _divided(x[part], y[part]) if len(x) > 3 else 0.0 for part in (slice(0, 4), slice(-4, None))]
     spline = make_interp_spline(x, y, 3, bc_type=([(3, ends[0])], [(3, ends[1])]))
     slopes = spline(x[[0, -1]], 1)
