@@ -67,6 +67,9 @@ def _filtered(x: np.ndarray, share: float) -> np.ndarray:
     is a banded triangular system in y. It is solved as such: scipy's filters bring its statistics, a third of what
     starting takes.
     """
+    # Of no columns scipy's wrapper of LAPACK would write beyond its memory.
+    if not x.size:
+        return x
     K = np.tan(np.pi * share)
     first = x[:1]
     risen = (x - first).reshape(len(x), -1)

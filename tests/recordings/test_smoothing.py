@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from ident.recordings.smoothing import chosen_cutoff, differences, low_pass, settling, smoothed
 
@@ -25,6 +26,18 @@ def test_the_filter_has_its_gain_and_no_phase(cutoff, frequency):
     warped = np.tan(np.pi * np.array([frequency, cutoff]) / RATE)
     gain = 1 / (1 + (warped[0] / warped[1]) ** 4)
     np.testing.assert_allclose(low_pass(x, RATE, cutoff)[inner], gain * x[inner], atol=2e-3)
+
+
+@pytest.mark.parametrize("shape", [(10,), (50, 3), (943, 2)])
+@pytest.mark.parametrize("cutoff", [0.1, 5.0, 45.0])
+def test_the_filter_is_scipys(shape, cutoff):
+    x = np.random.default_rng(0).normal(size=shape).cumsum(axis=0)
+    expected = signal.sosfiltfilt(signal.butter(2, cutoff, output="sos", fs=100), x, axis=0, padlen=9)
+    np.testing.assert_allclose(low_pass(x, 100, cutoff), expected, atol=1e-10 * abs(x).max())
+
+
+def test_no_columns_stay_none():
+    assert low_pass(np.empty((50, 0)), 100, 5).shape == (50, 0)
 
 
 def test_differences_are_exact_for_quartics():
