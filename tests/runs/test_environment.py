@@ -1,0 +1,45 @@
+import os
+
+import pytest
+
+from experiments.cli import options
+from experiments.runs.environment import THREADS, environment
+
+NAMES = (*THREADS, "MUJOCO_GL")
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """What a command's libraries are told, with variables and options of a user's."""
+
+    def seen(arguments=(), **own):
+        for name in NAMES:
+            monkeypatch.delenv(name, raising=False)
+        for name, value in own.items():
+            monkeypatch.setenv(name, value)
+        during = {}
+        parser = options.plain_parser("any", None)
+        options.add_film(parser)
+        assert options.run(lambda _: during.update(os.environ), lambda: parser, arguments) == 0
+        assert {name: os.environ[name] for name in NAMES if name in os.environ} == own
+        return {name: during[name] for name in NAMES if name in during}
+
+    return seen
+
+
+def test_commands_take_one_thread_and_look_for_no_screen_without_a_film(told):
+    assert told() == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "disable"}
+    assert told(["--film"]) == dict.fromkeys(THREADS, "1")
+
+
+def test_what_the_user_says_goes_before(told):
+    assert told(OMP_NUM_THREADS="8") == {"OMP_NUM_THREADS": "8", "MUJOCO_GL": "disable"}
+    assert told(["--film"], MUJOCO_GL="egl") == {**dict.fromkeys(THREADS, "1"), "MUJOCO_GL": "egl"}
+
+
+def test_variables_are_as_before_whatever_happens(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    with pytest.raises(KeyError), environment({"OMP_NUM_THREADS": "1", "MUJOCO_GL": "egl"}):
+        raise KeyError
+    assert os.environ["OMP_NUM_THREADS"] == "8" and "MUJOCO_GL" not in os.environ
