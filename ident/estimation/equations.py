@@ -79,7 +79,7 @@ class Equations:
             InputError: They do not, or are not finite; it names the array, and where in it.
         """
         check_samples(samples, self.mechanism.tree, len(self.channels), where)
-        return replace(samples, motion=samples.motion.checked(self.mechanism.tree))
+        return replace(samples, motion=samples.motion.checked_further(self.mechanism.tree))
 
     def order(self, samples: Samples) -> tuple[np.ndarray, tuple[int, ...]]:
         """Columns `[Y_b | drives | offsets | measured]` in an order in which channels begin late that see few of them.

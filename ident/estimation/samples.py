@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -104,10 +105,12 @@ def check_samples(samples: Samples, tree: Tree, channels: int = 6, where: str = 
                 f"{where}: '{name}' needs a row for each of {len(samples)} samples and {widths[name]} columns, got "
                 f"{x.shape}."
             )
-        # A sum takes no memory; one that overflows is looked at closely.
-        with np.errstate(invalid="ignore", over="ignore"):
-            suspect = not np.isfinite(x.sum())
-        if suspect and not (finite := np.isfinite(x).all(axis=1)).all():
+    # A sum takes no memory; one that overflows is looked at closely.
+    with np.errstate(invalid="ignore", over="ignore"):
+        suspects = [name for name, x in arrays_of(samples).items() if not isfinite(x.sum(dtype=float))]
+    for name in suspects:
+        finite = np.isfinite(arrays_of(samples)[name].astype(float)).all(axis=1)
+        if not finite.all():
             raise InputError(
                 f"{where}: '{name}' needs finite numbers; sample {int(np.argmin(finite))} has NaN or infinity."
             )

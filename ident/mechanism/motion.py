@@ -114,6 +114,11 @@ class Motion:
             )
         if not all(np.isfinite(x).all() for x in (q, dq, ddq)):
             raise InputError("Joint states need finite numbers, got NaN or infinity.")
+        return Motion(q, dq, ddq, self.base).checked_further(tree)
+
+    def checked_further(self, tree: Tree) -> "Motion":
+        """`checked` for joint states that are known to be finite and to have the right shapes."""
+        q, dq, ddq = (np.asarray(x, float) for x in self.states)
         for body, own in zip(tree.bodies, tree.body_coordinates(q), strict=True):
             if body.is_ball and not own.any(axis=1).all():
                 sample = int(np.argmin(own.any(axis=1)))
