@@ -56,15 +56,16 @@ class Body:
         if self.follows and (self.joint or self.is_ball or not self.moves):
             raise ModelError(f"Body '{self.name}', which follows '{self.follows.joint}', needs one axis and no joint.")
 
+    @cached_property
     def _values(self) -> tuple[object, ...]:
         home, twist = self.home.tobytes(), self.twist.tobytes()
         return self.name, self.parent, home, twist, self.joint, self.massless, self.follows
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Body) and self._values() == other._values()
+        return isinstance(other, Body) and self._values == other._values
 
     def __hash__(self) -> int:
-        return hash(self._values())
+        return hash(self._values)
 
     @cached_property
     def moves(self) -> bool:

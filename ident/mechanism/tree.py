@@ -72,32 +72,32 @@ class Tree:
         rows = zip(names, parents, home, xi, strict=True)
         return cls(tuple(Body(name, p, T, twist, name if np.any(twist) else "") for name, p, T, twist in rows))
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the bodies."""
         return tuple(body.name for body in self.bodies)
 
-    @property
+    @cached_property
     def moving(self) -> tuple[int, ...]:
         """Indices of the bodies that a joint with coordinates of its own moves."""
         return tuple(i for i, body in enumerate(self.bodies) if body.coordinates)
 
-    @property
+    @cached_property
     def inertial(self) -> tuple[int, ...]:
         """Indices of the b bodies with a φ, in the order of the regressor's columns."""
         return tuple(i for i, body in enumerate(self.bodies) if not body.massless)
 
-    @property
+    @cached_property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints, in the order of q."""
         return tuple(self.bodies[i].joint for i in self.moving)
 
-    @property
+    @cached_property
     def freedoms(self) -> tuple[str, ...]:
         """Names of the n entries of q̇: the joints', with `.x`, `.y` and `.z` for a ball."""
         return tuple(name for body in self.bodies for name in body.freedom_names)
 
-    @property
+    @cached_property
     def followers(self) -> tuple[int, ...]:
         """Indices of the bodies whose joint follows another one."""
         return tuple(i for i, body in enumerate(self.bodies) if body.follows)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import linalg
@@ -66,7 +66,7 @@ class BaseParameters:
         """Number of base parameters r."""
         return len(self.kept)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the base parameters, those of the kept columns."""
         return tuple(self.parameters[k] for k in self.kept)
