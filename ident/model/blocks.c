@@ -8,7 +8,7 @@
 #include <string.h>
 
 /* Grows with every change of what `ident.model.compiled` calls, which does without what was built before it. */
-const int32_t interface_version = 2;
+const int32_t interface_version = 3;
 
 /* Samples of a block: few enough for its intermediate results to stay near, and a few of the widest registers. */
 enum { BLOCK = 32 };
@@ -169,7 +169,8 @@ INLINE void add_tile(const double *a, const double *b, int64_t k, const int heig
         }
 }
 
-/* Adds the products of all pairs of an even number of columns (k, COLUMN) to their sums. */
+/* Adds the products of all pairs of an even number of columns (k, COLUMN) to their sums, not all of those above the
+ * diagonal. */
 INLINE void add_products(const double *columns, int64_t first, int64_t k, double *sums) {
     for (int64_t j = first; j < k; j += 4)
         for (int64_t i = first; i < j + 4 && i < k; i += 2) {
@@ -180,6 +181,12 @@ INLINE void add_products(const double *columns, int64_t first, int64_t k, double
         }
 }
 
+/* Writes what is below the diagonal of a symmetric matrix (k, k) above it. */
+INLINE void mirror(double *matrix, int64_t k) {
+    for (int64_t j = 0; j < k; j++)
+        for (int64_t i = 0; i < j; i++) matrix[i * k + j] = matrix[j * k + i];
+}
+
 /* Sums of products of the columns of least squares, in coordinates, over n samples, one block at least.
  *
  * A program computes the first columns of C channels, others are constant, and measurements are the last of k.
@@ -187,8 +194,7 @@ INLINE void add_products(const double *columns, int64_t first, int64_t k, double
  * measured, weights: numbers of each sample and channel (n, C); weights may be missing.
  * inverse: upper triangular (k, k), what columns are multiplied with. first: of each channel, a column before which all
  * are zero, even. rows: columns of a group (k, C, COLUMN), where the constants are. work: zeros for columns of a channel,
- * their number K the next even one (K, COLUMN). sums: of products of pairs of columns, not all of those above the
- * diagonal (C, K, K).
+ * their number K the next even one (K, COLUMN). sums: of products of pairs of columns (C, K, K).
  */
 WIDEST void grams(const program *p, const double *numbers, const double *inputs, int64_t input_stride,
                   const double *measured, const double *weights, int64_t n, int64_t C, int64_t k, const double *inverse,
@@ -219,4 +225,5 @@ WIDEST void grams(const program *p, const double *numbers, const double *inputs,
             add_products(work, first[c], even, sums + c * even * even);
         }
     }
+    for (int64_t c = 0; c < C; c++) mirror(sums + c * even * even, even);
 }
