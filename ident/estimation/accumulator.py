@@ -26,6 +26,9 @@ PROBE = 64
 FLOOR = 1e-7
 """Columns of the coordinates stick out of the span of others by this fraction at least, whether excited or not."""
 
+LAPACK_BLOCK = 32
+"""Columns that LAPACK takes together if it has room for them."""
+
 SPREAD = 100.0
 """How far from orthogonal columns may become in their coordinates before these are renewed."""
 
@@ -186,7 +189,8 @@ def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
 def _regular_triangle(rows: np.ndarray) -> np.ndarray:
     """Triangular factor of rows (m, k), regular whatever they are (k, k)."""
     size = rows.shape[1]
-    triangle = triangle_of(np.vstack([rows, np.zeros((max(size - len(rows), 0), size))]))
+    enough = rows if len(rows) >= size else np.vstack([rows, np.zeros((size - len(rows), size))])
+    triangle = triangle_of(enough)
     norms = np.linalg.norm(triangle, axis=0)
     # A column that is nothing but an earlier floor is measured against the others.
     floor = FLOOR * np.maximum(norms, FLOOR * norms.max() or 1)
@@ -199,13 +203,11 @@ def _regular_triangle(rows: np.ndarray) -> np.ndarray:
 
 def triangle_of(rows: np.ndarray) -> np.ndarray:
     """Triangular factor of a QR decomposition."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+    factored = lapack.dgeqrf(rows, lwork=LAPACK_BLOCK * rows.shape[1])[0]
+    return np.asarray(np.triu(factored[: rows.shape[1]]))
 
 
 def _is_orthogonal(gram: np.ndarray) -> bool:
     """Whether every column sticks out of the span of those before it by a fair part."""
-    try:
-        triangle = np.linalg.cholesky(gram)
-    except np.linalg.LinAlgError:
-        return False
-    return bool((np.diag(triangle) ** 2 * SPREAD > np.diag(gram)).all())
+    triangle, failed = lapack.dpotrf(gram)
+    return not failed and bool((triangle.diagonal() ** 2 * SPREAD > gram.diagonal()).all())

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import lapack
 
 from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
@@ -63,6 +64,8 @@ def check_excitation(triangle: np.ndarray, names: Sequence[str], samples: int, n
     norms = np.linalg.norm(triangle, axis=0)
     still = norms <= ZERO_COLUMN * norms.max(initial=0)
     norms = np.where(still, 1, norms)
+    if noise is None and _clearly_separate(triangle / norms):
+        return
     _, lengths, directions = np.linalg.svd(triangle / norms)
     floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
     if noise is not None:
@@ -77,6 +80,12 @@ def check_excitation(triangle: np.ndarray, names: Sequence[str], samples: int, n
             "joints further.",
             names,
         )
+
+
+def _clearly_separate(unit: np.ndarray) -> bool:
+    """Whether a triangle of unit-norm columns (r, r) is far from singular: `σ_min ≥ 1 / ‖R⁻¹‖_F`, and `σ_max ≤ √r`."""
+    inverse, singular = lapack.dtrtri(unit)
+    return not singular and bool(np.linalg.norm(inverse) * np.sqrt(len(unit)) < 1 / SINGULAR)
 
 
 def blamed(hidden: np.ndarray, names: Sequence[str]) -> list[str]:

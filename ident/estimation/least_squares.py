@@ -197,11 +197,10 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
     order = accumulated.order[:m]
     P_b, p, scale = accumulated.factor[:m, order], accumulated.factor[:m, m], accumulated.factor[m, m]
     # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, and its Cholesky factor that of QR.
-    try:
-        A = np.linalg.cholesky(gram[:m, :m]).T
-    except np.linalg.LinAlgError:
+    A, failed = lapack.dpotrf(gram[:m, :m])
+    if failed:
         A = triangle_of(square_root(gram[:m, :m]))
-    natural = np.argsort(order)
+    natural = order.argsort()
     R = A @ P_b
     if (natural[1:] < natural[:-1]).any():
         R = triangle_of(R[:, natural])
@@ -218,7 +217,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
         covariance = half @ half.T
     else:
         shares = inverse.T @ own @ inverse
-        covariance = half @ np.tensordot(_variances(squares, shares, accumulated.samples), shares, axes=1) @ half.T
+        covariance = half @ np.einsum("c,cij", _variances(squares, shares, accumulated.samples), shares) @ half.T
     return Fit(
         equations=equations,
         values=lapack.dtrtrs(P_b, p + shift)[0][natural],
@@ -245,7 +244,7 @@ def _variances(squares: np.ndarray, shares: np.ndarray, samples: int) -> np.ndar
     # + Σ_d tr(W_c W_d) σ_d².
     own = np.diag(samples - 2 * np.trace(shares, axis1=1, axis2=2))
     mixed = np.einsum("cij,dij->cd", shares, shares)
-    return np.maximum(np.linalg.lstsq(own + mixed, squares, rcond=None)[0], 0)
+    return np.maximum(lapack.dgelss(own + mixed, squares)[1], 0)
 
 
 def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
