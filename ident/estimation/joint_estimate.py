@@ -191,10 +191,10 @@ class _Task:
         before = begin.search if begin and begin.step == step else None
         free = before.fit.free if before else ~self.is_setup
         if begin is None:
-            at = _start(self.measurement, pieces, self.prior, selected, free)
+            at = _start(self.measurement, pieces, self.prior, selected, free, self.executor)
         else:
             theta = np.where(free | ~self.is_setup, begin.fit.theta, self.prior.mean)
-            at = Start(theta, begin.fit.noise, smoothed(pieces, begin.fit.noise).coefficients)
+            at = Start(theta, begin.fit.noise, smoothed(pieces, begin.fit.noise, executor=self.executor).coefficients)
         interrupted = begin is not None and begin.fit.status == "interrupted"
         fit = refit(at, free, 0 if interrupted else joint.ROUNDS)
         fit = replace(fit, status="interrupted") if interrupted else fit
@@ -274,11 +274,16 @@ def _smaller(fine: Joint, coarse: Joint) -> bool:
 
 
 def _start(
-    measurement: Measurement, pieces: Sequence[Piece], prior: Prior, selections: Sequence[np.ndarray], free: np.ndarray
+    measurement: Measurement,
+    pieces: Sequence[Piece],
+    prior: Prior,
+    selections: Sequence[np.ndarray],
+    free: np.ndarray,
+    executor: Executor | None,
 ) -> Start:
     """Where the fit begins: all recordings with the same parameters."""
     p = len(measurement.names)
-    begin = start(measurement, pieces, prior.mean[:p], (prior.mean[:p], prior.precision[:p, :p]), free[:p])
+    begin = start(measurement, pieces, prior.mean[:p], (prior.mean[:p], prior.precision[:p, :p]), free[:p], executor)
     theta = prior.mean.copy()
     for chosen in selections:
         theta[chosen] = begin.theta

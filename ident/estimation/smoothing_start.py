@@ -1,6 +1,7 @@
 """Where the joint estimate begins: each coordinate smoothed alone, and parameters by least squares on that."""
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,6 +66,7 @@ def start(
     theta: np.ndarray,
     prior: tuple[np.ndarray, np.ndarray],
     free: np.ndarray,
+    executor: Executor | None = None,
 ) -> Start:
     """Smoothed coordinates, and parameters by weighted least squares.
 
@@ -74,8 +76,9 @@ def start(
         theta: Parameters to begin with (p,).
         prior: Mean (p,) and precision (p, p) of θ, zero where nothing is known.
         free: Which entries of θ to fit (p,).
+        executor: Where pieces are smoothed, by default here.
     """
-    alone = smoothed(pieces)
+    alone = smoothed(pieces, executor=executor)
     theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free)
     spread = np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0)
     rho = np.zeros(len(channels))
@@ -83,26 +86,27 @@ def start(
     return Start(theta, noise, alone.coefficients)
 
 
-def smoothed(pieces: Sequence[Piece], noise: Noise | None = None) -> Start:
+def smoothed(pieces: Sequence[Piece], noise: Noise | None = None, *, executor: Executor | None = None) -> Start:
     """Every coordinate smoothed alone, its noise and smoothness found by restricted likelihood or given.
 
     Args:
         pieces: What was measured.
         noise: The noise, if it is known.
+        executor: Where pieces are worked on, by default here.
     """
     none = np.zeros(0)
     own = _first_noise(pieces) if noise is None else noise
     own = replace(own, channels=none, channels_rho=none, floor_channels=none)
     n = len(own.jerk)
     groups = [slice(first, first + TOGETHER) for first in range(0, n, TOGETHER)]
-    starts = [_smoothed(pieces, own, some, known=noise is not None) for some in groups]
+    starts = [_smoothed(pieces, own, some, executor, known=noise is not None) for some in groups]
     of_states = "states", "states_rho", "floor_states", "jerk"
     joined = {k: np.concatenate([getattr(each.noise, k) for each in starts], axis=-1) for k in of_states}
     places = [np.hstack(parts) for parts in zip(*(each.coefficients for each in starts), strict=True)]
     return Start(none, replace(own, **joined), places)
 
 
-def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, *, known: bool) -> Start:
+def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Executor | None, *, known: bool) -> Start:
     """Some of the coordinates, each smoothed alone; the noise may be known."""
     none = np.zeros(0)
     bare = [_bare(piece, some) for piece in pieces]
@@ -123,6 +127,7 @@ def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, *, known: bool
             free=np.zeros(0, bool),
             coloured=False,
             estimate_noise=estimate,
+            executor=executor,
             rounds=rounds,
         )
         begin = Start(fit.theta, fit.noise, fit.coefficients)
@@ -183,9 +188,11 @@ def _regressed(
     mean, precision = prior
     pull = -(precision @ (theta - mean))[free]
     step = np.zeros(A.shape[-1])
+    columns = A.transpose(1, 2, 0)
+    normals, rights = columns @ A.swapaxes(0, 1), (columns @ b.T[:, :, None])[..., 0]
     for _ in range(REWEIGHTED):
-        rows = (A / std[:, None]).reshape(b.size, -1)
-        normal, right = rows.T @ rows + precision[np.ix_(free, free)], rows.T @ (b / std).ravel() + pull
+        normal = np.tensordot(std**-2, normals, axes=1) + precision[np.ix_(free, free)]
+        right = std**-2 @ rights + pull
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
         std = np.maximum(np.sqrt(((b - A @ step) ** 2).sum(axis=0) / there.sum(axis=0)), TINY[1])
