@@ -156,7 +156,7 @@ def chosen_cutoff(x: np.ndarray, rate: float) -> float:
     x = x[:, np.isfinite(x).all(axis=0)]
     x = x - x.mean(axis=0)
     moves = np.ptp(x, axis=0) > 1e-9
-    fast = _residuals(x, np.array([TAIL]))[0] > 0.5 * x.std(axis=0)
+    fast = _residual(x, TAIL) > 0.5 * x.std(axis=0)
     x = x[:, moves & ~fast]
     if not x.shape[1]:
         raise InputError(
@@ -171,14 +171,23 @@ def chosen_cutoff(x: np.ndarray, rate: float) -> float:
 
 def _residuals(x: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """RMS of what a filter takes away, per cut-off as a share of the rate, and column (c, k)."""
-    return np.stack([np.sqrt(np.mean((x - _passed(x, share)) ** 2, axis=0)) for share in shares.tolist()])
+    return np.stack([_residual(x, share) for share in shares.tolist()])
+
+
+def _residual(x: np.ndarray, share: float) -> np.ndarray:
+    """RMS of what one filter takes away, per column (k,)."""
+    return np.asarray(np.sqrt(np.mean((x - _passed(x, share)) ** 2, axis=0)))
 
 
 def _residual_cutoff(x: np.ndarray, rate: float) -> float:
     """The highest cut-off over the columns at which the residual is that of all noise, Hz."""
     shares = np.geomspace(LOWEST, HIGHEST, 80)
-    R = _residuals(x, shares)
-    tail = shares >= TAIL
-    _, noise = np.polyfit(shares[tail], R[tail], 1)
-    enough = np.argmax(np.vstack([noise >= R, np.ones_like(noise, bool)]), axis=0)
-    return rate * float(np.append(shares, shares[-1])[enough].max())
+    tail = shares[shares >= TAIL]
+    _, noise = np.polyfit(tail, _residuals(x, tail), 1)
+    # A column that asks for no higher cut-off needs no more filters.
+    for share in shares.tolist():
+        higher = ~(noise >= _residual(x, share))
+        if not higher.any():
+            return rate * share
+        x, noise = x[:, higher], noise[higher]
+    return rate * HIGHEST
