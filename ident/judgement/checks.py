@@ -149,9 +149,11 @@ def wrench_checks(prepared: Prepared) -> tuple[dict[str, FrameCheck], BaseCheck 
 
 def _frames(prepared: Prepared, predicted: np.ndarray) -> dict[str, FrameCheck]:
     motion, names = prepared.samples.motion, prepared.mechanism.tree.names
-    poses, base = prepared.mechanism.tree.poses(motion.q), motion.base_poses
+    wrenches, base = prepared.recording.wrenches, motion.base_poses
+    # Only contacts are on bodies.
+    poses = prepared.mechanism.tree.poses(motion.q if set(wrenches) - {GROUND} else motion.q[:0])
     checks = {}
-    for name in prepared.recording.wrenches:
+    for name in wrenches:
         wrench = prepared.recording.wrench(name)
         if name == GROUND:
             others = prepared.wrench - wrench.on_mechanism

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from scipy import linalg
 
+from ident.estimation.accumulator import triangle_of
 from ident.estimation.noise import autocovariance
 from ident.geometry.se3 import coAd, hat, inverse
 from ident.mechanism.motion import Motion
@@ -112,9 +113,10 @@ def _best_turn(measured: np.ndarray, predicted: np.ndarray, known: np.ndarray, r
     scale = _scale(predicted)
 
     def error(sign: int, R: np.ndarray) -> float:
-        turned = sign * (measured.reshape(-1, 2, 3) @ R.T).reshape(-1, 6)
-        seen = (np.abs(linalg.block_diag(R, R)) @ known) > 0
-        return float(np.linalg.norm(((turned - predicted) / scale)[:, seen]) / np.sqrt(seen.sum() / 3))
+        turn = sign * linalg.block_diag(R, R)
+        seen = np.abs(turn) @ known > 0
+        off = (measured @ turn[seen].T - predicted[:, seen]) / scale[seen]
+        return float(np.linalg.norm(off) / np.sqrt(seen.sum() / 3))
 
     straight, *right_angled = right_angled_rotations()
     simple = [(1, straight), (-1, straight), (1, rotation.T @ rotation.T)]
@@ -273,12 +275,13 @@ def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
     rows = np.hstack([np.ones((len(x), 1)), x, x[:, first] * x[:, second]])
     if rows.shape[1] > len(x) / 4:
         rows = rows[:, : 1 + x.shape[1]]
-    basis = np.linalg.svd(rows, full_matrices=False)[0]
-    r = residual - residual.mean(axis=0)
-    explained = ((basis.T @ r) ** 2).sum(axis=0) / np.maximum((r**2).sum(axis=0), 1e-300)
+    r, columns = residual - residual.mean(axis=0), rows.shape[1]
+    # Above the diagonal a QR decomposition leaves what of the residuals lies along the columns before them.
+    along = triangle_of(np.hstack([rows, r]))[:columns, columns:]
+    explained = (along**2).sum(axis=0) / np.maximum((r**2).sum(axis=0), 1e-300)
     # Of residuals that are alike for some samples there are fewer than samples.
     lag = np.clip((r[1:] * r[:-1]).sum(axis=0) / np.maximum((r**2).sum(axis=0), 1e-300), 0, 0.99)
-    chance = basis.shape[1] / (len(r) * (1 - lag) / (1 + lag))
+    chance = columns / (len(r) * (1 - lag) / (1 + lag))
     return np.maximum(0, explained - np.minimum(chance, 1))
 
 
