@@ -59,7 +59,8 @@ class Trials:
 
     def drawn(self, seed: int) -> Samples:
         """The samples of one trial."""
-        rng, true = np.random.default_rng(seed), self.true
+        # Of numpy's generators the one that draws fastest.
+        rng, true = np.random.Generator(np.random.SFC64(seed)), self.true
         channels = zip((*true.motion.states, true.measured), self.noise, strict=True)
         q, dq, ddq, wrench = (x + std * rng.normal(size=x.shape) for x, std in channels)
         return Samples(Motion(q, dq, ddq), wrench)
