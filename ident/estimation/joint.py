@@ -227,10 +227,13 @@ def fit(
 
 
 class _Sent:
-    """A measurement for other processes, which unpack it once: its programs may be large."""
+    """A measurement for other processes, which unpack it once: its programs may be large. In threads it is itself."""
 
     def __init__(self, measurement: Predictor) -> None:
-        self._packed = pickle.dumps(measurement)
+        self._measurement, self._packed = measurement, pickle.dumps(measurement)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._measurement, name)
 
     def __reduce__(self) -> tuple[Callable[[bytes], Predictor], tuple[bytes]]:
         return _unpacked, (self._packed,)

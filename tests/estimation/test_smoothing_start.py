@@ -1,3 +1,4 @@
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -48,6 +49,9 @@ def test_pieces_share_their_noise_and_known_noise_is_kept():
     pieces = [piece(rng), piece(rng, 0.1)]
     found = smoothed(pieces)
     np.testing.assert_allclose(found.noise.states[0], SIGMA, rtol=0.06)
+    with ThreadPoolExecutor(2) as executor:
+        shared = smoothed(pieces, executor=executor)
+    np.testing.assert_array_equal(shared.coefficients[1], found.coefficients[1])
     known = replace(found.noise, states=2 * found.noise.states)
     again = smoothed(pieces, known)
     np.testing.assert_array_equal(again.noise.states, known.states)
