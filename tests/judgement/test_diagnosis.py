@@ -102,6 +102,22 @@ def test_gross_outliers_are_interpolated_and_nothing_else():
     np.testing.assert_array_equal(untouched, clean)
 
 
+def test_the_share_that_a_motion_explains_is_that_of_the_projection_onto_its_functions():
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.normal(size=(3, 400, 1))
+    x = np.hstack([np.sin(q), np.cos(q), dq, ddq])
+    x = (x - x.mean(axis=0)) / x.std(axis=0)
+    rows = np.hstack([np.ones_like(q), x, *(x[:, [i]] * x[:, i:] for i in range(4))])
+    residual = np.hstack([0.5 * rows @ rng.normal(size=(15, 1)), np.zeros_like(q)]) + rng.normal(size=(400, 2))
+    r = residual - residual.mean(axis=0)
+    projected = rows @ np.linalg.lstsq(rows, r, rcond=1e-10)[0]
+    share = (projected**2).sum(axis=0) / (r**2).sum(axis=0)
+    found = diagnosis.explained_by_motion(residual, Motion(q, dq, ddq))
+    # Fifteen functions of four hundred samples explain a twenty-seventh by chance; the noise is a little correlated.
+    assert share[0] > 0.5 and found[0] == pytest.approx(share[0] - 15 / 400, abs=0.02)
+    assert found[1] < 0.05
+
+
 def test_a_turn_is_blamed_only_if_it_fits_better_than_a_tie():
     """Part of the way to a quarter turn a wrench has errors in proportion to the ways; in a tie nothing is blamed."""
     R = Rotation.from_euler("z", 90, degrees=True).as_matrix()
