@@ -29,6 +29,9 @@ TAIL = 1 / 3
 SHORTEST = 0.03
 """Shortest span, and what is left out beside each, s."""
 
+UNTOLD = 0.5
+"""Length of a span at an end of the recording, in periods of the cut-off, up to which it has to be of a body."""
+
 THROUGH_A_POINT = 0.8
 """Fraction of the missing moment that a force on a body has to explain before that is named, unless it passes near."""
 
@@ -94,14 +97,14 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
     for first, last in _spans(missing, SHARE * heavier * weight, reach):
         span = slice(max(0, first - reach), last + reach)
         residual = prepared.wrench[first:last] - heavier * predicted[first:last]
-        found.append(
-            Unmeasured(
-                float(time[span][0]),
-                float(time[span][-1]),
-                float(missing[first:last].max() / (heavier * weight)),
-                _contact(prepared, slice(first, last), residual, up[first:last]),
-            )
+        each = Unmeasured(
+            float(time[span][0]),
+            float(time[span][-1]),
+            float(missing[first:last].max() / (heavier * weight)),
+            _contact(prepared, slice(first, last), residual, up[first:last]),
         )
+        if each.body or not _may_be_the_filter(prepared, first, last):
+            found.append(each)
     return tuple(found)
 
 
@@ -140,6 +143,13 @@ def _spans(missing: np.ndarray, least: float, shortest: int) -> list[tuple[int, 
     labels, count = ndimage.label(missing > TAIL * limit)
     spans = [s for (s,) in ndimage.find_objects(labels, count) if missing[s].max() > limit]
     return [(s.start, s.stop) for s in spans if s.stop - s.start >= shortest]
+
+
+def _may_be_the_filter(prepared: Prepared, first: int, last: int) -> bool:
+    """Whether a span is at an end of the recording, and too short for the low-pass to tell accelerations there."""
+    if prepared.cutoff is None or (first > 0 and last < len(prepared.samples)):
+        return False
+    return last - first < UNTOLD * prepared.recording.rate / prepared.cutoff
 
 
 def _contact(prepared: Prepared, part: slice, residual: np.ndarray, up: np.ndarray) -> ContactCheck | None:

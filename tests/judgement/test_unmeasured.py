@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import lifting
 import numpy as np
 import pytest
 from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, leaning, wrench_of
@@ -44,6 +45,13 @@ FAULTS = [
 @pytest.mark.parametrize("seed", range(3))
 def test_nothing_is_found_where_the_set_up_is_wrong_only(fault, seed):
     assert not unmeasured_contacts(prepared(PENDULUM, faulty(seed, **fault)))
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_nothing_is_found_where_the_low_pass_ends(seed):
+    """What it leaves of accelerations at the last samples may come to a third of the weight."""
+    recording = lifting.recorded(lifting.lifter(seed), lifting.STOOP, 0.4, 10 * seed + 1)
+    assert not unmeasured_contacts(prepared(lifting.table(), recording))
 
 
 def test_nothing_is_found_where_the_weight_is_not_measured():
