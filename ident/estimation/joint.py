@@ -8,7 +8,7 @@ for a border of θ; pieces share θ alone, so that their Schur complements add.
 """
 
 import pickle
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
@@ -32,7 +32,7 @@ COLOURED = 3
 """Round from which noise that was white at the start may be correlated: while the fit is bad all residuals are."""
 
 SMOOTHEST = 1e8
-"""Largest λ over `h⁶ rate / σ²`: then samples of some twenty knots are averaged."""
+"""Largest κ λ over `h⁶ rate / σ²`: then samples of some twenty knots are averaged."""
 
 CYCLE = 0.5
 """Size of a step that leads back, over that of the step before, from which noise and parameters chase each other."""
@@ -152,7 +152,7 @@ def fit(
     names: Sequence[str] = (),
     selections: Sequence[np.ndarray] | None = None,
     coloured: bool = True,
-    estimate_noise: bool = True,
+    kept: Collection[str] = (),
     executor: Executor | None = None,
     rounds: int = ROUNDS,
     report: Report | None = None,
@@ -170,7 +170,7 @@ def fit(
         names: Names of θ, by default those of the measurement.
         selections: Which entries of θ each piece has as its own parameters; by default all have all.
         coloured: Whether noise may be correlated over time.
-        estimate_noise: Whether to; otherwise that of the start is kept.
+        kept: What of the noise is kept as at the start, out of `states`, `channels` and `jerk`; by default nothing.
         executor: Where pieces are worked on, by default here.
         rounds: Rounds after which to give up.
         report: Called with every round.
@@ -193,10 +193,9 @@ def fit(
             moves = [part.step - part.by_theta @ step[fitted] for part in parts]
             trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
             moved, misfits = problem.lower(at, step, moves)
-            noise = at.noise
-            if estimate_noise:
-                noise = renewed(noise, parts, misfits, coloured=coloured and round_ >= white)
-                noise = replace(noise, jerk=np.minimum(noise.jerk, problem.smoothest(noise)))
+            noise = renewed(at.noise, parts, misfits, coloured=coloured and round_ >= white)
+            noise = replace(noise, jerk=np.minimum(noise.jerk, problem.smoothest(noise)))
+            noise = replace(noise, **{name: getattr(at.noise, name) for name in kept})
             quiet = round_ >= white + coloured and _quiet(at, trace[-1], moves, noise)
             stalled = 0 if moved is not at else stalled + 1
             back = _leads_back(step[free], before[free], problem.precision(parts))
@@ -290,7 +289,7 @@ class _Problem:
     def smoothest(self, noise: Noise) -> np.ndarray:
         """The largest λ with which the equations can be solved (n,): coordinates that rest ask for infinite ones."""
         scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in self.pieces]
-        return SMOOTHEST * min(scales) / noise.states[0] ** 2
+        return SMOOTHEST * min(scales) / (noise.share * noise.states[0] ** 2)
 
     def lower(self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray]) -> tuple[Start, list[Misfit]]:
         """Where a step leads that lowers the cost: the whole, or a half of it as often as needed; here if none does."""

@@ -11,10 +11,10 @@ from ident.estimation.rows import ChannelRows, Factors, StateRows
 from ident.estimation.spline import ORDER, Local, Spline
 from ident.estimation.whitening import Innovations, Sums, innovations
 
-UNDERSMOOTHED = 0.03
+UNDERSMOOTHED = 0.1
 """Part κ of the likeliest λ that a trajectory is smoothed by where there are channels. With all of it the trajectory
 that is best together with θ is a little small, and θ too large by much of its deviation where noise is slow or strong;
-less costs θ hardly anything (Rice, Statist. Probab. Lett. 4, 1986)."""
+less costs θ hardly anything (Rice, Statist. Probab. Lett. 4, 1986), but with much less what rests seems to move."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +63,14 @@ class Noise:
     floor_channels: np.ndarray
 
     @property
+    def share(self) -> float:
+        """Part κ of λ that is taken: all of it where there are no channels."""
+        return UNDERSMOOTHED if len(self.channels) else 1.0
+
+    @property
     def stiffness(self) -> np.ndarray:
-        """What the squared jerk of each coordinate costs: λ, or a part of it beside channels (n,)."""
-        return self.jerk * (UNDERSMOOTHED if len(self.channels) else 1.0)
+        """What the squared jerk of each coordinate costs, κ λ (n,)."""
+        return self.share * self.jerk
 
     def change(self, before: "Noise") -> float:
         """Largest change of the logarithm of a standard deviation, or of ρ."""

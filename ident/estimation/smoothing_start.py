@@ -17,8 +17,8 @@ REWEIGHTED = 4
 TOGETHER = 8
 """Coordinates that are smoothed at once: few calls, but hardly any equations between what has nothing in common."""
 
-FIRST_FITS, FITS, FITS_OF_KNOWN_NOISE = 3, 40, 6
-"""Rounds of smoothing: before the noise is estimated, with it, and where it is given."""
+FIRST_FITS, FITS = 3, 40
+"""Rounds of smoothing: before the noise is estimated, and with it."""
 
 FOURTH_DIFFERENCE = np.sqrt(70)
 """Standard deviation of the fourth difference of unit white noise, `√(1 + 16 + 36 + 16 + 1)`; motion hardly has one."""
@@ -87,11 +87,11 @@ def start(
 
 
 def smoothed(pieces: Sequence[Piece], noise: Noise | None = None, *, executor: Executor | None = None) -> Start:
-    """Every coordinate smoothed alone, its noise and smoothness found by restricted likelihood or given.
+    """Every coordinate smoothed alone, its smoothness found by restricted likelihood, and its noise too or given.
 
     Args:
         pieces: What was measured.
-        noise: The noise, if it is known.
+        noise: The noise, if it is known; how smooth they are follows from the samples.
         executor: Where pieces are worked on, by default here.
     """
     none = np.zeros(0)
@@ -107,7 +107,7 @@ def smoothed(pieces: Sequence[Piece], noise: Noise | None = None, *, executor: E
 
 
 def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Executor | None, *, known: bool) -> Start:
-    """Some of the coordinates, each smoothed alone; the noise may be known."""
+    """Some of the coordinates, each smoothed alone; their noise may be known."""
     none = np.zeros(0)
     bare = [_bare(piece, some) for piece in pieces]
     own = replace(
@@ -118,7 +118,8 @@ def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Exec
         jerk=noise.jerk[some],
     )
     begin = Start(none, own, [_interpolated(piece) for piece in bare])
-    for rounds, estimate in [(FITS_OF_KNOWN_NOISE, False)] if known else [(FIRST_FITS, False), (FITS, True)]:
+    at_first = [] if known else [(FIRST_FITS, ("states", "jerk"))]
+    for rounds, kept in [*at_first, (FITS, ("states",) if known else ())]:
         fit = joint.fit(
             _Coordinates(),
             bare,
@@ -126,7 +127,7 @@ def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Exec
             prior=joint.Prior(none, np.zeros((0, 0))),
             free=np.zeros(0, bool),
             coloured=False,
-            estimate_noise=estimate,
+            kept=kept,
             executor=executor,
             rounds=rounds,
         )

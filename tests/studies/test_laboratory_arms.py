@@ -104,8 +104,8 @@ def test_a_coupled_wrist_that_stands_at_last(tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
-    """Five trials of a two-joint arm, in one of which everything is a fifth heavier."""
-    trials = [tmp_path / f"trial{number}.csv" for number in range(1, 6)]
+    """Six trials of a two-joint arm, in one of which everything is a fifth heavier."""
+    trials = [tmp_path / f"trial{number}.csv" for number in range(1, 7)]
     for seed, path in enumerate(trials):
         log = shortened(faulty(seed), 250)
         heavier = (1.2 if seed == 3 else 1.0) * log["ground_force"]
@@ -116,7 +116,7 @@ def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
     assert identify.main([PENDULUM, *map(str, trials), *options]) == 0
     found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     apart = np.array(found["logs"]["rms_z"])
-    assert len(apart) == 5 and apart.argmax() == 3 and apart[3] > 5
+    assert len(apart) == 6 and apart.argmax() == 3 and apart[3] > 5
     # Which of the logs it is shows beside the others.
     assert np.delete(apart, 3).max() < 0.5 * apart[3]
     assert "Logs disagree" in doubts(found) and "4 (" in doubts(found)

@@ -123,7 +123,7 @@ def test_everything_on_one_page(out):
 
 def test_two_feet_on_plates_tell_what_unseen_motions_need():
     person = briefly()
-    assert person.coverage > 0.85 and person.determined.sum() >= 10
+    assert person.coverage > 0.85 and person.determined.sum() >= 9
     assert np.sqrt(np.mean(person.distances[1] ** 2)) < 1.4
     (late,) = (each for each in person.estimate.setup if each.name.startswith("delay"))
     assert abs(late.value - 0.02) < 3 * late.std
