@@ -65,7 +65,7 @@ def _lines(ax: Axes, key: str, rows: Sequence[Row], style: str, labels: tuple[st
         times = [1e6 * row[side] / row["samples"] for row in rows]
         ax.loglog(x, times, style, color=color, ms=2.5, label=label)
     ax.yaxis.set_major_locator(LogLocator(10))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:,g}"))
     ax.yaxis.set_minor_formatter(NullFormatter())
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, 0.09), max(high, 11))
