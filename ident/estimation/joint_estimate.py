@@ -234,8 +234,8 @@ def _fine_enough(task: _Task, share: int, step: float, finest: float) -> Joint:
     """Knots get denser as long as residuals are correlated, if that makes them smaller: something jumps.
 
     Where they are correlated over long times mostly the model is not quite right, and no trajectory should make up for
-    that. Or else knots are much too far apart: then denser ones leave no drift, which the set-up must not explain. What
-    does not settle with denser knots is no better than what did.
+    that. Or else knots are much too far apart: then denser ones leave no drift, which the set-up must not explain. If a
+    fit with denser knots does not settle, the best that did is taken.
     """
 
     def denser(estimate: Joint) -> Joint:
@@ -248,14 +248,16 @@ def _fine_enough(task: _Task, share: int, step: float, finest: float) -> Joint:
             coarse = fine if _smaller(fine, coarse) and not _drifts(fine) else coarse
     except (ExcitationError, np.linalg.LinAlgError):
         pass
-    fine = coarse = task.searched(coarse)
+    best = fine = task.searched(coarse)
     try:
         while _jumps(fine) and not _drifts(fine) and fine.fit.status != "interrupted" and fine.step > finest:
             fine = task.searched(denser(fine))
+            if fine.fit.status == "stopped" and best.fit.status == "converged":
+                break
+            best = fine if _smaller(fine, best) else best
     except (ExcitationError, np.linalg.LinAlgError):
-        return coarse
-    unsettled = fine.fit.status == "stopped" and coarse.fit.status == "converged"
-    return fine if _smaller(fine, coarse) and not unsettled else coarse
+        pass
+    return best
 
 
 def _jumps(estimate: Joint) -> bool:

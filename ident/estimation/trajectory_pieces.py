@@ -21,9 +21,9 @@ LONGEST, MOST = 20.0, 5000
 """Length of a piece, s, and its samples: what is lost at a cut is little beside it, and memory is bounded."""
 
 KNOTS = 2.3
-"""Knots in a period of the highest frequency that angles tell of; finer ones would follow the noise of wrenches."""
+"""Knots in a period of the highest frequency that angles tell of: wrenches tell of higher ones."""
 
-WIDEST, MARGIN = 0.3, 0.15
+WIDEST, MARGIN = 0.15, 0.15
 """Largest distance of knots, and how far a trajectory reaches beyond its samples for a wrench that is late, s."""
 
 AVERAGED = 0.05
