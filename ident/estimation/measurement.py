@@ -1,21 +1,24 @@
 """What sensors read of a trajectory: the channels of `Equations` as functions of states, parameters and set-up.
 
     wrench   (1 + gain) coAd(T_sensor)⁻¹ [Y(q, q̇, q̈) ψ - Σ contacts] + offset
-    nothing  (1 + gain) Y(q, q̇, q̈) ψ - Σ contacts + offset, where nothing holds the base: contacts alone (Eq. 3)
+    nothing  Y(q, q̇, q̈) ψ - Σ contacts + offset, where nothing holds the base: contacts alone (Eq. 3)
     torque   (1 + gain) [Y_τ(q, q̇, q̈) ψ - Σ contacts + drives] + offset
+
+A contact is what its sensor reads, each component over 1 + gain, moved from where the sensor is.
 
 The parameters ψ are put in first, so that inverse dynamics is differentiated, not its regressor. Measured contacts are
 noisy: what the set-up changes of them is computed from their average over neighbouring samples, whose noise is not that
 of the residual; otherwise a gain, say, would shrink to take noise away.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ident.estimation import loads
-from ident.estimation.equations import Equations
+from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.setup import SetupParameter
 from ident.geometry.quaternion import small_rotation, turning
 from ident.geometry.se3 import coAd, hat, inverse, pose
@@ -153,9 +156,6 @@ class Measurement:
             out[k] = out[k] + offset
         if not self.contacts:
             return out
-        for k in range(len(self.components) if self.frame is None else 0):
-            # Gains are those of the contacts, which read so much of what the mechanism needs.
-            gains[k] = 1.0
         touch = self._less_contacts(motions, base, wrenches[0], theta)
         noise = self._less_contacts(motions, base, wrenches[1], theta * 0)
         of_touch = self._read(tree, motions, q, touch, [], base, theta)
@@ -190,9 +190,9 @@ class Measurement:
         """Acceleration of gravity, tilted (3,)."""
         return small_rotation(self._vector("gravity", "", theta)) @ self.equations.mechanism.gravity
 
-    def gains(self, theta: np.ndarray) -> list[Value]:
-        """What each channel reads of one unit, a list of C numbers or signals."""
-        at = [self.of_kind("gain", name) for name in self.equations.channels]
+    def gains(self, theta: np.ndarray, of: Sequence[str] = ()) -> list[Value]:
+        """What each channel, or each that is named, reads of one unit, a list of numbers or signals."""
+        at = [self.of_kind("gain", name) for name in of or self.equations.channels]
         return [1 + theta[own[None]] if own else 1.0 for own in at]
 
     def constants(self, theta: np.ndarray) -> np.ndarray:
@@ -246,7 +246,9 @@ class Measurement:
         for (name, sensor), wrench in zip(self.contacts.items(), wrenches, strict=True):
             i = self.tree.names.index(str(sensor.body))
             place = pose_in_base(sensor, pose(motions[i].R, motions[i].p), world)
-            felt[i] = felt[i] - coAd(place @ self.displacement(sensor.plate or name, theta)) @ wrench
+            own = sensor.plate or name
+            gains = self.gains(theta, [f"{own} {component}" for component in COMPONENTS])
+            felt[i] = felt[i] - coAd(place @ self.displacement(own, theta)) @ (wrench / np.array(gains))
         return felt
 
     def _in_sensor(self, total: np.ndarray, base: np.ndarray, theta: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.estimation.equations import Equations
+from ident.estimation.equations import COMPONENTS, Equations
 from ident.recordings.wrench import GROUND
 
 PRIORS = {
@@ -32,7 +32,7 @@ class SetupParameter:
 
     Attributes:
         kind: One of `PRIORS`.
-        of: The wrench, channel or joint that it belongs to, "" for gravity.
+        of: The wrench, channel or joint that it belongs to, "" for gravity; for a gain of a contact `contact Fx`.
         axis: Axis in the frame that it belongs to, or None.
         std: Standard deviation of its prior, whose mean is zero, in SI units and radians.
     """
@@ -58,7 +58,8 @@ def setup_parameters(
         equations: What is fitted.
         contacts: Names of the wrenches besides the ground's, those of bodies that take turns on a plate once.
         priors: Standard deviations that replace those of `PRIORS`; a kind at zero is left out.
-        held: Whether there is a ground wrench; without one all contacts together have a delay and a clock.
+        held: Whether there is a ground wrench; without one all contacts together have a delay and a clock, and what
+            they sum to no gains besides theirs.
     """
     std = PRIORS | (priors or {})
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
@@ -71,7 +72,9 @@ def setup_parameters(
         rows += [("delay", wrench, None), ("clock", wrench, None)]
     for wrench in wrenches:
         rows += [(kind, wrench, axis) for kind in ("origin", "rotation") for axis in range(3)]
-    rows += [("gain", channel, None) for channel in equations.channels]
+    channels = equations.channels[0 if held else len(equations.channels) - len(equations.torques) :]
+    rows += [("gain", channel, None) for channel in channels]
+    rows += [("gain", f"{contact} {component}", None) for contact in contacts for component in COMPONENTS]
     rows += [("gravity", "", axis) for axis in across(gravity)] if np.any(gravity) else []
     rows += [("zero", body.joint, None) for body in hinges]
     rows += [("axis", body.joint, axis) for body in hinges for axis in across(body.twist[3:])]

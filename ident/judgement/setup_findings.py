@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.estimation.equations import COMPONENTS
 from ident.estimation.joint_estimate import Joint
 from ident.estimation.setup import TOGETHER, SetupParameter
 from ident.judgement.finding import NOWHERE, Place
@@ -64,7 +65,10 @@ def place_of(each: SetupParameter) -> Place:
     """The wrenches, the channel or the joint that a set-up parameter belongs to."""
     if each.kind in ("delay", "clock", "origin", "rotation"):
         return Place(wrenches=tuple(each.of.split(TOGETHER)))
-    kinds = {"gain": Place(channels=(each.of,)), "zero": Place(joints=(each.of,)), "axis": Place(joints=(each.of,))}
+    contact, _, component = each.of.rpartition(" ")
+    of_contact = contact and component in COMPONENTS
+    gain = Place(wrenches=(contact,)) if of_contact else Place(channels=(each.of,))
+    kinds = {"gain": gain, "zero": Place(joints=(each.of,)), "axis": Place(joints=(each.of,))}
     return kinds.get(each.kind, NOWHERE)
 
 

@@ -6,6 +6,7 @@ from measurements import at, random_inputs, random_measurement
 from mechanisms import JOINTS, SCREWS, moved_states, random_pose, random_tree, unhat
 from scipy.spatial.transform import Rotation
 
+from ident.estimation.equations import COMPONENTS
 from ident.estimation.loads import SLIP
 from ident.estimation.measurement import base_motion, joint_states
 from ident.estimation.setup import PRIORS, setup_parameters
@@ -116,19 +117,19 @@ def test_bodies_that_take_turns_on_a_plate_share_where_it_is():
     np.testing.assert_allclose(m.values(states, wrenches, theta), expected, atol=1e-11 * abs(expected).max())
 
 
-def test_where_nothing_holds_the_base_gains_are_those_of_the_contacts():
-    """1 + gain times what the mechanism needs is what they read: zero left over."""
+@pytest.mark.parametrize("held", [True, False])
+def test_a_contact_is_what_its_sensor_reads_over_its_gains(held):
+    """Of the average over neighbours: the noise of the rest is not to be made smaller."""
     rng = np.random.default_rng(3)
-    m = random_measurement(rng, moving=True, torques=False)
-    m = replace(m, frame=None, equations=m.equations.with_offsets(()))
+    m = random_measurement(rng, moving=True, torques=held)
+    m = m if held else replace(m, frame=None, equations=m.equations.with_offsets(()))
     states, wrenches, theta = random_inputs(rng, m, setup=0)
     gains = 0.1 * rng.normal(size=6)
-    named = {f"gain({name})": x for name, x in zip(m.equations.channels, gains, strict=True)}
-    own, before = changed(m, states, 0 * wrenches, theta, **named)
-    np.testing.assert_allclose(own, before * (1 + gains), rtol=1e-12)
-    touched, untouched = (m.values(states, w, theta) for w in (wrenches, 0 * wrenches))
-    with_gains = changed(m, states, wrenches, theta, **named)[0] - own
-    np.testing.assert_allclose(with_gains, (touched - untouched).T, atol=1e-11 * abs(touched).max())
+    named = {f"gain(hand0 {name})": x for name, x in zip(COMPONENTS, gains, strict=True)}
+    own, _ = changed(m, states, wrenches, theta, **named)
+    average, rest = wrenches[:, 0], wrenches[:, 1]
+    expected = m.values(states, np.stack([average / (1 + gains), rest], axis=1), theta).T
+    np.testing.assert_allclose(own, expected, atol=1e-12 * abs(own).max())
 
 
 @pytest.mark.parametrize("seed", range(6))
