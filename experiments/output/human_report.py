@@ -23,7 +23,8 @@ from ident.geometry.inertia import com_from_parameters
 
 ABOUT = (
     "A simulated person moves on two force plates and holds a rail, and is identified from a prior whose bodies are "
-    "wrong by a fifth: what becomes of each segment, and what is predicted of motions that were not recorded."
+    "wrong by a fifth, in a laboratory where nothing is quite as stated: what becomes of each segment, and what is "
+    "predicted of motions that were not recorded."
 )
 """What the page says of the study."""
 

@@ -10,7 +10,8 @@ from scipy import linalg
 
 from experiments.studies.competitors import USUAL
 from experiments.studies.errors import HALF_WIDTH
-from experiments.studies.person_recordings import Laboratory, humanoid, mistaken, moved, recorded
+from experiments.studies.person_faults import drawn
+from experiments.studies.person_recordings import SENSORS, Laboratory, humanoid, mistaken, moved, recorded
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.accumulator import accumulate
@@ -250,9 +251,10 @@ def study(
         raise InputError(f"A recording of a person needs two seconds or more, got {seconds:g}.")
     activities = ACTIVITIES if activities is None else activities
     who, first = mistaken(humanoid(), np.random.default_rng((seed, 2))), seed * len(ACTIVITIES)
+    faults = drawn(humanoid(), SENSORS, laboratory.setup, np.random.default_rng((seed, 3)))
     fitted, judges = (
         [
-            prepared(who, recorded(activity, seconds, start + number, laboratory), name=activity)
+            prepared(who, recorded(activity, seconds, start + number, laboratory, faults), name=activity)
             for number, activity in enumerate(activities)
         ]
         for start in (first, UNSEEN + first)

@@ -8,6 +8,7 @@ from experiments.studies.noisy_recordings import autoregressive
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
+from ident.mechanism.tree import Tree
 from ident.recordings.recording import Recording
 from sim.markers.marked_model import MarkedModel, marked_model
 from sim.markers.recording import recording
@@ -26,6 +27,7 @@ PER_RADIAN = 2.0
 
 def from_markers(
     who: Mechanism,
+    tree: Tree,
     time: np.ndarray,
     motion: Motion,
     size: tuple[float, float],
@@ -39,7 +41,8 @@ def from_markers(
     its own.
 
     Args:
-        who: The person.
+        who: The person as she is stated, whose joints the fit takes.
+        tree: Her joints as they are.
         time: Times of the frames, s (N,).
         motion: What she does.
         size: Standard deviations of the markers' positions, and of how far skin moves, m.
@@ -48,15 +51,15 @@ def from_markers(
         base: The body that everything hangs on.
     """
     marked, places = _marked(who)
-    poses = who.tree.poses(motion.q)
+    poses = tree.poses(motion.q)
     if motion.base is not None:
         poses = motion.base.T[:, None] @ poses
-    turns = who.tree.body_coordinates(motion.q)
+    turns = tree.body_coordinates(motion.q)
     noise, skin = size
     decay = np.exp(-float(np.median(np.diff(time))) / LASTS)
     seen = []
     for body, place in places:
-        i = who.tree.names.index(body)
+        i = tree.names.index(body)
         by_chance = np.stack([autoregressive(rng, len(time), decay) for _ in range(3)], axis=1)
         slides = PER_RADIAN * _direction(rng) * _turned(turns[i])[:, None]
         own = place + skin * (by_chance + slides)

@@ -1,6 +1,7 @@
 """Recordings of a person on two force plates who holds a rail: the truth is known, sensors are as laboratories' are."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import scenes
 from experiments.studies.noisy_recordings import autoregressive
+from experiments.studies.person_faults import CAREFUL, Faults
 from experiments.studies.person_markers import from_markers
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.geometry.se3 import inverse, pose
@@ -51,6 +53,7 @@ class Laboratory:
         markers: Whether angles and the pelvis's pose follow from markers, instead of having noise of their own.
         marker: Standard deviation of the markers' positions, m.
         skin: How far skin moves over bone, m; see `experiments.studies.person_markers`.
+        setup: How well its set-up is known, as `CAREFUL`, which its recordings say.
     """
 
     angle_deg: float = 0.5
@@ -63,6 +66,7 @@ class Laboratory:
     markers: bool = False
     marker: float = 0.002
     skin: float = 0.004
+    setup: Mapping[str, float] = field(default_factory=lambda: CAREFUL)
 
     def times(self, seconds: float) -> np.ndarray:
         """Sample times of a recording of such a length, s (N,)."""
@@ -90,14 +94,20 @@ def mistaken(true: Mechanism, rng: np.random.Generator, share: float = 0.2) -> M
     return replace(true, prior=np.concatenate(bodies))
 
 
-def moved(activity: str, time: np.ndarray, seed: int, *, rail: bool = True) -> Motion:
+def moved(activity: str, time: np.ndarray, seed: int, *, rail: bool = True, who: Mechanism | None = None) -> Motion:
     """The true motion of an activity at some times, s (N,); the right hand may hold the rail."""
     rng = np.random.default_rng((seed, 0))
     style = Style(pace=float(rng.uniform(0.4, 0.65)), size=float(rng.uniform(0.85, 1.1)), rail=rail, seed=seed)
-    return person.motion(humanoid().tree, activity, time, style)
+    return person.motion((who or humanoid()).tree, activity, time, style)
 
 
-def recorded(activity: str, seconds: float, seed: int, laboratory: Laboratory = Laboratory()) -> Recording:
+def recorded(
+    activity: str,
+    seconds: float,
+    seed: int,
+    laboratory: Laboratory = Laboratory(),
+    faults: Faults = Faults(),  # noqa: B008
+) -> Recording:
     """A recording of an activity, from noisy sensors.
 
     Args:
@@ -105,11 +115,13 @@ def recorded(activity: str, seconds: float, seed: int, laboratory: Laboratory = 
         seconds: How long.
         seed: Of the motion, and of all noise.
         laboratory: How well it measures.
+        faults: What of the set-up is not as stated.
     """
-    time = laboratory.times(seconds)
-    true, late = (moved(activity, t, seed, rail=laboratory.rail) for t in (time, time - laboratory.late))
-    found = sensed(humanoid(), time, (true, late), laboratory, np.random.default_rng((seed, 1)))
-    return replace(found, provenance={**found.provenance, "activity": activity, "seed": seed})
+    time, who = laboratory.times(seconds), faults.true(humanoid())
+    true, late = (moved(activity, t, seed, rail=laboratory.rail, who=who) for t in (time, time - laboratory.late))
+    found = sensed(who, time, (true, late), laboratory, np.random.default_rng((seed, 1)), faults=faults)
+    provenance = {**found.provenance, "activity": activity, "seed": seed}
+    return replace(found, setup=laboratory.setup, provenance=provenance)
 
 
 def sensed(
@@ -119,6 +131,7 @@ def sensed(
     laboratory: Laboratory,
     rng: np.random.Generator,
     unmeasured: np.ndarray | float = 0.0,
+    faults: Faults = Faults(),  # noqa: B008
 ) -> Recording:
     """What a laboratory's sensors say of a person.
 
@@ -129,13 +142,20 @@ def sensed(
         laboratory: How well it measures.
         rng: Of all noise.
         unmeasured: Wrench in the world that something else exerts on her then, which has no sensor (N, 6).
+        faults: What of sensors and joints is not as stated.
     """
     true, late = motions
-    measured = _wrenches(who, late, rng, laboratory, unmeasured)
+    measured = {}
+    for name, wrench in _wrenches(who, late, rng, laboratory, unmeasured).items():
+        std = laboratory.force * (1 if name in PLATES else 1 / 3)
+        read = faults.read(name, wrench)
+        measured[f"{name}_force"] = read[:, :3] + std * rng.normal(size=(len(read), 3))
+        measured[f"{name}_torque"] = read[:, 3:] + std / 10 * rng.normal(size=(len(read), 3))
+    true = replace(true, q=faults.shown(who, true.q))
     sensors = {name: sensor for name, sensor in SENSORS.items() if f"{name}_force" in measured}
     if laboratory.markers:
         felt = Recording(time, measured, sensors=sensors)
-        return from_markers(who, time, true, (laboratory.marker, laboratory.skin), rng, felt)
+        return from_markers(humanoid(), who.tree, time, true, (laboratory.marker, laboratory.skin), rng, felt)
     for body, x in zip(who.tree.bodies, who.tree.body_coordinates(true.q), strict=True):
         if body.coordinates:
             measured[f"{body.joint}_position"] = _noisy(x, rng, laboratory)
@@ -153,7 +173,7 @@ def _wrenches(
     laboratory: Laboratory,
     unmeasured: np.ndarray | float,
 ) -> dict[str, np.ndarray]:
-    """Channels of the plates and the rail, which with what is not measured give what the motion needs."""
+    """Wrenches on the plates and the rail (N, 6), which with what is not measured give what the motion needs."""
     base = motion.base
     assert base is not None
     Y = base_wrench_regressor(who.tree, *motion.states, gravity=who.gravity, base=base)
@@ -170,12 +190,7 @@ def _wrenches(
     share = np.clip((aside - y["right"]) / (y["left"] - y["right"]), 0, 1)[:, None]
     for name, part in (("left", share), ("right", 1 - share)):
         sensed[name] = transform_wrench(inverse(SENSORS[name].pose), part * left_over)
-    out = {}
-    for name, wrench in sensed.items():
-        std = laboratory.force * (1 if name in PLATES else 1 / 3)
-        out[f"{name}_force"] = wrench[:, :3] + std * rng.normal(size=(len(wrench), 3))
-        out[f"{name}_torque"] = wrench[:, 3:] + std / 10 * rng.normal(size=(len(wrench), 3))
-    return out
+    return sensed
 
 
 def _turns(rng: np.random.Generator, samples: int, laboratory: Laboratory) -> Rotation:

@@ -18,7 +18,7 @@ PRIORS = {
     "zero": np.radians(3),
     "axis": np.radians(3),
 }
-"""Standard deviation of what a careful laboratory knows: delay of a wrench, s; a clock's rate; origin of a wrench's
+"""Standard deviation of what a laboratory knows at least: delay of a wrench, s; a clock's rate; origin of a wrench's
 frame, m, and its rotation, rad; gain of a channel; tilt of gravity, zeros and tilts of joint axes, rad."""
 
 

@@ -10,8 +10,10 @@ from commands import refusal
 import scenes
 from experiments import human
 from experiments.output.human_report import measured
-from experiments.studies.person_recordings import SENSORS, Laboratory, humanoid, mistaken, moved, recorded
+from experiments.studies.person_faults import Faults, drawn
+from experiments.studies.person_recordings import BASE, SENSORS, Laboratory, humanoid, mistaken, moved, recorded
 from ident.recordings.wrench import transform_wrench
+from sim.models.mechanism import mechanism
 
 EXACT = Laboratory(angle_deg=0, position=0, force=0, late=0, rate=50)
 
@@ -46,6 +48,34 @@ def _quaternions(poses):
     for q, T in zip(out, poses, strict=True):
         mujoco.mju_mat2Quat(q, T[:3, :3].ravel())
     return out
+
+
+def test_what_is_not_as_stated_is_what_sensors_and_joints_read():
+    """Readings over gains, moved from where sensors are, give what they would if all were as stated."""
+    wrong = dict.fromkeys(("origin", "rotation", "gain", "zero"), 0.05)
+    faults = drawn(humanoid(), SENSORS, wrong, np.random.default_rng(0))
+    own, exact = (recorded("squats", 1.0, 3, EXACT, each) for each in (faults, Faults()))
+    for name in SENSORS:
+        read = own.wrench(name).values / faults.gains[name]
+        np.testing.assert_allclose(
+            transform_wrench(faults.frames[name], read), exact.wrench(name).values, atol=1e-9, err_msg=name
+        )
+    for joint, zero in faults.zeros.items():
+        off = own.measured[f"{joint}_position"] - exact.measured[f"{joint}_position"]
+        np.testing.assert_allclose(off, zero, atol=1e-12)
+    drawn_values = np.array([*faults.zeros.values(), *(g - 1 for x in faults.gains.values() for g in x)])
+    assert drawn_values.std() == pytest.approx(0.05, rel=0.25)
+
+
+def test_axes_and_gravity_are_as_mujoco_has_them_tilted():
+    faults = drawn(humanoid(), (), {"axis": 0.2, "gravity": 0.2}, np.random.default_rng(0))
+    spec = scenes.load("humanoid")
+    for joint, tilt in faults.tilts.items():
+        spec.joint(joint).axis = tilt.as_matrix() @ spec.joint(joint).axis
+    own, expected = faults.true(humanoid()), mechanism(spec, BASE)
+    q = moved("squats", np.linspace(0, 1, 5), 0).q
+    np.testing.assert_allclose(own.tree.poses(q), expected.tree.poses(q), atol=1e-12)
+    assert np.linalg.norm(own.gravity) == pytest.approx(9.81) and 0.01 < abs(own.gravity[0] / 9.81) < 0.8
 
 
 def test_noise_is_as_large_as_it_is_said_to_be():

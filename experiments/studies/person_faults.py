@@ -1,0 +1,92 @@
+"""Where a laboratory's plates and a person's joints are, beside where they are taken to be."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ident.geometry.se3 import inverse, pose
+from ident.mechanism.body import Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.recordings.wrench import transform_wrench
+
+CAREFUL = {
+    "origin": 0.001,
+    "rotation": np.radians(0.1),
+    "gain": 0.002,
+    "gravity": np.radians(0.05),
+    "zero": np.radians(0.5),
+    "axis": np.radians(0.5),
+}
+"""How well a laboratory knows its set-up that has calibrated plates and joints, as `ident.estimation.setup.PRIORS`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Faults:
+    """What is not as stated, with one person in one laboratory.
+
+    Attributes:
+        tilts: Rotations of joint axes about the point on them that is next to the body's origin, by joint.
+        gravity: Rotation of gravity.
+        frames: Poses of sensors' frames in those that are stated (4, 4).
+        gains: What each of the six channels of a sensor reads of one unit (6,).
+        zeros: What joints read too much, rad.
+    """
+
+    tilts: Mapping[str, Rotation] = field(default_factory=dict)
+    gravity: Rotation = field(default_factory=Rotation.identity)
+    frames: Mapping[str, np.ndarray] = field(default_factory=dict)
+    gains: Mapping[str, np.ndarray] = field(default_factory=dict)
+    zeros: Mapping[str, float] = field(default_factory=dict)
+
+    def true(self, who: Mechanism) -> Mechanism:
+        """The person as she is, of whom something else is stated."""
+        bodies = [self._tilted(body) for body in who.tree.bodies]
+        return replace(who, tree=Tree(tuple(bodies)), gravity=self.gravity.as_matrix() @ who.gravity)
+
+    def read(self, sensor: str, wrench: np.ndarray) -> np.ndarray:
+        """What a sensor reads of a wrench in the frame that is stated (N, 6)."""
+        there = transform_wrench(inverse(self.frames[sensor]), wrench) if sensor in self.frames else wrench
+        return there * self.gains.get(sensor, 1.0)
+
+    def shown(self, who: Mechanism, q: np.ndarray) -> np.ndarray:
+        """What joints show of their coordinates (N, n_q)."""
+        parts = who.tree.body_coordinates(q)
+        joints = zip(who.tree.bodies, parts, strict=True)
+        return np.hstack([x + self.zeros.get(body.joint, 0.0) if x.size else x for body, x in joints])
+
+    def _tilted(self, body: Body) -> Body:
+        if body.joint not in self.tilts:
+            return body
+        v, w = np.split(body.twist, 2)
+        point, axis = np.cross(w, v), self.tilts[body.joint].as_matrix() @ w
+        return replace(body, twist=np.concatenate([np.cross(point, axis), axis]))
+
+
+def drawn(who: Mechanism, sensors: Iterable[str], known: Mapping[str, float], rng: np.random.Generator) -> Faults:
+    """Faults by chance.
+
+    Args:
+        who: The person.
+        sensors: Names of her contacts.
+        known: Standard deviations, as `CAREFUL`; nothing is wrong of a kind that is not there.
+        rng: Draws them.
+    """
+
+    def by_chance(kind: str, number: int) -> np.ndarray:
+        return known.get(kind, 0.0) * rng.normal(size=number)
+
+    hinges = [body.joint for body in who.tree.bodies if body.coordinates and body.turns]
+    frames = {
+        name: pose(Rotation.from_rotvec(by_chance("rotation", 3)).as_matrix(), by_chance("origin", 3))
+        for name in sensors
+    }
+    return Faults(
+        tilts={joint: Rotation.from_rotvec(by_chance("axis", 3)) for joint in hinges},
+        gravity=Rotation.from_rotvec(by_chance("gravity", 3)),
+        frames=frames,
+        gains={name: 1 + by_chance("gain", 6) for name in frames},
+        zeros={joint: float(by_chance("zero", 1)[0]) for joint in hinges},
+    )
