@@ -16,11 +16,9 @@ gc.set_threshold(100_000)
 @pytest.fixture
 def undrawn(monkeypatch):
     """Nothing in files in place of figures, and in pages, whose drawing takes most of a study's time."""
-    from fuzz.cases import not_drawn
+    from fuzz.undrawn import leave_undrawn
 
-    from experiments.output import figures
-
-    monkeypatch.setattr(figures, "drawn", not_drawn)
+    leave_undrawn(monkeypatch)
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import wrist
-from fuzz.cases import not_drawn
 from fuzz.here import Here
+from fuzz.undrawn import leave_undrawn
 from marked import labels_of, marked_person, trc, trial
 from pages import PENDULUM, identified, options
 from truth import told
@@ -33,7 +33,7 @@ from experiments import (
 from experiments import noise as noise_command
 from experiments.__main__ import main as everything
 from experiments.benchmark.__main__ import main as benchmark
-from experiments.output import figures, human_report, noise_report
+from experiments.output import human_report, noise_report
 from experiments.output.page import PAGE
 from experiments.runs import workers
 from experiments.studies import human as human_study
@@ -54,7 +54,7 @@ def _identify(folder):
 
 def _compare(folder):
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(figures, "drawn", not_drawn)
+        leave_undrawn(patched)
         for seed, name in enumerate("ab"):
             assert identify.main(options(folder, "--name", name, seed=seed)) == 0
     return compare.main([str(folder / "a"), str(folder / "b"), "--out", str(folder / "out")])

@@ -17,7 +17,6 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from experiments import identify, stream
 from experiments.cli import options
@@ -28,6 +27,7 @@ from ident.errors import InputError
 from .corpus import LOGS, MODELS, PAIR, STREAMED, write_corpus
 from .damage import NAMES, Rng, any_of, damaged
 from .here import Here
+from .undrawn import not_drawn
 
 OURS = tuple(Path(figures.__file__).parents[2] / name for name in ("experiments", "ident", "scenes", "sim", "tests"))
 """Folders whose code is named where a case breaks."""
@@ -65,11 +65,6 @@ class Ending:
 
 class Hang(BaseException):
     """A case took too long."""
-
-
-def not_drawn(figure: Figure, extension: str) -> bytes:
-    """An empty file in place of a figure."""
-    return b""
 
 
 class Runner:

@@ -5,12 +5,11 @@ import re
 
 import numpy as np
 import pytest
-from fuzz.cases import not_drawn
+from fuzz.undrawn import leave_undrawn
 
 import scenes
 import sim
 from experiments import identify
-from experiments.output import figures
 from experiments.studies.person_recordings import Laboratory, mistaken, sensed
 from sim.models.model_update import write_model
 from sim.motion import person
@@ -72,7 +71,7 @@ def told(tmp_path_factory):
     logs = [str(folder / f"{name}.npz") for name in recordings]
     command = [str(folder / "known.xml"), *logs, "--base", "pelvis", "--prior", "on", "--workers", "1"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "drawn", not_drawn)
+        leave_undrawn(patch)
         assert identify.main([*command, "--out", str(folder), "--name", "out"]) == 0
     return json.loads((folder / "out" / "estimate.json").read_text(encoding="utf-8")), true, (seated, leant)
 

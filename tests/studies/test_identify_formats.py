@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refusal
-from fuzz.cases import not_drawn
+from fuzz.undrawn import leave_undrawn
 from written_formats import DEG, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet
 
 import ident
@@ -15,7 +15,6 @@ import scenes
 import sim
 from experiments import columns as columns_command
 from experiments import identify
-from experiments.output import figures
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"
@@ -86,7 +85,7 @@ def from_csv(recording, tmp_path_factory):
     folder = tmp_path_factory.mktemp("csv")
     write(folder / "log.csv", recording)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(figures, "drawn", not_drawn)
+        leave_undrawn(patched)
         return estimate(folder, folder / "log.csv")
 
 

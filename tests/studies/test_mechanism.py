@@ -7,14 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 from commands import refusal
-from fuzz.cases import not_drawn
 from fuzz.here import Here
+from fuzz.undrawn import leave_undrawn
 from mechanisms import double_pendulum
 from truth import told
 
 from experiments.__main__ import main as everything
 from experiments.mechanism import main
-from experiments.output import figures
 from experiments.output.figures import WIDTHS
 from experiments.runs import workers
 from experiments.studies import human, mechanism, paper
@@ -81,7 +80,7 @@ def out(tmp_path_factory):
     """What everything leaves, with empty files in place of figures."""
     folder = tmp_path_factory.mktemp("everything") / "results"
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(figures, "drawn", not_drawn)
+        leave_undrawn(patched)
         patched.setattr(workers, "Processes", Here)
         told(patched)
         person = briefly()
