@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -140,6 +141,13 @@ def rendered(template: str, root: Path, shown: Mapping[str, Results], formats: I
         drawn = root / folder / f"{name}.png"
         return base64.b64encode(drawn.read_bytes() if drawn.is_file() else _png(shown[folder], name)).decode()
 
+    given = {"results": shown, "formats": sorted(set(formats)), "png": png}
+    return _environment().get_template(template).render(**given, **values)
+
+
+@cache
+def _environment() -> Environment:
+    """The templates, which are compiled when they are first used: that takes as long as to fill them."""
     environment = Environment(
         loader=PackageLoader("experiments.output"),
         autoescape=True,
@@ -150,8 +158,7 @@ def rendered(template: str, root: Path, shown: Mapping[str, Results], formats: I
         keep_trailing_newline=True,
     )
     environment.filters |= {"pieces": pieces, "indented": _indented, "digest": _digest}
-    environment.globals |= {"results": shown, "formats": sorted(set(formats)), "png": png}
-    return environment.get_template(template).render(values)
+    return environment
 
 
 def _png(results: Results, name: str) -> bytes:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -197,9 +198,12 @@ def _seven_numbers(poses: np.ndarray) -> np.ndarray:
 
 def _short(x: Any) -> Any:
     """Numbers as lists with so many digits as can be seen; those that are not finite become None."""
-    if isinstance(x, np.ndarray) and x.ndim:
+    # Python's own numbers take half as long as numpy's.
+    if isinstance(x, np.ndarray):
+        x = x.tolist()
+    if isinstance(x, list):
         return [_short(each) for each in x]
-    return float(f"{x:.{DIGITS}g}") + 0.0 if np.isfinite(x) else None
+    return float(f"{x:.{DIGITS}g}") + 0.0 if isfinite(x) else None
 
 
 def _readable(content: Mapping[str, Any]) -> dict[str, Any]:
