@@ -9,7 +9,7 @@ BIN := $(VENV)/bin
 # What is used is compiled when it is first used: half of an installation's work would be to compile all the rest.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c $(CONSTRAINTS)
 # A file's tests share what is costly to make, so they stay with one worker.
-PARALLEL := --numprocesses auto --dist loadfile
+PARALLEL := --numprocesses auto --dist loadfile --no-loadscope-reorder
 # Only the model files of these packages are read, so they come without what their code needs.
 MODELS := example-robot-data robosuite dm_control
 # Those that skip without the extras, and fuzzing, which damages files in the extras' formats as well.

@@ -12,6 +12,31 @@ import pytest
 # the time.
 gc.set_threshold(100_000)
 
+PEOPLE = ("output/test_pages_in_browser.py", "studies/test_human.py", "studies/test_mechanism.py")
+"""Files that need the same people (`persons`), who take longest to simulate."""
+
+FIRST = (*PEOPLE, *(f"studies/test_{name}.py" for name in ("joint_identification", "monte_carlo", "identify", "gait")))
+"""Files that take longest begin first: none is left alone at the end."""
+
+
+def pytest_collection_modifyitems(items):
+    """Puts the tests of these files first."""
+    places = {name: k for k, name in enumerate(FIRST)}
+    items.sort(key=lambda item: places.get("/".join(item.path.parts[-2:]), len(FIRST)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """A file's tests share what is costly to make, so they stay with one worker, as do those of some files."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Together(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            file = super()._split_scope(nodeid)
+            return PEOPLE[0] if file.endswith(PEOPLE) else file
+
+    return Together(config, log) if config.getvalue("dist") == "loadfile" else None
+
 
 @pytest.fixture
 def undrawn(monkeypatch):

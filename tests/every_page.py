@@ -1,9 +1,7 @@
 """A page of every command that leaves one, from runs as small as they come, for the tests that look at all of them."""
 
 import os
-from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +10,7 @@ from fuzz.here import Here
 from fuzz.undrawn import leave_undrawn
 from marked import labels_of, marked_person, trc, trial
 from pages import PENDULUM, identified, options
+from persons import briefly
 from truth import told
 
 import scenes
@@ -36,7 +35,6 @@ from experiments.benchmark.__main__ import main as benchmark
 from experiments.output import human_report, noise_report
 from experiments.output.page import PAGE
 from experiments.runs import workers
-from experiments.studies import human as human_study
 from experiments.studies import noise
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -96,12 +94,6 @@ def _noise(folder):
         return noise_command.main(["--recordings", "2", *_out(folder)])
 
 
-@cache
-def _person():
-    """Who stands for all persons of a study, with the rail and without."""
-    return human_study.study(2.0, activities=("squats", "arm swings"))
-
-
 def _in_vivo(folder):
     if not (DATA / "bowing.csv").is_file():
         pytest.skip("MULTICONTACT_DATA has no human_bowing")
@@ -143,7 +135,7 @@ def written(name, folder):
     """Writes the page of a command, joint estimates of studies being the truth, and returns its file."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
-        patched.setattr(human_report, "human", SimpleNamespace(study=lambda *_, **__: _person()))
+        patched.setattr(human_report.human, "study", lambda *_, laboratory, **__: briefly(rail=laboratory.rail))
         told(patched)
         assert COMMANDS[name](folder) == 0
     return folder / "out" / ("index.html" if name == "paper" else PAGE)

@@ -2,8 +2,10 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
+import persons
 import pytest
 from commands import refusal
 from pages import replayed
@@ -15,11 +17,9 @@ from experiments.studies import human
 @pytest.fixture
 def at_the_rail(monkeypatch):
     """Who holds the rail in place of who does not, whom the test of everything on one page is about."""
-    study, found = human.study, []
 
-    def once(*args, **kwargs):
-        found.append(found[0] if found else study(*args, **kwargs))
-        return found[-1]
+    def once(seconds, *, laboratory, activities, **_):
+        return persons.study(seconds, laboratory=replace(laboratory, rail=True), activities=tuple(activities))
 
     monkeypatch.setattr(human, "study", once)
 

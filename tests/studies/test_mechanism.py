@@ -2,7 +2,6 @@ import csv
 import json
 import re
 import shutil
-from functools import cache
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from commands import refusal
 from fuzz.here import Here
 from fuzz.undrawn import leave_undrawn
 from mechanisms import double_pendulum
+from persons import briefly
 from truth import told
 
 from experiments.__main__ import main as everything
@@ -17,17 +17,10 @@ from experiments.mechanism import main
 from experiments.output.figures import WIDTHS
 from experiments.runs import workers
 from experiments.studies import human, mechanism, paper
-from experiments.studies.person_recordings import Laboratory
 from ident.geometry.se3 import exp
 
 OPTIONS = ["--formats", "svg", "--trials", "4", "--joint-trials", "2", "--redraw", "sensors"]
 STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts", "human")
-
-
-@cache
-def briefly():
-    """Two motions of a person for two seconds, in place of recordings with and without a rail that take a minute."""
-    return human.study(2.0, laboratory=Laboratory(rate=50, rail=False), activities=["squats", "arm swings"])
 
 
 def test_figure_1_is_drawn_from_the_scene():
@@ -83,7 +76,7 @@ def out(tmp_path_factory):
         leave_undrawn(patched)
         patched.setattr(workers, "Processes", Here)
         told(patched)
-        person = briefly()
+        person = briefly(rail=False)
         patched.setattr(human, "study", lambda *args, **kwargs: person)
         assert everything([*OPTIONS, "--out", str(folder)]) == 0
     return folder
@@ -121,7 +114,7 @@ def test_everything_on_one_page(out):
 
 
 def test_two_feet_on_plates_tell_what_unseen_motions_need():
-    person = briefly()
+    person = briefly(rail=False)
     assert person.coverage > 0.85 and person.determined.sum() >= 9
     assert np.sqrt(np.mean(person.distances[1] ** 2)) < 1.4
     (late,) = (each for each in person.estimate.setup if each.name.startswith("delay"))
@@ -132,7 +125,7 @@ def test_two_feet_on_plates_tell_what_unseen_motions_need():
 
 @pytest.mark.usefixtures("undrawn", "no_joint", "here")
 def test_everything_resumes_what_was_interrupted(out, tmp_path, monkeypatch):
-    person = briefly()
+    person = briefly(rail=False)
     monkeypatch.setattr(human, "study", lambda *args, **kwargs: person)
     again = shutil.copytree(out, tmp_path / "results")
     (again / "multicontact" / "trials.npz").unlink()

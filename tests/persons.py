@@ -1,0 +1,20 @@
+"""People simulated for two seconds, each once for all tests of a worker, in place of studies that take minutes."""
+
+from experiments.studies.human import study as simulated
+from experiments.studies.person_recordings import Laboratory
+
+_STUDIES = {}
+
+
+def study(seconds, **given):
+    """The study with these arguments, which are alike where they read alike."""
+    key = repr((seconds, sorted(given.items())))
+    if key not in _STUDIES:
+        _STUDIES[key] = simulated(seconds, **given)
+    return _STUDIES[key]
+
+
+def briefly(*, rail):
+    """Two motions of a person on two force plates, who holds a rail or does not."""
+    laboratory = Laboratory(0.2, rate=50.0) if rail else Laboratory(rate=50.0, rail=False)
+    return study(2.0, laboratory=laboratory, activities=("squats", "arm swings"))
