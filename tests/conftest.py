@@ -25,6 +25,11 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: places.get("/".join(item.path.parts[-2:]), len(FIRST)))
 
 
+def pytest_collection_finish():
+    """What was imported stays to the end: garbage is not looked for in it each time."""
+    gc.freeze()
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
     """A file's tests share what is costly to make, so they stay with one worker, as do those of some files."""
