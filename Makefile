@@ -6,9 +6,10 @@ VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
 
 BIN := $(VENV)/bin
-# What is used is compiled when it is first used: half of an installation's work would be to compile all the rest.
+# What is used is compiled when it is first used, and kept: half of an installation's work would be to compile all the rest.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c $(CONSTRAINTS)
-# A file's tests share what is costly to make, so they stay with one worker.
+unexport PYTHONDONTWRITEBYTECODE
+# A file's tests share what is costly to make, so they stay with one worker; `tests/conftest.py` says which come first.
 PARALLEL := --numprocesses auto --dist loadfile --no-loadscope-reorder
 # Only the model files of these packages are read, so they come without what their code needs.
 MODELS := example-robot-data robosuite dm_control
