@@ -8,8 +8,8 @@ from experiments import human, mechanism, misaligned, multicontact
 from experiments.cli import options, print_options
 
 PERSON = ("--seconds", "3")
-"""How much of a person is recorded: enough for all channels of unseen motions to be predicted 3.7 times better than by
-the prior, or more, with a rail to hold (`docs/human.md`), and a minute or two of work."""
+"""How much of a person is recorded: enough for all channels of unseen motions to be predicted three times better than
+by the prior, or more, with a rail to hold and without (`docs/human.md`), and a minute or two of work."""
 
 
 def run(args: argparse.Namespace) -> None:
