@@ -18,7 +18,7 @@ from ident.estimation.preparation import Prepared
 from ident.estimation.setup import setup_parameters
 from ident.estimation.setup_search import Refit, Search, searched
 from ident.estimation.smoothing_start import smoothed, start
-from ident.estimation.trajectory_pieces import cut, knot_distance
+from ident.estimation.trajectory_pieces import WIDEST, WIDEST_BESIDE_TORQUES, cut, knot_distance
 from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 
@@ -136,7 +136,8 @@ def joint_estimate(
     if knots:
         begin = task.searched(task.fitted(knots, share))
     else:
-        step = min(knot_distance(prepared.recording, joints) for prepared, _ in recordings)
+        widest = WIDEST if measurement.components else WIDEST_BESIDE_TORQUES
+        step = min(knot_distance(prepared.recording, joints, widest) for prepared, _ in recordings)
         finest = 2 / min(prepared.recording.rate for prepared, _ in recordings)
         begin = _fine_enough(task, share, step, finest)
     estimate = task.searched(task.fitted(begin.step, begin=begin)) if share > 1 else begin

@@ -23,20 +23,24 @@ LONGEST, MOST = 20.0, 5000
 KNOTS = 2.3
 """Knots in a period of the highest frequency that angles tell of: wrenches tell of higher ones."""
 
-WIDEST, MARGIN = 0.15, 0.15
-"""Largest distance of knots, and how far a trajectory reaches beyond its samples for a wrench that is late, s."""
+WIDEST, WIDEST_BESIDE_TORQUES = 0.15, 0.3
+"""Largest distance of knots, s, where a wrench is measured, and where joint torques alone are: friction jumps in these,
+which denser knots follow."""
+
+MARGIN = 0.15
+"""How far a trajectory reaches beyond its samples for a wrench that is late, s."""
 
 AVERAGED = 0.05
 """Time to either side over which contacts are averaged, s."""
 
 
-def knot_distance(recording: Recording, joints: tuple[str, ...]) -> float:
-    """Distance of the knots that the motion asks for, s."""
+def knot_distance(recording: Recording, joints: tuple[str, ...], widest: float = WIDEST) -> float:
+    """Distance of the knots that the motion asks for, s, or the largest one that there may be."""
     try:
         highest = chosen_cutoff(coordinates(recording.without_streams, joints).values, recording.rate)
     except InputError:
-        return WIDEST
-    return float(np.clip(1 / (KNOTS * highest), 2 / recording.rate, WIDEST))
+        return widest
+    return float(np.clip(1 / (KNOTS * highest), 2 / recording.rate, widest))
 
 
 def coordinates(recording: Recording, joints: tuple[str, ...]) -> Sampled:
