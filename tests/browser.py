@@ -20,6 +20,9 @@ ELEMENT = "element-6066-11e4-a52e-4f735466cecf"
 """Key of an element, by the standard."""
 
 
+LOADED = "if (document.readyState !== 'complete') return new Promise((done) => addEventListener('load', () => done()))"
+
+
 class Browser:
     """One window.
 
@@ -42,6 +45,8 @@ class Browser:
         self.devtools("Emulation.setDeviceMetricsOverride", **size)
         self.log("browser"), self.log("performance")
         self.call("url", url=path.resolve().as_uri())
+        # A browser that has just started may answer before the page's scripts have run.
+        self.run(LOADED)
 
     def devtools(self, command, **parameters):
         """Answer to a command of the browser's own protocol."""
