@@ -5,6 +5,7 @@ Backwards from a result y, the adjoint x̄ = ∂y/∂x of every operand gains ȳ
 """
 
 from collections.abc import Callable, Sequence
+from heapq import heappop, heappush
 
 import numpy as np
 
@@ -39,14 +40,20 @@ def gradient(result: Value, inputs: Sequence[Signal]) -> list[Value]:
         return [0.0] * len(inputs)
     tape = result.tape
     adjoints: dict[int, Value] = {result.index: 1.0}
-    for index in range(result.index, -1, -1):
-        operation, operands = tape.steps[index]
-        if operation is None or index not in adjoints:
+    # Steps that the result depends on, the last of them first.
+    ahead = [-result.index]
+    while ahead:
+        index = -heappop(ahead)
+        step = tape.steps[index]
+        operation, operands = step
+        if operation is None:
             continue
-        own = adjoints.pop(index)
-        parts = _DERIVATIVES[operation](tape.signals[index], own, *operands)
+        parts = _DERIVATIVES[operation](tape.results[step], adjoints[index], *operands)
         for operand, part in zip(operands, parts, strict=True):
             if isinstance(operand, Signal):
-                known = adjoints.get(operand.index)
-                adjoints[operand.index] = part if known is None else known + part
+                if operand.index in adjoints:
+                    adjoints[operand.index] += part
+                else:
+                    adjoints[operand.index] = part
+                    heappush(ahead, -operand.index)
     return [adjoints.get(signal.index, 0.0) for signal in inputs]

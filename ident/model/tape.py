@@ -17,81 +17,92 @@ Number = int | float
 
 
 class Tape:
-    """A record of operations, each on earlier results, inputs or numbers."""
+    """A record of operations, each on earlier results, inputs or numbers.
+
+    Attributes:
+        steps: Every operation and its operands, in the order of their results; None and nothing for an input.
+        inputs: The inputs, which are the first results.
+        results: What each of the other steps gives.
+    """
 
     def __init__(self, inputs: int) -> None:
-        self.steps: list[tuple[np.ufunc | None, tuple[Signal | Number, ...]]] = []
-        self.signals: list[Signal] = []
-        self._known: dict[tuple[np.ufunc, tuple[Signal | Number, ...]], Signal] = {}
-        self.inputs = [self._append(None, ()) for _ in range(inputs)]
+        self.steps: list[Step] = [(None, ())] * inputs
+        self.inputs = [Signal(self, k) for k in range(inputs)]
+        self.results: dict[Step, Signal] = {}
 
     def record(self, operation: np.ufunc, *operands: "Signal | Number") -> "Signal":
         """The result of an operation."""
-        key = operation, operands
-        if key not in self._known:
-            self._known[key] = self._append(operation, operands)
-        return self._known[key]
-
-    def _append(self, operation: np.ufunc | None, operands: tuple["Signal | Number", ...]) -> "Signal":
-        self.steps.append((operation, operands))
-        self.signals.append(Signal(self, len(self.steps) - 1))
-        return self.signals[-1]
+        step = operation, operands
+        known = self.results.get(step)
+        if known is None:
+            known = self.results[step] = Signal(self, len(self.steps))
+            self.steps.append(step)
+        return known
 
 
 class Signal:
-    """A number of each sample: an input, or the result of a recorded operation."""
+    """A number of each sample: an input, or the result of a recorded operation.
 
-    __slots__ = ("index", "tape")
+    Attributes:
+        tape: Where it stands.
+        index: The step that gives it.
+        opposite: What this signal is the negative of, if it was made so.
+    """
+
+    __slots__ = ("index", "opposite", "tape")
 
     def __init__(self, tape: Tape, index: int) -> None:
         self.tape, self.index = tape, index
-
-    def _negated(self) -> "Signal | None":
-        """What this signal is the negative of, if it was made so."""
-        operation, operands = self.tape.steps[self.index]
-        return operands[0] if operation is np.negative and isinstance(operands[0], Signal) else None
+        self.opposite: Signal | None = None
 
     def __neg__(self) -> "Signal":
-        return self._negated() or self.tape.record(np.negative, self)
+        if self.opposite is not None:
+            return self.opposite
+        negative = self.tape.record(np.negative, self)
+        negative.opposite = self
+        return negative
 
     def __add__(self, other: "Signal | Number") -> "Signal | Number":
-        if not isinstance(other, Signal | Number):
-            return NotImplemented
         if not isinstance(other, Signal):
+            if not isinstance(other, Number):
+                return NotImplemented
             return self if other == 0 else self.tape.record(np.add, self, other)
-        if (opposite := other._negated()) is not None:
-            return self - opposite
-        if self._negated() is not None:
-            return other + self
-        return self.tape.record(np.add, *sorted((self, other), key=_age))
+        if other.opposite is not None:
+            return self - other.opposite
+        if self.opposite is not None:
+            return other - self.opposite
+        return self.tape.record(np.add, *_by_age(self, other))
 
     __radd__ = __add__
 
     def __sub__(self, other: "Signal | Number") -> "Signal | Number":
-        if not isinstance(other, Signal | Number):
-            return NotImplemented
         if not isinstance(other, Signal):
+            if not isinstance(other, Number):
+                return NotImplemented
             return self if other == 0 else self.tape.record(np.subtract, self, other)
         if other is self:
             return 0.0
-        opposite = other._negated()
-        return self.tape.record(np.subtract, self, other) if opposite is None else self + opposite
+        if other.opposite is not None:
+            return self + other.opposite
+        return self.tape.record(np.subtract, self, other)
 
     def __rsub__(self, other: Number) -> "Signal":
         return -self if other == 0 else self.tape.record(np.subtract, other, self)
 
     def __mul__(self, other: "Signal | Number") -> "Signal | Number":
-        if not isinstance(other, Signal | Number):
-            return NotImplemented
-        if (opposite := self._negated()) is not None:
-            return -(opposite * other)
         if not isinstance(other, Signal):
+            if not isinstance(other, Number):
+                return NotImplemented
             if other in (0, 1):
                 return self if other else 0.0
-            return -self if other == -1 else self.tape.record(np.multiply, self, other)
-        if other._negated() is not None:
-            return other * self
-        return self.tape.record(np.multiply, *sorted((self, other), key=_age))
+            if other == -1:
+                return -self
+            return self.tape.record(np.multiply, self, other) if self.opposite is None else -(self.opposite * other)
+        if self.opposite is not None:
+            return -(self.opposite * other)
+        if other.opposite is not None:
+            return -(self * other.opposite)
+        return self.tape.record(np.multiply, *_by_age(self, other))
 
     __rmul__ = __mul__
 
@@ -114,8 +125,13 @@ class Signal:
         return self.tape.record(np.cos, self)
 
 
-def _age(signal: Signal) -> int:
-    return signal.index
+def _by_age(one: Signal, other: Signal) -> tuple[Signal, Signal]:
+    """Two signals in the order in which they were recorded: sums and products are the same either way."""
+    return (one, other) if one.index < other.index else (other, one)
+
+
+Step = tuple[np.ufunc | None, tuple[Signal | Number, ...]]
+"""An operation and what it is done to."""
 
 
 @dataclass(frozen=True)
