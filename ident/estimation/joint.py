@@ -19,7 +19,7 @@ from scipy import linalg
 
 from ident.errors import ExcitationError
 from ident.estimation.piece import Linearised, Misfit, Noise, Piece, Predictor, linearised, misfit
-from ident.estimation.restricted_likelihood import TINIEST, renewed
+from ident.estimation.restricted_likelihood import TINIEST, Stride, hastened, renewed
 
 ROUNDS = 60
 """Rounds after which the iteration gives up."""
@@ -27,6 +27,9 @@ ROUNDS = 60
 SETTLED, SETTLED_NOISE, SETTLED_MOTION = 0.02, 0.02, 0.1
 """Steps of θ, in its standard deviations, relative changes of the noise's, and steps of coefficients, in those of the
 coordinates, that end it."""
+
+NEAR = 0.1
+"""Steps of θ, in its standard deviations, from which it is smoothness that is waited for."""
 
 COLOURED = 3
 """Round from which noise that was white at the start may be correlated: while the fit is bad all residuals are."""
@@ -184,7 +187,7 @@ def fit(
     problem = _Problem(shared, pieces, prior, free, names or measurement.names, selections or every, run)
     at, trace, status, stalled = start, list[float](), "stopped", 0
     fitted = np.flatnonzero(free)
-    before = np.zeros_like(start.theta)
+    before, stride = np.zeros_like(start.theta), None
     white = COLOURED if coloured and not start.noise.channels_rho.any() else 0
     parts = problem.linearised(at, fitted)
     try:
@@ -194,7 +197,9 @@ def fit(
             trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
             moved, misfits = problem.lower(at, step, moves)
             noise = renewed(at.noise, parts, misfits, coloured=coloured and round_ >= white)
-            noise = replace(noise, jerk=np.minimum(noise.jerk, problem.smoothest(noise)))
+            last, stride = stride, Stride(np.log(at.noise.jerk), np.log(noise.jerk / at.noise.jerk))
+            jerk = hastened(last, stride) if trace[-1] < NEAR else noise.jerk
+            noise = replace(noise, jerk=np.minimum(jerk, problem.smoothest(noise)))
             noise = replace(noise, **{name: getattr(at.noise, name) for name in kept})
             quiet = round_ >= white + coloured and _quiet(at, trace[-1], moves, noise)
             stalled = 0 if moved is not at else stalled + 1

@@ -15,6 +15,7 @@ taken, this would be Burg's estimate, with which ρ begins where it is more than
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,12 @@ below which what seemed to be correlated does not any more."""
 COLOURED_FLOOR = 15.0
 """How many times higher the floor of a channel's noise is where that is wholly correlated: then the model is not quite
 right, and what the trajectory takes of the channel is no measure of its noise."""
+
+FURTHEST, LONGEST = 4.0, 3.0
+"""How many times the steps of log λ that updates ask for are lengthened at most, and how long that may make them."""
+
+PACED = 0.005
+"""Steps of log λ up to which they are taken as they are: what they differ by is not their slope any more."""
 
 TINY, TINIEST = 1e-3, 1e-300
 """What counts of samples and sums of squares do not fall below."""
@@ -66,6 +73,28 @@ def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]
         new["states_rho"] = _correlation(noise.states_rho, of_states[1:], linked[:states].reshape(shape))
         new["channels_rho"] = _correlation(noise.channels_rho, of_channels[1:], linked[states:])
     return replace(noise, **new)
+
+
+class Stride(NamedTuple):
+    """Where λ of each coordinate was, and by how much its update would change it: logarithms (n,)."""
+
+    place: np.ndarray
+    step: np.ndarray
+
+
+def hastened(before: Stride | None, now: Stride) -> np.ndarray:
+    """λ of each coordinate by a step as much longer than its update's as the last two have told, none shorter (n,).
+
+    What is known little, or moves little, is told of by updates that shrink slowly, each coordinate's at its own pace.
+    """
+    longer = np.ones_like(now.step)
+    if before is not None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            secant = (before.place - now.place) / (now.step - before.step)
+        told = (now.step * before.step > 0) & (np.abs(now.step) > PACED)
+        longer = np.where(told, np.clip(np.where(secant > 0, secant, FURTHEST), 1, FURTHEST), 1.0)
+    most = np.maximum(np.abs(now.step), LONGEST)
+    return np.exp(now.place + np.clip(longer * now.step, -most, most))
 
 
 def _correlation(rho: np.ndarray, growth: np.ndarray, linked: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from ident.estimation import joint, whitening
 from ident.estimation.joint import COLOURED, Prior, Start, fit
 from ident.estimation.piece import Noise, Piece, linearised, misfit
-from ident.estimation.restricted_likelihood import MOST_CORRELATED, renewed
+from ident.estimation.restricted_likelihood import MOST_CORRELATED, Stride, hastened, renewed
 from ident.estimation.smoothing_start import smoothed
 from ident.estimation.spline import LOCAL, Spline
 
@@ -213,3 +213,29 @@ def test_the_change_of_noise_is_the_largest_of_its_parts():
     assert noise.change(noise) == 0
     assert replace(noise, channels=noise.channels * 1.1).change(noise) == pytest.approx(np.log(1.1))
     assert replace(noise, states_rho=noise.states_rho + 0.2).change(noise) == pytest.approx(0.2)
+
+
+def rounds_until_smooth(rate, *, hasten):
+    """Rounds until updates that leave a share of each coordinate's distance have got there."""
+    jerk, wanted, last = np.full(len(rate), 1e3), np.array([1e-2, 1.0, 1e2, 1e4]), None
+    rounds = 0
+    while (left := np.log(wanted / jerk)) @ left > 0.1**2:
+        stride = Stride(np.log(jerk), (1 - rate) * left)
+        jerk = hastened(last if hasten else None, stride)
+        last, rounds = stride, rounds + 1
+    return rounds
+
+
+def test_hastened_smoothness_gets_to_the_same_in_fewer_rounds():
+    rate = np.array([0.95, 0.8, 0.5, 0.1])
+    assert 4 * rounds_until_smooth(rate, hasten=True) < rounds_until_smooth(rate, hasten=False)
+
+
+def test_steps_of_smoothness_are_lengthened_where_they_lead_on_and_within_bounds():
+    before = Stride(np.zeros(4), np.array([0.5, 0.5, 2.0, 0.5]))
+    now = Stride(np.full(4, 0.5), np.array([0.4, -0.2, 2.0, 0.6]))
+    steps = np.log(hastened(before, now)) - now.place
+    np.testing.assert_allclose(steps, [4 * 0.4, -0.2, 3.0, 4 * 0.6])
+    np.testing.assert_allclose(np.log(hastened(None, now)), now.place + now.step)
+    far = Stride(np.zeros(2), np.array([10.0, -10.0]))
+    np.testing.assert_allclose(np.log(hastened(far, far)), far.step)
