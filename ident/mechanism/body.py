@@ -161,13 +161,16 @@ def free_joint(name: str, body: str, parent: int, index: int) -> tuple[Body, ...
     return (*links, Body(body, index + 2, np.eye(4), ball_twist(np.zeros(3)), name))
 
 
+_ROUNDED = 1e-9 + 1e-5 * np.eye(3)
+"""How far `R Rᵀ` of a rotation that a model states with few digits may be from the identity."""
+
+
 def is_rigid(T: np.ndarray) -> bool:
     """Whether 4×4 matrices (…, 4, 4) are poses, to rounding."""
-    if not np.isfinite(T).all():
+    if not np.isfinite(T).all() or (T[..., 3, :] != (0, 0, 0, 1)).any():
         return False
-    upright = np.array_equal(np.broadcast_to([0, 0, 0, 1], T[..., 3, :].shape), T[..., 3, :])
-    turned = np.allclose(T[..., :3, :3] @ np.swapaxes(T[..., :3, :3], -1, -2), np.eye(3), atol=1e-9)
-    return bool(upright and turned and (np.linalg.det(T[..., :3, :3]) > 0).all())
+    R = T[..., :3, :3]
+    return bool((abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)) <= _ROUNDED).all() and (np.linalg.det(R) > 0).all())
 
 
 def _is_joint_twist(twist: np.ndarray) -> bool:
