@@ -15,7 +15,12 @@ gc.set_threshold(100_000)
 PEOPLE = ("output/test_pages_in_browser.py", "studies/test_human.py", "studies/test_mechanism.py")
 """Files that need the same people (`persons`), who take longest to simulate."""
 
-FIRST = (*PEOPLE, *(f"studies/test_{name}.py" for name in ("joint_identification", "monte_carlo", "identify", "gait")))
+FIRST = (
+    *PEOPLE,
+    *(f"studies/test_{name}.py" for name in ("monte_carlo", "joint_identification", "identify", "gait", "misaligned")),
+    "tests/test_against_mujoco.py",
+    *(f"studies/test_{name}.py" for name in ("multicontact", "chair", "laboratory_arms")),
+)
 """Files that take longest begin first: none is left alone at the end."""
 
 

@@ -135,7 +135,7 @@ def written(name, folder):
     """Writes the page of a command, joint estimates of studies being the truth, and returns its file."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
-        patched.setattr(human_report.human, "study", lambda *_, laboratory, **__: briefly(rail=laboratory.rail))
+        patched.setattr(human_report.human, "study", lambda *_, **__: briefly())
         told(patched)
         assert COMMANDS[name](folder) == 0
     return folder / "out" / ("index.html" if name == "paper" else PAGE)

@@ -14,7 +14,6 @@ def study(seconds, **given):
     return _STUDIES[key]
 
 
-def briefly(*, rail):
-    """Two motions of a person on two force plates, who holds a rail or does not."""
-    laboratory = Laboratory(0.2, rate=50.0) if rail else Laboratory(rate=50.0, rail=False)
-    return study(2.0, laboratory=laboratory, activities=("squats", "arm swings"))
+def briefly():
+    """Two motions of a person on two force plates."""
+    return study(2.0, laboratory=Laboratory(rate=50.0, rail=False), activities=("squats", "arm swings"))

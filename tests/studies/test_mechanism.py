@@ -76,7 +76,7 @@ def out(tmp_path_factory):
         leave_undrawn(patched)
         patched.setattr(workers, "Processes", Here)
         told(patched)
-        person = briefly(rail=False)
+        person = briefly()
         patched.setattr(human, "study", lambda *args, **kwargs: person)
         assert everything([*OPTIONS, "--out", str(folder)]) == 0
     return folder
@@ -114,7 +114,7 @@ def test_everything_on_one_page(out):
 
 
 def test_two_feet_on_plates_tell_what_unseen_motions_need():
-    person = briefly(rail=False)
+    person = briefly()
     assert person.coverage > 0.85 and person.determined.sum() >= 9
     assert np.sqrt(np.mean(person.distances[1] ** 2)) < 1.4
     (late,) = (each for each in person.estimate.setup if each.name.startswith("delay"))
@@ -125,7 +125,7 @@ def test_two_feet_on_plates_tell_what_unseen_motions_need():
 
 @pytest.mark.usefixtures("undrawn", "no_joint", "here")
 def test_everything_resumes_what_was_interrupted(out, tmp_path, monkeypatch):
-    person = briefly(rail=False)
+    person = briefly()
     monkeypatch.setattr(human, "study", lambda *args, **kwargs: person)
     again = shutil.copytree(out, tmp_path / "results")
     (again / "multicontact" / "trials.npz").unlink()
