@@ -1,6 +1,6 @@
 # `make paper` regenerates the study, `make test` runs the tests; both set up their own environment in .venv.
-# `make test-extras` runs the tests that need the optional extras, `make docs` builds the pages into results/docs,
-# `make install` sets up the environment alone.
+# `make test-extras` runs the tests that need the optional extras or a browser, `make docs` builds the pages into
+# results/docs, `make install` sets up the environment alone.
 PYTHON ?= python3
 VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
@@ -13,9 +13,10 @@ unexport PYTHONDONTWRITEBYTECODE
 PARALLEL := --numprocesses auto --dist loadfile --no-loadscope-reorder
 # Only the model files of these packages are read, so they come without what their code needs.
 MODELS := example-robot-data robosuite dm_control
-# Those that skip without the extras, and fuzzing, which damages files in the extras' formats as well.
-OF_EXTRAS := tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py tests/runs/test_cluster.py \
-	tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/test_fuzz.py \
+BROWSER := tests/output/test_pages_in_browser.py
+# Those that skip without the extras or a browser, and fuzzing, which damages files in the extras' formats as well.
+OF_EXTRAS := $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
+	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/test_fuzz.py \
 	$(addprefix tests/studies/test_benchmark.py::test_,a_quick_run_compares_every_task_on_every_mechanism peers_have_the_same_regressor) \
 	tests/test_against_models.py tests/parameters/test_large_trees.py tests/recordings/formats tests/recordings/test_several_files.py \
 	tests/recordings/test_markers.py tests/studies/test_identify_formats.py
@@ -27,7 +28,7 @@ paper: $(INSTALLED)
 	$(BIN)/python -m experiments
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest $(PARALLEL) $(TESTS)
+	$(BIN)/python -m pytest $(PARALLEL) $(or $(TESTS),--ignore=$(BROWSER))
 
 test-extras: $(INSTALLED)
 	$(PIP) -e ".[test,symbolic,peers,cluster,completion,formats,docs]"
