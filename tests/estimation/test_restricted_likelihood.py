@@ -168,7 +168,7 @@ def test_smoothness_takes_nothing_of_the_motion_that_matters(rho, sigma, monkeyp
     monkeypatch.setattr(
         joint, "renewed", lambda noise, *at, **how: replace(noise, jerk=renewed(noise, *at, **how).jerk)
     )
-    z = np.array([turned(np.random.default_rng(seed), rho, sigma) for seed in range(40)])
+    z = np.array([turned(np.random.default_rng(seed), rho, sigma) for seed in range(24)])
     assert abs(z.mean()) < 0.5
     assert np.mean(np.abs(z) < 1.96) >= 0.9
 

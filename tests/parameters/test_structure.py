@@ -40,7 +40,7 @@ def test_coefficients_are_exact():
         assert abs(coefficients[round(exact, 9)] - exact) < 1e-15
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(36))
 def test_structure_equals_the_regressor_at_random_states(seed):
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, int(rng.integers(2, 9)), massless=0.2)
@@ -142,8 +142,8 @@ def test_pseudo_inertia_and_back():
 
 @pytest.mark.parametrize("moving_base", [False, True], ids=["resting", "moving"])
 def test_channels_of_the_base_wrench_see_what_their_regressor_shows(moving_base):
-    """Ranks and regroupings of some rows of the regressor, in frames at any pose and along frame axes, 40 trees."""
-    for seed in range(40):
+    """Ranks and regroupings of some rows of the regressor, in frames at any pose and along frame axes, 24 trees."""
+    for seed in range(24):
         rng = np.random.default_rng(seed)
         kinds = ("helical", "revolute") if seed % 4 == 0 else JOINTS
         tree = random_tree(rng, int(rng.integers(2, 6)), kinds=kinds, massless=0.1)
