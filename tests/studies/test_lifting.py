@@ -12,7 +12,7 @@ BETWEEN = (lifting.SQUAT + lifting.STOOP) / 2
 LIFTS = ((lifting.SQUAT, 0.35), (lifting.STOOP, 0.4))
 
 
-@pytest.fixture(scope="module", params=[0, 1])
+@pytest.fixture(scope="module", params=[0, 2])
 def lifts(request):
     """Somebody, and her estimate from a squat and a stoop, judged by a lift between them."""
     who, known, first = lifting.lifter(request.param), lifting.table(), 10 * request.param
