@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-import scipy
 from scipy import linalg
 
 from ident.estimation.accumulator import triangle_of
@@ -283,9 +282,3 @@ def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
     lag = np.clip((r[1:] * r[:-1]).sum(axis=0) / np.maximum((r**2).sum(axis=0), 1e-300), 0, 0.99)
     chance = columns / (len(r) * (1 - lag) / (1 + lag))
     return np.maximum(0, explained - np.minimum(chance, 1))
-
-
-def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies in Hz and amplitude spectral density of a signal (N,), by Welch's method."""
-    frequency, power = scipy.signal.welch(x, rate, nperseg=min(len(x), 512))
-    return frequency, np.sqrt(power)

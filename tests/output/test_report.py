@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mechanisms import random_tree
+from scipy import signal
 
 from experiments.output import identify_report, report
 from ident.recordings.atomic import PARTIAL, replacing
@@ -319,3 +320,12 @@ def test_names_are_no_formulas_of_spreadsheets(name):
     assert (first, head) == ("parameter", ["body", f"'{name}"])
     assert rows == [["m1", f"'{name}", "1.0"], [f"'{name}", "", "-2.5"]]
     assert name.strip() in table.text()
+
+
+@pytest.mark.parametrize("samples", [100, 511, 1777])
+def test_spectra_are_welchs(samples):
+    x = np.random.default_rng(0).normal(size=samples).cumsum()
+    frequency, amplitude = identify_report.amplitude_spectrum(x, 50.0)
+    expected = signal.welch(x, 50.0, nperseg=min(samples, 512))
+    np.testing.assert_array_equal(frequency, expected[0])
+    np.testing.assert_allclose(amplitude**2, expected[1], atol=1e-12 * expected[1].max())
