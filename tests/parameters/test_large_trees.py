@@ -1,4 +1,4 @@
-"""Regroupings that take long: 100 random trees, and dm_control's animals, of more than sixty bodies each."""
+"""Regroupings that take long: 40 random trees, and dm_control's animals, of more than sixty bodies each."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,8 +17,8 @@ FOUND = find_spec("dm_control")
 pytestmark = pytest.mark.skipif(FOUND is None, reason="dm_control is not installed; make test-extras does")
 
 
-def test_kept_columns_span_the_regressor_of_100_random_trees():
-    check_regroupings(100)
+def test_kept_columns_span_the_regressor_of_40_random_trees():
+    check_regroupings(40)
 
 
 @pytest.mark.parametrize("animal", ["dog_v2/dog.xml", "rodent.xml"])
