@@ -34,7 +34,7 @@ AVERAGED = 0.05
 """Time to either side over which contacts are averaged, s."""
 
 
-def knot_distance(recording: Recording, joints: tuple[str, ...], widest: float = WIDEST) -> float:
+def knot_distance(recording: Recording, joints: tuple[str, ...], widest: float) -> float:
     """Distance of the knots that the motion asks for, s, or the largest one that there may be."""
     try:
         highest = chosen_cutoff(coordinates(recording.without_streams, joints).values, recording.rate)
