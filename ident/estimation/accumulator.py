@@ -1,9 +1,10 @@
 """Least squares in one pass: what is kept of samples that have been seen, and how it adds.
 
-Of every channel the Gram matrix of its rows `[Y_b | Γ]` is kept, in coordinates in which they are nearly
-orthonormal: `Z = [Y_b | Γ] P⁻¹`, with the triangular factor P of a QR decomposition of a few samples. So the condition
-number is not squared, and the sum is as accurate as a Householder QR of all rows. Where later samples excite what the
-first ones did not, P is renewed by a QR of all that is known stacked on the chunk.
+Of every channel the Gram matrix of its rows `[Y_b | Γ]` is kept, in coordinates in which they are far from dependent:
+`Z = [Y_b | Γ] P⁻¹`. A column that sticks out of the span of those before it stays as it is; from the others, of which
+Γ is one where the model fits, what those before them say is subtracted, as a QR decomposition of a few samples tells
+it. So the condition number is not squared, and the sum is as accurate as a Householder QR of all rows. Where later
+samples excite what the first ones did not, P is renewed by a QR of all that is known stacked on the chunk.
 
 Columns that only few channels see come first (`Equations.order`), so that for the other channels the triangle P begins
 behind them: forces do not see inertias.
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ident.errors import InputError
-from ident.estimation.chunks import Chunk, chunks
+from ident.estimation.chunks import Chunk, chunks, inverse_of
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 
@@ -29,8 +30,9 @@ FLOOR = 1e-7
 LAPACK_BLOCK = 32
 """Columns that LAPACK takes together if it has room for them."""
 
-SPREAD = 100.0
-"""How far from orthogonal columns may become in their coordinates before these are renewed."""
+APART, TOO_CLOSE = 0.1, 0.01
+"""Part of a column's squares that sticks out of the span of those before it: at least, for it to stay as it is among
+the coordinates, and below which coordinates are renewed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +43,7 @@ class Accumulator:
 
     Attributes:
         names: Names of the r columns.
-        factor: P, upper triangular if its columns are taken in their order (r + 1, r + 1).
+        factor: P, unit upper triangular if its columns are taken in their order (r + 1, r + 1).
         order: That order, the measurements last (r + 1,).
         grams: Gram matrix of the rows `[Y_b | Γ] P⁻¹` of each channel (C, r + 1, r + 1).
         samples: Number of samples.
@@ -125,8 +127,8 @@ def _natural(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
 def square_root(gram: np.ndarray) -> np.ndarray:
     """A square matrix T with `Tᵀ T = gram`, also of a singular one."""
     scale = np.sqrt(np.maximum(np.diag(gram), 0))
-    scale = np.where(scale > 0, scale, 1)
-    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    unit = np.where(scale > 0, scale, 1)
+    values, vectors = np.linalg.eigh(gram / np.outer(unit, unit))
     return np.sqrt(np.maximum(values, 0))[:, None] * vectors.T * scale
 
 
@@ -180,9 +182,14 @@ def accumulate_checked(
 
 
 def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Factor of rows (m, k), triangular with its columns in an order, regular whatever they are (k, k)."""
-    out = np.empty((len(order), len(order)))
-    out[:, order] = _regular_triangle(rows[:, order])
+    """Coordinates P for rows (m, k), triangular with its columns in an order (k, k)."""
+    triangle = _regular_triangle(rows[:, order])
+    squares = triangle.diagonal() ** 2
+    stays = squares >= APART * (triangle**2).sum(axis=0)
+    # Times the diagonal, a column of the inverse is what has to be subtracted from that of the rows.
+    inverse = np.where(stays, np.eye(len(order)), inverse_of(triangle) * triangle.diagonal())
+    out = np.empty_like(triangle)
+    out[:, order] = inverse_of(inverse)
     return out
 
 
@@ -210,4 +217,4 @@ def triangle_of(rows: np.ndarray) -> np.ndarray:
 def _is_orthogonal(gram: np.ndarray) -> bool:
     """Whether every column sticks out of the span of those before it by a fair part."""
     triangle, failed = lapack.dpotrf(gram)
-    return not failed and bool((triangle.diagonal() ** 2 * SPREAD > gram.diagonal()).all())
+    return not failed and bool((triangle.diagonal() ** 2 > TOO_CLOSE * gram.diagonal()).all())

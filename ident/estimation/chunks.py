@@ -24,9 +24,6 @@ INPUTS = 2**20
 SMALL = 16
 """Columns below which a general matrix product is faster than a symmetric one."""
 
-WIDTH = 64
-"""Columns that are multiplied with a triangle together, what is below it left out."""
-
 
 class Chunk(NamedTuple):
     """Some samples of equations.
@@ -99,26 +96,26 @@ def _grams(rows: np.ndarray, first: Sequence[int], factor: np.ndarray) -> np.nda
     """Gram matrices by BLAS (C, r + 1, r + 1).
 
     Args:
-        rows: Columns first, in their order (r + 1, C, n).
+        rows: Columns first, in their order (r + 1, C, n); in the end they are as they were.
         first: The first column that each channel sees (C,).
         factor: Upper triangular (r + 1, r + 1).
     """
     inverse = inverse_of(factor)
+    changed = changing(inverse)
     grams = np.zeros((rows.shape[1], len(rows), len(rows)))
     for gram, channel, start in zip(grams, np.moveaxis(rows, 1, 0), first, strict=True):
-        Z = _in_coordinates(channel[start:], inverse[start:, start:])
+        own = changed[changed >= start]
+        Z, before = channel[start:], channel[own]
+        Z[own - start] = inverse[start:, own].T @ Z
         # Times itself numpy takes it to BLAS's symmetric product, which is slower than the general one if it is small.
         np.matmul(Z, (Z.copy() if len(Z) < SMALL else Z).T, out=gram[start:, start:])
+        channel[own] = before
     return grams
 
 
-def _in_coordinates(columns: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Columns (k, n) times an upper triangular matrix from the right (k, n)."""
-    out = np.empty_like(columns)
-    for start in range(0, len(columns), WIDTH):
-        stop = start + WIDTH
-        np.matmul(inverse[:stop, start:stop].T, columns[:stop], out=out[start:stop])
-    return out
+def changing(inverse: np.ndarray) -> np.ndarray:
+    """Which columns a triangular matrix changes that others are multiplied with."""
+    return np.flatnonzero((inverse != np.eye(len(inverse))).any(axis=0))
 
 
 def inverse_of(factor: np.ndarray) -> np.ndarray:

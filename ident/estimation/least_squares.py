@@ -211,7 +211,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
     residual = np.append(-shift, scale)
     squares = np.maximum(residual @ accumulated.grams @ residual, 0)
     own = accumulated.grams[:, :m, :m]
-    seen = np.trace(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * np.trace(gram[:m, :m])
+    seen = (np.diagonal(own, axis1=1, axis2=2) > ZERO_COLUMN**2 * gram[:m, :m].diagonal()).any(axis=1)
     half = (inverse_of(P_b) @ inverse)[natural]
     if accumulated.weighted:
         covariance = half @ half.T

@@ -1,0 +1,206 @@
+/* What `blocks.c` compiles for registers of BITS, with functions of that TARGET. */
+#define JOINED(name, bits) name##_##bits
+#define NAMED(name, bits) JOINED(name, bits)
+#define OWN(name) NAMED(name, BITS)
+#define INLINE TARGET static inline __attribute__((always_inline))
+
+/* Numbers that are worked on side by side, and their signs. */
+#define LANES (BITS / 64)
+typedef double OWN(lanes) __attribute__((vector_size(BITS / 8), aligned(8)));
+typedef int64_t OWN(signs) __attribute__((vector_size(BITS / 8), aligned(8)));
+#define lanes OWN(lanes)
+#define signs OWN(signs)
+
+/* sin x = r - r³/3! + r⁵/5! … of what multiples of a quarter turn leave of x, |r| ≤ π/4; terms left out: below 1e-18. */
+INLINE double OWN(sine_series)(double r, double z) {
+    return r - r * z * (1.0 / 6 - z * (1.0 / 120 - z * (1.0 / 5040 - z * (1.0 / 362880 - z * (1.0 / 39916800
+           - z * (1.0 / 6227020800 - z * (1.0 / 1307674368000 - z / 355687428096000)))))));
+}
+
+INLINE double OWN(cosine_series)(double z) {
+    return 1 - z * (0.5 - z * (1.0 / 24 - z * (1.0 / 720 - z * (1.0 / 40320 - z * (1.0 / 3628800
+           - z * (1.0 / 479001600 - z * (1.0 / 87178291200 - z / 20922789888000)))))));
+}
+
+/* y = sin(x + quarters π/2), to about a unit in the last place; libm's own functions take each number by itself. */
+INLINE void OWN(sines)(const double *x, double *y, int64_t quarters) {
+    /* π/2 in three parts; multiples of the first two, of 33 digits, up to 2¹⁹ are exact (Cody and Waite's reduction). */
+    const double first = 0x1.921fb544p+0, second = 0x1.0b4611a6p-34, third = 0x1.3198a2e037073p-69;
+    const double per_radian = 0x1.45f306dc9c883p-1, rounding = 0x1.8p+52;
+    int64_t far = 0;
+    for (int s = 0; s < BLOCK; s++) far |= fabs(x[s]) < 0x1p+19 ? 0 : 1;
+    if (far) {
+        for (int s = 0; s < BLOCK; s++) y[s] = quarters ? cos(x[s]) : sin(x[s]);
+        return;
+    }
+    for (int s = 0; s < BLOCK; s++) {
+        /* Where this large number is added, the last digits are an integer. */
+        double shifted = x[s] * per_radian + rounding, turns = shifted - rounding;
+        double r = x[s] - turns * first - turns * second - turns * third, z = r * r;
+        int64_t quadrant;
+        memcpy(&quadrant, &shifted, sizeof quadrant);
+        quadrant += quarters;
+        double sine = OWN(sine_series)(r, z), cosine = OWN(cosine_series)(z);
+        double value = quadrant & 1 ? cosine : sine;
+        y[s] = quadrant & 2 ? -value : value;
+    }
+}
+
+/* y = ± a b ± c */
+INLINE void OWN(linear)(const double *a, const double *b, const double *c, int64_t minus_product, int64_t minus,
+                        double *y) {
+    const signs of_product = (signs){0} + minus_product * INT64_MIN, of_c = (signs){0} + minus * INT64_MIN;
+    for (int s = 0; s < BLOCK; s += LANES) {
+        const signs first = *(const signs *)(a + s) ^ of_product, last = *(const signs *)(c + s) ^ of_c;
+        *(lanes *)(y + s) = (lanes)first * *(const lanes *)(b + s) + (lanes)last;
+    }
+}
+
+INLINE void OWN(run_block)(const program *p, double *const *at) {
+    const step *end = p->code + p->steps;
+    for (const step *k = p->code; k < end; k++) {
+        const double *a = at[k->a], *b = at[k->b];
+        double *y = at[k->result];
+        switch (k->operation) {
+        case LINEAR: OWN(linear)(a, b, at[k->c], k->minus_product, k->minus, y); break;
+        case SINE: OWN(sines)(a, y, 0); break;
+        case COSINE: OWN(sines)(a, y, 1); break;
+        case TANGENT: for (int s = 0; s < BLOCK; s++) y[s] = tanh(a[s]); break;
+        case DIVIDE: for (int s = 0; s < BLOCK; s++) y[s] = a[s] / b[s]; break;
+        }
+    }
+}
+
+INLINE void OWN(fill)(double *block, double number) {
+    for (int s = 0; s < BLOCK; s++) block[s] = number;
+}
+
+/* Tells places where numbers, registers, zero and one are, and writes what does not change from block to block. */
+INLINE void OWN(furnish)(const program *p, const double *numbers, double **at, double *room) {
+    double **own = at + p->inputs, **registers = own + p->numbers + p->results;
+    for (int64_t k = 0; k < p->numbers; k++, room += BLOCK) OWN(fill)(own[k] = room, numbers[k]);
+    for (int64_t k = 0; k < p->registers; k++, room += BLOCK) registers[k] = room;
+    for (int k = 0; k < 2; k++, room += BLOCK) OWN(fill)(registers[p->registers + k] = room, k);
+}
+
+/* Writes the results of a block that begins with a sample of the inputs; rows are so many numbers apart. */
+INLINE void OWN(results_of_block)(const program *p, const double *inputs, int64_t input_stride, double *out,
+                                  int64_t out_stride, double **at) {
+    for (int64_t k = 0; k < p->inputs; k++) at[k] = (double *)inputs + k * input_stride;
+    for (int64_t k = 0; k < p->results; k++) at[p->inputs + p->numbers + k] = out + k * out_stride;
+    OWN(run_block)(p, at);
+}
+
+/* Writes the results of n samples, one block at least; the last two overlap if n is no multiple of a block.
+ *
+ * at: room for as many pointers as there are places; room: for a block of all numbers and registers, zero and one.
+ */
+TARGET void OWN(run)(const program *p, const double *numbers, const double *inputs, int64_t input_stride, double *out,
+                     int64_t out_stride, int64_t n, double **at, double *room) {
+    OWN(furnish)(p, numbers, at, room);
+    for (int64_t start = 0; start < n; start += BLOCK) {
+        int64_t first = start < n - BLOCK ? start : n - BLOCK;
+        OWN(results_of_block)(p, inputs + first, input_stride, out + first, out_stride, at);
+    }
+}
+
+/* A column j of a channel times a weight and those before it times theirs, which are column j of a triangle (k, k). */
+INLINE void OWN(combine)(const double *columns, int64_t stride, const double *weights, int64_t first, int64_t j,
+                         int64_t k, double *out) {
+    for (int64_t s = 0; s < GROUP; s += 4 * LANES) {
+        lanes sum[4] = {{0}};
+        for (int64_t i = first; i <= j; i++)
+            for (int v = 0; v < 4; v++)
+                sum[v] += weights[i * k + j] * *(const lanes *)(columns + i * stride + s + v * LANES);
+        for (int v = 0; v < 4; v++) *(lanes *)(out + s + v * LANES) = sum[v];
+    }
+}
+
+INLINE double OWN(total)(const lanes *x) {
+    double sum[LANES];
+    memcpy(sum, x, sizeof sum);
+    for (int half = LANES / 2; half; half /= 2)
+        for (int v = 0; v < half; v++) sum[v] += sum[v + half];
+    return sum[0];
+}
+
+/* Adds the products of some columns a with some b to their sums, which are k apart. */
+INLINE void OWN(add_tile)(const double *const *a, const double *const *b, int64_t k, double *sums) {
+    lanes sum[TILE][TILE_WIDTH] = {{{0}}};
+    for (int64_t s = 0; s < GROUP; s += LANES)
+        for (int r = 0; r < TILE; r++)
+            for (int c = 0; c < TILE_WIDTH; c++)
+                sum[r][c] += *(const lanes *)(a[r] + s) * *(const lanes *)(b[c] + s);
+    for (int r = 0; r < TILE; r++)
+        for (int c = 0; c < TILE_WIDTH; c++) sums[r * k + c] += OWN(total)(&sum[r][c]);
+}
+
+/* Adds the products of all pairs of columns, a multiple of TILE, to their sums; not all of those above the diagonal. */
+INLINE void OWN(add_products)(const double *const *columns, int64_t first, int64_t k, double *sums) {
+    for (int64_t j = first; j < k; j += TILE)
+        for (int64_t i = first; i < j + TILE; i += TILE_WIDTH)
+            OWN(add_tile)(columns + j, columns + i, k, sums + j * k + i);
+}
+
+/* Writes what is below the diagonal of a symmetric matrix (k, k) above it. */
+INLINE void OWN(mirror)(double *matrix, int64_t k) {
+    for (int64_t j = 0; j < k; j++)
+        for (int64_t i = 0; i < j; i++) matrix[i * k + j] = matrix[j * k + i];
+}
+
+/* Sums of products of the columns of least squares, in coordinates, over n samples, one block at least.
+ *
+ * A program computes the first columns of C channels, others are constant, and measurements are the last of k. With as
+ * many columns of zeros as make a multiple of TILE they are K.
+ *
+ * measured, weights: numbers of each sample and channel (n, C); weights may be missing.
+ * inverse: upper triangular (k, k), what columns are multiplied with; changed: which of them it changes.
+ * first: of each channel, a multiple of TILE before which all columns are zero.
+ * rows: columns of a group (k, C, COLUMN), where the constants are; columns, work: room for as many pointers as columns
+ * of a channel, and zeros for their numbers (K, COLUMN).
+ * sums: of products of pairs of columns (C, K, K).
+ */
+TARGET void OWN(grams)(const program *p, const double *numbers, const double *inputs, int64_t input_stride,
+                       const double *measured, const double *weights, int64_t n, int64_t C, int64_t k,
+                       const double *inverse, const int64_t *changed, int64_t changes, const int64_t *first,
+                       double **at, double *room, double *rows, const double **columns, double *work, double *sums) {
+    const int64_t K = (k + TILE - 1) / TILE * TILE;
+    memset(sums, 0, C * K * K * sizeof *sums);
+    OWN(furnish)(p, numbers, at, room);
+    for (int64_t j = k; j < K; j++) columns[j] = work + j * COLUMN;
+    for (int64_t group = 0; group < n; group += GROUP) {
+        double weight[GROUP] = {0};
+        int64_t sample[GROUP] = {0};
+        for (int64_t b = 0; b < GROUP && group + b < n; b += BLOCK) {
+            /* The last block begins with samples that were there before, and count no more. */
+            int64_t begin = group + b < n - BLOCK ? group + b : n - BLOCK;
+            OWN(results_of_block)(p, inputs + begin, input_stride, rows + b, COLUMN, at);
+            for (int s = 0; s < BLOCK; s++) {
+                sample[b + s] = begin + s;
+                weight[b + s] = begin + s < group + b ? 0 : 1;
+            }
+        }
+        for (int64_t c = 0; c < C; c++) {
+            double *own = rows + c * COLUMN, *last = own + (k - 1) * C * COLUMN;
+            for (int s = 0; s < GROUP; s++) last[s] = measured[sample[s] * C + c];
+            for (int64_t j = first[c]; j < k; j++) columns[j] = own + j * C * COLUMN;
+            for (int64_t m = 0; m < changes; m++) {
+                double *out = work + changed[m] * COLUMN;
+                OWN(combine)(own, C * COLUMN, inverse, first[c], changed[m], k, out);
+                columns[changed[m]] = out;
+            }
+            if (weights || group + GROUP > n)
+                for (int64_t j = first[c]; j < k; j++) {
+                    double *out = work + j * COLUMN;
+                    for (int s = 0; s < GROUP; s++)
+                        out[s] = columns[j][s] * weight[s] * (weights ? weights[sample[s] * C + c] : 1);
+                    columns[j] = out;
+                }
+            OWN(add_products)(columns, first[c], K, sums + c * K * K);
+        }
+    }
+    for (int64_t c = 0; c < C; c++) OWN(mirror)(sums + c * K * K, K);
+}
+
+#undef lanes
+#undef signs
