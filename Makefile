@@ -57,7 +57,7 @@ $(INSTALLED)-docs: $(INSTALLED)
 	$(PIP) -e ".[test,docs]"
 	touch $@
 
-$(INSTALLED): pyproject.toml ident/model/blocks.c $(CONSTRAINTS)
+$(INSTALLED): pyproject.toml ident/model/blocks.c ident/model/kernels.h $(CONSTRAINTS)
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and \
 		'Python 3.11 or newer is needed, $(PYTHON) is older: use make PYTHON=python3.12, say.')"
 	$(PYTHON) -m venv $(VENV)

@@ -87,7 +87,8 @@ def _compiled_chunks(
                 return _grams(rows(1, part, weights), first, factor)
             inputs = program_inputs(part.motion, equations.mechanism.gravity)
             triangle = inverse_of(factor)
-            return program.encoded.grams(numbers, inputs, memory, part.measured, weights, triangle, first)
+            changed = changing(triangle)
+            return program.encoded.grams(numbers, inputs, memory, part.measured, weights, triangle, changed, first)
 
         yield Chunk(len(part), rows, grams)
 

@@ -15,28 +15,20 @@ from typing import Any
 
 import numpy as np
 
+from ident.model.steps import Code, steps
+
 VARIABLE = "MULTICONTACT_COMPILED"
 """Environment variable that switches compiled code off."""
 
-VERSION = 3
+VERSION = 4
 """Of what is called here, as `blocks.c` has it."""
 
-BLOCK, COLUMN = 32, 136
-"""Samples that programs work on at once, and need at least; and the room for a column of samples whose products are
-taken at once."""
+BLOCK, COLUMN, TILE = 64, 136, 4
+"""Samples that programs work on at once, and need at least; room for a column of samples whose products are taken at
+once; and columns of which they are."""
 
-OPERATIONS = (
-    np.negative,
-    np.positive,
-    np.sin,
-    np.cos,
-    np.tanh,
-    np.add,
-    np.subtract,
-    np.multiply,
-    np.divide,
-)
-"""Operations in the order of `blocks.c`."""
+WIDTHS = 128, 256, 512
+"""Widths of registers, bits, that there may be code for."""
 
 LINE = 64
 """Bytes that processors fetch together; rows that begin with one are read and written faster."""
@@ -72,11 +64,11 @@ def switched(on: bool) -> Iterator[None]:
 class Encoded:
     """A program in the form that compiled code takes."""
 
-    def __init__(self, sizes: tuple[int, int, int], code: Sequence[tuple[np.ufunc, int, int | None, int]]) -> None:
+    def __init__(self, sizes: tuple[int, int, int], code: Code) -> None:
         """From its numbers of operands that are inputs or numbers, of results and of registers, and from its code."""
         self.operands, self.results, self.registers = sizes
-        steps = [(OPERATIONS.index(operation), a, a if b is None else b, target) for operation, a, b, target in code]
-        self.code = np.array(steps, np.int32).reshape(-1, 4)
+        own = self.operands + self.results
+        self.code = steps(code, own, own + self.registers, own + self.registers + 1)
 
     def run(self, numbers: np.ndarray, inputs: np.ndarray, out: np.ndarray) -> None:
         """Carries it out.
@@ -87,7 +79,7 @@ class Encoded:
             out: Where results go, likewise (K, C), of at least `BLOCK` samples.
         """
         program, operands, places, room, _held = self._with(numbers)
-        _loaded().run(program, operands, *_rows(inputs), *_rows(out), out.shape[1], places, room)
+        _kernel("run")(program, operands, *_rows(inputs), *_rows(out), out.shape[1], places, room)
 
     def grams(
         self,
@@ -97,6 +89,7 @@ class Encoded:
         measured: np.ndarray,
         weights: np.ndarray | None,
         inverse: np.ndarray,
+        changed: np.ndarray,
         first: Sequence[int],
     ) -> np.ndarray:
         """Gram matrices of columns times a triangular matrix, of which the program computes the first ones.
@@ -107,6 +100,7 @@ class Encoded:
             measured: The last column (n, C).
             weights: What rows are multiplied by (n, C).
             inverse: Upper triangular (k, k).
+            changed: Which columns it changes.
             first: The first column that each channel sees (C,).
 
         Returns:
@@ -116,24 +110,25 @@ class Encoded:
         program, operands, places, room, _held = self._with(numbers)
         measured, inverse = np.ascontiguousarray(measured, float), np.ascontiguousarray(inverse)
         weights = None if weights is None else np.ascontiguousarray(weights, float)
-        even = k + k % 2
-        starts, work = np.array(first, np.int64) // 2 * 2, zeros(even, COLUMN)
-        sums = np.empty((channels, even, even))
-        _loaded().grams(
+        whole = -(-k // TILE) * TILE
+        starts, changed = np.array(first, np.int64) // TILE * TILE, changed.astype(np.int64)
+        columns, work = np.empty(whole, np.intp), zeros(whole, COLUMN)
+        sums = np.empty((channels, whole, whole))
+        _kernel("grams")(
             program,
             operands,
             *_rows(inputs),
             measured.ctypes.data,
             None if weights is None else weights.ctypes.data,
-            *(samples, channels, k, inverse.ctypes.data, starts.ctypes.data, places, room),
-            *(rows.ctypes.data, work.ctypes.data, sums.ctypes.data),
+            *(samples, channels, k, inverse.ctypes.data, changed.ctypes.data, len(changed), starts.ctypes.data),
+            *(places, room, rows.ctypes.data, columns.ctypes.data, work.ctypes.data, sums.ctypes.data),
         )
         return sums[:, :k, :k]
 
     def _with(self, numbers: np.ndarray) -> tuple[Any, int, int, int, object]:
         """The program, addresses of its numbers and of what it works in, and what holds that."""
-        places = np.empty(self.operands + self.results + self.registers, np.intp)
-        room = zeros(len(numbers) + self.registers, BLOCK)
+        places = np.empty(self.operands + self.results + self.registers + 2, np.intp)
+        room = zeros(len(numbers) + self.registers + 2, BLOCK)
         sizes = self.operands - len(numbers), len(numbers), self.results, self.registers, len(self.code)
         program = _Program(*sizes, self.code.ctypes.data)
         return byref(program), numbers.ctypes.data, places.ctypes.data, room.ctypes.data, (numbers, places, room)
@@ -153,10 +148,17 @@ def _rows(x: np.ndarray) -> tuple[int, int]:
     return x.ctypes.data, x.strides[0] // 8
 
 
-def _loaded() -> CDLL:
+def _kernel(name: str) -> Any:
+    """A function of the compiled code."""
+    return getattr(_library(), f"{name}_{_width()}")
+
+
+@cache
+def _width() -> int:
+    """Of the widest registers of this processor that there is code for, bits."""
     library = _library()
     assert library is not None
-    return library
+    return int(library.widest())
 
 
 @cache
@@ -173,7 +175,10 @@ def _library() -> CDLL | None:
     if built != VERSION:
         return None
     program, address, number = POINTER(_Program), c_void_p, c_int64
-    library.run.argtypes = (program, address, *(address, number) * 2, number, address, address)
-    library.grams.argtypes = (program, *(address,) * 2, number, *(address,) * 2, *(number,) * 3, *(address,) * 7)
-    library.run.restype = library.grams.restype = None
+    rows = address, number
+    for bits in (width for width in WIDTHS if width <= library.widest()):
+        run, grams = (getattr(library, f"{name}_{bits}") for name in ("run", "grams"))
+        run.argtypes = program, address, *rows, *rows, number, address, address
+        grams.argtypes = program, address, *rows, *(address,) * 2, *(number,) * 3, address, *rows, *(address,) * 7
+        run.restype = grams.restype = None
     return library

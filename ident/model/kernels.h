@@ -61,8 +61,11 @@ INLINE void OWN(run_block)(const program *p, double *const *at) {
     for (const step *k = p->code; k < end; k++) {
         const double *a = at[k->a], *b = at[k->b];
         double *y = at[k->result];
+        if (k->operation == LINEAR) {
+            OWN(linear)(a, b, at[k->c], k->minus_product, k->minus, y);
+            continue;
+        }
         switch (k->operation) {
-        case LINEAR: OWN(linear)(a, b, at[k->c], k->minus_product, k->minus, y); break;
         case SINE: OWN(sines)(a, y, 0); break;
         case COSINE: OWN(sines)(a, y, 1); break;
         case TANGENT: for (int s = 0; s < BLOCK; s++) y[s] = tanh(a[s]); break;
@@ -168,6 +171,7 @@ TARGET void OWN(grams)(const program *p, const double *numbers, const double *in
     memset(sums, 0, C * K * K * sizeof *sums);
     OWN(furnish)(p, numbers, at, room);
     for (int64_t j = k; j < K; j++) columns[j] = work + j * COLUMN;
+    double *last = rows + (k - 1) * C * COLUMN;
     for (int64_t group = 0; group < n; group += GROUP) {
         double weight[GROUP] = {0};
         int64_t sample[GROUP] = {0};
@@ -178,11 +182,11 @@ TARGET void OWN(grams)(const program *p, const double *numbers, const double *in
             for (int s = 0; s < BLOCK; s++) {
                 sample[b + s] = begin + s;
                 weight[b + s] = begin + s < group + b ? 0 : 1;
+                for (int64_t c = 0; c < C; c++) last[c * COLUMN + b + s] = measured[(begin + s) * C + c];
             }
         }
         for (int64_t c = 0; c < C; c++) {
-            double *own = rows + c * COLUMN, *last = own + (k - 1) * C * COLUMN;
-            for (int s = 0; s < GROUP; s++) last[s] = measured[sample[s] * C + c];
+            double *own = rows + c * COLUMN;
             for (int64_t j = first[c]; j < k; j++) columns[j] = own + j * C * COLUMN;
             for (int64_t m = 0; m < changes; m++) {
                 double *out = work + changed[m] * COLUMN;

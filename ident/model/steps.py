@@ -1,0 +1,77 @@
+"""Steps of a program as `blocks.c` takes them: sums take up products and negatives that nothing else needs.
+
+Sums, differences, negatives and products are all `± a b ± c`, with ones and zeros for what they lack.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+Code = Sequence[tuple[np.ufunc, int, int | None, int]]
+"""Operation, places of its one or two operands, and place of its result."""
+
+LINEAR = 0
+"""What `blocks.c` calls `± a b ± c`."""
+
+OTHERS = {np.sin: 1, np.cos: 2, np.tanh: 3, np.divide: 4}
+"""What it calls the other operations."""
+
+
+def steps(code: Code, registers: int, zero: int, one: int) -> np.ndarray:
+    """The steps: operation, places of a, b, c and of the result, whether `a b` is subtracted, and whether c is.
+
+    Args:
+        code: What is to be done.
+        registers: The first place of intermediate results.
+        zero: Place of zeros.
+        one: Place of ones.
+    """
+    taken_up, found = _taken_up(code, registers), []
+    # Signed products that have not been computed, by the places where they would be.
+    products = dict[int, tuple[int, int, bool]]()
+    for k, (operation, x, y, target) in enumerate(code):
+        if operation in OTHERS:
+            found.append((OTHERS[operation], x, x if y is None else y, zero, target, False, False))
+            products.pop(target, None)
+            continue
+        term, c, minus = products.get(x, (x, one, False)), zero, False
+        if operation is np.negative:
+            term = *term[:2], not term[2]
+        elif y is not None:
+            factor, b, sign = products.get(y, (y, one, False))
+            if operation is np.multiply:
+                term = term[0], factor, term[2] != sign
+            else:
+                other = factor, b, sign != (operation is np.subtract)
+                term, (c, _, minus) = (term, other) if b == one else (other, term)
+        if k in taken_up:
+            products[target] = term
+        else:
+            products.pop(target, None)
+            found.append((LINEAR, *term[:2], c, target, term[2], minus))
+    return np.array(found, np.int32).reshape(-1, 7)
+
+
+def _taken_up(code: Code, registers: int) -> set[int]:
+    """Negatives and products that others compute: of all that need a negative; of a sum, one product it alone needs.
+
+    What they are made of must still be there then.
+    """
+    taken, with_product = set[int](), set[int]()
+    readers, overwritten = defaultdict[int, list[int]](list), dict[int, int]()
+    for k in reversed(range(len(code))):
+        operation, x, y, target = code[k]
+        operands, own = (x,) if y is None else (x, y), readers.pop(target, [])
+        last = max(own, default=k)
+        there = target >= registers and all(overwritten.get(place, last) >= last for place in operands)
+        alone = len(own) == 1 and code[last][0] in (np.add, np.subtract) and last not in with_product
+        if there and operation is np.negative and own and not any(code[reader][0] in OTHERS for reader in own):
+            taken.add(k)
+        if there and operation is np.multiply and alone:
+            taken.add(k)
+            with_product.add(last)
+        overwritten[target] = k
+        for place in operands:
+            readers[place] += own if k in taken else [k]
+    return taken

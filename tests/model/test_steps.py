@@ -1,0 +1,75 @@
+"""Steps for compiled code do what the code says, whatever they take up."""
+
+import numpy as np
+import pytest
+
+from ident.model import compiled
+from ident.model.steps import LINEAR, steps
+from ident.model.tape import Program, Tape
+
+INPUTS, NUMBERS, RESULTS, REGISTERS = 3, (2.0, -0.5), 3, 4
+FIRST = INPUTS + len(NUMBERS) + RESULTS
+SIMPLE = (np.negative, np.positive, np.add, np.subtract, np.multiply)
+OTHERS = (np.sin, np.cos, np.tanh, np.divide)
+
+
+def random_program(rng, length):
+    """Mostly of sums, products and negatives, which use few registers again and again, as programs do."""
+    readable = list(range(INPUTS + len(NUMBERS)))
+    code = []
+    for _ in range(length):
+        operation = OTHERS[rng.integers(4)] if rng.random() < 0.1 else SIMPLE[rng.integers(5)]
+        x, y = (int(readable[k]) for k in rng.integers(len(readable), size=2))
+        target = int(rng.integers(FIRST - RESULTS if rng.random() < 0.2 else FIRST, FIRST + REGISTERS))
+        # A quotient by what is not small, that errors of rounding stay as they are.
+        y = INPUTS if operation is np.divide else y
+        code.append((operation, x, y if operation.nin == 2 else None, target))
+        readable += [target] * (target not in readable)
+    code += [(np.positive, readable[-1 - k % 4], None, FIRST - RESULTS + k) for k in range(RESULTS)]
+    return Program(INPUTS, NUMBERS, RESULTS, REGISTERS, (), tuple(code))
+
+
+@pytest.mark.skipif(not compiled.available(), reason="built without a compiler, or switched off")
+@pytest.mark.parametrize("seed", range(30))
+def test_random_programs_give_what_numpy_gives(seed):
+    rng = np.random.default_rng(seed)
+    for length in range(1, 20):
+        program, x = random_program(rng, length), rng.normal(size=(INPUTS, compiled.BLOCK))
+        found = []
+        for on in (False, True):
+            out = np.zeros((RESULTS, compiled.BLOCK))
+            with compiled.switched(on), np.errstate(over="ignore", invalid="ignore"):
+                program.run(x, out)
+            found.append(out)
+        np.testing.assert_allclose(*found, rtol=1e-9, atol=1e-9 * np.max(abs(found[0]), initial=1))
+
+
+def of(expression, inputs=4):
+    """The steps of an expression, and its program."""
+    tape = Tape(inputs)
+    program = Program.of(tape, [expression(*tape.inputs)])
+    first = inputs + len(program.numbers)
+    return steps(program.code, first + 1, -2, -1).tolist(), first
+
+
+def test_a_sum_takes_up_one_product():
+    found, result = of(lambda a, b, c, d: a * b + c * d)
+    assert len(found) == 2 and found[-1][4] == result
+    assert of(lambda a, b, c, _: c - a * b) == ([[LINEAR, 0, 1, 2, 4, 1, 0]], 4)
+    assert of(lambda a, b, c, _: a * b - c) == ([[LINEAR, 0, 1, 2, 4, 0, 1]], 4)
+
+
+def test_what_is_needed_twice_is_computed():
+    found, _ = of(lambda a, b, c, d: (a * b + c) * (a * b - d))
+    assert len(found) == 4
+
+
+def test_negatives_are_taken_up():
+    """y = -a + (-a) b in one step."""
+    code = [(np.negative, 0, None, 5), (np.multiply, 5, 1, 6), (np.add, 5, 6, 4)]
+    assert steps(code, 5, -2, -1).tolist() == [[LINEAR, 0, 1, 0, 4, 1, 1]]
+
+
+def test_what_is_overwritten_is_not_taken_up():
+    code = [(np.multiply, 5, 1, 6), (np.add, 0, 1, 5), (np.add, 5, 6, 4)]
+    assert len(steps(code, 5, -2, -1)) == 3
