@@ -1,6 +1,7 @@
 """How a mechanism moves: its joints, and the base frame that they hang on."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +63,10 @@ class BaseMotion:
 
     def __getitem__(self, which: Which) -> "BaseMotion":
         """Some of the samples."""
-        return BaseMotion(self.T[which], self.V[which], self.dV[which])
+        some = copy(self)  # What was checked needs no further check.
+        for key in ("T", "V", "dV"):
+            object.__setattr__(some, key, getattr(self, key)[which])
+        return some
 
 
 @dataclass(frozen=True, eq=False)
