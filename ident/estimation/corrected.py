@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.accumulator import triangle_of
 from ident.estimation.equations import Equations
 from ident.estimation.joint_estimate import Joint
 from ident.estimation.least_squares import Fit
@@ -112,7 +111,7 @@ def as_fit(estimate: Joint, samples: Samples, equations: Equations, widening: fl
         values=fit.theta[:m],
         covariance=covariance,
         weighted=True,
-        triangle=_root_of_inverse(covariance),
+        root=_root_of_inverse(covariance),
         rows=samples.measured.size,
         samples=len(samples),
         residual_norms=np.zeros(samples.measured.shape[1]),
@@ -123,7 +122,7 @@ def as_fit(estimate: Joint, samples: Samples, equations: Equations, widening: fl
 
 
 def _root_of_inverse(covariance: np.ndarray) -> np.ndarray:
-    """R with `Rᵀ R = covariance⁻¹`, upper triangular; what is known for certain is so to rounding."""
+    """R with `Rᵀ R = covariance⁻¹`; what is known for certain is so to rounding."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-30 * np.diag(covariance).max()))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return triangle_of(vectors.T / np.sqrt(np.maximum(values, 1e-15 * values[-1]))[:, None] / scale)
+    return vectors.T / np.sqrt(np.maximum(values, 1e-15 * values[-1]))[:, None] / scale

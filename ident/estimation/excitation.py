@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import lapack
 
 from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
@@ -44,7 +43,7 @@ def noise_rows(
     return (rows(noisy) - rows(few)).T
 
 
-def check_excitation(triangle: np.ndarray, names: Sequence[str], samples: int, noise: np.ndarray | None = None) -> None:
+def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise: np.ndarray | None = None) -> None:
     """Raises unless the motion separates all parameters.
 
     Combinations of unit-norm base columns (the right singular vectors) must be longer than rounding and, when the
@@ -52,7 +51,7 @@ def check_excitation(triangle: np.ndarray, names: Sequence[str], samples: int, n
     are noisy would otherwise pass for excited.
 
     Args:
-        triangle: Triangular factor of the base regressor (r, r).
+        root: A square matrix R with `Yᵀ Y = Rᵀ R` for the base regressor Y (r, r).
         names: Names of its columns (r,).
         samples: Number of samples N behind it.
         noise: Difference between the base regressor at measured states and at states with the sensors' noise added
@@ -61,12 +60,12 @@ def check_excitation(triangle: np.ndarray, names: Sequence[str], samples: int, n
     Raises:
         ExcitationError: Names the base parameters that cannot be told apart.
     """
-    norms = np.linalg.norm(triangle, axis=0)
+    norms = np.linalg.norm(root, axis=0)
     still = norms <= ZERO_COLUMN * norms.max(initial=0)
     norms = np.where(still, 1, norms)
-    if noise is None and _clearly_separate(triangle / norms):
+    if noise is None and _clearly_separate(root / norms):
         return
-    _, lengths, directions = np.linalg.svd(triangle / norms)
+    _, lengths, directions = np.linalg.svd(root / norms)
     floor = np.full(len(norms), SINGULAR * lengths.max(initial=0))
     if noise is not None:
         of_noise = np.linalg.norm(noise / norms @ directions.T, axis=0) * np.sqrt(6 * samples / len(noise))
@@ -83,9 +82,12 @@ def check_excitation(triangle: np.ndarray, names: Sequence[str], samples: int, n
 
 
 def _clearly_separate(unit: np.ndarray) -> bool:
-    """Whether a triangle of unit-norm columns (r, r) is far from singular: `σ_min ≥ 1 / ‖R⁻¹‖_F`, and `σ_max ≤ √r`."""
-    inverse, singular = lapack.dtrtri(unit)
-    return not singular and bool(np.linalg.norm(inverse) * np.sqrt(len(unit)) < 1 / SINGULAR)
+    """Whether a matrix of unit-norm columns (r, r) is far from singular: `σ_min ≥ 1 / ‖R⁻¹‖_F`, and `σ_max ≤ √r`."""
+    try:
+        inverse = np.linalg.inv(unit)
+    except np.linalg.LinAlgError:
+        return False
+    return bool(np.linalg.norm(inverse) * np.sqrt(len(unit)) < 1 / SINGULAR)
 
 
 def blamed(hidden: np.ndarray, names: Sequence[str]) -> list[str]:

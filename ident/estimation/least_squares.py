@@ -39,9 +39,9 @@ class Fit:
         equations: What was fitted, m columns to C channels.
         values: Coefficients, SI units (m,).
         covariance: Their covariance due to noise on the channels (m, m).
-        weighted: Whether the rows were weighted, as by a covariance. Then the triangle, its rows, condition number and
+        weighted: Whether the rows were weighted, as by a covariance. Then the root, its rows, condition number and
             residuals are those of the weighted rows.
-        triangle: Triangular factor of the columns, `Yᵀ Y = Rᵀ R` (m, m).
+        root: A square matrix R with `Yᵀ Y = Rᵀ R` for the columns Y (m, m).
         rows: Rows of the columns; channels that no parameter can produce are left out.
         samples: Number of samples N.
         residual_norms: `‖Γ_c - Y_c x‖₂` of each channel (C,).
@@ -53,7 +53,7 @@ class Fit:
     values: np.ndarray
     covariance: np.ndarray
     weighted: bool
-    triangle: np.ndarray
+    root: np.ndarray
     rows: int
     samples: int
     residual_norms: np.ndarray
@@ -89,9 +89,15 @@ class Fit:
         return dict(zip(channels, numbers, strict=True))
 
     @property
+    def bread(self) -> np.ndarray:
+        """`(Yᵀ Y)⁻¹`, between which sandwiches have what noise does (m, m)."""
+        inverse = np.linalg.inv(self.root)
+        return inverse @ inverse.T
+
+    @property
     def singular_values(self) -> np.ndarray:
         """Singular values of the columns, largest first (m,)."""
-        return np.linalg.svd(self.triangle, compute_uv=False)
+        return np.linalg.svd(self.root, compute_uv=False)
 
     @property
     def condition_number(self) -> float:
@@ -201,10 +207,8 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
     if failed:
         A = triangle_of(square_root(gram[:m, :m]))
     natural = order.argsort()
-    R = A @ P_b
-    if (natural[1:] < natural[:-1]).any():
-        R = triangle_of(R[:, natural])
-    check_excitation(R, accumulated.names, accumulated.samples, noise)
+    root = (A @ P_b)[:, natural]
+    check_excitation(root, accumulated.names, accumulated.samples, noise)
     inverse = inverse_of(A)
     shift = scale * inverse @ (inverse.T @ gram[:m, m])
     # The residual Γ - Y_b ψ in the same coordinates, without the difference of two large numbers.
@@ -223,7 +227,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
         values=lapack.dtrtrs(P_b, p + shift)[0][natural],
         covariance=covariance,
         weighted=accumulated.weighted,
-        triangle=R,
+        root=root,
         rows=int(seen.sum()) * accumulated.samples,
         samples=accumulated.samples,
         residual_norms=np.sqrt(squares),
@@ -283,6 +287,4 @@ def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
         sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
     if samples != fit.samples:
         raise InputError(f"The fit was made of {fit.samples} samples, these are {samples}.")
-    inverse = inverse_of(fit.triangle)
-    bread = inverse @ inverse.T
-    return replace(fit, covariance=bread @ sandwich.middle @ bread, noise="correlated over time or not")
+    return replace(fit, covariance=fit.bread @ sandwich.middle @ fit.bread, noise="correlated over time or not")

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
-from ident.estimation.chunks import inverse_of
 from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, huber_white, least_squares, solve
 from ident.estimation.noise import Sandwich
@@ -72,9 +71,8 @@ def _covariance(fit: Fit, samples: Samples, pull: np.ndarray, held: np.ndarray) 
         pull: What each residual adds to the normal equations (N, C).
         held: Root of its derivative by the residual (N, C). Beyond Huber's bend the pull no longer grows.
     """
-    inverse = inverse_of(solve(accumulate(fit.equations, samples, factors=held), fit.equations).triangle)
-    chunks = (rows[:-1] for rows in fit.equations.rows(samples))
-    channels, bread = len(fit.equations.channels), inverse @ inverse.T
+    bread = solve(accumulate(fit.equations, samples, factors=held), fit.equations).bread
+    chunks, channels = (rows[:-1] for rows in fit.equations.rows(samples)), len(fit.equations.channels)
     sandwich = Sandwich(len(fit.values), channels, steady=True).add(chunks, pull.T, len(fit.values) / channels)
     return bread @ sandwich.middle @ bread
 

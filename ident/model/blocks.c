@@ -5,10 +5,11 @@
  */
 #include <math.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* Grows with every change of what `ident.model.compiled` calls, which does without what was built before it. */
-const int32_t interface_version = 4;
+const int32_t interface_version = 5;
 
 /* Samples of a block: few enough for its intermediate results to stay near, and many for the time to find them. */
 enum { BLOCK = 64 };
@@ -36,6 +37,14 @@ typedef struct {
     int64_t inputs, numbers, results, registers, steps;
     const step *code;
 } program;
+
+/* How many places a program has, and how many of them are blocks of its own. */
+static int64_t places(const program *p) { return p->inputs + p->numbers + p->results + p->registers + 2; }
+static int64_t blocks(const program *p) { return p->numbers + p->registers + 2; }
+
+/* The first of some memory that a line of the cache begins with. */
+enum { LINE = 64 };
+static void *from_line(void *memory) { return (void *)(((uintptr_t)memory + LINE - 1) / LINE * LINE); }
 
 /* The kernels are compiled for registers of several widths, of which `widest` tells the widest that this processor
  * has; more than 16 of them also hold the sums of a wider tile. */

@@ -20,7 +20,7 @@ from ident.model.steps import Code, steps
 VARIABLE = "MULTICONTACT_COMPILED"
 """Environment variable that switches compiled code off."""
 
-VERSION = 4
+VERSION = 5
 """Of what is called here, as `blocks.c` has it."""
 
 BLOCK, COLUMN, TILE = 64, 136, 4
@@ -78,8 +78,7 @@ class Encoded:
             inputs: Inputs, samples last and next to each other (n, C).
             out: Where results go, likewise (K, C), of at least `BLOCK` samples.
         """
-        program, operands, places, room, _held = self._with(numbers)
-        _kernel("run")(program, operands, *_rows(inputs), *_rows(out), out.shape[1], places, room)
+        _call("run", self._with(numbers), numbers.ctypes.data, *_rows(inputs), *_rows(out), out.shape[1])
 
     def grams(
         self,
@@ -107,31 +106,27 @@ class Encoded:
             Gram matrix of each channel (C, k, k).
         """
         (k, channels, _), samples = rows.shape, len(measured)
-        program, operands, places, room, _held = self._with(numbers)
         measured, inverse = np.ascontiguousarray(measured, float), np.ascontiguousarray(inverse)
         weights = None if weights is None else np.ascontiguousarray(weights, float)
-        whole = -(-k // TILE) * TILE
         starts, changed = np.array(first, np.int64) // TILE * TILE, changed.astype(np.int64)
-        columns, work = np.empty(whole, np.intp), zeros(whole, COLUMN)
+        whole = -(-k // TILE) * TILE
         sums = np.empty((channels, whole, whole))
-        _kernel("grams")(
-            program,
-            operands,
+        _call(
+            "grams",
+            self._with(numbers),
+            numbers.ctypes.data,
             *_rows(inputs),
             measured.ctypes.data,
             None if weights is None else weights.ctypes.data,
             *(samples, channels, k, inverse.ctypes.data, changed.ctypes.data, len(changed), starts.ctypes.data),
-            *(places, room, rows.ctypes.data, columns.ctypes.data, work.ctypes.data, sums.ctypes.data),
+            *(rows.ctypes.data, sums.ctypes.data),
         )
         return sums[:, :k, :k]
 
-    def _with(self, numbers: np.ndarray) -> tuple[Any, int, int, int, object]:
-        """The program, addresses of its numbers and of what it works in, and what holds that."""
-        places = np.empty(self.operands + self.results + self.registers + 2, np.intp)
-        room = zeros(len(numbers) + self.registers + 2, BLOCK)
+    def _with(self, numbers: np.ndarray) -> "_Program":
+        """The program, with so many numbers."""
         sizes = self.operands - len(numbers), len(numbers), self.results, self.registers, len(self.code)
-        program = _Program(*sizes, self.code.ctypes.data)
-        return byref(program), numbers.ctypes.data, places.ctypes.data, room.ctypes.data, (numbers, places, room)
+        return _Program(*sizes, self.code.ctypes.data)
 
 
 def zeros(*shape: int) -> np.ndarray:
@@ -148,9 +143,10 @@ def _rows(x: np.ndarray) -> tuple[int, int]:
     return x.ctypes.data, x.strides[0] // 8
 
 
-def _kernel(name: str) -> Any:
-    """A function of the compiled code."""
-    return getattr(_library(), f"{name}_{_width()}")
+def _call(name: str, program: _Program, *arguments: Any) -> None:
+    """Calls a function of the compiled code."""
+    if not getattr(_library(), f"{name}_{_width()}")(byref(program), *arguments):
+        raise MemoryError(f"There was no memory for {program.registers} intermediate results of {BLOCK} samples.")
 
 
 @cache
@@ -178,7 +174,6 @@ def _library() -> CDLL | None:
     rows = address, number
     for bits in (width for width in WIDTHS if width <= library.widest()):
         run, grams = (getattr(library, f"{name}_{bits}") for name in ("run", "grams"))
-        run.argtypes = program, address, *rows, *rows, number, address, address
-        grams.argtypes = program, address, *rows, *(address,) * 2, *(number,) * 3, address, *rows, *(address,) * 7
-        run.restype = grams.restype = None
+        run.argtypes = program, address, *rows, *rows, number
+        grams.argtypes = program, address, *rows, *(address,) * 2, *(number,) * 3, address, *rows, *(address,) * 3
     return library

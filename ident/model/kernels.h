@@ -95,16 +95,19 @@ INLINE void OWN(results_of_block)(const program *p, const double *inputs, int64_
 }
 
 /* Writes the results of n samples, one block at least; the last two overlap if n is no multiple of a block.
- *
- * at: room for as many pointers as there are places; room: for a block of all numbers and registers, zero and one.
- */
-TARGET void OWN(run)(const program *p, const double *numbers, const double *inputs, int64_t input_stride, double *out,
-                     int64_t out_stride, int64_t n, double **at, double *room) {
+ * Returns whether there was memory, as `grams` does. */
+TARGET int32_t OWN(run)(const program *p, const double *numbers, const double *inputs, int64_t input_stride, double *out,
+                        int64_t out_stride, int64_t n) {
+    void *memory = malloc(LINE + blocks(p) * BLOCK * sizeof(double) + places(p) * sizeof(double *));
+    if (!memory) return 0;
+    double *room = from_line(memory), **at = (double **)(room + blocks(p) * BLOCK);
     OWN(furnish)(p, numbers, at, room);
     for (int64_t start = 0; start < n; start += BLOCK) {
         int64_t first = start < n - BLOCK ? start : n - BLOCK;
         OWN(results_of_block)(p, inputs + first, input_stride, out + first, out_stride, at);
     }
+    free(memory);
+    return 1;
 }
 
 /* A column j of a channel times a weight and those before it times theirs, which are column j of a triangle (k, k). */
@@ -159,16 +162,21 @@ INLINE void OWN(mirror)(double *matrix, int64_t k) {
  * measured, weights: numbers of each sample and channel (n, C); weights may be missing.
  * inverse: upper triangular (k, k), what columns are multiplied with; changed: which of them it changes.
  * first: of each channel, a multiple of TILE before which all columns are zero.
- * rows: columns of a group (k, C, COLUMN), where the constants are; columns, work: room for as many pointers as columns
- * of a channel, and zeros for their numbers (K, COLUMN).
+ * rows: columns of a group (k, C, COLUMN), where the constants are.
  * sums: of products of pairs of columns (C, K, K).
  */
-TARGET void OWN(grams)(const program *p, const double *numbers, const double *inputs, int64_t input_stride,
-                       const double *measured, const double *weights, int64_t n, int64_t C, int64_t k,
-                       const double *inverse, const int64_t *changed, int64_t changes, const int64_t *first,
-                       double **at, double *room, double *rows, const double **columns, double *work, double *sums) {
-    const int64_t K = (k + TILE - 1) / TILE * TILE;
+TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double *inputs, int64_t input_stride,
+                          const double *measured, const double *weights, int64_t n, int64_t C, int64_t k,
+                          const double *inverse, const int64_t *changed, int64_t changes, const int64_t *first,
+                          double *rows, double *sums) {
+    const int64_t K = (k + TILE - 1) / TILE * TILE, numbers_of_work = blocks(p) * BLOCK + K * COLUMN;
+    void *memory = malloc(LINE + numbers_of_work * sizeof(double) + (places(p) + K) * sizeof(double *));
+    if (!memory) return 0;
+    /* Blocks of the program, columns of a channel that are not as they come, and pointers. */
+    double *room = from_line(memory), *work = room + blocks(p) * BLOCK, **at = (double **)(room + numbers_of_work);
+    const double **columns = (const double **)(at + places(p));
     memset(sums, 0, C * K * K * sizeof *sums);
+    memset(work, 0, K * COLUMN * sizeof *work);
     OWN(furnish)(p, numbers, at, room);
     for (int64_t j = k; j < K; j++) columns[j] = work + j * COLUMN;
     double *last = rows + (k - 1) * C * COLUMN;
@@ -204,6 +212,8 @@ TARGET void OWN(grams)(const program *p, const double *numbers, const double *in
         }
     }
     for (int64_t c = 0; c < C; c++) OWN(mirror)(sums + c * K * K, K);
+    free(memory);
+    return 1;
 }
 
 #undef lanes
