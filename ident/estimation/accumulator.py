@@ -89,7 +89,7 @@ class Accumulator:
             )
         a, b, factored = self, other, self.factored + other.factored
         if not np.array_equal(a.factor, b.factor):
-            common = _factor(np.vstack([a.root, b.root]), a.order)
+            common = _factor(np.vstack([a.root, b.root])[:, a.order], a.order)
             a, b = a._in(common, a.order), b._in(common, a.order)
         samples, chunks = a.samples + b.samples, a.chunks + b.chunks
         return Accumulator(a.names, a.factor, a.order, a.grams + b.grams, samples, chunks, factored, a.weighted)
@@ -106,7 +106,7 @@ class Accumulator:
         grams = self.grams + chunk.grams(self.factor[:, self.order])
         if _is_orthogonal(grams.sum(axis=0)):
             return replace(self, grams=grams, samples=samples, chunks=count)
-        rows = np.vstack([self.root, _natural(chunk.rows(1), self.order)])
+        rows = np.vstack([self.root[:, self.order], _stacked(chunk.rows(1))])
         renewed = self._in(_factor(rows, self.order), self.order)
         grams = renewed.grams + chunk.grams(renewed.factor[:, self.order])
         return replace(renewed, grams=grams, samples=samples, chunks=count, factored=self.factored + 1)
@@ -114,14 +114,12 @@ class Accumulator:
 
 def _first_factor(chunk: Chunk, order: np.ndarray) -> np.ndarray:
     """Coordinates P for rows like those of a first chunk."""
-    return _factor(_natural(chunk.rows(max(1, chunk.samples // max(PROBE, len(order)))), order), order)
+    return _factor(_stacked(chunk.rows(max(1, chunk.samples // max(PROBE, len(order))))), order)
 
 
-def _natural(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Rows (m, r + 1) of columns in their order (r + 1, C, n)."""
-    out = np.empty((rows[0].size, len(order)))
-    out[:, order] = rows.reshape(len(rows), -1).T
-    return out
+def _stacked(rows: np.ndarray) -> np.ndarray:
+    """Rows (m, r + 1) of columns (r + 1, C, n)."""
+    return rows.reshape(len(rows), -1).T
 
 
 def square_root(gram: np.ndarray) -> np.ndarray:
@@ -182,8 +180,8 @@ def accumulate_checked(
 
 
 def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Coordinates P for rows (m, k), triangular with its columns in an order (k, k)."""
-    triangle = _regular_triangle(rows[:, order])
+    """Coordinates P for rows of columns in an order (m, k), triangular with its columns in that order (k, k)."""
+    triangle = _regular_triangle(rows)
     squares = triangle.diagonal() ** 2
     stays = squares >= APART * (triangle**2).sum(axis=0)
     # Times the diagonal, a column of the inverse is what has to be subtracted from that of the rows.

@@ -127,13 +127,14 @@ class Equations:
     def block(self, samples: int) -> np.ndarray:
         """Memory for columns and measurements of some samples (columns + 1, C, samples), offsets written."""
         out = zeros(len(self.names) + 1, len(self.channels), samples)
-        out[self.parameters.rank + len(self.drives) + np.arange(len(self.offsets)), list(self.offsets)] = 1
+        for k, channel in enumerate(self.offsets, self.parameters.rank + len(self.drives)):
+            out[k, channel] = 1
         return out
 
     def program(self, *, moving: bool, torques: bool, order: np.ndarray | None = None) -> Program:
         """What computes the base columns, by default in their own order."""
         kept = self.parameters.kept
-        kept = kept if order is None else tuple(kept[k] for k in order[: self.parameters.rank])
+        kept = kept if order is None else tuple(kept[k] for k in order[: self.parameters.rank].tolist())
         return regressor_program(self.mechanism, kept, moving=moving, torques=torques)
 
     def rows(

@@ -109,6 +109,7 @@ class Motion:
             InputError: Numbers of samples or columns do not fit, are not finite, or a quaternion is zero.
         """
         q, dq, ddq = (np.asarray(x, float) for x in self.states)
+        tree.body_coordinates(q)
         tree.body_velocities(dq)
         if q.ndim != 2 or len(q) != len(dq) or dq.shape != ddq.shape:
             columns = sum(body.coordinates for body in tree.bodies)
@@ -123,10 +124,12 @@ class Motion:
     def checked_further(self, tree: Tree) -> "Motion":
         """`checked` for joint states that are known to be finite and to have the right shapes."""
         q, dq, ddq = (np.asarray(x, float) for x in self.states)
-        for body, own in zip(tree.bodies, tree.body_coordinates(q), strict=True):
-            if body.is_ball and not own.any(axis=1).all():
-                sample = int(np.argmin(own.any(axis=1)))
-                raise InputError(f"Joint '{body.joint}' needs quaternions; that of sample {sample} is zero.")
+        balls = [i for i, body in enumerate(tree.bodies) if body.is_ball]
+        own = tree.body_coordinates(q) if balls else []
+        for i in balls:
+            if not own[i].any(axis=1).all():
+                sample = int(np.argmin(own[i].any(axis=1)))
+                raise InputError(f"Joint '{tree.bodies[i].joint}' needs quaternions; that of sample {sample} is zero.")
         if self.base is not None and self.base.T.shape != (len(q), 4, 4):
             raise InputError(
                 f"{len(q)} joint states need as many samples of the base's motion, got {self.base.T.shape}."

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 
@@ -238,8 +239,7 @@ class Tree:
             raise InputError(
                 f"Joint {what} need {sum(sizes)} columns ({', '.join(self.joints)}), got shape {values.shape}."
             )
-        ends = np.cumsum(sizes)
-        return [values[..., end - size : end] for end, size in zip(ends, sizes, strict=True)]
+        return [values[..., end - size : end] for end, size in zip(accumulate(sizes), sizes, strict=True)]
 
     def poses(self, q: np.ndarray) -> np.ndarray:
         """Pose of every body in the base frame (Eq. 7).
