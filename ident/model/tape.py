@@ -215,9 +215,16 @@ class Program:
             out: Where to, likewise.
             constants: The last inputs, if they are the same for all samples (k,).
         """
-        numbers = np.array([*constants, *self.numbers])
-        if out.shape[1] >= compiled.BLOCK and compiled.available():
-            self.encoded.run(numbers, inputs, out)
+        numbers, samples = np.array([*constants, *self.numbers]), out.shape[1]
+        if samples and compiled.available():
+            if samples >= compiled.BLOCK:
+                self.encoded.run(numbers, inputs, out)
+                return
+            # The last sample as often as it takes to fill a block.
+            filling = np.minimum(np.arange(compiled.BLOCK), samples - 1)
+            block = np.take(out, filling, axis=1)
+            self.encoded.run(numbers, np.take(inputs, filling, axis=1), block)
+            out[:] = block[:, :samples]
             return
         registers = np.empty((self.registers, out.shape[1]))
         row = [*inputs, *numbers, *out, *registers]
