@@ -12,7 +12,7 @@ from fits import equations, fitted, sampled
 from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, tilted_axis
 from scipy import linalg
 
-from ident.estimation.accumulator import Accumulator, _regular_triangle, accumulate
+from ident.estimation.accumulator import Accumulator, _factor, _regular_triangle, accumulate
 from ident.estimation.least_squares import huber_white, solve
 from ident.model.regressor import CHUNK, base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
@@ -256,3 +256,19 @@ def test_coordinates_are_regular_and_leave_what_is_excited(out, least):
     still = np.column_stack([Q[:, 0], 1e-20 * out * Q[:, 1], Q[:, 2]])
     np.testing.assert_allclose(abs(np.diag(_regular_triangle(still))), [1, 1e-14, 1], rtol=0.01)
     np.testing.assert_allclose(abs(np.diag(_regular_triangle(np.zeros((3, 2))))), 1e-7, rtol=0.01)
+
+
+def test_only_what_hardly_sticks_out_is_combined():
+    """Where less than a tenth of a column's squares is not in the span of those before it, that span is taken out."""
+    rng = np.random.default_rng(0)
+    a, b, c, d = linalg.qr(rng.normal(size=(50, 4)), mode="economic")[0].T
+    rows = np.column_stack([a, 10 * (0.9 * a + np.sqrt(0.19) * b), a + b + 0.2 * c, 1e-3 * d])
+    P = _factor(rows, np.arange(4))
+    np.testing.assert_array_equal(P[:, [0, 1, 3]], np.eye(4)[:, [0, 1, 3]])
+    Z = rows @ np.linalg.inv(P)
+    np.testing.assert_allclose(Z[:, 2], 0.2 * c, atol=1e-14)
+    # Triangular in an order of the columns: then the first one is what hardly sticks out.
+    order = np.array([1, 2, 0, 3])
+    P = _factor(rows[:, order], order)
+    np.testing.assert_array_equal(P[:, order][:, [0, 1, 3]], np.eye(4)[:, [0, 1, 3]])
+    assert abs((rows[:, order] @ np.linalg.inv(P[:, order])).T @ rows[:, [1, 2]])[2].max() < 1e-13
