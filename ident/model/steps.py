@@ -3,8 +3,8 @@
 Sums, differences, negatives and products are all `± a b ± c`, with ones and zeros for what they lack.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -16,6 +16,9 @@ LINEAR = 0
 
 OTHERS = {np.sin: 1, np.cos: 2, np.tanh: 3, np.divide: 4}
 """What it calls the other operations."""
+
+SUMS = np.add, np.subtract
+"""Operations that may take up a product."""
 
 
 def steps(code: Code, registers: int, zero: int, one: int) -> np.ndarray:
@@ -50,7 +53,7 @@ def steps(code: Code, registers: int, zero: int, one: int) -> np.ndarray:
         else:
             products.pop(target, None)
             found.append((LINEAR, *term[:2], c, target, term[2], minus))
-    return np.array(found, np.int32).reshape(-1, 7)
+    return np.fromiter(chain.from_iterable(found), np.int32).reshape(-1, 7)
 
 
 def _taken_up(code: Code, registers: int) -> set[int]:
@@ -59,19 +62,21 @@ def _taken_up(code: Code, registers: int) -> set[int]:
     What they are made of must still be there then.
     """
     taken, with_product = set[int](), set[int]()
-    readers, overwritten = defaultdict[int, list[int]](list), dict[int, int]()
+    readers, overwritten = dict[int, list[int]](), dict[int, int]()
     for k in reversed(range(len(code))):
         operation, x, y, target = code[k]
-        operands, own = (x,) if y is None else (x, y), readers.pop(target, [])
-        last = max(own, default=k)
-        there = target >= registers and all(overwritten.get(place, last) >= last for place in operands)
-        alone = len(own) == 1 and code[last][0] in (np.add, np.subtract) and last not in with_product
-        if there and operation is np.negative and own and not any(code[reader][0] in OTHERS for reader in own):
-            taken.add(k)
-        if there and operation is np.multiply and alone:
-            taken.add(k)
-            with_product.add(last)
+        operands, own = (x,) if y is None else (x, y), readers.pop(target, None)
+        if own and target >= registers and (operation is np.multiply or operation is np.negative):
+            last = max(own)
+            if operation is np.negative:
+                suits = not any(code[reader][0] in OTHERS for reader in own)
+            else:
+                suits = len(own) == 1 and code[last][0] in SUMS and last not in with_product
+            if suits and all(overwritten.get(place, last) >= last for place in operands):
+                taken.add(k)
+                if operation is np.multiply:
+                    with_product.add(last)
         overwritten[target] = k
         for place in operands:
-            readers[place] += own if k in taken else [k]
+            readers.setdefault(place, []).extend(own if own and k in taken else [k])
     return taken
