@@ -142,9 +142,9 @@ def _distance(
     columns, gigabytes, products = tuple(range(10 * len(mechanism.tree.inertial))), 0.0, 0
     if task == ACCUMULATION:
         columns = mechanism.parameters.kept
-        # Of each channel the columns that it sees times a triangle, and half of their Gram matrix.
+        # Of each channel half of the Gram matrix of the columns that it sees, and what they say of the measurements.
         _, first = mechanism.equations.order(mechanism.samples(1))
-        products = sum(2 * (seen := mechanism.parameters.rank + 1 - start) * (seen + 1) for start in first)
+        products = sum((seen := mechanism.parameters.rank + 1 - start) * (seen + 3) for start in first)
     else:
         gigabytes = 8 * 6 * len(columns) * number / 1e9
     program = regressor_program(mechanism, columns, moving=mechanism.moving, torques=False)
