@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import get_registered_canvas_class
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
@@ -153,6 +154,7 @@ def align_ylabels(axes: Iterable[Axes]) -> None:
     """
     columns: dict[int, list[tuple[Axes, float]]] = {}
     for ax in axes:
+        _canvas(ax.figure)
         ax.yaxis.label.set_visible(False)
         box, place = ax.yaxis.get_tightbbox(), ax.get_subplotspec()
         ax.yaxis.label.set_visible(True)
@@ -216,6 +218,7 @@ def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> Non
 def drawn(figure: Figure, extension: str) -> bytes:
     """A figure as a file of this format has it."""
     with paper_style():
+        pixels = _canvas(figure)
         # The layout is solved once; solved again for every file it would depend on the files before.
         if (layout := figure.get_layout_engine()) is not None:
             layout.execute(figure)
@@ -225,10 +228,17 @@ def drawn(figure: Figure, extension: str) -> bytes:
         file = io.BytesIO()
         # Backends of vectors leave 72 behind.
         figure.dpi = mpl.rcParams["savefig.dpi"]
-        canvas = get_registered_canvas_class(extension)(figure)
+        canvas = pixels if extension == "png" else get_registered_canvas_class(extension)(figure)
         getattr(canvas, f"print_{extension}")(file, metadata=_STABLE_METADATA[extension])
+        figure.set_canvas(pixels)
         content = file.getvalue()
         return _rounded(content) if extension == "svg" else content
+
+
+def _canvas(figure: Figure) -> FigureCanvasAgg:
+    """The figure's canvas of pixels, which remembers how large texts are, from the first measure to the last file."""
+    canvas = figure.canvas
+    return canvas if isinstance(canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
 
 
 def _rounded(svg: bytes) -> bytes:
