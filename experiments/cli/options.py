@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 import scenes
 from experiments.cli.defaults import FORMATS, JOINT_TRIALS, REDRAWN
 from experiments.cli.print_options import add_print, style_of
-from experiments.runs.environment import environment, unsaid
+from experiments.runs.environment import environment, seldom_collected, unsaid
 from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]
@@ -247,7 +247,8 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
             stream.reconfigure(errors="backslashreplace")
     parser = make_parser()
     options = parser.parse_args(argv)
-    with environment(unsaid(film=getattr(options, "film", False))), _interruptible_once(), _notes_printed_once():
+    told = environment(unsaid(film=getattr(options, "film", False)))
+    with told, seldom_collected(), _interruptible_once(), _notes_printed_once():
         try:
             with style_of(options):
                 study(options)

@@ -1,11 +1,17 @@
-"""What libraries are told by the environment, which they look at when they are first imported."""
+"""What libraries are told by the environment, which they look at when they are first imported, and Python itself."""
 
+import gc
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """What says how many threads linear algebra takes."""
+
+
+GARBAGE = 100_000
+"""New objects after which Python looks for cycles of garbage. Recorded equations and imported libraries are many small
+objects that stay; to look through them as often as usual takes a twentieth of a short command's time."""
 
 
 @contextmanager
@@ -30,3 +36,14 @@ def unsaid(*, film: bool) -> dict[str, str]:
     threads = {} if any(name in os.environ for name in THREADS) else dict.fromkeys(THREADS, "1")
     screen = {} if film or "MUJOCO_GL" in os.environ else {"MUJOCO_GL": "disable"}
     return threads | screen
+
+
+@contextmanager
+def seldom_collected() -> Iterator[None]:
+    """Cycles of garbage are looked for less often for the duration of a block."""
+    before = gc.get_threshold()
+    gc.set_threshold(GARBAGE)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)

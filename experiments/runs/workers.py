@@ -12,7 +12,7 @@ from multiprocessing.context import SpawnProcess
 from queue import SimpleQueue
 from typing import Any
 
-from experiments.runs.environment import THREADS, environment
+from experiments.runs.environment import THREADS, environment, seldom_collected
 from experiments.runs.signals import held_back
 from ident.errors import InputError
 
@@ -127,7 +127,7 @@ class Processes(ThreadPoolExecutor):
 
 def _serve(connection: Connection) -> None:
     """Does the tasks that come in, until the connection ends with the parent."""
-    with suppress(EOFError, OSError):
+    with suppress(EOFError, OSError), seldom_collected():
         while True:
             task = connection.recv_bytes()
             try:

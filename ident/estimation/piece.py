@@ -1,6 +1,7 @@
 """One piece of a recording in the joint estimate: its samples, its trajectory, and the two linearised."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -39,6 +40,11 @@ class Piece:
     measured: np.ndarray
     wrenches: np.ndarray
     origin: float = 0.0
+
+    @cached_property
+    def local(self) -> Local:
+        """Basis functions at the sample times of the coordinates, which every round asks for."""
+        return self.spline.local(self.time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,7 +296,7 @@ def _states(
     measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
 ) -> dict[int, _Sampled]:
     """What is measured of the coordinates, by the order of the derivative."""
-    local = piece.spline.local(piece.time)
+    local = piece.local
     predicted = local.combined(coefficients)
     for j, at in measurement.zeros.items():
         predicted[0, :, j] += theta[at]

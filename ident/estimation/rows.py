@@ -178,7 +178,7 @@ class StateRows:
         own, across = own.swapaxes(1, 2), across.swapaxes(1, 2)
         return self.factors.taken(own, across, self.intervals.before(own))
 
-    @property
+    @cached_property
     def _windows(self) -> tuple[np.ndarray, np.ndarray]:
         """Functions from the one before the interval's first, at samples and at those before (S, m, 7)."""
         windows = np.pad(self.basis, ((0, 0), (0, 0), (1, 0)))
