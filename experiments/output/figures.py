@@ -154,6 +154,7 @@ def align_ylabels(axes: Iterable[Axes]) -> None:
     """
     columns: dict[int, list[tuple[Axes, float]]] = {}
     for ax in axes:
+        assert isinstance(ax.figure, Figure)
         _canvas(ax.figure)
         ax.yaxis.label.set_visible(False)
         box, place = ax.yaxis.get_tightbbox(), ax.get_subplotspec()

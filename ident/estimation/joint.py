@@ -195,7 +195,7 @@ def fit(
             step, root = problem.step(at, parts)
             moves = [part.step - part.by_theta @ step[fitted] for part in parts]
             trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
-            moved, misfits = problem.lower(at, step, moves)
+            moved, misfits = problem.lower(at, step, moves, parts)
             noise = renewed(at.noise, parts, misfits, coloured=coloured and round_ >= white)
             last, stride = stride, Stride(np.log(at.noise.jerk), np.log(noise.jerk / at.noise.jerk))
             jerk = hastened(last, stride) if trace[-1] < NEAR else noise.jerk
@@ -296,23 +296,29 @@ class _Problem:
         scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in self.pieces]
         return SMOOTHEST * min(scales) / (noise.share * noise.states[0] ** 2)
 
-    def lower(self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray]) -> tuple[Start, list[Misfit]]:
+    def lower(
+        self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray], parts: Sequence[Linearised]
+    ) -> tuple[Start, list[Misfit]]:
         """Where a step leads that lowers the cost: the whole, or a half of it as often as needed; here if none does."""
-        here, before = self._misfits(at)
+        before = self._whole(parts, at.theta)
         size = 1.0
         while size >= SMALLEST_STEP:
             moved = _moved(at, size, step, moves)
-            misfits, cost = self._misfits(moved)
-            if cost <= before * (1 + 1e-12):
+            misfits = self._misfits(moved)
+            if self._whole(misfits, moved.theta) <= before * (1 + 1e-12):
                 return moved, misfits
             size /= 2
-        return at, here
+        return at, self._misfits(at)
 
-    def _misfits(self, at: Start) -> tuple[list[Misfit], float]:
-        """Of all pieces, and the whole cost."""
-        work, off = partial(_misfit, self.measurement, at.noise), at.theta - self.prior.mean
-        misfits = list(self.run(work, self.pieces, at.coefficients, self._own(at.theta)))
-        return misfits, sum(each.cost for each in misfits) + float(off @ self.prior.precision @ off)
+    def _misfits(self, at: Start) -> list[Misfit]:
+        """Of all pieces."""
+        work = partial(_misfit, self.measurement, at.noise)
+        return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta)))
+
+    def _whole(self, parts: Sequence[Misfit | Linearised], theta: np.ndarray) -> float:
+        """The cost of all pieces and of θ (p,)."""
+        off = theta - self.prior.mean
+        return sum(each.cost for each in parts) + float(off @ self.prior.precision @ off)
 
 
 def _misfit(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:

@@ -1,5 +1,6 @@
 """One piece of a recording in the joint estimate: its samples, its trajectory, and the two linearised."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -117,6 +118,7 @@ class Linearised(NamedTuple):
     With H the whole curvature and H_m a stream's part of it, `tr(H⁻¹ H_m)` of its samples are taken by the fit.
 
     Attributes:
+        cost: What is minimised there, as of a `Misfit`.
         schur: Precision of θ (p, p).
         gradient: Right side (p,).
         step: Step of the coefficients at fixed θ (size n,).
@@ -125,6 +127,7 @@ class Linearised(NamedTuple):
         held: `tr(H⁻¹ κ λ_j P_j)` of the jerk's penalties (n,).
     """
 
+    cost: float
     schur: np.ndarray
     gradient: np.ndarray
     step: np.ndarray
@@ -189,7 +192,7 @@ def misfit(
     every, nothing = [*states.values(), channels], Sums(np.zeros((3, len(bends))), np.zeros((3, len(bends))))
     sums = [*(states[kind].new.sums if kind in states else nothing for kind in range(3)), channels.new.sums]
     return Misfit(
-        cost=sum(each.new.cost for each in every) + float(noise.stiffness @ bends),
+        cost=_cost([each.new for each in every], noise, bends),
         squares=np.concatenate([each.squares for each in sums], axis=1),
         number=np.concatenate([each.number for each in sums], axis=1),
         bends=bends,
@@ -223,11 +226,10 @@ def linearised(
     """
     columns = np.arange(len(theta)) if columns is None else columns
     n, S = coefficients.shape[1], piece.spline.intervals
-    channels = _channel_rows(measurement, piece, coefficients, theta, noise, columns)
-    states = {
-        kind: _state_rows(measurement, piece, own, kind, columns)
-        for kind, own in _states(measurement, piece, coefficients, theta, noise).items()
-    }
+    channels, new = _channel_rows(measurement, piece, coefficients, theta, noise, columns)
+    sampled = _states(measurement, piece, coefficients, theta, noise)
+    states = {kind: _state_rows(measurement, piece, own, kind, columns) for kind, own in sampled.items()}
+    every = [*(own.new for own in sampled.values()), new]
     arrow = Arrow(piece.spline, n, len(columns))
     channels.add_to(arrow)
     for rows in states.values():
@@ -238,6 +240,7 @@ def linearised(
     taken = [states[kind].taken(posterior) if kind in states else np.zeros((3, n)) for kind in range(3)]
     curvature = np.einsum("sjuv,uv->j", posterior.by_coordinate[:, :, 1:, 1:], piece.spline.penalty)
     return Linearised(
+        cost=_cost(every, noise, piece.spline.squared_jerk(coefficients)),
         schur=eliminated.schur,
         gradient=eliminated.gradient,
         step=eliminated.step,
@@ -245,6 +248,11 @@ def linearised(
         taken=np.concatenate([*taken, channels.taken(posterior)], axis=1),
         held=noise.stiffness * curvature,
     )
+
+
+def _cost(every: Iterable[Innovations], noise: Noise, bends: np.ndarray) -> float:
+    """What is minimised of a piece, by what is new in all its streams and by how its trajectory bends (n,)."""
+    return sum(new.cost for new in every) + float(noise.stiffness @ bends)
 
 
 def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np.ndarray:
@@ -270,8 +278,8 @@ def _channel_rows(
     theta: np.ndarray,
     noise: Noise,
     columns: np.ndarray,
-) -> ChannelRows:
-    """Rows of the channels, which see all coordinates and all of θ that is not held."""
+) -> tuple[ChannelRows, Innovations]:
+    """Rows of the channels, which see all coordinates and all of θ that is not held, and what is new in them."""
     when = channel_times(measurement, piece, theta)
     local = piece.spline.local(when)
     x = local.combined(coefficients)
@@ -282,14 +290,15 @@ def _channel_rows(
         by_theta[..., at] = rate * (piece.when - piece.origin)[:, None]
     for at in measurement.of_kind("delay").values():
         by_theta[..., at] = -rate
-    intervals = Intervals(local.interval, piece.spline.intervals)
-    return ChannelRows(
+    intervals, new = Intervals(local.interval, piece.spline.intervals), _channels(piece, when, local, values, noise).new
+    rows = ChannelRows(
         intervals,
         basis=intervals.dealt(local.basis[:3].transpose(1, 2, 0)),
         by_states=intervals.dealt(by_states),
         by_theta=intervals.dealt(by_theta[..., columns]),
-        factors=Factors.of(_channels(piece, when, local, values, noise).new, intervals),
+        factors=Factors.of(new, intervals),
     )
+    return rows, new
 
 
 def _states(

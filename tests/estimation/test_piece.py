@@ -229,6 +229,13 @@ def test_everything_together_takes_one_for_each_unknown(seed):
 
 @pytest.mark.parametrize("outliers", [0.0, 0.1])
 @pytest.mark.parametrize("seed", SEEDS)
+def test_equations_know_the_cost_where_they_are_made(seed, outliers):
+    own = problem(seed, outliers)
+    assert own.linearised.cost == pytest.approx(own.misfit.cost, rel=1e-14)
+
+
+@pytest.mark.parametrize("outliers", [0.0, 0.1])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_gradient_is_that_of_the_cost(seed, outliers):
     """With outliers, too; along the trajectories that follow θ, and along the step at fixed θ."""
     own = problem(seed, outliers)
