@@ -47,6 +47,20 @@ class Piece:
         """Basis functions at the sample times of the coordinates, which every round asks for."""
         return self.spline.local(self.time)
 
+    @cached_property
+    def intervals(self) -> Intervals:
+        """Where these samples are."""
+        return Intervals(self.local.interval, self.spline.intervals)
+
+    @cached_property
+    def windows(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """As `StateRows` needs them, of what is measured of the coordinates, by the order of the derivative."""
+        out = {}
+        for kind in (kind for kind, measured in enumerate(self.states) if measured is not None):
+            own = np.pad(self.intervals.dealt(self.local.basis[kind]), ((0, 0), (0, 0), (1, 0)))
+            out[kind] = own, self.intervals.before(own, moved=1)
+        return out
+
 
 @dataclass(frozen=True, eq=False)
 class Noise:
@@ -159,18 +173,6 @@ class Predictor(Protocol):
         """Predicted channels (C, M), and their derivatives by the states (C, 3, n, M) and by θ (C, p, M)."""
 
 
-class _Sampled(NamedTuple):
-    """Streams of one kind, and where their samples are on the trajectory.
-
-    Attributes:
-        local: Basis functions at the samples.
-        new: What is new in each sample.
-    """
-
-    local: Local
-    new: Innovations
-
-
 def misfit(
     measurement: Predictor, piece: Piece, coefficients: np.ndarray, *, theta: np.ndarray, noise: Noise
 ) -> Misfit:
@@ -189,10 +191,10 @@ def misfit(
     states = _states(measurement, piece, coefficients, theta, noise)
     channels = _channels(piece, when, local, predicted, noise)
     bends = piece.spline.squared_jerk(coefficients)
-    every, nothing = [*states.values(), channels], Sums(np.zeros((3, len(bends))), np.zeros((3, len(bends))))
-    sums = [*(states[kind].new.sums if kind in states else nothing for kind in range(3)), channels.new.sums]
+    nothing = Sums(np.zeros((3, len(bends))), np.zeros((3, len(bends))))
+    sums = [*(states[kind].sums if kind in states else nothing for kind in range(3)), channels.sums]
     return Misfit(
-        cost=_cost([each.new for each in every], noise, bends),
+        cost=_cost([*states.values(), channels], noise, bends),
         squares=np.concatenate([each.squares for each in sums], axis=1),
         number=np.concatenate([each.number for each in sums], axis=1),
         bends=bends,
@@ -229,7 +231,6 @@ def linearised(
     channels, new = _channel_rows(measurement, piece, coefficients, theta, noise, columns)
     sampled = _states(measurement, piece, coefficients, theta, noise)
     states = {kind: _state_rows(measurement, piece, own, kind, columns) for kind, own in sampled.items()}
-    every = [*(own.new for own in sampled.values()), new]
     arrow = Arrow(piece.spline, n, len(columns))
     channels.add_to(arrow)
     for rows in states.values():
@@ -240,7 +241,7 @@ def linearised(
     taken = [states[kind].taken(posterior) if kind in states else np.zeros((3, n)) for kind in range(3)]
     curvature = np.einsum("sjuv,uv->j", posterior.by_coordinate[:, :, 1:, 1:], piece.spline.penalty)
     return Linearised(
-        cost=_cost(every, noise, piece.spline.squared_jerk(coefficients)),
+        cost=_cost([*sampled.values(), new], noise, piece.spline.squared_jerk(coefficients)),
         schur=eliminated.schur,
         gradient=eliminated.gradient,
         step=eliminated.step,
@@ -265,10 +266,10 @@ def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np
     return when
 
 
-def _channels(piece: Piece, when: np.ndarray, local: Local, predicted: np.ndarray, noise: Noise) -> _Sampled:
-    """The channels, of which (C, M) are predicted; a delay or another clock may put samples beyond the trajectory."""
+def _channels(piece: Piece, when: np.ndarray, local: Local, predicted: np.ndarray, noise: Noise) -> Innovations:
+    """What is new in the channels, predicted (C, M); a delay or another clock may put samples beyond the trajectory."""
     residual = np.where(piece.spline.holds(when)[:, None], piece.measured - predicted.T, np.nan)
-    return _Sampled(local, innovations(residual, local.interval, noise.channels, noise.channels_rho))
+    return innovations(residual, local.interval, noise.channels, noise.channels_rho)
 
 
 def _channel_rows(
@@ -290,7 +291,7 @@ def _channel_rows(
         by_theta[..., at] = rate * (piece.when - piece.origin)[:, None]
     for at in measurement.of_kind("delay").values():
         by_theta[..., at] = -rate
-    intervals, new = Intervals(local.interval, piece.spline.intervals), _channels(piece, when, local, values, noise).new
+    intervals, new = Intervals(local.interval, piece.spline.intervals), _channels(piece, when, local, values, noise)
     rows = ChannelRows(
         intervals,
         basis=intervals.dealt(local.basis[:3].transpose(1, 2, 0)),
@@ -303,24 +304,20 @@ def _channel_rows(
 
 def _states(
     measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
-) -> dict[int, _Sampled]:
-    """What is measured of the coordinates, by the order of the derivative."""
+) -> dict[int, Innovations]:
+    """What is new in what is measured of the coordinates, by the order of the derivative."""
     local = piece.local
     predicted = local.combined(coefficients)
     for j, at in measurement.zeros.items():
         predicted[0, :, j] += theta[at]
     return {
-        kind: _Sampled(
-            local,
-            innovations(measured - predicted[kind], local.interval, noise.states[kind], noise.states_rho[kind]),
-        )
+        kind: innovations(measured - predicted[kind], local.interval, noise.states[kind], noise.states_rho[kind])
         for kind, measured in enumerate(piece.states)
         if measured is not None
     }
 
 
-def _state_rows(measurement: Predictor, piece: Piece, states: _Sampled, kind: int, columns: np.ndarray) -> StateRows:
+def _state_rows(measurement: Predictor, piece: Piece, new: Innovations, kind: int, columns: np.ndarray) -> StateRows:
     """Rows of the coordinates or of a derivative, which see one coordinate each, and its zero unless that is held."""
-    intervals = Intervals(states.local.interval, piece.spline.intervals)
     zeros = {j: int(np.searchsorted(columns, at)) for j, at in measurement.zeros.items() if kind == 0 and at in columns}
-    return StateRows(intervals, intervals.dealt(states.local.basis[kind]), zeros, Factors.of(states.new, intervals))
+    return StateRows(piece.intervals, piece.windows[kind], zeros, Factors.of(new, piece.intervals))

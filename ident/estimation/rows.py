@@ -146,26 +146,26 @@ class StateRows:
 
     Attributes:
         intervals: Where samples are.
-        basis: Values of the functions of each interval (S, m, 6).
+        windows: Functions from the one before the interval's first, at samples and at those before (S, m, 7).
         zeros: Columns of θ that hold zeros of coordinates, by the coordinates.
         factors: What innovations make of them.
     """
 
     intervals: Intervals
-    basis: np.ndarray
+    windows: tuple[np.ndarray, np.ndarray]
     zeros: Mapping[int, int]
     factors: Factors
 
     def add_to(self, arrow: Arrow) -> None:
         """Adds the rows to normal equations."""
-        J, J_before = (x[:, :, None] for x in self._windows)
+        J, J_before = (x[:, :, None] for x in self.windows)
         ones = np.ones_like(self.factors.scale)
         T = self.factors.whitened(ones, ones)
         arrow.add_separate(self.factors.whitened(J, J_before), T, self.factors.right, self.zeros)
 
     def taken(self, posterior: Posterior) -> np.ndarray:
         """Which share of innovations and of their halves is taken (3, n)."""
-        J, J_before = (x[:, None] for x in self._windows)
+        J, J_before = (x[:, None] for x in self.windows)
         K = J @ posterior.by_coordinate
         own, across = (K * J).sum(axis=-1), (K * J_before).sum(axis=-1)
         for j, at in self.zeros.items():
@@ -177,12 +177,6 @@ class StateRows:
             across[:, j] += (shift + shift_before)[..., 0]
         own, across = own.swapaxes(1, 2), across.swapaxes(1, 2)
         return self.factors.taken(own, across, self.intervals.before(own))
-
-    @cached_property
-    def _windows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Functions from the one before the interval's first, at samples and at those before (S, m, 7)."""
-        windows = np.pad(self.basis, ((0, 0), (0, 0), (1, 0)))
-        return windows, self.intervals.before(windows, moved=1)
 
 
 def _joined(x: np.ndarray) -> np.ndarray:
