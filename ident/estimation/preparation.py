@@ -17,7 +17,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
 from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names, joint_torque_regressor
-from ident.parameters.base_parameters import BaseParameters, find_base_parameters
+from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.column import KINDS
 from ident.recordings.despike import despiked
@@ -129,7 +129,7 @@ def prepared(
     stuck = _stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     rows = channels.wrench
     sensors = Sensors(rows is not None, bool(channels.torques), motion.base is not None, rows)
-    parameters = find_base_parameters(mechanism, sensors=sensors)
+    parameters = structural_base_parameters(mechanism, sensors=sensors)
     notes += _hidden(mechanism, sensors, parameters, channels.names)
     notes += [parameters.remark] if parameters.remark else []
     drives = drive_names(tree, drive) if channels.torques else ()
@@ -257,7 +257,7 @@ def _hidden(mechanism: Mechanism, sensors: Sensors, parameters: BaseParameters, 
     if not sensors.base_wrench:
         return []
     whole = replace(sensors, channels=None)
-    every = find_base_parameters(mechanism, sensors=whole).rank
+    every = structural_base_parameters(mechanism, sensors=whole).rank
     if every == parameters.rank:
         return []
     return [

@@ -237,8 +237,8 @@ def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> 
         "on a moving base": (mechanism, replace(now, moving_base=True)),
         "with joint axes that are not parallel": (replace(mechanism, tree=Tree(tuple(skewed))), now),
     }
-    names = find_base_parameters(mechanism, sensors=now).names
-    seen = {what: find_base_parameters(m, sensors=s).names for what, (m, s) in others.items()}
+    names = structural_base_parameters(mechanism, sensors=now).names
+    seen = {what: structural_base_parameters(m, sensors=s).names for what, (m, s) in others.items()}
     return {what: tuple(name for name in more if name not in names) for what, more in seen.items()}
 
 
