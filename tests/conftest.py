@@ -10,7 +10,7 @@ import pytest
 
 # Recorded equations are millions of small objects; to look for garbage among them as often as usual takes a fifth of
 # the time.
-gc.set_threshold(100_000)
+gc.set_threshold(1_000_000)
 
 PEOPLE = ("output/test_pages_in_browser.py", "studies/test_human.py", "studies/test_mechanism.py")
 """Files that need the same people (`persons`), who take longest to simulate."""
