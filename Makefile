@@ -36,6 +36,7 @@ test-extras: $(INSTALLED)
 	$(BIN)/python -m pytest $(PARALLEL) $(OF_EXTRAS)
 
 check: $(INSTALLED)
+	$(PIP) ruff mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -61,5 +62,5 @@ $(INSTALLED): pyproject.toml ident/model/blocks.c ident/model/kernels.h $(CONSTR
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and \
 		'Python 3.11 or newer is needed, $(PYTHON) is older: use make PYTHON=python3.12, say.')"
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) -e ".[test,dev]"
+	$(PIP) -e ".[test]"
 	touch $@
