@@ -1,10 +1,10 @@
 """Least squares in one pass: what is kept of samples that have been seen, and how it adds.
 
 Of every channel the Gram matrix of its rows `[Y_b | Γ]` is kept, in coordinates in which they are far from dependent:
-`Z = [Y_b | Γ] P⁻¹`. A column that sticks out of the span of those before it stays as it is; from the others, of which
-Γ is one where the model fits, what those before them say is subtracted, as a QR decomposition of a few samples tells
-it. So the condition number is not squared, and the sum is as accurate as a Householder QR of all rows. Where later
-samples excite what the first ones did not, P is renewed by a QR of all that is known stacked on the chunk.
+`Z = [Y_b | Γ] P⁻¹`. A column that sticks out of the span of those before it stays as it is; from the others, and from
+Γ, what those before them say is subtracted, as a QR decomposition of a few samples tells it. So the condition number is
+not squared, and the sum is as accurate as a Householder QR of all rows. Where later samples excite what the first ones
+did not, P is renewed by a QR of all that is known stacked on the chunk.
 
 Columns that only few channels see come first (`Equations.order`), so that for the other channels the triangle P begins
 behind them: forces do not see inertias.
@@ -26,6 +26,9 @@ PROBE = 64
 
 FLOOR = 1e-7
 """Columns of the coordinates stick out of the span of others by this fraction at least, whether excited or not."""
+
+ROUNDING = 1e-13
+"""Part of a column's size that rounding may leave of it where the columns before it say all of it."""
 
 LAPACK_BLOCK = 32
 """Columns that LAPACK takes together if it has room for them."""
@@ -104,7 +107,7 @@ class Accumulator:
         """With another chunk of samples."""
         samples, count = self.samples + chunk.samples, self.chunks + 1
         grams = self.grams + chunk.grams(self.factor[:, self.order])
-        if _is_orthogonal(grams.sum(axis=0)):
+        if _is_apart(grams.sum(axis=0), self.factor[:, self.order]):
             return replace(self, grams=grams, samples=samples, chunks=count)
         rows = np.vstack([self.root[:, self.order], _stacked(chunk.rows(1))])
         renewed = self._in(_factor(rows, self.order), self.order)
@@ -184,6 +187,7 @@ def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
     triangle = _regular_triangle(rows)
     squares = triangle.diagonal() ** 2
     stays = squares >= APART * (triangle**2).sum(axis=0)
+    stays[-1] = False  # What columns leave of Γ is to be accurate in each channel, however well that fits.
     # Times the diagonal, a column of the inverse is what has to be subtracted from that of the rows.
     inverse = np.where(stays, np.eye(len(order)), inverse_of(triangle) * triangle.diagonal())
     out = np.empty_like(triangle)
@@ -212,7 +216,14 @@ def triangle_of(rows: np.ndarray) -> np.ndarray:
     return np.asarray(np.triu(factored[: rows.shape[1]]))
 
 
-def _is_orthogonal(gram: np.ndarray) -> bool:
-    """Whether every column sticks out of the span of those before it by a fair part."""
-    triangle, failed = lapack.dpotrf(gram)
-    return not failed and bool((triangle.diagonal() ** 2 > TOO_CLOSE * gram.diagonal()).all())
+def _is_apart(gram: np.ndarray, factor: np.ndarray) -> bool:
+    """Whether every column that is more than rounding sticks out of the span of those before it by a fair part.
+
+    Args:
+        gram: Gram matrix in coordinates (k, k).
+        factor: These coordinates, triangular (k, k).
+    """
+    rounding = ROUNDING**2 * (factor * (gram @ factor)).sum(axis=0)
+    shown = gram + np.diag(np.where(rounding > 0, rounding, 1))
+    triangle, failed = lapack.dpotrf(shown)
+    return not failed and bool((triangle.diagonal() ** 2 > TOO_CLOSE * shown.diagonal()).all())

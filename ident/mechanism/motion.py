@@ -63,7 +63,7 @@ class BaseMotion:
 
     def __getitem__(self, which: Which) -> "BaseMotion":
         """Some of the samples."""
-        some = copy(self)  # What was checked needs no further check.
+        some = copy(self)  # Not made anew: what was checked needs no further check.
         for key in ("T", "V", "dV"):
             object.__setattr__(some, key, getattr(self, key)[which])
         return some

@@ -1,7 +1,8 @@
 """Programs carried out by compiled code, `blocks.c`, where a compiler was there when this package was installed.
 
-Everything works without it, and gives the same numbers but for sines and cosines, which may differ in their last two
-digits of fifty-three. The environment variable MULTICONTACT_COMPILED=0 switches it off.
+Everything works without it, and gives the same numbers to rounding: a sum of a product is rounded once, sines and
+cosines may differ in their last two digits of fifty-three, and a zero in its sign. The environment variable
+MULTICONTACT_COMPILED=0 switches it off.
 """
 
 import os

@@ -4,10 +4,10 @@
 #define OWN(name) NAMED(name, BITS)
 #define INLINE TARGET static inline __attribute__((always_inline))
 
-/* Numbers that are worked on side by side, and their signs. */
+/* Numbers that are worked on side by side, and their bits, of which one is the sign. */
 #define LANES (BITS / 64)
 typedef double OWN(lanes) __attribute__((vector_size(BITS / 8), aligned(8)));
-typedef int64_t OWN(signs) __attribute__((vector_size(BITS / 8), aligned(8)));
+typedef int64_t OWN(signs) __attribute__((vector_size(BITS / 8), aligned(8), may_alias));
 #define lanes OWN(lanes)
 #define signs OWN(signs)
 
@@ -197,6 +197,7 @@ TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double 
             double *own = rows + c * COLUMN;
             for (int64_t j = first[c]; j < k; j++) columns[j] = own + j * C * COLUMN;
             for (int64_t m = 0; m < changes; m++) {
+                if (changed[m] < first[c]) continue;
                 double *out = work + changed[m] * COLUMN;
                 OWN(combine)(own, C * COLUMN, inverse, first[c], changed[m], k, out);
                 columns[changed[m]] = out;
