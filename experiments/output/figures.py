@@ -155,7 +155,7 @@ def align_ylabels(axes: Iterable[Axes]) -> None:
     columns: dict[int, list[tuple[Axes, float]]] = {}
     for ax in axes:
         assert isinstance(ax.figure, Figure)
-        _canvas(ax.figure)
+        _canvas(ax.figure)  # What is measured on it is remembered.
         ax.yaxis.label.set_visible(False)
         box, place = ax.yaxis.get_tightbbox(), ax.get_subplotspec()
         ax.yaxis.label.set_visible(True)

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """What says how many threads linear algebra takes."""
 
-
 GARBAGE = 100_000
 """New objects after which Python looks for cycles of garbage. Recorded equations and imported libraries are many small
 objects that stay; to look through them as often as usual takes a twentieth of a short command's time."""

@@ -287,4 +287,5 @@ def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
         sandwich.add((rows[:-1] for rows in equations.rows(part)), residual, taken)
     if samples != fit.samples:
         raise InputError(f"The fit was made of {fit.samples} samples, these are {samples}.")
-    return replace(fit, covariance=fit.bread @ sandwich.middle @ fit.bread, noise="correlated over time or not")
+    bread = fit.bread
+    return replace(fit, covariance=bread @ sandwich.middle @ bread, noise="correlated over time or not")

@@ -53,16 +53,10 @@ static void *from_line(void *memory) { return (void *)(((uintptr_t)memory + LINE
 #define TARGET __attribute__((target("avx512f,avx512dq,avx512vl,fma")))
 #define TILE_WIDTH 4
 #include "kernels.h"
-#undef BITS
-#undef TARGET
-#undef TILE_WIDTH
 #define BITS 256
 #define TARGET __attribute__((target("avx2,fma")))
 #define TILE_WIDTH 2
 #include "kernels.h"
-#undef BITS
-#undef TARGET
-#undef TILE_WIDTH
 #define TILE_WIDTH 2
 #else
 #define TILE_WIDTH 4

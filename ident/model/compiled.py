@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.model.steps import Code, steps
+from ident.model.steps import Instruction, steps
 
 VARIABLE = "MULTICONTACT_COMPILED"
 """Environment variable that switches compiled code off."""
@@ -25,7 +25,7 @@ VERSION = 5
 """Of what is called here, as `blocks.c` has it."""
 
 BLOCK, COLUMN, TILE = 64, 136, 4
-"""Samples that programs work on at once, and need at least; room for a column of samples whose products are taken at
+"""Samples that programs work on at once; room for a column of samples whose products are taken at
 once; and columns of which they are."""
 
 WIDTHS = 128, 256, 512
@@ -65,7 +65,7 @@ def switched(on: bool) -> Iterator[None]:
 class Encoded:
     """A program in the form that compiled code takes."""
 
-    def __init__(self, sizes: tuple[int, int, int], code: Code) -> None:
+    def __init__(self, sizes: tuple[int, int, int], code: Sequence[Instruction]) -> None:
         """From its numbers of operands that are inputs or numbers, of results and of registers, and from its code."""
         self.operands, self.results, self.registers = sizes
         own = self.operands + self.results
@@ -77,9 +77,16 @@ class Encoded:
         Args:
             numbers: Numbers among its operands; their places come after the inputs'.
             inputs: Inputs, samples last and next to each other (n, C).
-            out: Where results go, likewise (K, C), of at least `BLOCK` samples.
+            out: Where results go, likewise (K, C), of one sample at least.
         """
-        _call("run", self._with(numbers), numbers.ctypes.data, *_rows(inputs), *_rows(out), out.shape[1])
+        if (samples := out.shape[1]) < BLOCK:
+            # The last sample as often as it takes to fill a block.
+            filling = np.minimum(np.arange(BLOCK), samples - 1)
+            block = np.take(out, filling, axis=1)
+            self.run(numbers, np.take(inputs, filling, axis=1), block)
+            out[:] = block[:, :samples]
+            return
+        _call("run", self._with(numbers), numbers.ctypes.data, *_rows(inputs), *_rows(out), samples)
 
     def grams(
         self,

@@ -1,4 +1,4 @@
-/* What `blocks.c` compiles for registers of BITS, with functions of that TARGET. */
+/* What `blocks.c` compiles for registers of BITS, with functions of that TARGET; what it defines for that ends here. */
 #define JOINED(name, bits) name##_##bits
 #define NAMED(name, bits) JOINED(name, bits)
 #define OWN(name) NAMED(name, BITS)
@@ -96,8 +96,8 @@ INLINE void OWN(results_of_block)(const program *p, const double *inputs, int64_
 
 /* Writes the results of n samples, one block at least; the last two overlap if n is no multiple of a block.
  * Returns whether there was memory, as `grams` does. */
-TARGET int32_t OWN(run)(const program *p, const double *numbers, const double *inputs, int64_t input_stride, double *out,
-                        int64_t out_stride, int64_t n) {
+TARGET int32_t OWN(run)(const program *p, const double *numbers, const double *inputs, int64_t input_stride,
+                        double *out, int64_t out_stride, int64_t n) {
     void *memory = malloc(LINE + blocks(p) * BLOCK * sizeof(double) + places(p) * sizeof(double *));
     if (!memory) return 0;
     double *room = from_line(memory), **at = (double **)(room + blocks(p) * BLOCK);
@@ -219,3 +219,6 @@ TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double 
 
 #undef lanes
 #undef signs
+#undef BITS
+#undef TARGET
+#undef TILE_WIDTH

@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-Code = Sequence[tuple[np.ufunc, int, int | None, int]]
+Instruction = tuple[np.ufunc, int, int | None, int]
 """Operation, places of its one or two operands, and place of its result."""
 
 LINEAR = 0
@@ -21,7 +21,7 @@ SUMS = np.add, np.subtract
 """Operations that may take up a product."""
 
 
-def steps(code: Code, registers: int, zero: int, one: int) -> np.ndarray:
+def steps(code: Sequence[Instruction], registers: int, zero: int, one: int) -> np.ndarray:
     """The steps: operation, places of a, b, c and of the result, whether `a b` is subtracted, and whether c is.
 
     Args:
@@ -56,7 +56,7 @@ def steps(code: Code, registers: int, zero: int, one: int) -> np.ndarray:
     return np.fromiter(chain.from_iterable(found), np.int32).reshape(-1, 7)
 
 
-def _taken_up(code: Code, registers: int) -> set[int]:
+def _taken_up(code: Sequence[Instruction], registers: int) -> set[int]:
     """Negatives and products that others compute: of all that need a negative; of a sum, one product it alone needs.
 
     What they are made of must still be there then.

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.model import compiled
+from ident.model.steps import Instruction
 
 Number = int | float
 
@@ -154,7 +155,7 @@ class Program:
     results: int
     registers: int
     constants: tuple[tuple[int, float], ...]
-    code: tuple[tuple[np.ufunc, int, int | None, int], ...]
+    code: tuple[Instruction, ...]
 
     @classmethod
     def of(cls, tape: Tape, results: Sequence[Signal | Number]) -> "Program":
@@ -169,7 +170,7 @@ class Program:
         for k, i in wanted.items():
             place.setdefault(i, first_result + k)
         registers, spare = 0, list[int]()
-        code: list[tuple[np.ufunc, int, int | None, int]] = []
+        code = list[Instruction]()
         for i, operation, operands in steps:
             if operation is None:
                 continue
@@ -215,16 +216,9 @@ class Program:
             out: Where to, likewise.
             constants: The last inputs, if they are the same for all samples (k,).
         """
-        numbers, samples = np.array([*constants, *self.numbers]), out.shape[1]
-        if samples and compiled.available():
-            if samples >= compiled.BLOCK:
-                self.encoded.run(numbers, inputs, out)
-                return
-            # The last sample as often as it takes to fill a block.
-            filling = np.minimum(np.arange(compiled.BLOCK), samples - 1)
-            block = np.take(out, filling, axis=1)
-            self.encoded.run(numbers, np.take(inputs, filling, axis=1), block)
-            out[:] = block[:, :samples]
+        numbers = np.array([*constants, *self.numbers])
+        if out.shape[1] and compiled.available():
+            self.encoded.run(numbers, inputs, out)
             return
         registers = np.empty((self.registers, out.shape[1]))
         row = [*inputs, *numbers, *out, *registers]
