@@ -24,11 +24,14 @@ from ident.geometry.quaternion import small_rotation, turning
 from ident.geometry.se3 import coAd, hat, inverse, pose
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.model import closed_form
+from ident.model import closed_form, compiled
 from ident.model.adjoint import Value, gradient
 from ident.model.regressor import CHUNK
 from ident.model.tape import Program, Signal, Tape
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
+
+CHUNK_COMPILED = 256
+"""Samples that compiled code differentiates at once, so that what it gives is near when it is put by samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,29 +100,36 @@ class Measurement:
             wrenches: What the surroundings exert at the contacts: averages over neighbours, and the rest (N, 2, 6 k).
             theta: Parameters (p,).
         """
-        return self._run(self._channels_program, states, wrenches, theta)
+        program = self._channels_program
+        return self._run(program, states, wrenches, theta, np.arange(program.results))
 
     def derivatives(
-        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray
+        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by θ (C, p, N)."""
-        n, p, channels = self.coordinates, len(theta), len(self.equations.channels)
-        out = self._run(self._gradients_program, states, wrenches, theta)
-        by = out[channels:].reshape(channels, 3 * n + p, -1)
+        """Predicted channels (C, N), and their derivatives by the states (C, 3, n, N) and by entries of θ (C, k, N)."""
+        n, channels = self.coordinates, len(self.equations.channels)
+        gradients = np.arange(channels, channels * (1 + 3 * n + len(theta))).reshape(channels, -1)
+        wanted = np.hstack([gradients[:, : 3 * n], gradients[:, 3 * n + columns]])
+        results = np.append(np.arange(channels), wanted)
+        out = self._run(self._gradients_program, states, wrenches, theta, results)
+        by = out[channels:].reshape(*wanted.shape, -1)
         return out[:channels], by[:, : 3 * n].reshape(channels, 3, n, -1), by[:, 3 * n :]
 
-    def _run(self, program: Program, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Results (K, N), those of one sample beside each other in memory."""
+    def _run(
+        self, program: Program, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, wanted: np.ndarray
+    ) -> np.ndarray:
+        """Some results (k, N), those of one sample beside each other in memory."""
         rows = [*states.swapaxes(1, 2), wrenches.reshape(len(wrenches), -1).T]
         inputs = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
-        out = np.empty((len(wrenches), program.results))
-        some = np.zeros((program.results, min(CHUNK, len(wrenches))))
+        out = np.empty((len(wrenches), len(wanted)))
+        size = min(CHUNK_COMPILED if compiled.available() else CHUNK, len(wrenches))
+        some = np.zeros((program.results, size))
         program.fill(some)
-        for first in range(0, len(out), CHUNK):
-            part = slice(first, first + CHUNK)
+        for first in range(0, len(out), size):
+            part = slice(first, first + size)
             results = some[:, : len(out[part])]
             program.run(inputs[:, part], results, theta)
-            out[part] = results.T
+            out[part] = results[wanted].T
         return out.T
 
     @cached_property

@@ -168,9 +168,9 @@ class Predictor(Protocol):
         """Predicted channels (C, M)."""
 
     def derivatives(
-        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray
+        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Predicted channels (C, M), and their derivatives by the states (C, 3, n, M) and by θ (C, p, M)."""
+        """Predicted channels (C, M), and their derivatives by the states (C, 3, n, M) and by entries of θ (C, k, M)."""
 
 
 def misfit(
@@ -284,19 +284,19 @@ def _channel_rows(
     when = channel_times(measurement, piece, theta)
     local = piece.spline.local(when)
     x = local.combined(coefficients)
-    values, by_states, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta)
+    values, by_states, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, columns)
     by_states, by_theta = by_states.transpose(3, 0, 1, 2), by_theta.transpose(2, 0, 1)
     rate = np.einsum("mcdj,dmj->mc", by_states, x[1:])
     for at in measurement.of_kind("clock").values():
-        by_theta[..., at] = rate * (piece.when - piece.origin)[:, None]
+        by_theta[..., columns == at] = (rate * (piece.when - piece.origin)[:, None])[..., None]
     for at in measurement.of_kind("delay").values():
-        by_theta[..., at] = -rate
+        by_theta[..., columns == at] = -rate[..., None]
     intervals, new = Intervals(local.interval, piece.spline.intervals), _channels(piece, when, local, values, noise)
     rows = ChannelRows(
         intervals,
         basis=intervals.dealt(local.basis[:3].transpose(1, 2, 0)),
         by_states=intervals.dealt(by_states),
-        by_theta=intervals.dealt(by_theta[..., columns]),
+        by_theta=intervals.dealt(by_theta),
         factors=Factors.of(new, intervals),
     )
     return rows, new

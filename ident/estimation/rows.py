@@ -18,8 +18,8 @@ from ident.estimation.block_tridiagonal import WINDOW
 from ident.estimation.intervals import Intervals
 from ident.estimation.whitening import Innovations
 
-TOGETHER = 32
-"""Intervals whose rows are worked on together, so that they stay in the cache."""
+TOGETHER = 2**20
+"""Bytes of rows that are worked on together, so that they stay in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,26 +109,31 @@ class ChannelRows:
             # What θ moves once the trajectory follows it.
             F = self.by_theta[some] @ posterior.root - _through(J, posterior.followed[some])
             quadratic = (K * J).sum(axis=-1) + (F * F).sum(axis=-1)
-            across = np.zeros_like(quadratic)
+            across = before = np.zeros_like(quadratic)
             if self.factors.coloured.any():
                 J_before, F_before = self._before(J, some, self._moved), self._before(F, some)
                 across = (K * J_before).sum(axis=-1) + (F * F_before).sum(axis=-1)
-            before = self._before(quadratic, some)
+                before = self._before(quadratic, some)
             own = slice(some.start + fresh, some.stop)
             shares += self.factors.taken(quadratic[fresh:], across[fresh:], before[fresh:], own)
         return shares
 
     def _blocks(self) -> Iterator[tuple[slice, int]]:
-        """Some intervals at a time, with one before them for the sample before; how many that is."""
-        for start in range(0, self.intervals.number, TOGETHER):
-            first = max(start - 1, 0)
-            yield slice(first, min(start + TOGETHER, self.intervals.number)), start - first
+        """Some intervals at a time, where ρ is with one before them for the sample before; how many that is."""
+        _, m, C, _, n = self.by_states.shape
+        size = max(1, TOGETHER // max(8 * m * C * WINDOW * n, 1))
+        for start in range(0, self.intervals.number, size):
+            first = max(start - int(self.factors.coloured.any()), 0)
+            yield slice(first, min(start + size, self.intervals.number)), start - first
 
     @property
     def _moved(self) -> int:
         return self.by_states.shape[-1]
 
     def _before(self, rows: np.ndarray, some: slice, moved: int = 0) -> np.ndarray:
+        """Rows of the samples before, which nobody looks at without ρ."""
+        if not self.factors.coloured.any():
+            return np.broadcast_to(0.0, rows.shape)
         return self.intervals.before(rows, some.start, moved=moved)
 
     def _windows(self, some: slice) -> np.ndarray:

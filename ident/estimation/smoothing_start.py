@@ -53,7 +53,7 @@ class _Coordinates:
         return np.zeros((0, len(wrenches)))
 
     def derivatives(
-        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray
+        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """No channels (0, M), and no derivatives (0, 3, n, M), (0, 0, M)."""
         _, M, n = states.shape
@@ -213,7 +213,7 @@ def _linear(
     rows, right = [], []
     for piece, c in zip(pieces, coefficients, strict=True):
         x = piece.spline.evaluate(c, channel_times(measurement, piece, theta))
-        values, _, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta)
-        rows.append(by_theta[:, free].transpose(2, 0, 1))
+        values, _, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, np.flatnonzero(free))
+        rows.append(by_theta.transpose(2, 0, 1))
         right.append(piece.measured - values.T)
     return np.concatenate(rows), np.concatenate(right)

@@ -140,7 +140,9 @@ def test_derivatives_are_central_differences(seed):
     m = random_measurement(rng, 3, kinds, moving=bool(seed % 2), torques=seed > 1, contacts=1)
     m = with_plate(replace(m, frame=None if seed > 3 else m.frame)) if seed % 3 else m
     states, wrenches, theta = random_inputs(rng, m, samples=2)
-    values, by_states, by_theta = m.derivatives(states, wrenches, theta)
+    values, by_states, by_theta = m.derivatives(states, wrenches, theta, np.arange(len(theta)))
+    some = rng.permutation(len(theta))[:5]
+    np.testing.assert_array_equal(m.derivatives(states, wrenches, theta, some)[2], by_theta[:, some])
     np.testing.assert_allclose(values, m.values(states, wrenches, theta), atol=1e-12 * abs(values).max())
     scale, h = abs(values).max(), 1e-6
 

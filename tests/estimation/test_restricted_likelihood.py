@@ -30,10 +30,10 @@ class Linear:
     def values(self, states, wrenches, theta):
         return (states[2, :, 0] + wrenches[:, 0, :2] @ theta)[None]
 
-    def derivatives(self, states, wrenches, theta):
+    def derivatives(self, states, wrenches, theta, columns):
         by_states = np.zeros((1, 3, 1, len(wrenches)))
         by_states[:, 2] = 1
-        return self.values(states, wrenches, theta), by_states, wrenches[:, 0, :2].T[None]
+        return self.values(states, wrenches, theta), by_states, wrenches[:, 0, :2].T[None, columns]
 
 
 class Turned:
@@ -48,10 +48,10 @@ class Turned:
     def values(self, states, wrenches, theta):
         return (theta[0] * states[2, :, 0])[None]
 
-    def derivatives(self, states, wrenches, theta):
+    def derivatives(self, states, wrenches, theta, columns):
         by_states = np.zeros((1, 3, 1, len(wrenches)))
         by_states[:, 2] = theta[0]
-        return self.values(states, wrenches, theta), by_states, states[2, :, 0][None, None]
+        return self.values(states, wrenches, theta), by_states, states[2, :, 0][None, None][:, columns]
 
 
 def correlated(rng, number, rho):
