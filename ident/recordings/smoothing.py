@@ -1,5 +1,7 @@
 """Velocities and accelerations from sampled positions: one zero-phase low-pass filter, and central differences."""
 
+from bisect import bisect_left
+
 import numpy as np
 from scipy.linalg import lapack
 
@@ -64,22 +66,22 @@ def _filtered(x: np.ndarray, share: float) -> np.ndarray:
     """A Butterworth filter of second order by the bilinear transform, settled at the first sample.
 
     `(1 + √2 K + K²) y_i + 2 (K² - 1) y_i-1 + (1 - √2 K + K²) y_i-2 = K² (x_i + 2 x_i-1 + x_i-2)` with K = tan(π share)
-    is a banded triangular system in y. It is solved as such: scipy's filters bring its statistics, a third of what
-    starting takes.
+    is, divided by the first factor, a banded triangular system in y. It is solved as such: scipy's filters bring its
+    statistics, a third of what starting takes.
     """
     # Of no columns scipy's wrapper of LAPACK would write beyond its memory.
     if not x.size:
         return x
     K = np.tan(np.pi * share)
+    own = 1 + np.sqrt(2) * K + K**2
     first = x[:1]
-    risen = (x - first).reshape(len(x), -1)
+    risen = (K**2 / own * (x - first)).reshape(len(x), -1)
     forced = np.array(risen, order="F")
     forced[1:] += 2 * risen[:-1]
     forced[2:] += risen[:-2]
-    forced *= K**2
     band = np.empty((3, len(x)), order="F")
-    band[:] = [[1 + np.sqrt(2) * K + K**2], [2 * (K**2 - 1)], [1 - np.sqrt(2) * K + K**2]]
-    y, _ = lapack.dtbtrs(band, forced, uplo="L", overwrite_b=True)
+    band.T[:] = 1, 2 * (K**2 - 1) / own, (1 - np.sqrt(2) * K + K**2) / own
+    y, _ = lapack.dtbtrs(band, forced, uplo="L", diag="U", overwrite_b=True)
     return first + y.reshape(x.shape)
 
 
@@ -181,13 +183,10 @@ def _residual(x: np.ndarray, share: float) -> np.ndarray:
 
 def _residual_cutoff(x: np.ndarray, rate: float) -> float:
     """The highest cut-off over the columns at which the residual is that of all noise, Hz."""
+    x = np.asfortranarray(x)  # Columns are filtered one by one.
     shares = np.geomspace(LOWEST, HIGHEST, 80)
     tail = shares[shares >= TAIL]
     _, noise = np.polyfit(tail, _residuals(x, tail), 1)
-    # A column that asks for no higher cut-off needs no more filters.
-    for share in shares.tolist():
-        higher = ~(noise >= _residual(x, share))
-        if not higher.any():
-            return rate * share
-        x, noise = x[:, higher], noise[higher]
-    return rate * HIGHEST
+    # The higher a cut-off, the less is taken away.
+    enough = bisect_left(shares, True, key=lambda share: bool((noise >= _residual(x, share)).all()))
+    return rate * float(shares[min(enough, len(shares) - 1)])
