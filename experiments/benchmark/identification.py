@@ -9,11 +9,10 @@ from experiments.benchmark.mechanisms import Subject, chain, double_pendulum, me
 from experiments.benchmark.peers import PINOCCHIO_NAME, Pinocchio
 from experiments.benchmark.timing import Comparison, Effort, alternating, with_and_without
 from ident.estimation.accumulator import Accumulator, accumulate
-from ident.estimation.equations import Equations
 from ident.estimation.least_squares import Fit, least_squares
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
-from ident.parameters.base_parameters import STANDARD_GRAVITY, BaseParameters
+from ident.parameters.base_parameters import STANDARD_GRAVITY
 
 REGRESSOR, ACCUMULATION = "regressor", "accumulation"
 AGAIN = "regressor, memory used again"
@@ -25,7 +24,7 @@ TASKS = {
     ACCUMULATION: "all that least squares needs of the base columns (`accumulate`), against the same loop alone",
     ALL_COLUMNS: "from joint states and wrench to base parameters and their covariance (`least_squares`), the "
     "regrouping found before, against the loop and np.linalg.lstsq on all columns, without a covariance",
-    BASE_COLUMNS: "the same with the regrouping given, against the loop and np.linalg.lstsq on the base columns",
+    BASE_COLUMNS: "the same against the loop and np.linalg.lstsq on the base columns",
 }
 """What is timed. Before that models are built, equations recorded, and states laid out as each side takes them."""
 
@@ -100,7 +99,7 @@ def _compared(mechanism: Subject, number: int, effort: Effort) -> Iterator[Compa
 def _ways(mechanism: Subject, samples: Samples, peer: Pinocchio) -> dict[str, Ways]:
     """Our way and theirs to do each of `TASKS`."""
     states = peer.states(samples.motion.states, samples.motion.base)
-    given, kept = mechanism.parameters, peer.columns(mechanism.parameters.kept)
+    kept = peer.columns(mechanism.parameters.kept)
 
     def loop() -> np.ndarray:
         return peer.regressor(*states)
@@ -109,8 +108,8 @@ def _ways(mechanism: Subject, samples: Samples, peer: Pinocchio) -> dict[str, Wa
         REGRESSOR: (partial(mechanism.regressor, samples), loop),
         AGAIN: (partial(mechanism.regressor, samples, out=mechanism.regressor(samples)), loop),
         ACCUMULATION: (partial(_accumulated, mechanism, samples), loop),
-        ALL_COLUMNS: (partial(_identified, mechanism, samples, None), lambda: solved(loop(), samples.measured)),
-        BASE_COLUMNS: (partial(_identified, mechanism, samples, given), lambda: solved(loop(), samples.measured, kept)),
+        ALL_COLUMNS: (partial(_identified, mechanism, samples), lambda: solved(loop(), samples.measured)),
+        BASE_COLUMNS: (partial(_identified, mechanism, samples), lambda: solved(loop(), samples.measured, kept)),
     }
 
 
@@ -118,16 +117,15 @@ def _accumulated(mechanism: Subject, samples: Samples, start: Accumulator | None
     return accumulate(mechanism.equations, samples, start=start)
 
 
-def _identified(mechanism: Subject, samples: Samples, parameters: BaseParameters | None) -> Fit:
-    moving = samples.motion.base is not None
-    return least_squares(Equations.of_wrench(mechanism, parameters, moving=moving), samples)
+def _identified(mechanism: Subject, samples: Samples) -> Fit:
+    return least_squares(mechanism.equations, samples)
 
 
 def _check(mechanism: Subject, samples: Samples, peer: Pinocchio) -> None:
     """Holds our results against theirs."""
     theirs = peer.regressor(*peer.states(samples.motion.states, samples.motion.base))
     every, kept = (peer.columns(columns) for columns in (range(theirs.shape[2]), mechanism.parameters.kept))
-    psi = _identified(mechanism, samples, mechanism.parameters).psi
+    psi = _identified(mechanism, samples).psi
     phi = solved(theirs, samples.measured)[every]
     for what, ours, other in (
         (REGRESSOR, mechanism.regressor(samples), theirs[..., every]),
