@@ -20,6 +20,7 @@ from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, prepared
 from ident.estimation.robust import robust_fit, separable
 from ident.estimation.samples import Samples, joined
+from ident.estimation.setup import PRIORS
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
 from ident.judgement.torque_checks import torque_checks
@@ -233,9 +234,10 @@ def _joint(
         # Where all wrenches together come to zero, a constant one is weight.
         components = len(equations.channels) - len(equations.torques)
         with_offsets = equations.with_offsets([k for k in with_offsets.offsets if k >= components])
-    suspicious = any(_grossly_wrong(log) for log, _ in divided.fitted)
+    doubtful = any((PRIORS | options["setup"]).values())
+    search = doubtful and not any(_grossly_wrong(log) for log, _ in divided.fitted)
     columns = with_offsets if offsets else equations
-    estimate = partial(joint_estimate, divided.fitted, columns, search=not suspicious, **options)
+    estimate = partial(joint_estimate, divided.fitted, columns, search=search, **options)
     joint = _known_enough(estimate, known, prior if wanted is None else known)
     rms = disagreement(joint)
     widening = rms if rms is not None and rms > DISAGREE else 1.0

@@ -214,7 +214,8 @@ def fit(
     except KeyboardInterrupt:
         status = "interrupted"
     # What was held is told of as well: by how much it would go if it were not.
-    shares = [(part.schur, part.gradient) for part in problem.linearised(at, np.arange(len(free)))]
+    every_theta = np.arange(len(free))
+    shares = [(part.schur, part.gradient) for part in problem.linearised(at, every_theta)] if len(free) else []
     return JointFit(
         problem.names,
         problem.selections,
