@@ -62,11 +62,15 @@ class Factors:
     def taken(self, own: np.ndarray, across: np.ndarray, before: np.ndarray, some: slice = slice(None)) -> np.ndarray:
         """Shares of innovations and halves (3, s) by q_kk, q_k,k-1 and q_k-1,k-1 (k, m, s); halves' only where ρ is."""
         scale, rho, slow, fast = (x[some] for x in (self.scale, self.rho, self.slow, self.fast))
+        if not self.coloured.any():
+            nothing = np.zeros(own.shape[-1])
+            return np.stack([_summed(scale**2, own), nothing, nothing])
+        both = own + before
         shares = np.stack(
             [
-                (scale**2 * (own - 2 * rho * across + rho**2 * before)).sum(axis=(0, 1)),
-                (slow**2 * (own + 2 * across + before)).sum(axis=(0, 1)),
-                (fast**2 * (own - 2 * across + before)).sum(axis=(0, 1)),
+                _summed(scale**2, own - 2 * rho * across + rho**2 * before),
+                _summed(slow**2, both + 2 * across),
+                _summed(fast**2, both - 2 * across),
             ]
         )
         shares[1:, ~self.coloured] = 0
@@ -108,11 +112,11 @@ class ChannelRows:
             K = _through(J, posterior.inverse[some])
             # What θ moves once the trajectory follows it.
             F = self.by_theta[some] @ posterior.root - _through(J, posterior.followed[some])
-            quadratic = (K * J).sum(axis=-1) + (F * F).sum(axis=-1)
+            quadratic = _dot(K, J) + _dot(F, F)
             across = before = np.zeros_like(quadratic)
             if self.factors.coloured.any():
                 J_before, F_before = self._before(J, some, self._moved), self._before(F, some)
-                across = (K * J_before).sum(axis=-1) + (F * F_before).sum(axis=-1)
+                across = _dot(K, J_before) + _dot(F, F_before)
                 before = self._before(quadratic, some)
             own = slice(some.start + fresh, some.stop)
             shares += self.factors.taken(quadratic[fresh:], across[fresh:], before[fresh:], own)
@@ -172,7 +176,7 @@ class StateRows:
         """Which share of innovations and of their halves is taken (3, n)."""
         J, J_before = (x[:, None] for x in self.windows)
         K = J @ posterior.by_coordinate
-        own, across = (K * J).sum(axis=-1), (K * J_before).sum(axis=-1)
+        own, across = _dot(K, J), _dot(K, J_before)
         for j, at in self.zeros.items():
             zero = posterior.root[at]
             # The zero's covariance with the coefficients is that of what follows θ, with the other sign.
@@ -182,6 +186,16 @@ class StateRows:
             across[:, j] += (shift + shift_before)[..., 0]
         own, across = own.swapaxes(1, 2), across.swapaxes(1, 2)
         return self.factors.taken(own, across, self.intervals.before(own))
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products of vectors (…, w): (…,)."""
+    return np.einsum("...w,...w->...", a, b)
+
+
+def _summed(weights: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Weighted sums over the samples of all intervals (k, m, s): (s,)."""
+    return np.einsum("kms,kms->s", weights, x)
 
 
 def _joined(x: np.ndarray) -> np.ndarray:
