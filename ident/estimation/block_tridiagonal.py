@@ -6,12 +6,14 @@
 The second is the recursion of Takahashi, Fagan and Chen (1973); see Erisman and Tinney, Commun. ACM 18 (1975),
 doi:10.1145/360680.360704. What is local in time makes such matrices: a window of seven spline functions, of n
 coordinates each, lies in two blocks of six. Time and memory grow with the number of blocks.
+
+BLAS and LAPACK read along columns and numpy writes along rows: they are given transposes, which they need not copy.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from ident.estimation.spline import LOCAL
 
@@ -62,9 +64,12 @@ class BlockTridiagonal:
         for k, block in enumerate(self.diagonal):
             if k:
                 block = block - coupling[k - 1] @ coupling[k - 1].T
-            factor[k] = np.linalg.cholesky(block)
+            upper, failed = lapack.dpotrf(block.T)
+            if failed:
+                raise np.linalg.LinAlgError("The matrix is not positive definite.")
+            factor[k] = upper.T
             if k < len(self.below):
-                coupling[k] = lapack.dtrtrs(factor[k], self.below[k].T, lower=1)[0].T
+                coupling[k] = blas.dtrsm(1, upper, self.below[k].T, trans_a=1).T
         return Factor(factor, coupling)
 
 
@@ -82,12 +87,13 @@ class Factor:
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """`A⁻¹ right` for right sides (K, b, p)."""
-        x = np.empty_like(right)
+        x = np.empty(right.shape)
         for k, L in enumerate(self.diagonal):
-            x[k] = lapack.dtrtrs(L, right[k] - self.below[k - 1] @ x[k - 1] if k else right[k], lower=1)[0]
+            rest = right[k] - self.below[k - 1] @ x[k - 1] if k else right[k]
+            x[k] = blas.dtrsm(1, L.T, rest.T, side=1).T
         for k in reversed(range(len(x))):
             rest = x[k] - self.below[k].T @ x[k + 1] if k < len(self.below) else x[k]
-            x[k] = lapack.dtrtrs(self.diagonal[k], rest, lower=1, trans=1)[0]
+            x[k] = blas.dtrsm(1, self.diagonal[k].T, rest.T, side=1, trans_a=1).T
         return x
 
     def inverse_windows(self, number: int) -> np.ndarray:
@@ -100,9 +106,9 @@ class Factor:
             own = inverse.T @ inverse
             if below is not None:
                 G = inverse.T @ self.below[k].T
-                beside = -below @ G.T
-                own = own - G @ beside
-                pairs[k, size:, size:], pairs[k, size:, :size], pairs[k, :size, size:] = below, beside, beside.T
+                beside = G @ below
+                own = own + beside @ G.T
+                pairs[k, size:, size:], pairs[k, :size, size:], pairs[k, size:, :size] = below, -beside, -beside.T
             pairs[k, :size, :size] = below = own
         n = size // LOCAL
         windows = np.empty((number, WINDOW * n, WINDOW * n))
