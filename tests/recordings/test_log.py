@@ -12,6 +12,7 @@ from malformed_logs import (
     DQ,
     GROUND_COLUMNS,
     JOINTS,
+    LETTERS,
     PLAIN,
     SOUND,
     WRENCH,
@@ -374,7 +375,7 @@ def test_what_looks_like_a_wrench_or_a_torque_is_suggested(columns, lines):
 
 
 @settings(max_examples=100, derandomize=True, deadline=None, database=None)
-@given(st.lists(st.text(max_size=4), max_size=3), st.text(min_size=1, max_size=4))
+@given(st.lists(st.text(LETTERS, max_size=4), max_size=3), st.text(LETTERS, min_size=1, max_size=4))
 def test_what_is_suggested_can_be_read(texts, joint):
     """Any names of columns and joints: the lines are TOML, and name these columns."""
     columns = [f"{text}{end}" for text in texts for end in ("_fx", ".Torque.Z", f" tau {joint}")]
