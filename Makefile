@@ -1,6 +1,6 @@
 # `make paper` regenerates the study, `make test` runs the tests; both set up their own environment in .venv.
 # `make test-extras` runs the tests that need the optional extras or a browser, `make docs` builds the pages into
-# results/docs, `make install` sets up the environment alone.
+# results/docs, `make install` and `make extras` set up the environment alone.
 PYTHON ?= python3
 VENV ?= .venv
 CONSTRAINTS ?= constraints.txt
@@ -22,7 +22,7 @@ OF_EXTRAS := $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchi
 	tests/recordings/test_markers.py tests/studies/test_identify_formats.py
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
 
-.PHONY: paper test test-extras check docs readme install clean
+.PHONY: paper test test-extras check docs readme install extras clean
 
 paper: $(INSTALLED)
 	$(BIN)/python -m experiments
@@ -30,9 +30,7 @@ paper: $(INSTALLED)
 test: $(INSTALLED)
 	$(BIN)/python -m pytest $(PARALLEL) $(or $(TESTS),--ignore=$(BROWSER))
 
-test-extras: $(INSTALLED)
-	$(PIP) -e ".[test,symbolic,peers,cluster,completion,formats,docs]"
-	$(PIP) --no-deps $(MODELS)
+test-extras: extras
 	$(BIN)/python -m pytest $(PARALLEL) $(OF_EXTRAS)
 
 check: $(INSTALLED)
@@ -50,12 +48,19 @@ readme: $(INSTALLED)
 
 install: $(INSTALLED)
 
+extras: $(INSTALLED)-extras
+
 clean:
 	rm -rf $(VENV) build dist *.egg-info results
 
 # Once it is there, the pages are built without a network.
 $(INSTALLED)-docs: $(INSTALLED)
 	$(PIP) -e ".[test,docs]"
+	touch $@
+
+$(INSTALLED)-extras: $(INSTALLED)
+	$(PIP) -e ".[test,symbolic,peers,cluster,completion,formats,docs]"
+	$(PIP) --no-deps $(MODELS)
 	touch $@
 
 $(INSTALLED): pyproject.toml ident/model/blocks.c ident/model/kernels.h $(CONSTRAINTS)
