@@ -234,8 +234,8 @@ def _joint(
         # Where all wrenches together come to zero, a constant one is weight.
         components = len(equations.channels) - len(equations.torques)
         with_offsets = equations.with_offsets([k for k in with_offsets.offsets if k >= components])
-    doubtful = any((PRIORS | options["setup"]).values())
-    search = doubtful and not any(_grossly_wrong(log) for log, _ in divided.fitted)
+    # With the set-up exactly as stated there is nothing to look for.
+    search = any((PRIORS | options["setup"]).values()) and not any(_grossly_wrong(log) for log, _ in divided.fitted)
     columns = with_offsets if offsets else equations
     estimate = partial(joint_estimate, divided.fitted, columns, search=search, **options)
     joint = _known_enough(estimate, known, prior if wanted is None else known)

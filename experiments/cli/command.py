@@ -84,4 +84,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         import argcomplete
 
         argcomplete.autocomplete(parser())
+    options.end_at_once()
     return options.run(run, parser, argv)

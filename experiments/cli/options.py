@@ -1,6 +1,7 @@
 """Command-line options that the studies share, and how they end."""
 
 import argparse
+import atexit
 import gc
 import io
 import shlex
@@ -228,10 +229,14 @@ def main(module: str, study: Study, make_parser: MakeParser) -> Callable[[Sequen
     """Entry point of the command in a module of that `__name__`; where it is the script, the command runs at once."""
     entry = partial(run, study, make_parser)
     if module == "__main__":
-        code = entry()
-        gc.freeze()  # At its end Python would look for garbage in all that was imported, a tenth of a short command.
-        sys.exit(code)
+        end_at_once()
+        sys.exit(entry())
     return entry
+
+
+def end_at_once() -> None:
+    """Has this process look for no garbage at its end in all that was imported, a tenth of a short command."""
+    atexit.register(gc.freeze)
 
 
 def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None) -> int:

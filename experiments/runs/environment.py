@@ -41,7 +41,7 @@ def unsaid(*, film: bool) -> dict[str, str]:
 def seldom_collected() -> Iterator[None]:
     """Cycles of garbage are looked for less often for the duration of a block."""
     before = gc.get_threshold()
-    gc.set_threshold(max(before[0], GARBAGE))
+    gc.set_threshold(before[0] and max(before[0], GARBAGE))
     try:
         yield
     finally:

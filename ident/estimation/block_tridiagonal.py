@@ -7,7 +7,7 @@ The second is the recursion of Takahashi, Fagan and Chen (1973); see Erisman and
 doi:10.1145/360680.360704. What is local in time makes such matrices: a window of seven spline functions, of n
 coordinates each, lies in two blocks of six. Time and memory grow with the number of blocks.
 
-BLAS and LAPACK read along columns and numpy writes along rows: they are given transposes, which they need not copy.
+BLAS and LAPACK read along columns and numpy writes along rows: they are given transposes, which need no reordering.
 """
 
 from dataclasses import dataclass

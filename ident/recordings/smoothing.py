@@ -1,7 +1,5 @@
 """Velocities and accelerations from sampled positions: one zero-phase low-pass filter, and central differences."""
 
-from bisect import bisect_left
-
 import numpy as np
 from scipy.linalg import lapack
 
@@ -187,6 +185,10 @@ def _residual_cutoff(x: np.ndarray, rate: float) -> float:
     shares = np.geomspace(LOWEST, HIGHEST, 80)
     tail = shares[shares >= TAIL]
     _, noise = np.polyfit(tail, _residuals(x, tail), 1)
-    # The higher a cut-off, the less is taken away.
-    enough = bisect_left(shares, True, key=lambda share: bool((noise >= _residual(x, share)).all()))
-    return rate * float(shares[min(enough, len(shares) - 1)])
+    # A column that asks for no higher cut-off needs no more filters.
+    for share in shares.tolist():
+        higher = ~(noise >= _residual(x, share))
+        if not higher.any():
+            return rate * share
+        x, noise = x[:, higher], noise[higher]
+    return rate * HIGHEST

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -96,8 +97,6 @@ def test_figures_are_a_column_wide_in_the_authors_style(tmp_path):
     style = tmp_path / "own.mplstyle"
     style.write_text("font.size: 5\naxes.prop_cycle: cycler('color', ['k'])\n")
     with figures.author_style(style, 1), figures.paper_style():
-        import matplotlib as mpl
-
         assert (mpl.rcParams["font.size"], figures.column_width()) == (5, WIDTHS[1][0])
         assert mpl.rcParams["font.family"] == ["STIXGeneral"]
     with figures.paper_style():
@@ -108,6 +107,21 @@ def test_figures_are_a_column_wide_in_the_authors_style(tmp_path):
             pass
     with pytest.raises(InputError, match="--style needs"), figures.author_style(tmp_path / "absent", 2):
         pass
+
+
+@pytest.mark.parametrize("extension", ["svg", "png"])
+def test_what_a_user_has_of_matplotlib_leaves_the_papers_figures_as_they_are(extension):
+    def drawing():
+        with figures.paper_style():
+            figure = Figure(figsize=(1, 1))
+            figure.subplots().plot([0, 1])
+            return figures.drawn(figure, extension)
+
+    own = {"axes.facecolor": "black", "lines.linestyle": "--", "font.size": 30}
+    expected = drawing()
+    with mpl.rc_context(own):
+        assert drawing() == expected
+        assert mpl.rcParams["font.size"] == own["font.size"]
 
 
 def test_drawings_are_small_and_the_same(tmp_path):
