@@ -28,6 +28,7 @@ from experiments import (
     sweep,
 )
 from experiments.cli import options
+from experiments.runs.environment import end_at_once
 
 COMMANDS = {
     "paper": experiments.__main__,
@@ -84,5 +85,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         import argcomplete
 
         argcomplete.autocomplete(parser())
-    options.end_at_once()
+    end_at_once()
     return options.run(run, parser, argv)

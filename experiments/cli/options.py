@@ -1,8 +1,6 @@
 """Command-line options that the studies share, and how they end."""
 
 import argparse
-import atexit
-import gc
 import io
 import shlex
 import signal
@@ -19,7 +17,7 @@ from urllib.parse import urlsplit
 import scenes
 from experiments.cli.defaults import FORMATS, JOINT_TRIALS, REDRAWN
 from experiments.cli.print_options import add_print, style_of
-from experiments.runs.environment import environment, seldom_collected, unsaid
+from experiments.runs.environment import end_at_once, environment, seldom_collected, unsaid
 from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]
@@ -232,11 +230,6 @@ def main(module: str, study: Study, make_parser: MakeParser) -> Callable[[Sequen
         end_at_once()
         sys.exit(entry())
     return entry
-
-
-def end_at_once() -> None:
-    """Has this process look for no garbage at its end in all that was imported, a tenth of a short command."""
-    atexit.register(gc.freeze)
 
 
 def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None) -> int:

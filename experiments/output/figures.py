@@ -36,7 +36,7 @@ _WRITTEN: dict[str, dict[str, Any]] = {
     "svg": {"metadata": {"Date": None}},
     "png": {"pil_kwargs": {"compress_type": zlib.Z_RLE}},
 }
-"""How files of each format are written: without a date, and in half of the time, up to an eighth larger."""
+"""How files of each format are written: without a date; pixels in half of the time, up to an eighth larger."""
 
 
 WIDTHS = {1: (4.77, 4.77), 2: (3.5, 7.16)}
@@ -206,7 +206,7 @@ def _logarithmic(ax: Axes, curves: Sequence[np.ndarray], lowest: float) -> None:
         ax.set_yscale("log")
         ax.yaxis.set_major_locator(LogLocator(numticks=5))
         ax.yaxis.set_minor_formatter(NullFormatter())
-        ax.tick_params(axis="y", which="minor", labelleft=False)  # Nor are nothings measured.
+        ax.tick_params(axis="y", which="minor", labelleft=False)  # Empty ones would be measured.
         ax.set_ylim(lowest * largest, 1.5 * largest)
 
 

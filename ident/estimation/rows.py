@@ -52,17 +52,22 @@ class Factors:
         """Which streams have ρ above zero (s,)."""
         return np.asarray(self.rho.any(axis=(0, 1)))
 
+    @cached_property
+    def white(self) -> bool:
+        """Whether none has, so that nobody looks at the samples before."""
+        return not self.coloured.any()
+
     def whitened(self, rows: np.ndarray, before: np.ndarray, some: slice = slice(None)) -> np.ndarray:
         """Rows of some intervals (k, m, s, …), those of the samples before known, as they enter the equations."""
         each = (some, ..., *[None] * (rows.ndim - 3))
-        if self.coloured.any():
+        if not self.white:
             rows = rows - self.rho[each] * before
         return self.scale[each] * rows
 
     def taken(self, own: np.ndarray, across: np.ndarray, before: np.ndarray, some: slice = slice(None)) -> np.ndarray:
         """Shares of innovations and halves (3, s) by q_kk, q_k,k-1 and q_k-1,k-1 (k, m, s); halves' only where ρ is."""
         scale, rho, slow, fast = (x[some] for x in (self.scale, self.rho, self.slow, self.fast))
-        if not self.coloured.any():
+        if self.white:
             nothing = np.zeros(own.shape[-1])
             return np.stack([_summed(scale**2, own), nothing, nothing])
         both = own + before
@@ -113,11 +118,11 @@ class ChannelRows:
             # What θ moves once the trajectory follows it.
             F = self.by_theta[some] @ posterior.root - _through(J, posterior.followed[some])
             quadratic = _dot(K, J) + _dot(F, F)
-            across = before = np.zeros_like(quadratic)
-            if self.factors.coloured.any():
+            across = np.zeros_like(quadratic)
+            if not self.factors.white:
                 J_before, F_before = self._before(J, some, self._moved), self._before(F, some)
                 across = _dot(K, J_before) + _dot(F, F_before)
-                before = self._before(quadratic, some)
+            before = self._before(quadratic, some)
             own = slice(some.start + fresh, some.stop)
             shares += self.factors.taken(quadratic[fresh:], across[fresh:], before[fresh:], own)
         return shares
@@ -127,7 +132,7 @@ class ChannelRows:
         _, m, C, _, n = self.by_states.shape
         size = max(1, TOGETHER // max(8 * m * C * WINDOW * n, 1))
         for start in range(0, self.intervals.number, size):
-            first = max(start - int(self.factors.coloured.any()), 0)
+            first = max(start - (not self.factors.white), 0)
             yield slice(first, min(start + size, self.intervals.number)), start - first
 
     @property
@@ -135,8 +140,8 @@ class ChannelRows:
         return self.by_states.shape[-1]
 
     def _before(self, rows: np.ndarray, some: slice, moved: int = 0) -> np.ndarray:
-        """Rows of the samples before, which nobody looks at without ρ."""
-        if not self.factors.coloured.any():
+        """Rows of the samples before, zeros without ρ."""
+        if self.factors.white:
             return np.broadcast_to(0.0, rows.shape)
         return self.intervals.before(rows, some.start, moved=moved)
 
