@@ -249,9 +249,9 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
     parser = make_parser()
     options = parser.parse_args(argv)
     told = environment(unsaid(film=getattr(options, "film", False)))
-    with told, seldom_collected(), _interruptible_once(), _notes_printed_once():
+    with told, seldom_collected(), _interruptible_once() as asked, _notes_printed_once():
         try:
-            with style_of(options):
+            with style_of(options), _its_consequences(asked):
                 study(options)
         except (InputError, OSError, MemoryError) as error:
             print(f"{parser.prog}: error: {error}", file=sys.stderr)
@@ -308,24 +308,43 @@ def _notes_printed_once() -> Iterator[None]:
 
 
 @contextmanager
-def _interruptible_once() -> Iterator[None]:
-    """Makes the first Ctrl-C or request to terminate end a block, and later ones wait until it has cleaned up."""
+def _interruptible_once() -> Iterator[threading.Event]:
+    """Makes the first Ctrl-C or request to terminate end a block, and later ones wait until it has cleaned up.
+
+    What it yields is set by the first.
+    """
+    asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield asked
         return
     signals = (signal.SIGINT, signal.SIGTERM)
 
     def interrupt(*_: object) -> None:
         for number in signals:
             signal.signal(number, signal.SIG_IGN)
+        asked.set()
         raise KeyboardInterrupt
 
     before = [signal.signal(number, interrupt) for number in signals]
     try:
-        yield
+        yield asked
     finally:
         for number, handler in zip(signals, before, strict=True):
             signal.signal(number, handler)
+
+
+@contextmanager
+def _its_consequences(asked: threading.Event) -> Iterator[None]:
+    """Takes what is raised after a request to end for that request.
+
+    Interrupted between giving a lock back and taking it again, Python's threading complains of the lock instead.
+    """
+    try:
+        yield
+    except Exception as error:
+        if asked.is_set():
+            raise KeyboardInterrupt from error
+        raise
 
 
 def _address(text: str) -> str:

@@ -1,5 +1,6 @@
 import argparse
 import re
+import signal
 import subprocess
 import sys
 import traceback
@@ -57,6 +58,22 @@ def test_such_an_error_ends_the_command_with_1():
     *_, message, request = ended.stderr.splitlines()
     assert message == "ValueError: could not convert string to float: 'x'"
     assert ASKED in request and request.endswith(f"{COMMAND} --out x")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("error", [None, RuntimeError("cannot release un-acquired lock"), InputError("A worker died.")])
+def test_what_follows_from_a_request_to_end_is_taken_for_it(capsys, number, error):
+    def study(_):
+        try:
+            signal.raise_signal(number)
+        finally:
+            if error is not None:
+                raise error
+
+    before = signal.getsignal(number)
+    assert options.run(study, mechanism.parser, []) == 130
+    assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
+    assert signal.getsignal(number) is before
 
 
 def test_an_option_that_is_no_number_is_named():

@@ -68,7 +68,7 @@ def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, numbe
     # The bar stands at zero while the workers start.
     pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
     code, said = interrupted([*command, "--formats", "png", "--out", str(tmp_path)], pattern, number)
-    assert code == 130
+    assert code == 130, said.decode()
     assert b"Traceback" not in said
     assert b"resource_tracker" not in said
     assert b"every file is whole" in said
