@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.ndimage import label, median_filter
 
+from ident.recordings.resolution import UNIFORM, quantum
 from ident.tolerances import NORMAL_MAD
 
 WINDOW = 11
@@ -18,6 +19,8 @@ ISOLATED = 2
 def despiked(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Channels with their isolated gross outliers interpolated (Hampel's filter).
 
+    A step of the resolution is no outlier, also where a channel that hardly changes makes none for a while.
+
     Args:
         x: Channels (N, C); those of NaN stay as they are.
 
@@ -27,7 +30,8 @@ def despiked(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     out, counts = np.array(x, float), np.zeros(x.shape[1], int)
     for c in np.flatnonzero(np.isfinite(out).all(axis=0)):
         deviation = np.abs(out[:, c] - median_filter(out[:, c], WINDOW, mode="nearest"))
-        typical = np.maximum(median_filter(deviation, 5 * WINDOW, mode="nearest"), np.median(deviation))
+        usual = max(np.median(deviation), UNIFORM * quantum(out[:, c]))
+        typical = np.maximum(median_filter(deviation, 5 * WINDOW, mode="nearest"), usual)
         spread = np.median(np.abs(out[:, c] - np.median(out[:, c])))
         runs, _ = label(deviation > NORMAL_MAD * np.maximum(GROSS * typical, spread))
         bad = (runs > 0) & (np.bincount(runs)[runs] <= ISOLATED)

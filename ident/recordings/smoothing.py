@@ -6,7 +6,7 @@ from scipy.linalg import lapack
 from ident.errors import InputError
 
 PADDING = 9
-"""Samples by which either end is continued: three for each coefficient of the filter's denominator."""
+"""Least samples by which either end is continued: three for each coefficient of the filter's denominator."""
 
 SETTLING = 1.5
 """Time in which filter and differences settle at either end, in periods of the cut-off frequency."""
@@ -45,19 +45,26 @@ def low_pass(x: np.ndarray, rate: float, cutoff_hz: float) -> np.ndarray:
             f"A cut-off needs a frequency from {LEAST * rate:g} Hz to below half the rate, {rate / 2:g} Hz, got "
             f"{cutoff_hz:g} Hz."
         )
-    return _passed(x, cutoff_hz / rate)
+    # A motion that stopped a few samples beyond an end would jerk there as far as the filter reaches.
+    reach = min(max(PADDING, 2 * settling(rate, cutoff_hz)), len(x) - 1)
+    return _passed(x, cutoff_hz / rate, reach)
 
 
-def _passed(x: np.ndarray, share: float) -> np.ndarray:
+def _passed(x: np.ndarray, share: float, padding: int = PADDING) -> np.ndarray:
     """What a filter passes that has its cut-off at a share of the rate, forward and backward.
 
     Either end goes on as its mirror image through the last sample, and what was before that as it begins.
+
+    Args:
+        x: Samples (N,) or (N, k).
+        share: The cut-off as a share of the rate.
+        padding: Samples by which either end goes on.
     """
     if len(x) <= PADDING:
         raise InputError(f"Low-pass filtering needs more than {PADDING} samples, got {len(x)}.")
-    before, after = 2 * x[0] - x[PADDING:0:-1], 2 * x[-1] - x[-2 : -2 - PADDING : -1]
+    before, after = 2 * x[0] - x[padding:0:-1], 2 * x[-1] - x[-2::-1][:padding]
     forward = _filtered(np.concatenate([before, x, after]), share)
-    return _filtered(forward[::-1], share)[::-1][PADDING:-PADDING]
+    return _filtered(forward[::-1], share)[::-1][padding:-padding]
 
 
 def _filtered(x: np.ndarray, share: float) -> np.ndarray:

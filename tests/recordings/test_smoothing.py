@@ -32,8 +32,19 @@ def test_the_filter_has_its_gain_and_no_phase(cutoff, frequency):
 @pytest.mark.parametrize("cutoff", [0.1, 5.0, 45.0])
 def test_the_filter_is_scipys(shape, cutoff):
     x = np.random.default_rng(0).normal(size=shape).cumsum(axis=0)
-    expected = signal.sosfiltfilt(signal.butter(2, cutoff, output="sos", fs=100), x, axis=0, padlen=9)
+    padding = min(max(9, 2 * settling(100, cutoff)), len(x) - 1)
+    expected = signal.sosfiltfilt(signal.butter(2, cutoff, output="sos", fs=100), x, axis=0, padlen=padding)
     np.testing.assert_allclose(low_pass(x, 100, cutoff), expected, atol=1e-10 * abs(x).max())
+
+
+@pytest.mark.parametrize("cutoff", [0.5, 1.0, 4.0])
+def test_a_motion_goes_on_beyond_the_ends_as_far_as_the_filter_reaches(cutoff):
+    """What moves evenly is not braked there; of an acceleration at an end at most all is lost."""
+    _, dx, ddx = smoothed(0.3 + 2 * T, RATE, cutoff)
+    assert np.abs(dx - 2).max() < 1e-4 and np.abs(ddx).max() < 1e-3
+    w = 2 * np.pi * 0.2
+    exact = -w * w * np.sin(w * T + 1)
+    assert np.abs(smoothed(np.sin(w * T + 1), RATE, cutoff)[2] - exact).max() < 1.1 * np.abs(exact).max()
 
 
 def test_no_columns_stay_none():

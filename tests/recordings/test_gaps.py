@@ -1,0 +1,40 @@
+import numpy as np
+
+from ident.recordings.gaps import INTERPOLATED, covered, longest_step, stretches
+from ident.recordings.recording import Recording
+from ident.recordings.sampled import Sampled
+
+
+def recorded(*gaps, rate=100.0, plate=100.0):
+    """Angles without samples between some times, and a plate's wrench, one of whose components is not measured."""
+    clocks = {"hip_position": np.arange(0, 10, 1 / rate), "ground_force": np.arange(0, 10, 1 / plate)}
+    streams = {"hip_position": (t := clocks["hip_position"], np.sin(t))}
+    streams["ground_force"] = (t := clocks["ground_force"], np.stack([t, np.full_like(t, np.nan), t], axis=1))
+    for first, last in gaps:
+        time, x = streams["hip_position"]
+        kept = (time <= first) | (time >= last)
+        streams["hip_position"] = time[kept], x[kept]
+    return Recording.from_streams(streams, rate=100.0)
+
+
+def test_what_lies_in_a_gap_of_a_channel_is_not_covered():
+    recording = recorded((2.0, 5.4), (7.0, 7.03))
+    inside = covered(recording, ("hip_position", "ground_force", "not_there"))
+    np.testing.assert_array_equal(inside, (recording.time < 2.005) | (recording.time > 5.395))
+    assert covered(recording, ("ground_force",)).all()
+
+
+def test_a_slow_stream_has_no_gaps_between_its_samples():
+    recording = recorded(plate=8.0)
+    assert covered(recording, ("ground_force",)).all()
+    assert longest_step(recording.streams["ground_force"]) == 0.25
+    assert longest_step(Sampled(np.zeros(1), np.zeros(1))) == INTERPOLATED
+
+
+def test_stretches_end_at_gaps_and_where_times_jump():
+    time = np.r_[np.arange(10), np.arange(20, 30)] / 100
+    assert stretches(time, np.ones(20, bool)) == [slice(0, 10), slice(10, 20)]
+    inside = np.ones(20, bool)
+    inside[[0, 4, 5]] = False
+    assert stretches(time, inside) == [slice(1, 4), slice(6, 10), slice(10, 20)]
+    assert stretches(time, np.zeros(20, bool)) == []

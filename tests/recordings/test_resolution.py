@@ -1,0 +1,80 @@
+"""Steps that signals were recorded in, from their smallest differences, and coordinates that rest."""
+
+import numpy as np
+import pytest
+
+from ident.recordings.despike import despiked
+from ident.recordings.resolution import at_rest, quantum
+
+T = np.arange(1000) / 100
+SIGNAL = np.sin(2 * T) + 0.3 * np.sin(5.1 * T)
+ENCODER = 2 * np.pi / 4096
+
+
+def noisy(std, seed=0):
+    return SIGNAL + std * np.random.default_rng(seed).normal(size=len(T))
+
+
+def rounded(x, step):
+    return step * np.round(x / step)
+
+
+@pytest.mark.parametrize("step", [0.5, 0.1, 0.01, 1e-3, 1e-4])
+@pytest.mark.parametrize("std", [0, 0.01])
+def test_steps_are_found_at_any_size(step, std):
+    assert quantum(rounded(noisy(std), step)) == pytest.approx(step, rel=1e-3)
+
+
+def test_steps_survive_other_units_decimals_and_missing_samples():
+    degrees = np.round(np.degrees(rounded(SIGNAL, ENCODER)), 2)
+    assert quantum(np.radians(degrees)) == pytest.approx(ENCODER, rel=0.01)
+    assert quantum(rounded(SIGNAL, 0.01).astype(np.float32).astype(float)) == pytest.approx(0.01, rel=1e-3)
+    holes = np.where(np.arange(len(T)) % 7, rounded(SIGNAL, 0.1), np.nan)
+    assert quantum(holes) == pytest.approx(0.1)
+
+
+def test_repaired_samples_between_the_steps_do_not_hide_them():
+    x, rng = rounded(noisy(0.01), 0.1), np.random.default_rng(1)
+    x[rng.integers(0, len(x), 30)] += rng.normal(size=30)
+    assert quantum(x) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    "x",
+    [SIGNAL, noisy(0.01), noisy(0.01).astype(np.float32).astype(float), np.full(1000, 3.0), np.zeros(0)],
+    ids=["smooth", "noisy", "single precision", "constant", "nothing"],
+)
+def test_a_signal_on_no_lattice_has_no_steps(x):
+    assert quantum(x) < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_few_samples_make_no_lattice_by_chance(seed):
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=rng.integers(20, 200))
+    assert quantum(x) == quantum(np.cumsum(x)) == 0
+
+
+def test_a_plate_that_is_empty_for_a_while_has_no_steps():
+    assert quantum(np.maximum(SIGNAL, 0.3) - 0.3) == 0
+
+
+@pytest.mark.parametrize("step", [0.3, 0.5, 1.0])
+def test_steps_of_a_channel_that_hardly_changes_are_no_outliers(step):
+    """Most samples are alike, so that the median of their deviations is zero."""
+    x = rounded(0.4 * np.sin(T) + 0.1 * np.random.default_rng(0).normal(size=len(T)), step)[:, None]
+    same, counts = despiked(x)
+    assert not counts.any()
+    np.testing.assert_array_equal(same, x)
+    x[[100, 700]] += 50 * step
+    assert despiked(x)[1].tolist() == [2]
+
+
+def test_rests():
+    rng = np.random.default_rng(2)
+    white = rng.normal(size=len(T))
+    flicker = np.where(rng.uniform(size=len(T)) < 0.3, ENCODER, 0)
+    for x in (np.full(1000, 2.09), 2.09 + 1e-5 * SIGNAL, 0.003 * white, flicker):
+        assert at_rest(x, largest=1.0)
+    for x in (SIGNAL, 0.01 * SIGNAL + 0.003 * white, rounded(0.01 * SIGNAL, ENCODER)):
+        assert not at_rest(x, largest=1.0)
