@@ -50,9 +50,8 @@ def table():
     }
     placed = with_person(model, PERSON, segments)
     twice = np.array([[1.0 if name in ("trunk", "box", "foot") else 2.0] for name in placed.bodies])
-    std = twice * placed.prior_std.reshape(-1, 10)
-    std[placed.bodies.index("box")] = 1e-3 * np.abs(placed.prior.reshape(-1, 10)[placed.bodies.index("box")]) + 1e-4
-    return replace(placed, prior=(twice * placed.prior.reshape(-1, 10)).ravel(), prior_std=std.ravel())
+    weighed = {**placed.prior_known, "box": {"mass": 1e-3, "center": 1e-3, "inertia": 1e-2}}
+    return replace(placed, prior=(twice * placed.prior.reshape(-1, 10)).ravel(), prior_known=weighed)
 
 
 def lifter(seed, share=0.12):
@@ -70,7 +69,7 @@ def lifter(seed, share=0.12):
     phi = np.array(bodies)
     hers = np.array([name not in ("box", "foot") for name in known.bodies])
     phi[hers] *= known.known[::10][hers].sum() / phi[hers, 0].sum()
-    return replace(known, prior=phi.ravel(), prior_std=None)
+    return replace(known, prior=phi.ravel(), prior_known={})
 
 
 def motion(time, low, pace, seed):

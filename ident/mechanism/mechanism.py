@@ -1,7 +1,7 @@
 """A mechanism with what is known of it before anything is measured."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,8 @@ class Mechanism:
         pose: Pose of the base frame in the model's world, for a base that rests (4, 4).
         carrier: What carries its base, of a base that joints with known kinematics move; gravity is then in the axes of
             the frame that the carrier stands on.
-        prior_std: Standard deviations with which the prior is known (10 b,), NaN or None for the usual ones.
+        prior_known: How well the prior of bodies is known by the bodies' names, as for
+            `ident.parameters.prior.body_covariance`; of others as usual.
     """
 
     tree: Tree
@@ -37,16 +38,17 @@ class Mechanism:
     source: Any = None
     pose: np.ndarray = field(default_factory=lambda: np.eye(4))
     carrier: Carrier | None = None
-    prior_std: np.ndarray | None = None
+    prior_known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", checked_gravity(self.gravity))
-        for what, values in (("a prior φ", self.prior), ("deviations of the prior", self.prior_std)):
-            if values is not None and np.shape(values) != (10 * len(self.bodies),):
-                raise ModelError(
-                    f"The bodies {', '.join(self.bodies)} need {what} of {10 * len(self.bodies)} parameters, got shape "
-                    f"{np.shape(values)}."
-                )
+        if self.prior is not None and np.shape(self.prior) != (10 * len(self.bodies),):
+            raise ModelError(
+                f"The bodies {', '.join(self.bodies)} need a prior φ of {10 * len(self.bodies)} parameters, got shape "
+                f"{np.shape(self.prior)}."
+            )
+        if absent := [name for name in self.prior_known if name not in self.bodies]:
+            raise ModelError(f"The prior of '{absent[0]}' is known, which is none of {', '.join(self.bodies)}.")
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -71,7 +73,9 @@ class Mechanism:
         prior = None if self.prior is None else self.prior.reshape(-1, 10)[rows].ravel()
         sites = {name: place for name, place in self.sites.items() if place[0] in tree.names}
         ranges = {joint: limits for joint, limits in self.ranges.items() if joint in tree.joints}
-        return Mechanism(tree, self.gravity, prior, sites, ranges, carrier=carrier)
+        part = Mechanism(tree, self.gravity, prior, sites, ranges, carrier=carrier)
+        known = {name: each for name, each in self.prior_known.items() if name in part.bodies}
+        return replace(part, prior_known=known)
 
     @property
     def known(self) -> np.ndarray:

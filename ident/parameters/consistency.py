@@ -12,6 +12,7 @@ base parameters is likely for some widths only (empirical Bayes).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg, special
@@ -31,6 +32,9 @@ UNPHYSICAL = 1e-8
 
 FINEST = 0.8
 """The way to the prior's width is given up where it could only be widened by steps of less than this factor."""
+
+LOOSER = 1.0, 2.0, 4.0
+"""Factors by which masses that ψ hardly tells are kept less where their bodies would not have ψ."""
 
 NEWTON_STEPS = 50
 """Newton steps after which a minimisation is given up; ten are usual."""
@@ -68,6 +72,11 @@ class ConsistentParameters:
     prior: np.ndarray
     raised: tuple[int, ...]
 
+    @property
+    def unseen(self) -> np.ndarray:
+        """Whether ψ hardly tells a body's mass: its 95 % interval reaches to another one by a factor of two (b,)."""
+        return np.asarray(2 * self.mass_std >= np.log(2) * self.phi[::10])
+
     def moved(self, least: float = 0.01) -> tuple[tuple[str, float], ...]:
         """Names of the base parameters that had to move, with by how many standard deviations, largest first.
 
@@ -85,6 +94,8 @@ def consistent_parameters(
     prior: np.ndarray,
     *,
     bodies: Sequence[str] | None = None,
+    masses: float | None = None,
+    widest: bool = False,
 ) -> ConsistentParameters:
     """Physical φ as close to a prior as given base parameters let them be.
 
@@ -105,6 +116,11 @@ def consistent_parameters(
         base: The regrouping behind ψ.
         prior: φ to stay close to, as of a model (10 b,), made physical as `physical_prior` does.
         bodies: Names of the bodies, for messages; by default they are counted from 1.
+        masses: Deviation of the prior's masses, of themselves, by which those are kept that ψ hardly tells (`unseen`):
+            the divergence alone would rather change a mass than move a centre of mass. Bodies that have ψ come first:
+            where these would leave its region, masses are kept less, and at last not at all.
+        widest: True for the widest prior that ψ allows, as where the prior is a guess from the same data; by default
+            bodies stay where ψ does not contradict them.
 
     Returns:
         Full parameters with a report.
@@ -120,7 +136,30 @@ def consistent_parameters(
     L = np.linalg.cholesky(pseudo_inertia(physical.reshape(-1, 10)))
     root = std[:, None] * np.linalg.cholesky(C / np.outer(std, std))
     problem = _Problem.of(psi, base, L, root)
-    K = problem.bodies()
+    K = problem.bodies(problem.widest if widest else None)
+    found = _report(problem, K, L, root, psi, base, physical, raised)
+    for kept in () if masses is None else (masses * factor for factor in LOOSER):
+        hidden = found.unseen & (np.abs(found.phi - physical)[::10] > masses * physical[::10])
+        if not hidden.any():
+            break
+        with_masses = problem.with_masses(L, np.where(found.unseen, kept, np.inf) * physical[::10])
+        beside = _report(problem, with_masses.bodies(problem.width), L, root, psi, base, physical, raised)
+        if beside.attainable >= found.attainable and beside.distance**2 <= found.distance**2 + ROOM:
+            return beside
+    return found
+
+
+def _report(
+    problem: "_Problem",
+    K: np.ndarray,
+    L: np.ndarray,
+    root: np.ndarray,
+    psi: np.ndarray,
+    base: BaseParameters,
+    physical: np.ndarray,
+    raised: tuple[int, ...],
+) -> ConsistentParameters:
+    """Bodies `L K Lᵀ` beside the ψ asked for, whose covariance is `root rootᵀ`."""
     phi = parameters_from_pseudo_inertia(L @ K @ np.swapaxes(L, -1, -2)).ravel()
     found = base.regroup(phi)
     eigenvalues = np.linalg.eigvalsh(K)
@@ -131,7 +170,7 @@ def consistent_parameters(
         names=base.names,
         attainable=bool(distance**2 <= _region(base.rank)),
         distance=distance,
-        shift=(found - psi) / std,
+        shift=(found - psi) / np.linalg.norm(root, axis=1),
         divergence=np.sum(eigenvalues - 1 - np.log(eigenvalues), axis=1),
         mass_std=problem.std(K, L[:, 3]),
         prior=physical,
@@ -206,10 +245,23 @@ class _Problem:
         A = linalg.solve_triangular(root, _forms(base, L).reshape(base.rank, -1), lower=True)
         return cls(A.reshape(base.rank, -1, 4, 4), linalg.solve_triangular(root, psi, lower=True))
 
-    def bodies(self) -> np.ndarray:
-        """The bodies K (b, 4, 4)."""
+    def with_masses(self, L: np.ndarray, std: np.ndarray) -> "_Problem":
+        """The same with masses of the prior known to some deviations, not at all where they are infinite (b,)."""
+        known = np.flatnonzero(np.isfinite(std) & (std > 0))
+        rows = np.zeros((len(known), *self.A.shape[1:]))
+        rows[range(len(known)), known] = np.einsum("bi,bj->bij", L[known, 3], L[known, 3]) / std[known, None, None]
+        masses = np.trace(rows.sum(axis=1), axis1=1, axis2=2)
+        return _Problem(np.concatenate([self.A, rows]), np.append(self.psi, masses))
+
+    @cached_property
+    def width(self) -> float:
+        """The width w of the prior."""
+        return self._width(self.psi - np.tensordot(self.A, self.prior, 3))
+
+    def bodies(self, width: float | None = None) -> np.ndarray:
+        """The bodies K for a prior of some width, by default of its own (b, 4, 4)."""
         misfit = self.psi - np.tensordot(self.A, self.prior, 3)
-        K, width = self.prior, self._width(misfit)
+        K, width = self.prior, self.width if width is None else width
         if width == 0:
             return K
         goal, multipliers = width**-2, 0 * misfit
@@ -226,7 +278,12 @@ class _Problem:
                 (K, multipliers), mu, ratio = found, following, max(0.1, ratio**2)
         return K
 
-    def _width(self, misfit: np.ndarray) -> float:
+    @cached_property
+    def widest(self) -> float:
+        """The largest width that ψ allows."""
+        return self._width(self.psi - np.tensordot(self.A, self.prior, 3), least=False)
+
+    def _width(self, misfit: np.ndarray, *, least: bool = True) -> float:
         """The largest w that a misfit of covariance `1 + w² A A*` allows.
 
         If zero is in the interval too, the least that leaves no more of the misfit than its confidence region holds:
@@ -239,7 +296,7 @@ class _Problem:
         unlikely = np.sum(np.log(variances) + pulls / variances, axis=1)
         allowed = squares[unlikely <= unlikely.min() + ROOM]
         enough = squares[np.sum(pulls / variances**2, axis=1) <= _region(len(misfit))]
-        return float(np.sqrt(allowed[-1] if allowed[0] or not len(enough) else enough[0]))
+        return float(np.sqrt(allowed[-1] if allowed[0] or not len(enough) or not least else enough[0]))
 
     def _minimiser(self, K: np.ndarray, multipliers: np.ndarray, mu: float) -> tuple[np.ndarray, np.ndarray] | None:
         """Bodies and multipliers at the minimum, or None if Newton's method does not get there.

@@ -11,7 +11,7 @@ from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.parameters.anthropometry import LANDMARKS, Segment, segments, spread
-from ident.parameters.prior import KNOWN, known_deviations
+from ident.parameters.prior import KNOWN
 
 SIDES = ("right", "left", "r", "l")
 """What stands before or behind a segment's name in the name of a body, with `_` between."""
@@ -81,7 +81,7 @@ def with_person(mechanism: Mechanism, person: Person, placed: Mapping[str, Place
         )
     places = JointPlaces(mechanism)
     prior = np.zeros((len(mechanism.bodies), 10)) if mechanism.prior is None else mechanism.prior.reshape(-1, 10).copy()
-    std = np.full_like(prior, np.nan)
+    known = {}
     for name, own in placed.items():
         if name not in mechanism.bodies or own.segment not in table:
             raise InputError(
@@ -93,8 +93,8 @@ def with_person(mechanism: Mechanism, person: Person, placed: Mapping[str, Place
         prior[k] = _parameters(segment, person.mass, proximal, distal)
         mass, center = spread(own.segment, person.sex)
         length = float(np.linalg.norm(distal - proximal))
-        std[k] = known_deviations(prior[k], {**KNOWN, "mass": mass, "center": center * length})
-    return replace(mechanism, prior=prior.ravel(), prior_std=std.ravel())
+        known[name] = {**KNOWN, "mass": mass, "center": center * length}
+    return replace(mechanism, prior=prior.ravel(), prior_known=known)
 
 
 def _by_name(bodies: tuple[str, ...], table: Mapping[str, Segment]) -> dict[str, Placed]:

@@ -12,6 +12,7 @@ from ident.geometry.se3 import inverse
 from ident.judgement.finding import Finding
 from ident.judgement.payload_findings import payload_findings, payload_verdict
 from ident.mechanism.mechanism import Mechanism
+from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.payload.mounting import place_of
 from ident.payload.rigid_body import SIZE, RigidBody, described
 from ident.recordings.wrench import GROUND
@@ -63,7 +64,7 @@ class Payload:
         Args:
             T: Pose of the frame to write it in, in the frame of the body (4, 4); by default the latter itself.
         """
-        X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self.estimate.consistent().psi
+        X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self.physical.psi
         values, J = described(X @ psi), np.zeros((10, 10))
         for k, step in enumerate(1e-6 * psi[0] * np.repeat([1, SIZE, SIZE**2], [1, 3, 6])):
             ahead = step * X[:, k]
@@ -72,6 +73,13 @@ class Payload:
         std, wider = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0)) for C in covariances)
         size = np.repeat([values[0], SIZE, values[4:7].mean()], [1, 3, 6])
         return RigidBody(values, std, wider, wider < OPEN * size)
+
+    @cached_property
+    def physical(self) -> ConsistentParameters:
+        """Physical bodies that have what was estimated; the prior is a guess from the same wrenches, and holds none."""
+        estimate, part = self.estimate, self.estimate.prepared.mechanism
+        covariance, base = estimate.covariance, estimate.base
+        return consistent_parameters(estimate.psi, covariance, base, part.known, bodies=part.bodies, widest=True)
 
     @property
     def model(self) -> np.ndarray | None:
@@ -116,7 +124,7 @@ class Payload:
         """
         phi = self.robot.known.reshape(-1, 10).copy()
         part = self.estimate.prepared.mechanism
-        for name, own in zip(part.bodies, self.estimate.consistent().phi.reshape(-1, 10), strict=True):
+        for name, own in zip(part.bodies, self.physical.phi.reshape(-1, 10), strict=True):
             phi[self.robot.bodies.index(name)] = own
         return phi.ravel()
 

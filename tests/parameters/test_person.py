@@ -1,5 +1,7 @@
 """Priors from tables of people: the tables' sums, bodies of known lengths by hand, and what is asked for where."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from ident.mechanism.tree import Tree
 from ident.parameters.anthropometry import SEXES, TABLES, segments, spread
 from ident.parameters.base_parameters import structural_base_parameters
 from ident.parameters.person import Person, Placed, with_person
-from ident.parameters.prior import KNOWN, known_covariance
+from ident.parameters.prior import KNOWN, body_covariance, known_covariance
 
 GRAVITY = np.array([0, -9.81, 0])
 WHOLE = {
@@ -21,6 +23,7 @@ WHOLE = {
     "dumas": {"head": 1, "torso": 1, "pelvis": 1, "upper_arm": 2, "forearm": 2, "hand": 2, "thigh": 2, "shank": 2}
     | {"foot": 2},
 }
+FOOT = Placed("foot", np.zeros(3), np.array([0.2, 0, 0]))
 HINGE = np.array([0, 0, 0, 0, 0, 1.0])
 
 
@@ -149,19 +152,23 @@ def test_the_width_is_what_is_published():
     assert mass == pytest.approx(np.hypot(1.8 / 13.6, shares.std(ddof=1) / shares.mean()))
     assert center == pytest.approx(np.hypot(0.035, np.std([0.433, 0.4095, 0.429], ddof=1)))
     arm = with_person(leg(), Person("deleva", 70, 1.75, "male"), {"thigh_r": Placed("thigh")})
-    std, phi = arm.prior_std.reshape(-1, 10), arm.prior.reshape(-1, 10)
-    np.testing.assert_allclose(std[1][:4], phi[1][0] * np.array([mass, *3 * [center * 0.4]]))
-    assert np.isnan(std[[0, 2, 3, 4]]).all()
+    assert list(arm.prior_known) == ["thigh_r"]
+    assert arm.prior_known["thigh_r"] == pytest.approx({"mass": mass, "center": center * 0.4, "inertia": 0.3})
 
 
 def test_what_is_known_of_base_parameters_has_these_widths():
     arm = with_person(leg(), Person("deleva", 70, 1.75, "male"), {"thigh_r": Placed("thigh")})
     base = structural_base_parameters(arm)
-    usual = np.where(np.isnan(arm.prior_std), np.nan, arm.prior_std)
     mine = known_covariance(arm, base, KNOWN)
     without = known_covariance(Mechanism(arm.tree, GRAVITY, arm.prior), base, KNOWN)
+    thigh = arm.prior[10:20]
+    change = body_covariance(thigh, arm.prior_known["thigh_r"]) - body_covariance(thigh)
     B = base.regroup(np.eye(50)).T
-    change = np.diag(np.nan_to_num(usual)[10:20] ** 2)
-    std = np.array([0.2 * arm.prior[10], *3 * [0.05 * arm.prior[10]]])
-    before = np.diag([*std**2, *change.diagonal()[4:]])
-    np.testing.assert_allclose(mine - without, B[:, 10:20] @ (change - before) @ B[:, 10:20].T, atol=1e-6)
+    np.testing.assert_allclose(mine - without, B[:, 10:20] @ change @ B[:, 10:20].T, atol=1e-6)
+
+
+def test_a_part_of_a_mechanism_keeps_how_well_its_bodies_are_known():
+    arm = with_person(leg(), Person("deleva", 70, 1.75, "male"), {"thigh_r": Placed("thigh"), "foot_r": FOOT})
+    assert set(arm.beyond("shank_r").prior_known) == {"foot_r"}
+    with pytest.raises(ModelError, match="prior of 'tail' is known, which is none of pelvis, thigh_r"):
+        replace(arm, prior_known={"tail": {"mass": 0.1}})

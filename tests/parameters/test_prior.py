@@ -1,17 +1,115 @@
-"""All parameters from base parameters and what was known before, against the same observation of them at once."""
+"""Knowledge of bodies beforehand: against bodies that are drawn, in other frames, and for all parameters of a tree."""
 
 import numpy as np
+import pytest
+from scipy.linalg import block_diag
 
 import scenes
 import sim
+from ident.geometry.inertia import com_from_parameters, parameter_transform, parameters_from_com
+from ident.geometry.se3 import pose, rotation
+from ident.model.regressor import base_wrench_regressor
 from ident.parameters.base_parameters import structural_base_parameters
-from ident.parameters.prior import conditioned, deviations, known_covariance
+from ident.parameters.prior import (
+    KNOWN,
+    body_covariance,
+    conditioned,
+    known_covariance,
+    known_covariances,
+    known_deviations,
+)
+
+CENTRAL = np.array([[0.06, 0.01, -0.005], [0.01, 0.05, 0.002], [-0.005, 0.002, 0.03]])
+BODIES = {
+    "far from its frame": parameters_from_com(3.0, [0.1, -0.05, 0.3], CENTRAL),
+    "around its frame": parameters_from_com(3.0, np.zeros(3), CENTRAL),
+    "a point": parameters_from_com(0.5, np.zeros(3), np.zeros((3, 3))),
+}
+
+
+def drawn(phi, known, count, rng):
+    """φ of bodies whose mass, centre of mass and inertia about that are off (count, 10)."""
+    mass, center, inertia = com_from_parameters(phi)
+    values, axes = np.linalg.eigh(inertia)
+    root = (axes * np.sqrt(np.maximum(values, 0))) @ axes.T
+    m = mass * (1 + known["mass"] * rng.normal(size=count))
+    c = center + known["center"] * rng.normal(size=(count, 3))
+    # (G + Gᵀ) / 2 has variance 1 on the diagonal and 1/2 beside it.
+    G = rng.normal(size=(count, 3, 3))
+    tensor = inertia + known["inertia"] * root @ ((G + G.swapaxes(1, 2)) / 2) @ root
+    squares = np.sum(c**2, axis=1)[:, None, None] * np.eye(3) - c[:, :, None] * c[:, None, :]
+    tensor += m[:, None, None] * squares
+    return np.column_stack(
+        [m, m[:, None] * c, *(tensor[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))]
+    )
+
+
+@pytest.mark.parametrize("known", [KNOWN, {"mass": 0.4, "center": 0.02, "inertia": 0.1}], ids=["usual", "other"])
+@pytest.mark.parametrize("body", BODIES)
+def test_bodies_that_are_drawn_deviate_as_is_known(body, known):
+    phi, count = BODIES[body], 200_000
+    off = drawn(phi, known, count, np.random.default_rng(0)) - phi
+    products = off[:, :, None] * off[:, None, :]
+    error = products.std(axis=0) / np.sqrt(count)
+    assert (abs(products.mean(axis=0) - body_covariance(phi, known)) <= 5 * error + 1e-12).all()
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_what_is_known_of_a_body_is_the_same_in_every_frame(body):
+    phi = BODIES[body]
+    for drawn_pose in np.random.default_rng(0).normal(size=(5, 7)):
+        quaternion, place = drawn_pose[:4] / np.linalg.norm(drawn_pose[:4]), drawn_pose[4:]
+        X = parameter_transform(pose(rotation(quaternion), place))
+        expected = X @ body_covariance(phi) @ X.T
+        np.testing.assert_allclose(body_covariance(X @ phi), expected, atol=1e-12 * abs(expected).max())
+
+
+def test_moments_of_inertia_are_known_to_their_share_about_every_axis_of_the_centre():
+    exact = {"mass": 0.0, "center": 0.0, "inertia": 0.3}
+    C = body_covariance(BODIES["far from its frame"], exact)[4:, 4:]
+    for n in np.random.default_rng(0).normal(size=(5, 3)):
+        weights = np.array([*n**2, 2 * n[0] * n[1], 2 * n[0] * n[2], 2 * n[1] * n[2]])
+        assert np.sqrt(weights @ C @ weights) == pytest.approx(0.3 * n @ CENTRAL @ n)
+    assert not body_covariance(BODIES["a point"], exact).any()
+
+
+@pytest.mark.parametrize(
+    "phi", [np.zeros(10), [2.0, 0.2, 0, 1, 0.1, 0.4, 0.1, 0.3, 0, 0], [0.0, 1, 0, 0, -1, 2, 3, 0, 0, 0]]
+)
+def test_bodies_that_are_none_have_a_covariance_all_the_same(phi):
+    C = body_covariance(np.array(phi))
+    assert np.linalg.eigvalsh(C).min() >= -1e-12 * abs(C).max()
+    assert C.any() == any(phi) and (C[0, 0] > 0) == (phi[0] > 0)
+
+
+def test_deviations_are_those_of_each_body_by_hand():
+    arm = sim.mechanism(scenes.load("double_pendulum"), base="base")
+    std, phi = known_deviations(arm).reshape(-1, 10), arm.known.reshape(-1, 10)
+    np.testing.assert_allclose(std[:, 0], 0.2 * phi[:, 0])
+    np.testing.assert_allclose(std[:, 1:4], np.sqrt(0.2**2 * phi[:, 1:4] ** 2 + 1.04 * (0.05 * phi[:, :1]) ** 2))
+
+
+def test_intervals_hold_bodies_that_are_drawn():
+    """Few wrenches of a pendulum, with noise, and what is known: the posterior of a linear problem."""
+    arm, rng = sim.mechanism(scenes.load("double_pendulum"), base="base"), np.random.default_rng(0)
+    base = structural_base_parameters(arm)
+    states = rng.uniform(-1, 1, size=(3, 2, 2)) * np.array([1.0, 2, 4])[:, None, None]
+    rows = base.reduce(base_wrench_regressor(arm.tree, *states, gravity=arm.gravity)).reshape(-1, base.rank)
+    before, noise = known_covariance(arm, base), 2.0
+    after = np.linalg.inv(np.linalg.inv(before) + rows.T @ rows / noise**2)
+    gain, prior = after @ rows.T / noise**2, base.regroup(arm.known)
+    truth = base.regroup(np.hstack([drawn(phi, KNOWN, 4000, rng) for phi in arm.known.reshape(-1, 10)]))
+    measured = truth @ rows.T + noise * rng.normal(size=(len(truth), len(rows)))
+    z = (prior + (measured - prior @ rows.T) @ gain.T - truth) / np.sqrt(np.diag(after))
+    np.testing.assert_allclose(np.sqrt((z**2).mean(axis=0)), 1, atol=0.06)
+    assert 0.93 <= (abs(z) < 1.96).mean() <= 0.97
+    assert (abs(z) < 1.96).mean(axis=0).min() > 0.92
 
 
 def test_all_parameters_follow_from_an_estimate_of_base_parameters():
     arm, rng = sim.mechanism(scenes.load("humanoid"), base="pelvis"), np.random.default_rng(0)
     base = structural_base_parameters(arm)
-    S, prior = np.diag(deviations(arm) ** 2), base.regroup(arm.known)
+    S, prior = block_diag(*known_covariances(arm)), base.regroup(arm.known)
     B = base.regroup(np.eye(len(S))).T
     before = known_covariance(arm, base)
     np.testing.assert_allclose(B @ S @ B.T, before, atol=1e-6 * np.diag(before).max())

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 import scenes
 from ident.parameters.base_parameters import find_base_parameters
-from ident.parameters.prior import KNOWN, known_deviations, parameters_told
+from ident.parameters.prior import known_covariances, parameters_told
 from sim.models.mechanism import mechanism
 
 
@@ -18,16 +19,15 @@ def test_the_variances_that_bayes_rule_leaves(arm):
     base = find_base_parameters(arm)
     L = np.random.default_rng(0).normal(size=(base.rank, base.rank))
     covariance = 1e-3 * L @ L.T
-    std = known_deviations(arm.known, KNOWN)
-    B = base.regroup(np.eye(len(std))).T
+    S = block_diag(*known_covariances(arm))
+    B = base.regroup(np.eye(len(S))).T
     information = B.T @ np.linalg.inv(covariance) @ B
-    after = np.linalg.inv(np.diag(1 / std**2) + information)
-    expected = (1 - np.diag(after) / std**2).reshape(-1, 10).sum(axis=1)
+    after = np.linalg.inv(np.linalg.inv(S) + information)
+    expected = (1 - np.diag(np.linalg.solve(S, after))).reshape(-1, 10).sum(axis=1)
     told = parameters_told(arm, base, covariance)
     np.testing.assert_allclose(told, expected, atol=1e-4)
     # The same where what is known beforehand has gone into the estimate.
-    S = B @ np.diag(std**2) @ B.T
-    both = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(S))
+    both = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(B @ S @ B.T))
     np.testing.assert_allclose(parameters_told(arm, base, both, included=True), told, atol=1e-4)
 
 
