@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
-from ident.estimation.joint_estimate import Joint
+from ident.estimation.joint_result import Joint
 from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared
+from ident.estimation.reversals import rubbing
 from ident.estimation.robust import spread
 from ident.estimation.samples import Samples, joined
 from ident.geometry.inertia import PARAMETERS
+from ident.judgement.candidates import Candidates
 from ident.judgement.checks import Checks, checked
 from ident.judgement.comparison import Comparison, compared
 from ident.judgement.diagnosis import correlation_time, explained_by_motion
@@ -36,16 +38,18 @@ class HeldOut:
     """Samples that are judged by, and what a fit leaves of them.
 
     Attributes:
-        time: Sample times, s (M,).
+        time: Sample times, s; those of each further recording begin where those of the one before end (M,).
         samples: The samples.
         fit: The fit.
         residual: Measured minus predicted (M, C).
+        starts: Indices of the samples with which a recording begins, or goes on after what is not judged by.
     """
 
     time: np.ndarray
     samples: Samples
     fit: Fit
     residual: np.ndarray
+    starts: tuple[int, ...] = (0,)
 
     @property
     def ratio(self) -> np.ndarray:
@@ -83,9 +87,12 @@ class Estimate:
         singular_values: Of the unit-norm columns of base parameters and drives, each channel weighted.
         joint: The joint estimate of trajectory, parameters, set-up and noise, where that was made.
         rivals: Ratios of residual to signal that other candidates leave of the same samples (C,), by what they are.
+        filtered_at: Cut-off of the candidate `least squares`, Hz; None without it.
         disagreement: Root mean square z of the differences between two halves, where there are two.
         disagreements: Root mean square z of each recording's parameters against the others', of three or more.
         widening: What the standard deviations from the noise were multiplied by because of that.
+        bounded: Drives that ended at their bound of zero: upper limit of the one-sided 95 % interval, and standard
+            deviation with the drive free.
     """
 
     logs: Sequence[tuple[Prepared, slice]]
@@ -98,6 +105,8 @@ class Estimate:
     disagreement: float | None = None
     disagreements: tuple[float, ...] = ()
     widening: float = 1.0
+    filtered_at: float | None = None
+    bounded: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def prepared(self) -> Prepared:
@@ -189,6 +198,25 @@ class Estimate:
     def _fitted(self) -> Samples:
         return joined([prepared.samples[prepared.taken(part)] for prepared, part in self.logs])
 
+    @cached_property
+    def near_reversals(self) -> np.ndarray:
+        """Mask of the held-out samples whose joint is so slow that its torque says little (M, C)."""
+        motion, joint = self.held_out.samples.motion, self.joint
+        speed = np.full(self.held_out.residual.shape, np.inf)
+        if joint is None or joint.reversals is None:
+            return np.isnan(speed)
+        for channel, freedom in rubbing(joint.measurement).items():
+            speed[:, channel] = motion.dq[:, freedom]
+        return np.asarray(joint.reversals.slack(speed) > joint.fit.noise.channels)
+
+    @property
+    def moving_ratio(self) -> np.ndarray:
+        """RMS residual over the signal's standard deviation, without samples near reversals; NaN without any (C,)."""
+        held, moves = self.held_out, ~self.near_reversals
+        number = np.where(moves.any(axis=0), moves.sum(axis=0), np.nan)
+        squares = np.where(moves, held.residual**2, 0).sum(axis=0) / number
+        return np.asarray(np.sqrt(squares) / np.maximum(held.samples.measured.std(axis=0), 1e-300))
+
     @property
     def unexplained(self) -> tuple[str, ...]:
         """Channels that this motion and model do not explain."""
@@ -202,8 +230,13 @@ class Estimate:
 
     @cached_property
     def model_error(self) -> np.ndarray:
-        """Share of each channel's held-out residual that the motion explains, beyond chance (C,)."""
-        return explained_by_motion(self.held_out.residual, self.held_out.samples.motion)
+        """Share of each channel's residual that the motion explains, beyond chance, held out and fitted (C,).
+
+        A held-out motion is smoothed from joint angles alone, and what smoothing takes away goes with the motion. In
+        the fitted part the channels had a say in the motion. A wrong model shows in both: the smaller share counts.
+        """
+        held = explained_by_motion(self.held_out.residual, self.held_out.samples.motion)
+        return np.minimum(held, explained_by_motion(self.residual, self._fitted.motion))
 
     @cached_property
     def friction(self) -> dict[str, float]:
@@ -240,7 +273,10 @@ class Estimate:
     @cached_property
     def _consistent(self) -> ConsistentParameters:
         arm = self.prepared.mechanism
-        return consistent_parameters(self.psi, self.covariance, self.base, arm.known, bodies=arm.bodies)
+        known = {**KNOWN, **self.prepared.recording.known}
+        return consistent_parameters(
+            self.psi, self.covariance, self.base, arm.known, bodies=arm.bodies, masses=known["mass"]
+        )
 
     def consistent(self) -> ConsistentParameters:
         """The physical bodies that are as close to the mechanism's prior as the estimate lets them be."""
@@ -264,8 +300,10 @@ class Estimate:
         """Everything for scripts, in JSON's types."""
         held, full = self.held_out, self.consistent()
         rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
-        keys = ("residual_rms", "signal_std", "ratio", "relative_rms")
-        numbers = zip(rms.tolist(), signal.tolist(), held.ratio.tolist(), held.relative_rms.tolist(), strict=True)
+        keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_without_reversals")
+        moving = [x if np.isfinite(x) else None for x in self.moving_ratio.tolist()]
+        ratios = held.ratio.tolist(), held.relative_rms.tolist(), moving
+        numbers = zip(rms.tolist(), signal.tolist(), *ratios, strict=True)
         bodies = zip(self.prepared.mechanism.bodies, full.phi.reshape(-1, 10).tolist(), strict=True)
         return {
             "verdict": self.verdict(),
@@ -281,13 +319,24 @@ class Estimate:
             "cutoff_hz": self.prepared.cutoff,
             "held_out": {c: dict(zip(keys, row, strict=True)) for c, row in zip(self.channels, numbers, strict=True)},
             "candidates": {name: dict(zip(self.channels, x.tolist(), strict=True)) for name, x in self.rivals.items()},
+            "best_candidate": Candidates.of(self).best,
+            "filtered_at_hz": self.filtered_at,
+            "bounded": {name: {"at_most": most, "std_free": std} for name, (most, std) in self.bounded.items()},
             "setup": [each.to_dict() for each in self.setup],
             "friction": self.friction,
+            "weights": self._weights(),
             "halves": {"rms_z": self.disagreement, "widening": self.widening},
             "logs": {"rms_z": list(self.disagreements)},
             "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in self.offsets.items()},
             "bodies": {name: dict(zip(PARAMETERS, phi, strict=True)) for name, phi in bodies},
         }
+
+    def _weights(self) -> dict[str, Any] | None:
+        """Noise that the weights take for granted, and by which errors of left-out pieces it was chosen, if it was."""
+        if self.joint is None:
+            return None
+        errors = {name: each.tolist() for name, each in self.joint.errors.items()}
+        return {"correlated": self.joint.coloured, "left_out_errors": errors}
 
     def __str__(self) -> str:
         prior, rank = self.base.regroup(self.prepared.mechanism.known), self.base.rank

@@ -11,25 +11,31 @@ import numpy as np
 from ident.errors import ExcitationError, InputError
 from ident.estimate import Estimate, HeldOut
 from ident.estimation.accumulator import accumulate, triangle_of
+from ident.estimation.angles_alone import LARGEST_END, UNSETTLED
 from ident.estimation.corrected import as_fit, corrected
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import blamed
+from ident.estimation.filtered import filtered_least_squares
+from ident.estimation.flat_channels import flat_channels, without_channels
 from ident.estimation.joint import Report
-from ident.estimation.joint_estimate import Joint, joint_estimate
+from ident.estimation.joint_estimate import joint_estimate
+from ident.estimation.joint_result import Joint
 from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, prepared
 from ident.estimation.robust import robust_fit, separable
 from ident.estimation.samples import Samples, joined
 from ident.estimation.setup import PRIORS
+from ident.estimation.smoothing_choice import chosen_smoothing
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
 from ident.judgement.torque_checks import torque_checks
 from ident.judgement.unmeasured import without_unmeasured
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.prior import KNOWN, known_covariance
+from ident.recordings.gaps import stretches
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND
-from ident.tolerances import HOLDOUT
+from ident.tolerances import CONDITION_LIMIT, HOLDOUT
 
 ESTIMATORS = ("joint", "weighted", "ordinary")
 
@@ -38,15 +44,8 @@ NO_CUTOFF = "The joint estimate filters nothing: --cutoff belongs to --estimator
 LEAST_HELD_OUT = 2
 """Samples that a held-out part needs: a signal's standard deviation takes two."""
 
-CONDITION_LIMIT = 1e4
-"""Condition number of the unit-norm columns from which parameters are not separated."""
-
 FAR_LESS = 30.0
 """Standard deviations from the data, over those of what is known beforehand, from which the latter is put in."""
-
-UNSETTLED, ENOUGH = 0.3, 6.0
-"""Seconds at either end of a held-out part that are not judged, where accelerations follow from angles on one side
-alone; of parts of so many seconds or more."""
 
 
 def identify(
@@ -128,7 +127,7 @@ def identified(
         own: What each recording has for itself in the joint estimate: `offset`, `delay`.
         setup: For the joint estimate, what is known of the set-up, as for `setup_parameters`; by default what the
             recording says.
-        known: For the joint estimate, how well φ of the model is known, as for `known_deviations`: True for the
+        known: For the joint estimate, how well φ of the model is known, as for `body_covariance`: True for the
             default, False for not at all, None for the default where the motion does not separate all parameters.
         physical: Whether the joint estimate's bodies have to be physical, as close to the model's as the recordings
             let them be; by default they are made so afterwards, for `Estimate.consistent` alone.
@@ -150,10 +149,11 @@ def identified(
             raise InputError(f"Only the joint estimate gives recordings {' and '.join(own)} of their own.")
         if physical:
             raise InputError("Only the joint estimate can be held to physical bodies.")
-        return _least_squares(_divided(logs, holdout, judges), estimator == "weighted", offsets)
+        divided = _without_flat(_divided(logs, holdout, judges, alone=False))
+        return _least_squares(divided, estimator == "weighted", offsets)
     # Nothing is filtered, therefore nothing has to settle.
     logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
-    divided = _divided(logs, 0.0 if len(logs) > 2 and not judges else holdout, judges)
+    divided = _without_flat(_divided(logs, 0.0 if len(logs) > 2 and not judges else holdout, judges, alone=True))
     told = logs[0].recording
     prior = {**KNOWN, **told.known, **(known if isinstance(known, Mapping) else {})}
     stated = {**told.setup, **(setup or {})}
@@ -169,11 +169,13 @@ class _Divided:
         fitted: Recordings and the samples of each to fit.
         judged: Recordings and the samples of each to judge by.
         apart: Whether the latter are recordings of their own.
+        smoothing: Time constant with which the angles of what is judged are smoothed, s.
     """
 
     fitted: list[tuple[Prepared, slice]]
-    judged: list[tuple[Prepared, slice]]
+    judged: list[tuple[Prepared, slice | np.ndarray]]
     apart: bool
+    smoothing: float = 0.0
 
     @property
     def equations(self) -> Equations:
@@ -203,8 +205,17 @@ class _Divided:
         samples = [log.samples[log.taken(part)] for log, part in self.judged]
         each = list(fits) * len(samples) if len(fits) == 1 else fits
         residual = np.concatenate([fit.residual(x) for fit, x in zip(each, samples, strict=True)])
-        time = np.concatenate([log.recording.time[log.taken(part)] for log, part in self.judged])
-        return HeldOut(time, joined(samples), fits[0], residual)
+        time, starts = _in_a_row([log.recording.time[log.taken(part)] for log, part in self.judged])
+        return HeldOut(time, joined(samples), fits[0], residual, starts)
+
+
+def _in_a_row(times: Sequence[np.ndarray]) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Times of recordings one after the other, and where each begins or goes on after a gap."""
+    out, starts = times[0][:0], list[int]()
+    for own in times:
+        starts += [len(out) + run.start for run in stretches(own, np.ones(len(own), bool))]
+        out = np.append(out, own - own[0] + out[-1] + np.median(np.diff(own)) if len(out) else own)
+    return out, tuple(starts)
 
 
 def _least_squares(divided: _Divided, weighted: bool, offsets: bool) -> Estimate:
@@ -216,7 +227,9 @@ def _least_squares(divided: _Divided, weighted: bool, offsets: bool) -> Estimate
     with_offsets = separable(equations.with_offsets(range(len(equations.channels))), samples)
     full = robust_fit(with_offsets, samples, weighted=weighted)
     fit = full if offsets else robust_fit(equations, samples, weighted=weighted)
-    return Estimate(divided.fitted, fit, full.offsets, divided.held_out([fit]), singular_values)
+    model = divided.held_out([_model_as_it_came(full, samples)])
+    rivals = {"model": model.ratio}
+    return Estimate(divided.fitted, fit, full.offsets, divided.held_out([fit]), singular_values, rivals=rivals)
 
 
 def _joint(
@@ -241,12 +254,14 @@ def _joint(
     joint = _known_enough(estimate, known, prior if wanted is None else known)
     rms = disagreement(joint)
     widening = rms if rms is not None and rms > DISAGREE else 1.0
+    divided = replace(divided, smoothing=chosen_smoothing(divided.fitted, joint))
     mended = _corrected(divided, joint)
     fit = as_fit(joint, mended.samples, mended.equations, widening)
     fits = [fit]
     if not divided.apart and len(divided.fitted) > 2:
         values = (without(joint, k) for k in range(len(divided.fitted)))
         fits = [replace(fit, values=x[: len(fit.values)]) for x in values]
+    rivals, filtered_at = _rivals(divided, with_offsets, joint, fit)
     return Estimate(
         logs=mended.fitted,
         fit=fit,
@@ -254,10 +269,12 @@ def _joint(
         held_out=mended.held_out(fits),
         singular_values=singular_values,
         joint=joint,
-        rivals=_rivals(divided, with_offsets, joint, fit, excited=not poor),
+        rivals=rivals,
+        filtered_at=filtered_at,
         disagreement=rms,
         disagreements=disagreements(joint),
         widening=widening,
+        bounded=joint.bounds,
     )
 
 
@@ -295,17 +312,20 @@ def _known_enough(
 
 def _corrected(divided: _Divided, joint: Joint) -> _Divided:
     """Recordings with the set-up of a joint estimate, their motion smoothed; what is judged by from angles alone."""
-    logs = [corrected(log, joint, k, part) for k, (log, part) in enumerate(divided.fitted)]
+    smoothing = divided.smoothing
+    logs = [corrected(log, joint, k, smoothing, part) for k, (log, part) in enumerate(divided.fitted)]
     if divided.apart:
-        judges = [corrected(log, joint, None) for log, _ in divided.judged]
+        judges = [corrected(log, joint, None, smoothing) for log, _ in divided.judged]
     elif len(divided.fitted) > 2:
-        judges = [corrected(log, joint, k) for k, (log, _) in enumerate(divided.judged)]
+        judges = [corrected(log, joint, k, smoothing) for k, (log, _) in enumerate(divided.judged)]
     else:
         judges = logs
     return divided.with_logs(logs, judges)
 
 
-def _rivals(divided: _Divided, equations: Equations, joint: Joint, fit: Fit, *, excited: bool) -> dict[str, np.ndarray]:
+def _rivals(
+    divided: _Divided, equations: Equations, joint: Joint, fit: Fit
+) -> tuple[dict[str, np.ndarray], float | None]:
     """What others leave of what is judged by, with the set-up as stated: the model as it came, and least squares.
 
     Args:
@@ -313,21 +333,38 @@ def _rivals(divided: _Divided, equations: Equations, joint: Joint, fit: Fit, *, 
         equations: Their columns, with offsets.
         joint: The joint estimate.
         fit: The same as a fit.
-        excited: Whether least squares determine all parameters.
+
+    Returns:
+        Ratios of residual to signal by what the candidate is (C,), and the cut-off of least squares, Hz.
     """
     stated = _corrected(divided, joint.as_stated())
+    held = stated.held_out([_model_as_it_came(replace(fit, equations=equations), stated.samples)])
+    rank, prior = equations.parameters.rank, joint.fit.prior
+    known = prior.mean[:rank], prior.precision[:rank, :rank]
+    others = not divided.apart and len(divided.fitted) > 2
+    filtered = filtered_least_squares(divided.fitted, divided.judged, equations, known, others=others)
+    left = replace(held, residual=held.samples.measured - np.concatenate(filtered.predicted))
+    return {"model": held.ratio, "least squares": left.ratio}, filtered.cutoffs[0]
+
+
+def _model_as_it_came(fit: Fit, samples: Samples) -> Fit:
+    """The model's own parameters in place of a fit's, without drives, with the offsets that it leaves of samples."""
+    equations = fit.equations
     prior = equations.parameters.regroup(equations.mechanism.known)
-    model = replace(fit, equations=equations, values=np.r_[prior, np.zeros(len(equations.names) - len(prior))])
+    model = replace(fit, values=np.r_[prior, np.zeros(len(equations.names) - len(prior))])
     if equations.offsets:
-        model.values[-len(equations.offsets) :] = model.residual(stated.samples).mean(axis=0)[list(equations.offsets)]
-    rivals = {"model": stated.held_out([model]).ratio}
-    if excited:
-        rivals["least squares"] = stated.held_out([robust_fit(equations, divided.samples, weighted=False)]).ratio
-    return rivals
+        model.values[-len(equations.offsets) :] = model.residual(samples).mean(axis=0)[list(equations.offsets)]
+    return model
 
 
-def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared]) -> _Divided:
+def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared], *, alone: bool) -> _Divided:
     """Samples to fit, and those of the same or of other recordings to judge by.
+
+    Args:
+        logs: Recordings to fit.
+        holdout: Fraction of each, its end, to judge by.
+        judges: Other recordings to judge by instead.
+        alone: Whether accelerations of what is judged will follow from angles alone.
 
     Raises:
         InputError: There are too few, or channels differ.
@@ -361,7 +398,18 @@ def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared
             f"{holdout:.0%} held out, are too few for {len(first.names)} parameters."
         )
     fitted = list(zip(logs, whole, strict=True))
-    return _Divided(fitted, [(j, _settled(j, end)) for j, end in zip(judges or logs, ends, strict=True)], bool(judges))
+    to_judge = [(log, _settled(log, end) if alone else end) for log, end in zip(judges or logs, ends, strict=True)]
+    return _Divided(fitted, to_judge, bool(judges))
+
+
+def _without_flat(divided: _Divided) -> _Divided:
+    """The same without channels that never change in what is fitted, unless none would be left."""
+    flat = flat_channels(divided.fitted)
+    flat = {name: x for name, x in flat.items() if name in divided.equations.channels}
+    if not flat or len(flat) == len(divided.equations.channels):
+        return divided
+    logs, judges = ([without_channels(log, flat) for log, _ in several] for several in (divided.fitted, divided.judged))
+    return divided.with_logs(logs, judges)
 
 
 def _split(log: Prepared, holdout: float) -> tuple[slice, slice]:
@@ -375,15 +423,19 @@ def _split(log: Prepared, holdout: float) -> tuple[slice, slice]:
     if not holdout:
         return slice(edge, samples - edge), slice(edge, samples - edge)
     usable = log.taken(slice(0, samples))
-    split = int(usable[round((1 - holdout) * len(usable))])
+    split = int(usable[round((1 - holdout) * len(usable))]) if len(usable) else samples
     return slice(edge, split), slice(split, samples - edge)
 
 
-def _settled(log: Prepared, part: slice) -> slice:
-    """A part to judge by without its ends, if it is long enough."""
-    rate = log.recording.rate
-    edge = round(UNSETTLED * rate) if log.cutoff is None and part.stop - part.start > ENOUGH * rate else 0
-    return slice(part.start + edge, part.stop - edge)
+def _settled(log: Prepared, part: slice) -> slice | np.ndarray:
+    """A part to judge by without the ends of the recording and those at gaps, as long as something remains."""
+    time, kept = log.recording.time, np.zeros(len(log.samples), bool)
+    for run in stretches(time, log.covered):
+        first, last = time[run][[0, -1]]
+        edge = min(UNSETTLED, LARGEST_END * (last - first))
+        kept[run] = (time[run] > first + edge) & (time[run] < last - edge)
+    settled = np.arange(len(kept))[part][kept[part]]
+    return settled if len(log.taken(settled)) >= LEAST_HELD_OUT else part
 
 
 def _excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, ExcitationError | None]:

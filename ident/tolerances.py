@@ -9,6 +9,9 @@ ZERO_COLUMN = 1e-11
 SINGULAR = 1e-10
 """Singular values of unit-norm columns below this fraction of the largest carry rounding only."""
 
+CONDITION_LIMIT = 1e4
+"""Condition number of the unit-norm columns from which parameters are not separated."""
+
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 

@@ -1,39 +1,47 @@
 """A recording as the joint estimate sees it, set-up corrected and motion smoothed, and the estimate as a fit to it."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from ident.estimation.angles_alone import smoothed
 from ident.estimation.equations import Equations
-from ident.estimation.joint_estimate import Joint
+from ident.estimation.from_angles import without_zeros
+from ident.estimation.joint_result import Joint
 from ident.estimation.least_squares import Fit
 from ident.estimation.measurement import Measurement
-from ident.estimation.piece import Piece, channel_times
+from ident.estimation.piece import Piece, clocks
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
-from ident.estimation.smoothing_start import smoothed
-from ident.estimation.spline import Spline
-from ident.estimation.trajectory_pieces import cut
+from ident.estimation.trajectory_pieces import coordinates, cut
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import joined
 from ident.recordings.wrench import GROUND
 
+Place = tuple[Piece, Callable[[np.ndarray], np.ndarray]]
+"""A piece, and the trajectory that runs through it as a function of time."""
 
-def corrected(prepared: Prepared, estimate: Joint, which: int | None, part: slice | None = None) -> Prepared:
+
+def corrected(
+    prepared: Prepared, estimate: Joint, which: int | None, smoothing: float, part: slice | None = None
+) -> Prepared:
     """A recording with the set-up as it was found, its motion smoothed.
 
     Args:
         prepared: The recording that was fitted, or another one.
         estimate: The joint estimate.
         which: Its number among those that were fitted, or None.
+        smoothing: Time constant with which angles alone are smoothed, s, as `chosen_smoothing` gives it.
         part: The part of it that was fitted, where the wrenches have had a say in the motion.
     """
     measurement, theta = estimate.measurement, estimate.parameters_of(which or 0)
-    places = _places(prepared, estimate, which, part)
-    states = [spline.evaluate(c, channel_times(measurement, piece, theta))[:3] for piece, spline, c in places]
+    places = _on_one_clock(measurement, _places(prepared, estimate, which, smoothing, part), theta)
+    states = [trajectory(_times(measurement, piece, theta))[:3] for piece, trajectory in places]
     motion = joined([measurement.motion(x) for x in states])
-    channels = [piece_channels(measurement, piece, x, theta) for (piece, *_), x in zip(places, states, strict=True)]
+    channels = [piece_channels(measurement, piece, x, theta) for (piece, _), x in zip(places, states, strict=True)]
     measured = np.concatenate(channels) + estimate.offsets_beside_first(which or 0)
     if measurement.frame is None and motion.base is not None and measurement.components:
         # Without a ground the channels are in the world's axes; those of equations are in the base's.
@@ -48,25 +56,45 @@ def corrected(prepared: Prepared, estimate: Joint, which: int | None, part: slic
 
 
 def _places(
-    prepared: Prepared, estimate: Joint, which: int | None, part: slice | None
-) -> list[tuple[Piece, Spline, np.ndarray]]:
-    """Pieces of a recording at its common times, and the trajectories of its streams that run through them."""
-    measurement, whole = estimate.measurement, slice(0, len(prepared.samples))
-    parts = [whole] if part is None else [slice(0, part.start), slice(part.stop, whole.stop)]
-    asked = [(own, 1) for own in parts if own.stop - own.start > 1]
+    prepared: Prepared, estimate: Joint, which: int | None, smoothing: float, part: slice | None
+) -> list[Place]:
+    """Pieces of a recording at its common times, and the trajectory that runs through each as a function of time."""
+    measurement, common = estimate.measurement, replace(prepared, recording=prepared.recording.without_streams)
+    theta, whole = estimate.parameters_of(which or 0), slice(0, len(prepared.samples))
 
-    def pieces_of(recording: Prepared) -> list[Piece]:
-        return [p for own, least in asked for p in cut(recording, measurement, own, estimate.step, least=least)]
+    def pieces_of(own: slice, least: int = 1) -> list[Piece]:
+        return cut(common, measurement, own, estimate.step, least=least) if own.stop - own.start > 1 else []
 
-    pieces = pieces_of(prepared)
-    smooth = smoothed(pieces, estimate.fit.noise).coefficients if pieces else []
-    trajectories = [(piece.spline, c) for piece, c in zip(pieces, smooth, strict=True)]
-    if which is not None and part is not None:
-        asked.append((part, estimate.counts[which]))
-        trajectories += [(piece.spline, c) for piece, c in estimate.places_of(which)]
-    common = pieces_of(replace(prepared, recording=prepared.recording.without_streams))
-    places = [(piece, *trajectory) for piece, trajectory in zip(common, trajectories, strict=True)]
-    return sorted(places, key=lambda place: place[0].time[0])
+    angles = without_zeros(coordinates(prepared.recording, prepared.mechanism.joints), measurement, theta)
+    alone = smoothed(angles, smoothing).evaluate
+    if which is None or part is None:
+        return [(piece, alone) for piece in pieces_of(whole)]
+    fitted = pieces_of(part, estimate.counts[which])
+    splines = [partial(piece.spline.evaluate, c) for piece, c in estimate.places_of(which)]
+    before, after = pieces_of(slice(0, part.start)), pieces_of(slice(part.stop, whole.stop))
+    others = [(piece, alone) for piece in (*before, *after)]
+    return sorted([*others, *zip(fitted, splines, strict=True)], key=lambda place: float(place[0].time[0]))
+
+
+def _times(measurement: Measurement, piece: Piece, theta: np.ndarray) -> np.ndarray:
+    """When the motion is that belongs to samples: as of channels that are all late, or on the coordinates' clock."""
+    every = clocks(measurement, piece, theta)
+    return every[-1][1]
+
+
+def _on_one_clock(measurement: Measurement, places: list[Place], theta: np.ndarray) -> list[Place]:
+    """Pieces with a wrench that is late beside torques moved to the torques' times, between its samples."""
+    every = [clocks(measurement, piece, theta) for piece, _ in places]
+    if len(every[0]) == 1:
+        return places
+    late = np.concatenate([when for (_, when), _ in every])
+    measured = np.concatenate([piece.measured for piece, _ in places])
+    moved = []
+    for (piece, trajectory), ((own, _), (_, when)) in zip(places, every, strict=True):
+        channels = piece.measured.copy()
+        channels[:, own] = np.stack([np.interp(when, late, column) for column in measured[:, own].T], axis=1)
+        moved.append((replace(piece, measured=channels), trajectory))
+    return moved
 
 
 def _equations(measurement: Measurement, theta: np.ndarray, mechanism: Mechanism) -> Equations:

@@ -33,6 +33,8 @@ class Equations:
         channels: Names of the C channels.
         drives: Names of the columns of rotor inertia and friction, out of `drive_names`.
         offsets: Indices of the channels that have a constant offset.
+        slips: Velocities over which Coulomb friction changes its sign, rad/s or m/s, as `Fc tanh(q̇ / slip)` (n,); None
+            for a jump.
     """
 
     mechanism: Mechanism
@@ -42,6 +44,7 @@ class Equations:
     channels: tuple[str, ...] = COMPONENTS
     drives: tuple[str, ...] = ()
     offsets: tuple[int, ...] = ()
+    slips: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         expected, bodies = len(self.parameters.parameters), len(self.mechanism.tree.inertial)
@@ -188,7 +191,7 @@ class Equations:
 
     def _drives(self, samples: Samples) -> np.ndarray:
         """Columns of rotor inertia and friction (d, torques, chunk)."""
-        columns = np.concatenate(drive_columns(samples.motion, tuple(DRIVE)), axis=2)
+        columns = np.concatenate(drive_columns(samples.motion, tuple(DRIVE), self.slips), axis=2)
         every = drive_names(self.mechanism.tree, tuple(DRIVE))
         chosen = columns[:, list(self.torques)][..., [every.index(name) for name in self.drives]]
         return chosen.transpose(2, 1, 0)

@@ -34,14 +34,18 @@ NEAR = 0.1
 COLOURED = 3
 """Round from which noise that was white at the start may be correlated: while the fit is bad all residuals are."""
 
-SMOOTHEST = 1e8
-"""Largest κ λ over `h⁶ rate / σ²`: then samples of some twenty knots are averaged."""
+SMOOTHEST = 1e7
+"""Largest κ λ over `h⁶ rate / σ²`: then samples of some fifteen knots are averaged. With ten times as much rounding may
+turn steps of coordinates that rest around."""
 
 CYCLE = 0.5
 """Size of a step that leads back, over that of the step before, from which noise and parameters chase each other."""
 
 SMALLEST_STEP = 1 / 64
 """Part of a step; where that does not lower the cost none does."""
+
+LEAST_SCATTER = 0.05
+"""Least variance over that of the working model, in any direction: where noise is found to be less it is by chance."""
 
 Report = Callable[[int, float], None]
 """Is called with every round and its largest step of θ, in standard deviations."""
@@ -90,6 +94,9 @@ class JointFit:
         pieces: What was measured.
         trace: Largest step of θ in standard deviations of every round.
         status: `converged`, `stopped` after so many rounds, `stuck` where no step lowers the cost, or `interrupted`.
+        scatters: Covariance of every piece's right side under the noise that is really there (p, p); None for that of
+            the working model, which is its precision.
+        bounded: Parameters that are held at a bound (p,), None for none.
     """
 
     names: Sequence[str]
@@ -103,6 +110,23 @@ class JointFit:
     pieces: Sequence[Piece]
     trace: tuple[float, ...]
     status: str
+    scatters: Sequence[np.ndarray] | None = None
+    bounded: np.ndarray | None = None
+
+    @property
+    def counted(self) -> np.ndarray:
+        """Mask of what counts as fitted: also what is held at a bound (p,)."""
+        return self.free if self.bounded is None else self.free | self.bounded
+
+    @property
+    def scatter_shares(self) -> Sequence[np.ndarray]:
+        """Covariance of every piece's right side, by the working model where no other is known (p, p) each."""
+        return [schur for schur, _ in self.shares] if self.scatters is None else self.scatters
+
+    @cached_property
+    def scatter(self) -> np.ndarray:
+        """Covariance of the gradient, the priors' included (p, p)."""
+        return sum(self.scatter_shares, start=self.prior.precision)
 
     @cached_property
     def precision(self) -> np.ndarray:
@@ -117,13 +141,14 @@ class JointFit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance of θ from the noise, zero for what was not fitted (p, p)."""
-        return embedded(inverse_of_precision(self.precision[np.ix_(self.free, self.free)]), self.free)
+        """Covariance of θ from the noise, zero for what was not fitted (p, p).
 
-    def covariance_with(self, others: np.ndarray) -> np.ndarray:
-        """The same with what the priors leave open of parameters that were not fitted, zero for all others (p, p)."""
-        taken = self.free | others
-        return embedded(inverse_of_precision(self.precision[np.ix_(taken, taken)]), taken)
+        What is held at a bound counts as fitted: what trades with it is known no better for that.
+        """
+        taken = self.counted
+        own = np.ix_(taken, taken)
+        names = [name for name, one in zip(self.names, taken, strict=True) if one]
+        return embedded(sandwich(self.precision[own], self.scatter[own], names), taken)
 
     def scores(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far θ would go in directions that were not fitted, the others refitted, and the standard deviations.
@@ -142,7 +167,10 @@ class JointFit:
         pull = directions @ self.gradient - regressed @ self.gradient[free]
         told = curvature > 0
         curvature = np.where(told, curvature, 1.0)
-        return np.where(told, pull / curvature, 0.0), np.where(told, 1 / np.sqrt(curvature), np.inf)
+        alone = directions.copy()
+        alone[:, free] -= regressed
+        variance = np.maximum(((alone @ self.scatter) * alone).sum(axis=1), LEAST_SCATTER * curvature)
+        return np.where(told, pull / curvature, 0.0), np.where(told, np.sqrt(variance) / curvature, np.inf)
 
 
 def fit(
@@ -156,6 +184,7 @@ def fit(
     selections: Sequence[np.ndarray] | None = None,
     coloured: bool = True,
     kept: Collection[str] = (),
+    explore: bool = False,
     executor: Executor | None = None,
     rounds: int = ROUNDS,
     report: Report | None = None,
@@ -174,6 +203,7 @@ def fit(
         selections: Which entries of θ each piece has as its own parameters; by default all have all.
         coloured: Whether noise may be correlated over time.
         kept: What of the noise is kept as at the start, out of `states`, `channels` and `jerk`; by default nothing.
+        explore: True where nobody asks for the shares of the pieces.
         executor: Where pieces are worked on, by default here.
         rounds: Rounds after which to give up.
         report: Called with every round.
@@ -201,7 +231,7 @@ def fit(
             jerk = hastened(last, stride) if trace[-1] < NEAR else noise.jerk
             noise = replace(noise, jerk=np.minimum(jerk, problem.smoothest(noise)))
             noise = replace(noise, **{name: getattr(at.noise, name) for name in kept})
-            quiet = round_ >= white + coloured and _quiet(at, trace[-1], moves, noise)
+            quiet = round_ >= white + coloured and _quiet(pieces, at, trace[-1], moves, noise)
             stalled = 0 if moved is not at else stalled + 1
             back = _leads_back(step[free], before[free], problem.precision(parts))
             at, before = replace(moved, noise=noise.midway(at.noise) if back else noise), step
@@ -213,9 +243,10 @@ def fit(
             parts = problem.linearised(at, fitted, root)
     except KeyboardInterrupt:
         status = "interrupted"
-    # What was held is told of as well: by how much it would go if it were not.
-    every_theta = np.arange(len(free))
-    shares = [(part.schur, part.gradient) for part in problem.linearised(at, every_theta)] if len(free) else []
+    # Of what was held as well: it shows by how much that would go if it were not.
+    unasked = not len(free) or (explore and status != "interrupted")
+    last = [] if unasked else problem.linearised(at, np.arange(len(free)))
+    shares = [(part.schur, part.gradient) for part in last]
     return JointFit(
         problem.names,
         problem.selections,
@@ -354,10 +385,13 @@ def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]
     return replace(at, theta=at.theta + size * step, coefficients=places)
 
 
-def _quiet(at: Start, step: float, moves: Sequence[np.ndarray], noise: Noise) -> bool:
-    """Whether nothing moves any more that matters."""
+def _quiet(pieces: Sequence[Piece], at: Start, step: float, moves: Sequence[np.ndarray], noise: Noise) -> bool:
+    """True where nothing moves any more that matters: beyond the samples a trajectory is free to."""
     std = at.noise.states[0]
-    motion = max(float(np.max(np.abs(move.reshape(-1, len(std))) / std)) for move in moves)
+    motion = 0.0
+    for piece, move in zip(pieces, moves, strict=True):
+        inside = piece.spline.within(piece.time[0], piece.time[-1])
+        motion = max(motion, float(np.max(np.abs(move.reshape(-1, len(std))[inside]) / std, initial=0)))
     return step < SETTLED and motion < SETTLED_MOTION and noise.change(at.noise) < SETTLED_NOISE
 
 
@@ -377,6 +411,18 @@ def inverse_of_precision(precision: np.ndarray, names: Sequence[str] = ()) -> np
     """
     root = root_of_inverse(precision, names)
     return root @ root.T
+
+
+def sandwich(precision: np.ndarray, scatter: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
+    """Covariance `P⁻¹ M P⁻¹` by a precision P and the scatter M of the right side (k, k).
+
+    Raises:
+        ExcitationError: The precision is not positive definite; the error has the names.
+    """
+    root = root_of_inverse(precision, names)
+    values, vectors = np.linalg.eigh(root.T @ scatter @ root)
+    wider = root @ vectors * np.sqrt(np.maximum(values, LEAST_SCATTER))
+    return np.asarray(wider @ wider.T)
 
 
 def root_of_inverse(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:

@@ -13,7 +13,7 @@ from ident.model.closed_form import BodyMotion, body_wrench
 from ident.tolerances import DRIVE, STRIBECK
 
 SLIP = 0.003
-"""Velocity over which Coulomb friction changes its sign, rad/s or m/s."""
+"""Velocity over which Coulomb friction changes its sign where that is not known better, rad/s or m/s."""
 
 
 def inertial_wrenches(equations: Equations, motions: list[BodyMotion], theta: np.ndarray) -> list[np.ndarray]:
@@ -51,15 +51,18 @@ def joint_torques(tree: Tree, motions: list[BodyMotion], q: np.ndarray, wrenches
     return list(tree.joint_sums(q, felt))
 
 
-def drive_torques(equations: Equations, dq: np.ndarray, ddq: np.ndarray, theta: np.ndarray) -> list[Value]:
+def drive_torques(
+    equations: Equations, dq: np.ndarray, ddq: np.ndarray, theta: np.ndarray, slips: np.ndarray
+) -> list[Value]:
     """What rotors and friction take of the torques of the n freedoms, zero where there is no column for it.
 
     Args:
         equations: Which columns there are.
         dq: Joint velocities (n,); `ddq` accelerations.
         theta: Parameters, those of the drives behind ψ.
+        slips: Velocities over which Coulomb friction changes its sign (n,).
     """
-    sign, relative = np.tanh(dq / SLIP), dq / STRIBECK
+    sign, relative = np.tanh(dq / slips), dq / STRIBECK
     signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
     freedoms = equations.mechanism.tree.freedoms
     at = dict(zip(equations.drives, theta[equations.parameters.rank :], strict=False))

@@ -120,6 +120,7 @@ class Measurement:
     ) -> np.ndarray:
         """Some results (k, N), those of one sample beside each other in memory."""
         rows = [*states.swapaxes(1, 2), wrenches.reshape(len(wrenches), -1).T]
+        constants = np.concatenate([theta, self._slips])
         inputs = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
         out = np.empty((len(wrenches), len(wanted)))
         size = min(CHUNK_COMPILED if compiled.available() else CHUNK, len(wrenches))
@@ -128,9 +129,24 @@ class Measurement:
         for first in range(0, len(out), size):
             part = slice(first, first + size)
             results = some[:, : len(out[part])]
-            program.run(inputs[:, part], results, theta)
+            program.run(inputs[:, part], results, constants)
             out[part] = results[wanted].T
         return out.T
+
+    @cached_property
+    def _slips(self) -> np.ndarray:
+        """Velocities over which Coulomb friction changes its sign; none where no torque is a channel."""
+        if not self.equations.torques:
+            return np.zeros(0)
+        freedoms = len(self.tree.freedoms)
+        return np.full(freedoms, loads.SLIP) if self.equations.slips is None else self.equations.slips
+
+    def with_slips(self, slips: np.ndarray) -> "Measurement":
+        """The same with other slips (n,): they are inputs of the programs, which need not be recorded anew."""
+        other = replace(self, equations=replace(self.equations, slips=slips))
+        for name in ("_channels_program", "_gradients_program"):
+            other.__dict__[name] = getattr(self, name)
+        return other
 
     @cached_property
     def _channels_program(self) -> Program:
@@ -147,18 +163,19 @@ class Measurement:
     def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
         """The channels on a tape of their own, with its inputs that are states and θ."""
         n, k, p = self.coordinates, 12 * len(self.contacts), len(self.names)
-        tape = Tape(3 * n + k + p)
-        states, wrenches, theta = np.split(np.array(tape.inputs), [3 * n, 3 * n + k])
-        return tape, [*states, *theta], self._channels(states.reshape(3, n), wrenches.reshape(2, -1, 6), theta)
+        tape = Tape(3 * n + k + p + len(self._slips))
+        states, wrenches, theta, slips = np.split(np.array(tape.inputs), [3 * n, 3 * n + k, 3 * n + k + p])
+        channels = self._channels(states.reshape(3, n), wrenches.reshape(2, -1, 6), theta, slips)
+        return tape, [*states, *theta], channels
 
-    def _channels(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> list[Value]:
-        """The channels on a tape: states (3, n), wrenches (2, k, 6), θ (p,)."""
+    def _channels(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, slips: np.ndarray) -> list[Value]:
+        """The channels on a tape: states (3, n), wrenches (2, k, 6), θ (p,), slips (f,)."""
         equations, tree = self.equations, self.tilted(theta)
         root, base, (q, dq, ddq) = self._root(states, theta)
         motions, gains = closed_form.body_motions(tree, root, q, dq, ddq), self.gains(theta)
         inertial, drives = loads.inertial_wrenches(equations, motions, theta), list[Value]()
         if equations.torques:
-            drives = loads.drive_torques(equations, dq, ddq, theta)
+            drives = loads.drive_torques(equations, dq, ddq, theta, slips)
         own = self._read(tree, motions, q, inertial, drives, base, theta)
         out = [gain * value for value, gain in zip(own, gains, strict=True)]
         offsets = theta[equations.parameters.rank + len(equations.drives) :]

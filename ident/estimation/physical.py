@@ -36,6 +36,8 @@ def physical_fit(fit: JointFit, refit: Refit, equations: Equations, rounds: int)
     mechanism, rank = equations.mechanism, equations.parameters.rank
     is_psi = np.arange(len(fit.theta)) < rank
     held = fit
+    if fit.status == "interrupted":
+        return fit
     for _ in range(TURNS):
         inverse = inverse_of_precision(held.precision[np.ix_(fit.free, fit.free)])
         wanted = held.theta[fit.free] + inverse @ held.gradient[fit.free]
@@ -48,4 +50,4 @@ def physical_fit(fit: JointFit, refit: Refit, equations: Equations, rounds: int)
         held = refit(Start(theta, held.noise, held.coefficients), fit.free & ~is_psi, rounds)
         if step.max() < RESTS or held.status == "interrupted":
             break
-    return replace(held, free=fit.free, trace=(*fit.trace, *held.trace))
+    return replace(held, free=fit.free & (held.free | is_psi), trace=(*fit.trace, *held.trace))

@@ -1,13 +1,13 @@
 """One piece of a recording in the joint estimate: its samples, its trajectory, and the two linearised."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ident.estimation.arrow import Arrow, Posterior
+from ident.estimation.arrow import Arrow, Eliminated, Posterior
 from ident.estimation.intervals import Intervals
 from ident.estimation.rows import ChannelRows, Factors, StateRows
 from ident.estimation.spline import ORDER, Local, Spline
@@ -32,6 +32,9 @@ class Piece:
         measured: Measured channels, NaN where a sample is missing (M, C).
         wrenches: What the surroundings exert at contacts then, as averages and what is left of them (M, 2, 6 k).
         origin: Time from which the channels' clock is counted, s.
+        late: Number of the first channels, those of a wrench, whose clock it is; by default all are on it. Others are
+            on the coordinates' clock.
+        slack: Standard deviation of what is unknown of the channels besides their noise (M, C), None for nothing.
     """
 
     spline: Spline
@@ -41,6 +44,8 @@ class Piece:
     measured: np.ndarray
     wrenches: np.ndarray
     origin: float = 0.0
+    late: int | None = None
+    slack: np.ndarray | None = None
 
     @cached_property
     def local(self) -> Local:
@@ -73,6 +78,7 @@ class Noise:
         states_rho: ρ of the coordinates (3, n).
         channels_rho: ρ of the channels (C,).
         floor_states: Smallest standard deviations (3, n); `floor_channels` of the channels (C,).
+        alike: Number of a group for each channel, whose noise is of similar size; none for no groups.
     """
 
     states: np.ndarray
@@ -82,6 +88,7 @@ class Noise:
     channels_rho: np.ndarray
     floor_states: np.ndarray
     floor_channels: np.ndarray
+    alike: tuple[int, ...] = ()
 
     @property
     def share(self) -> float:
@@ -185,16 +192,17 @@ def misfit(
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness.
     """
-    when = channel_times(measurement, piece, theta)
-    local = piece.spline.local(when)
-    predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
     states = _states(measurement, piece, coefficients, theta, noise)
-    channels = _channels(piece, when, local, predicted, noise)
+    channels = []
+    for own, when in clocks(measurement, piece, theta):
+        local = piece.spline.local(when)
+        predicted = measurement.values(local.combined(coefficients)[:3], piece.wrenches, theta)
+        channels.append(_channels(piece, own, when, local, predicted, noise))
     bends = piece.spline.squared_jerk(coefficients)
     nothing = Sums(np.zeros((3, len(bends))), np.zeros((3, len(bends))))
-    sums = [*(states[kind].sums if kind in states else nothing for kind in range(3)), channels.sums]
+    sums = [*(states[kind].sums if kind in states else nothing for kind in range(3)), *(new.sums for new in channels)]
     return Misfit(
-        cost=_cost([*states.values(), channels], noise, bends),
+        cost=_cost([*states.values(), *channels], noise, bends),
         squares=np.concatenate([each.squares for each in sums], axis=1),
         number=np.concatenate([each.number for each in sums], axis=1),
         bends=bends,
@@ -228,27 +236,86 @@ def linearised(
     """
     columns = np.arange(len(theta)) if columns is None else columns
     n, S = coefficients.shape[1], piece.spline.intervals
-    channels, new = _channel_rows(measurement, piece, coefficients, theta, noise, columns)
-    sampled = _states(measurement, piece, coefficients, theta, noise)
-    states = {kind: _state_rows(measurement, piece, own, kind, columns) for kind, own in sampled.items()}
-    arrow = Arrow(piece.spline, n, len(columns))
-    channels.add_to(arrow)
-    for rows in states.values():
-        rows.add_to(arrow)
-    arrow.add_penalty(noise.stiffness, coefficients)
-    eliminated = arrow.eliminated()
+    equations = normal_equations(measurement, piece, coefficients, theta, noise, columns)
+    states, eliminated = equations.state_rows, equations.eliminated
     posterior = Posterior.of(eliminated, np.zeros((len(columns), 0)) if root is None else root, S, n)
     taken = [states[kind].taken(posterior) if kind in states else np.zeros((3, n)) for kind in range(3)]
     curvature = np.einsum("sjuv,uv->j", posterior.by_coordinate[:, :, 1:, 1:], piece.spline.penalty)
     return Linearised(
-        cost=_cost([*sampled.values(), new], noise, piece.spline.squared_jerk(coefficients)),
+        cost=_cost(equations.innovations, noise, piece.spline.squared_jerk(coefficients)),
         schur=eliminated.schur,
         gradient=eliminated.gradient,
         step=eliminated.step,
         by_theta=eliminated.by_theta,
-        taken=np.concatenate([*taken, channels.taken(posterior)], axis=1),
+        taken=np.concatenate([*taken, *(each.rows.taken(posterior) for each in equations.channels)], axis=1),
         held=noise.stiffness * curvature,
     )
+
+
+class ChannelEquations(NamedTuple):
+    """Rows of channels that share a clock.
+
+    Attributes:
+        channels: The channels.
+        when: When they were what their samples say, s (M,).
+        rows: The rows.
+        new: What is new in them.
+        by_states: Their derivatives by coordinates and their derivatives (c, 3, n, M).
+        by_theta: Their derivatives by θ (c, k, M).
+    """
+
+    channels: slice
+    when: np.ndarray
+    rows: ChannelRows
+    new: Innovations
+    by_states: np.ndarray
+    by_theta: np.ndarray
+
+
+class NormalEquations(NamedTuple):
+    """A piece's normal equations and the rows that they are made of.
+
+    Attributes:
+        eliminated: The equations, the trajectory eliminated.
+        channels: The channels, those that share a clock together.
+        state_rows: Rows of what is measured of the coordinates, by the derivative's order.
+        states: What is new in these.
+    """
+
+    eliminated: Eliminated
+    channels: list[ChannelEquations]
+    state_rows: dict[int, StateRows]
+    states: dict[int, Innovations]
+
+    @property
+    def innovations(self) -> list[Innovations]:
+        """What is new in all streams."""
+        return [*self.states.values(), *(each.new for each in self.channels)]
+
+
+def normal_equations(
+    measurement: Predictor,
+    piece: Piece,
+    coefficients: np.ndarray,
+    theta: np.ndarray,
+    noise: Noise,
+    columns: np.ndarray,
+) -> NormalEquations:
+    """The normal equations of a piece at a trajectory and at θ, for the entries of θ that are not held.
+
+    Raises:
+        numpy.linalg.LinAlgError: The trajectory is not determined.
+    """
+    channels = list(_channel_rows(measurement, piece, coefficients, theta, noise, columns))
+    states = _states(measurement, piece, coefficients, theta, noise)
+    state_rows = {kind: _state_rows(measurement, piece, own, kind, columns) for kind, own in states.items()}
+    arrow = Arrow(piece.spline, coefficients.shape[1], len(columns))
+    for each in channels:
+        each.rows.add_to(arrow)
+    for rows in state_rows.values():
+        rows.add_to(arrow)
+    arrow.add_penalty(noise.stiffness, coefficients)
+    return NormalEquations(arrow.eliminated(), channels, state_rows, states)
 
 
 def _cost(every: Iterable[Innovations], noise: Noise, bends: np.ndarray) -> float:
@@ -266,10 +333,50 @@ def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np
     return when
 
 
-def _channels(piece: Piece, when: np.ndarray, local: Local, predicted: np.ndarray, noise: Noise) -> Innovations:
-    """What is new in the channels, predicted (C, M); a delay or another clock may put samples beyond the trajectory."""
-    residual = np.where(piece.spline.holds(when)[:, None], piece.measured - predicted.T, np.nan)
-    return innovations(residual, local.interval, noise.channels, noise.channels_rho)
+def clocks(
+    measurement: Predictor, piece: Piece, theta: np.ndarray, columns: Collection[int] = ()
+) -> list[tuple[slice, np.ndarray]]:
+    """Channels that share a clock, and when they were what their samples say, s (M,).
+
+    Args:
+        measurement: Channels and parameters.
+        piece: What was measured.
+        theta: Parameters (p,).
+        columns: Entries of θ by which channels are differentiated.
+    """
+    of_clock = [*measurement.of_kind("clock").values(), *measurement.of_kind("delay").values()]
+    number = piece.measured.shape[1]
+    whole = piece.late is None or piece.late >= number
+    if whole or not any(theta[at] or at in columns for at in of_clock):
+        return [(slice(0, number), channel_times(measurement, piece, theta))]
+    return [(slice(0, piece.late), channel_times(measurement, piece, theta)), (slice(piece.late, number), piece.when)]
+
+
+def predicted(
+    measurement: Predictor, piece: Piece, motion: Callable[[np.ndarray], np.ndarray], theta: np.ndarray
+) -> np.ndarray:
+    """Predicted channels of a piece at a motion (M, C).
+
+    Args:
+        measurement: Channels and parameters.
+        piece: What was measured.
+        motion: Coordinates and at least their first two derivatives as a function of time (3, M, n).
+        theta: Parameters (p,).
+    """
+    parts = [
+        measurement.values(motion(when)[:3], piece.wrenches, theta)[own]
+        for own, when in clocks(measurement, piece, theta)
+    ]
+    return np.concatenate(parts).T
+
+
+def _channels(
+    piece: Piece, own: slice, when: np.ndarray, local: Local, predicted: np.ndarray, noise: Noise
+) -> Innovations:
+    """What is new in some of the predicted channels (C, M); a delay may put samples beyond the trajectory."""
+    residual = np.where(piece.spline.holds(when)[:, None], (piece.measured - predicted.T)[:, own], np.nan)
+    slack = None if piece.slack is None else piece.slack[:, own]
+    return innovations(residual, local.interval, noise.channels[own], noise.channels_rho[own], slack)
 
 
 def _channel_rows(
@@ -279,27 +386,30 @@ def _channel_rows(
     theta: np.ndarray,
     noise: Noise,
     columns: np.ndarray,
-) -> tuple[ChannelRows, Innovations]:
-    """Rows of the channels, which see all coordinates and all of θ that is not held, and what is new in them."""
-    when = channel_times(measurement, piece, theta)
-    local = piece.spline.local(when)
-    x = local.combined(coefficients)
-    values, by_states, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, columns)
-    by_states, by_theta = by_states.transpose(3, 0, 1, 2), by_theta.transpose(2, 0, 1)
-    rate = np.einsum("mcdj,dmj->mc", by_states, x[1:])
-    for at in measurement.of_kind("clock").values():
-        by_theta[..., columns == at] = (rate * (piece.when - piece.origin)[:, None])[..., None]
-    for at in measurement.of_kind("delay").values():
-        by_theta[..., columns == at] = -rate[..., None]
-    intervals, new = Intervals(local.interval, piece.spline.intervals), _channels(piece, when, local, values, noise)
-    rows = ChannelRows(
-        intervals,
-        basis=intervals.dealt(local.basis[:3].transpose(1, 2, 0)),
-        by_states=intervals.dealt(by_states),
-        by_theta=intervals.dealt(by_theta),
-        factors=Factors.of(new, intervals),
-    )
-    return rows, new
+) -> Iterator[ChannelEquations]:
+    """Rows of channels that share a clock, which see all coordinates and all of θ that is not held, and what is new."""
+    for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
+        local = piece.spline.local(when)
+        x = local.combined(coefficients)
+        values, by_states, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, columns)
+        by_states, by_theta = by_states.transpose(3, 0, 1, 2)[:, own], by_theta.transpose(2, 0, 1)[:, own]
+        if k == 0:
+            rate = np.einsum("mcdj,dmj->mc", by_states, x[1:])
+            for at in measurement.of_kind("clock").values():
+                by_theta[..., columns == at] = (rate * (piece.when - piece.origin)[:, None])[..., None]
+            for at in measurement.of_kind("delay").values():
+                by_theta[..., columns == at] = -rate[..., None]
+        intervals = Intervals(local.interval, piece.spline.intervals)
+        new = _channels(piece, own, when, local, values, noise)
+        rows = ChannelRows(
+            intervals,
+            basis=intervals.dealt(local.basis[:3].transpose(1, 2, 0)),
+            by_states=intervals.dealt(by_states),
+            by_theta=intervals.dealt(by_theta),
+            factors=Factors.of(new, intervals),
+        )
+        by = by_states.transpose(1, 2, 3, 0), by_theta.transpose(1, 2, 0)
+        yield ChannelEquations(own, when, rows, new, *by)
 
 
 def _states(

@@ -1,14 +1,18 @@
 """A user's model and recording made ready to be fitted: one set of samples, channels and columns."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from ident.errors import InputError, LogError
+from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.measurement import base_motion, joint_states
+from ident.estimation.repairs import Clipped
 from ident.estimation.robust import separable
 from ident.estimation.samples import Samples
 from ident.geometry.quaternion import continuous_quaternions, without_jumps
@@ -19,11 +23,11 @@ from ident.mechanism.tree import Tree
 from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
-from ident.recordings.column import KINDS
-from ident.recordings.despike import despiked
+from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import chosen_cutoff, low_pass, settling, smoothed
 from ident.recordings.suggestion import suggested_mapping
+from ident.recordings.table import BASE
 from ident.recordings.wrench import GROUND
 
 
@@ -59,6 +63,8 @@ class Prepared:
         notes: What was detected and done.
         stuck: Channels left out because they never change, though the model says that they do, with their values.
         left_out: Spans whose samples are not to be used.
+        clipped: Channels that a sensor's range has cut off; their samples there are not to be used.
+        steps: Steps in which channels were recorded, by their names, where they show; coordinates as `JOINT_position`.
     """
 
     mechanism: Mechanism
@@ -72,6 +78,8 @@ class Prepared:
     notes: tuple[str, ...]
     stuck: tuple[str, ...]
     left_out: tuple[LeftOut, ...] = ()
+    clipped: tuple[Clipped, ...] = ()
+    steps: Mapping[str, float] = field(default_factory=dict)
 
     def usable(self, time: np.ndarray) -> np.ndarray:
         """Whether samples at some times are not left out (N,)."""
@@ -79,9 +87,27 @@ class Prepared:
             [(time < each.start) | (time > each.end) for each in self.left_out] or [np.isfinite(time)], axis=0
         )
 
-    def taken(self, part: slice) -> np.ndarray:
-        """Indices of the samples of a part that are not left out."""
-        return np.arange(len(self.samples))[part][self.usable(self.recording.time[part])]
+    def taken(self, part: slice | np.ndarray) -> np.ndarray:
+        """Indices of the samples of a part that are neither left out, nor clipped in any channel, nor in a gap.
+
+        Only straight lines cross a gap.
+        """
+        kept = self.usable(self.recording.time) & self.covered & self.whole
+        return np.arange(len(self.samples))[part][kept[part]]
+
+    @property
+    def whole(self) -> np.ndarray:
+        """Which samples are clipped in none of the channels that are used (N,)."""
+        clipped = [each.samples for each in self.clipped if each.kept]
+        return ~np.any(clipped or [np.zeros(len(self.samples), bool)], axis=0)
+
+    @cached_property
+    def covered(self) -> np.ndarray:
+        """Whether samples lie in no gap of what is used, nor so near to one that the filter has taken it in (N,)."""
+        names = [f"{joint}_{kind}" for joint in self.mechanism.joints for kind in ("position", "torque")]
+        names += [f"{name}_{kind}" for name in self.recording.wrenches for kind in ("force", "torque")]
+        inside = covered(self.recording, (*names, BASE))
+        return minimum_filter1d(inside, 2 * self.edge + 1, mode="constant", cval=1) if self.edge else inside
 
     @property
     def edge(self) -> int:
@@ -110,8 +136,12 @@ def prepared(
         InputError: Something is missing or does not fit; the message names it.
     """
     tree, rate = mechanism.tree, recording.rate
-    recording, notes = _without_spikes(recording, mechanism.joints)
-    recording, constant = _without_constant(recording, tree)
+    steps = repairs.steps(recording, tree)
+    recording, clipped = repairs.without_clipped(recording, mechanism)
+    recording, notes = repairs.without_spikes(recording, mechanism.joints)
+    constant = repairs.constants(recording, tree)
+    recording = repairs.without_channels(recording, tree, constant)
+    notes += repairs.rests(recording, mechanism.tree)
     cutoff = _cutoff(recording, mechanism.joints, cutoff)
     motion = _motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
@@ -126,7 +156,7 @@ def prepared(
         raise LogError(
             f"{name} has neither a wrench nor a joint torque to fit. {suggested_mapping(recording.unused, tree.joints)}"
         )
-    stuck = _stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
+    stuck = repairs.stuck(constant, predicted_channels(mechanism, motion, frame, torques=torques is not None), notes)
     rows = channels.wrench
     sensors = Sensors(rows is not None, bool(channels.torques), motion.base is not None, rows)
     parameters = structural_base_parameters(mechanism, sensors=sensors)
@@ -139,7 +169,9 @@ def prepared(
     if lost := [drive for drive in drives if drive not in fitted.drives]:
         notes.append(f"{', '.join(lost)} cannot be told from the links' inertias, which take them up.")
     all_notes = (*recording.notes, *notes)
-    return Prepared(mechanism, recording, fitted, samples, sensors, frame, wrench, cutoff, all_notes, stuck)
+    return Prepared(
+        mechanism, recording, fitted, samples, sensors, frame, wrench, cutoff, all_notes, stuck, (), clipped, steps
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,61 +229,6 @@ def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> 
     return base_motion(np.stack(smoothed(x, rate, cutoff or chosen_cutoff(x, rate))))
 
 
-def _without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
-    """The recording with isolated gross outliers interpolated.
-
-    Streams stay as they were measured: in the joint estimate outliers lose weight.
-    """
-    measured, notes = dict(recording.measured), []
-    for kind, symbol in zip(KINDS, ("q", "dq", "ddq", "torques"), strict=True):
-        names = [name for name in (f"{joint}_{kind}" for joint in joints) if name in recording.measured]
-        names = [name for name in names if recording[name].ndim == 1]
-        values, counts = despiked(np.reshape([recording[name] for name in names], (len(names), len(recording.time))).T)
-        measured |= zip(names, values.T, strict=True)
-        if counts.any():
-            notes.append(f"{counts.sum()} gross outliers in {symbol} were interpolated.")
-    for name in recording.wrenches:
-        values, counts = despiked(recording.wrench(name).values)
-        measured |= {f"{name}_force": values[:, :3], f"{name}_torque": values[:, 3:]}
-        if counts.any():
-            parts = ", ".join(f"{n} in {c}" for n, c in zip(counts, COMPONENTS, strict=True) if n)
-            notes.append(f"Gross outliers of the wrench '{name}' were interpolated: {parts}.")
-    return replace(recording, measured=measured), notes
-
-
-def _without_constant(recording: Recording, tree: Tree) -> tuple[Recording, dict[str, float]]:
-    """The recording without the ground's components and the joints' torques that never change, and their values.
-
-    The noise of such a channel, by which others would be weighted, is zero.
-    """
-    constant: dict[str, float] = {}
-    measured = dict(recording.measured)
-
-    def leave_out(channel: str, names: Sequence[str]) -> None:
-        values = recording[channel].reshape(len(recording.time), -1)
-        still = np.ptp(values, axis=0) == 0
-        constant.update((name, float(x) + 0.0) for name, x, s in zip(names, values[0], still, strict=True) if s)
-        measured[channel] = np.where(still, np.nan, values).reshape(recording[channel].shape)
-
-    if GROUND in recording.wrenches:
-        leave_out(f"{GROUND}_force", COMPONENTS[:3])
-        leave_out(f"{GROUND}_torque", COMPONENTS[3:])
-    for body in tree.bodies:
-        if f"{body.joint}_torque" in recording.measured:
-            leave_out(f"{body.joint}_torque", body.freedom_names)
-    return replace(recording, measured=measured), constant
-
-
-def _stuck(constant: dict[str, float], predicted: dict[str, np.ndarray], notes: list[str]) -> tuple[str, ...]:
-    """Those of the constant channels that the model says change; a note on the others."""
-    largest = max((np.abs(x).max() for x in predicted.values()), default=0.0)
-    stuck = [name for name in constant if np.ptp(predicted[name]) > 1e-6 * largest]
-    still = [name for name in constant if name not in stuck]
-    if still:
-        notes.append(f"{', '.join(still)} never change, nor do they by the model, and are left out.")
-    return tuple(f"{name} ({constant[name]:g})" for name in stuck)
-
-
 def _hidden(mechanism: Mechanism, sensors: Sensors, parameters: BaseParameters, channels: Sequence[str]) -> list[str]:
     """A note on what the missing components of the wrench keep out of sight."""
     if not sensors.base_wrench:
@@ -279,7 +256,7 @@ def _cutoff(recording: Recording, joints: Sequence[str], cutoff: str | float | N
     if cutoff is None or cutoff == "auto":
         if not joints:
             raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
-        return chosen_cutoff(_coordinates(recording, joints), recording.rate)
+        return chosen_cutoff(coordinates(recording, joints), recording.rate)
     try:
         value = float(cutoff)
     except ValueError:
@@ -302,10 +279,10 @@ def _motion(mechanism: Mechanism, recording: Recording, cutoff: float | None) ->
 def _states(recording: Recording, tree: Tree, cutoff: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if cutoff is None:
         return recording.joint_states(tree.joints)
-    return joint_states(tree, np.stack(smoothed(_coordinates(recording, tree.joints), recording.rate, cutoff)))
+    return joint_states(tree, np.stack(smoothed(coordinates(recording, tree.joints), recording.rate, cutoff)))
 
 
-def _coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:
+def coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:
     """Joint coordinates, quaternions without jumps of sign (N, n_q)."""
     columns = [recording[f"{joint}_position"] for joint in joints]
     continuous = [without_jumps(x) if x.ndim == 2 else x[:, None] for x in columns]
@@ -328,3 +305,29 @@ def _wrench(
         notes.append(f"Nothing holds the base: {', '.join(wrenches)} make up the total wrench alone (Eq. 3).")
     total = recording.total_wrench(tree, motion=motion)
     return total.frame, total.values if cutoff is None else low_pass(total.values, recording.rate, cutoff)
+
+
+class Filtered(NamedTuple):
+    """What least squares take of a recording.
+
+    Attributes:
+        motion: Joint states, and the motion of the base.
+        measured: Measured channels as the states were filtered (N, C).
+        raw: The same as they came (N, C).
+    """
+
+    motion: Motion
+    measured: np.ndarray
+    raw: np.ndarray
+
+
+def filtered(prepared: Prepared, cutoff: float | None) -> Filtered:
+    """States and channels of a recording low-passed at another cut-off, Hz, or as they were prepared for None."""
+    mechanism, recording = prepared.mechanism, prepared.recording
+    tree, rate = mechanism.tree, recording.rate
+    motion = prepared.samples.motion if cutoff is None else _motion(mechanism, recording, cutoff)
+    _, wrench = _wrench(tree, recording, motion, None, [])
+    torques = recording.torques(tree.joints)
+    known, felt = np.isfinite(prepared.wrench).all(axis=0), list(prepared.equations.torques)
+    raw = np.hstack([wrench[:, known], np.empty((len(wrench), 0)) if torques is None else torques[:, felt]])
+    return Filtered(motion, raw if cutoff is None else low_pass(raw, rate, cutoff), raw)

@@ -41,6 +41,9 @@ FURTHEST, LONGEST = 4.0, 3.0
 PACED = 0.005
 """Steps of log λ up to which they are taken as they are: what they differ by is not their slope any more."""
 
+ALIKE = 0.1
+"""Least noise of a component over the median of those that the same sensor measures in the same unit."""
+
 TINY, TINIEST = 1e-3, 1e-300
 """What counts of samples and sums of squares do not fall below."""
 
@@ -63,6 +66,9 @@ def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]
     shape, states = noise.states.shape, noise.states.size
     of_states, of_channels = growth[:, :states].reshape(3, *shape), growth[:, states:]
     floor = noise.floor_channels * (1 + COLOURED_FLOOR * noise.channels_rho**2)
+    for group in set(noise.alike):
+        own = np.array(noise.alike) == group
+        floor[own] = np.maximum(floor[own], ALIKE * np.median(noise.channels[own]))
     new = {
         "states": np.maximum(noise.states * np.sqrt(of_states[0]), noise.floor_states),
         "channels": np.maximum(noise.channels * np.sqrt(of_channels[0]), floor),

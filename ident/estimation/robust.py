@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.estimation.accumulator import accumulate
 from ident.estimation.equations import Equations
+from ident.estimation.least_noise import least_noise
 from ident.estimation.least_squares import Fit, huber_white, least_squares, solve
 from ident.estimation.noise import Sandwich
 from ident.estimation.samples import Samples
@@ -48,13 +49,15 @@ def robust_fit(equations: Equations, samples: Samples, *, weighted: bool = True)
     if not weighted:
         return huber_white(least_squares(equations, samples), samples, steady=True)
     residual = samples.measured
-    scale, weights, factor = spread(residual - residual.mean(axis=0)), np.ones_like(residual), None
+    least = least_noise([samples.measured], equations.channels)
+    scale = np.maximum(spread(residual - residual.mean(axis=0)), least)
+    weights, factor = np.ones_like(residual), None
     for _ in range(ITERATIONS):
         before = residual
         accumulated = accumulate(equations, samples, factor=factor, factors=np.sqrt(weights) / scale)
         fit, factor = solve(accumulated, equations), accumulated.factor
         residual = fit.residual(samples)
-        scale = spread(residual)
+        scale = np.maximum(spread(residual), least)
         weights = np.minimum(1, HUBER * scale / np.maximum(np.abs(residual), 1e-300))
         if np.abs(residual - before).max(initial=0, where=weights == 1) <= CONVERGED * scale.min():
             break

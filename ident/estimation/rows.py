@@ -32,6 +32,7 @@ class Factors:
         rho: Which part of the rows before is taken off (S, m, s).
         slow: What sums are multiplied by in slow halves (S, m, s).
         fast: What differences are multiplied by in fast ones (S, m, s).
+        clarity: Share of the noise in the variance of each sample (S, m, s).
     """
 
     right: np.ndarray
@@ -39,12 +40,13 @@ class Factors:
     rho: np.ndarray
     slow: np.ndarray
     fast: np.ndarray
+    clarity: np.ndarray
 
     @classmethod
     def of(cls, new: Innovations, intervals: Intervals) -> "Factors":
         """Those of innovations."""
         root = np.sqrt(new.weight)
-        every = new.values * root, new.there * root / new.std, new.rho, *new.halves
+        every = new.values * root, new.there * root / new.std, new.rho, *new.halves, new.clarity
         return cls(*(intervals.dealt(x) for x in every))
 
     @cached_property
@@ -67,13 +69,14 @@ class Factors:
     def taken(self, own: np.ndarray, across: np.ndarray, before: np.ndarray, some: slice = slice(None)) -> np.ndarray:
         """Shares of innovations and halves (3, s) by q_kk, q_k,k-1 and q_k-1,k-1 (k, m, s); halves' only where ρ is."""
         scale, rho, slow, fast = (x[some] for x in (self.scale, self.rho, self.slow, self.fast))
+        weights = self.clarity[some] * scale**2
         if self.white:
             nothing = np.zeros(own.shape[-1])
-            return np.stack([_summed(scale**2, own), nothing, nothing])
+            return np.stack([_summed(weights, own), nothing, nothing])
         both = own + before
         shares = np.stack(
             [
-                _summed(scale**2, own - 2 * rho * across + rho**2 * before),
+                _summed(weights, own - 2 * rho * across + rho**2 * before),
                 _summed(slow**2, both + 2 * across),
                 _summed(fast**2, both - 2 * across),
             ]

@@ -8,6 +8,7 @@ from scipy import special
 
 from ident.errors import ExcitationError
 from ident.estimation.joint import JointFit, Start
+from ident.estimation.left_out import clearly_better, gains
 from ident.tolerances import SIGNIFICANT
 
 MOST_FOUND = 10
@@ -63,14 +64,21 @@ Refit = Callable[[Start, np.ndarray, int], JointFit]
 """Fits from a start, with given parameters free (p,), in at most so many rounds."""
 
 
-def searched(first: Search, refit: Refit, candidates: np.ndarray, groups: Mapping[str, np.ndarray]) -> Search:
-    """Frees set-up parameters as long as one is significant.
+def searched(
+    first: Search,
+    refit: Refit,
+    candidates: np.ndarray,
+    groups: Mapping[str, np.ndarray],
+    scattered: Callable[[JointFit], JointFit],
+) -> Search:
+    """Frees set-up parameters as long as one is significant and predicts pieces better that are left out.
 
     Args:
         first: The fit with the set-up as stated, or as far as it was found.
         refit: What fits again.
         candidates: Which parameters are of the set-up (p,).
         groups: Directions in which several change alike, by what they are (p,) each.
+        scattered: Gives a fit the covariance under the noise that is really there.
     """
     fitted, deviations = first.fit, list(first.deviations)
     # All candidates together raise a false alarm as rarely as one test does.
@@ -81,20 +89,22 @@ def searched(first: Search, refit: Refit, candidates: np.ndarray, groups: Mappin
         if not len(left):
             break
         values, spread = fitted.scores(np.eye(len(candidates))[left])
-        z = np.where(np.abs(values) > NEGLIGIBLE * known[left], np.abs(values / spread), 0.0)
-        best = int(np.argmax(z))
-        if not z[best] > PROMISING:
+        likely = (np.abs(values) > NEGLIGIBLE * known[left]) & (np.abs(values / spread) > PROMISING)
+        likely[likely] = [_predicts(fitted, k) for k in left[likely].tolist()]
+        if not likely.any():
             break
+        # By what each explains: while none is fitted, their effects pass for noise and make all as significant.
+        working = replace(fitted, scatters=None)
+        z = np.where(likely, np.abs(values / working.scores(np.eye(len(candidates))[left])[1]), 0.0)
+        best = int(np.argmax(z))
         least = np.sqrt(max(z[best] ** 2 - max(ALIKE, ALIKE_SHARE * z[best] ** 2), PROMISING**2))
         alike = sorted((k for k in np.flatnonzero(z > least) if k != best), key=lambda k: -z[k])
-        found = Deviation(int(left[best]), tuple(left[alike].tolist()), _together(fitted, groups, least))
+        found = Deviation(int(left[best]), tuple(left[alike].tolist()), _together(working, groups, least))
         theta = fitted.theta.copy()
         theta[found.index] += values[best]
         free = fitted.free | (np.arange(len(theta)) == found.index)
         try:
-            # What was wrong until now has made residuals look correlated.
-            noise = fitted.noise
-            tried = refit(Start(theta, noise, fitted.coefficients), free, SEARCH_ROUNDS)
+            tried = scattered(refit(Start(theta, fitted.noise, fitted.coefficients), free, SEARCH_ROUNDS))
         except ExcitationError:
             return replace(first, incredible=True)
         if not abs(tried.theta[found.index]) > threshold * np.sqrt(tried.covariance[found.index, found.index]):
@@ -104,6 +114,14 @@ def searched(first: Search, refit: Refit, candidates: np.ndarray, groups: Mappin
         fitted = tried
         deviations.append(found)
     return replace(first, fit=fitted, deviations=tuple(deviations))
+
+
+def _predicts(fitted: JointFit, candidate: int) -> bool:
+    """True where pieces that are left out are predicted better with a parameter than with it held."""
+    try:
+        return clearly_better(gains(fitted, candidate))
+    except ExcitationError:
+        return False
 
 
 def _together(fitted: JointFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:

@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ident.estimation import joint
 from ident.estimation.joint import Start
+from ident.estimation.least_noise import least_noise, rounding
 from ident.estimation.measurement import Measurement
 from ident.estimation.piece import Noise, Piece, channel_times
+from ident.recordings.resolution import FOURTH_DIFFERENCE, at_rest
 
 REWEIGHTED = 4
 """Least-squares fits, each with the channels weighted by the residuals of the one before."""
@@ -20,14 +23,19 @@ TOGETHER = 8
 FIRST_FITS, FITS = 3, 40
 """Rounds of smoothing: before the noise is estimated, and with it."""
 
-FOURTH_DIFFERENCE = np.sqrt(70)
-"""Standard deviation of the fourth difference of unit white noise, `√(1 + 16 + 36 + 16 + 1)`; motion hardly has one."""
-
 SMOOTH = 2 * np.pi
 """Angular frequency of a motion as smooth as the first guess of λ, rad/s: its jerk is that often cubed its size."""
 
-NOTHING, LEAST = 1e-6, 1e-3
-"""Smallest noise over the spread of a coordinate, and over that of a channel."""
+LOOSE = 0.05
+"""Slack over the spread of its channel from which a sample is left out of the first least-squares fit."""
+
+NOTHING = 1e-6
+"""Smallest noise over the spread of a coordinate."""
+
+AT_REST = 1e-3
+"""Noise that a coordinate at rest is taken to have at least, over the largest spread of all coordinates. Its samples
+may tell of none, and its zero and what moves it are differences of their weight and that of the trajectory: with a
+tenth of this noise rounding hides these."""
 
 TINY = 1e-12, 1e-9
 """What stands in for the noise, and for the spread, of a stream that is constant."""
@@ -63,26 +71,26 @@ class _Coordinates:
 def start(
     measurement: Measurement,
     pieces: Sequence[Piece],
+    alone: Start,
     theta: np.ndarray,
     prior: tuple[np.ndarray, np.ndarray],
     free: np.ndarray,
-    executor: Executor | None = None,
 ) -> Start:
     """Smoothed coordinates, and parameters by weighted least squares.
 
     Args:
         measurement: Channels and parameters.
         pieces: What was measured.
+        alone: Coordinates that are smoothed alone.
         theta: Parameters to begin with (p,).
         prior: Mean (p,) and precision (p, p) of θ, zero where nothing is known.
         free: Which entries of θ to fit (p,).
-        executor: Where pieces are smoothed, by default here.
     """
-    alone = smoothed(pieces, executor=executor)
     theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free)
-    spread = np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0)
+    floor = least_noise([piece.measured for piece in pieces], measurement.equations.channels)
     rho = np.zeros(len(channels))
-    noise = replace(alone.noise, channels=channels, channels_rho=rho, floor_channels=LEAST * spread)
+    channels = np.maximum(channels, floor)
+    noise = replace(alone.noise, channels=channels, channels_rho=rho, floor_channels=floor, alike=_alike(measurement))
     return Start(theta, noise, alone.coefficients)
 
 
@@ -96,12 +104,14 @@ def smoothed(pieces: Sequence[Piece], noise: Noise | None = None, *, executor: E
     """
     none = np.zeros(0)
     own = _first_noise(pieces) if noise is None else noise
-    own = replace(own, channels=none, channels_rho=none, floor_channels=none)
+    own = replace(own, channels=none, channels_rho=none, floor_channels=none, alike=())
     n = len(own.jerk)
     groups = [slice(first, first + TOGETHER) for first in range(0, n, TOGETHER)]
     starts = [_smoothed(pieces, own, some, executor, known=noise is not None) for some in groups]
     of_states = "states", "states_rho", "floor_states", "jerk"
-    joined = {k: np.concatenate([getattr(each.noise, k) for each in starts], axis=-1) for k in of_states}
+    joined: dict[str, Any] = {
+        k: np.concatenate([getattr(each.noise, k) for each in starts], axis=-1) for k in of_states
+    }
     places = [np.hstack(parts) for parts in zip(*(each.coefficients for each in starts), strict=True)]
     return Start(none, replace(own, **joined), places)
 
@@ -140,7 +150,7 @@ def _bare(piece: Piece, some: slice) -> Piece:
     q, dq, ddq = piece.states
     states = q[:, some], None if dq is None else dq[:, some], None if ddq is None else ddq[:, some]
     none = np.zeros(0)
-    return replace(piece, states=states, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0])
+    return replace(piece, states=states, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0], slack=None)
 
 
 def _first_noise(pieces: Sequence[Piece]) -> Noise:
@@ -152,15 +162,31 @@ def _first_noise(pieces: Sequence[Piece]) -> Noise:
         every = [x for piece in pieces if (x := piece.states[kind]) is not None]
         if every:
             std[kind] = [_rough(columns) / FOURTH_DIFFERENCE for columns in zip(*(x.T for x in every), strict=True)]
-    floor = np.tile(NOTHING * spread, (3, 1))
+    rests = np.where(_resting(pieces), AT_REST * spread.max(), 0.0)
+    floor = np.tile(np.maximum(NOTHING * spread, rests), (3, 1))
+    floor[0] = np.maximum(floor[0], rounding([piece.states[0] for piece in pieces]))
     std = np.maximum(std, np.maximum(floor, TINY[0]))
     return Noise(std, none, 1 / (spread**2 * SMOOTH**6), np.zeros((3, n)), none, floor, none)
+
+
+def _resting(pieces: Sequence[Piece]) -> np.ndarray:
+    """Which coordinates rest in every piece (n,)."""
+    q = np.concatenate([piece.states[0] for piece in pieces])
+    largest = float(np.max(np.nanmax(q, axis=0) - np.nanmin(q, axis=0)))
+    each = [[at_rest(x, largest) for x in piece.states[0].T] for piece in pieces]
+    return np.asarray(np.all(each, axis=0))
 
 
 def _rough(columns: Sequence[np.ndarray]) -> float:
     """Standard deviation of the fourth differences of a coordinate in all pieces, over missing samples."""
     fourth = np.concatenate([np.diff(x[np.isfinite(x)], 4) for x in columns])
     return float(fourth.std()) if len(fourth) else 0.0
+
+
+def _alike(measurement: Measurement) -> tuple[int, ...]:
+    """Numbers of the channels' groups: forces of a sensor, its moments, and every joint torque by itself."""
+    groups = [component // 3 for component in measurement.components]
+    return (*groups, *range(2, 2 + len(measurement.equations.channels) - len(groups)))
 
 
 def _interpolated(piece: Piece) -> np.ndarray:
@@ -183,7 +209,7 @@ def _regressed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """θ by least squares on given trajectories, and the channels' residuals in standard deviations (C,)."""
     A, b = _linear(measurement, pieces, coefficients, theta, free)
-    there = np.isfinite(b)
+    there = np.isfinite(b) & ~_loose(pieces)
     std = np.maximum(np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0), TINY[1])
     A, b = np.where(there[..., None], A, 0), np.where(there, b, 0)
     mean, precision = prior
@@ -200,6 +226,13 @@ def _regressed(
     out = theta.copy()
     out[free] += step
     return out, std
+
+
+def _loose(pieces: Sequence[Piece]) -> np.ndarray:
+    """Which channels' samples have slack that is not small beside the signal (N, C)."""
+    spread = np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0)
+    nothing = (np.zeros(piece.measured.shape) if piece.slack is None else piece.slack for piece in pieces)
+    return np.asarray(np.concatenate(list(nothing)) > LOOSE * spread)
 
 
 def _linear(

@@ -91,6 +91,12 @@ class Spline:
             polynomials = polynomials[:, 1:] * np.arange(1, orders)
         return Local(interval, np.array(basis))
 
+    def within(self, first: float, last: float) -> slice:
+        """Functions whose middle lies between two times."""
+        before = LOCAL / 2 - DEGREE
+        a, b = ((time - self.start) / self.step - before for time in (first, last))
+        return slice(max(int(np.ceil(a)), 0), min(int(np.floor(b)) + 1, self.size))
+
     def holds(self, time: np.ndarray) -> np.ndarray:
         """Whether times are within the interval (N,)."""
         return (time >= self.start) & (time <= self.start + self.intervals * self.step)
@@ -98,6 +104,12 @@ class Spline:
     def evaluate(self, coefficients: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Values and first three derivatives (4, N, n) of splines with coefficients (size, n)."""
         return self.local(time).combined(coefficients)
+
+    def refined(self, coefficients: np.ndarray, other: "Spline") -> np.ndarray:
+        """Coefficients in another space of nearly the same splines: `x - h²/4 ẍ` in functions' middles (size, n)."""
+        middle = other.start + (np.arange(other.size) + LOCAL / 2 - DEGREE) * other.step
+        x = self.evaluate(coefficients, middle)
+        return np.asarray(x[0] - other.step**2 / 4 * x[2])
 
     def windows(self, coefficients: np.ndarray) -> np.ndarray:
         """The six coefficients that every interval sees (intervals, 6, n), of all (size, n)."""

@@ -88,8 +88,9 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
         end = max(time[b - 1], *states.time[x][-1:], *channels.time[y][-1:])
         spline = Spline.over(time[a] - MARGIN, end + MARGIN, step)
         coordinate_samples = states.time[x], (states.values[x], None, None)
+        late = None if measurement.frame is None else len(measurement.components)
         pieces.append(
-            Piece(spline, *coordinate_samples, channels.time[y], channels.values[y], wrenches[y], float(time[0]))
+            Piece(spline, *coordinate_samples, channels.time[y], channels.values[y], wrenches[y], float(time[0]), late)
         )
     return pieces
 

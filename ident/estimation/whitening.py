@@ -3,6 +3,7 @@
     r_k = ρ r_k-1 + u_k,     z_k = (r_k - ρ r_k-1) / (σ √(1 - ρ²)),     minimised  Σ_k h(z_k)
     h(z) = z²  where |z| ≤ c,  else  2 c |z| - c²,                      a row's weight  min(1, c / |z|)
 
+with a larger σ where something besides the noise is unknown: `σ_k² = σ² + slack_k²`. Such a sample follows no other one
 (Huber, Ann. Math. Statist. 35, 1964, doi:10.1214/aoms/1177703732). Samples may be missing; the first one after a gap is
 taken by itself. An innovation is the sum of a slow and a fast half, which are uncorrelated and tell of ρ:
 
@@ -41,6 +42,7 @@ class Innovations(NamedTuple):
         residual: Residuals as they are, zero where missing (N, s).
         there: Whether there is a sample (N, s).
         linked: Whether it follows another one (N, s).
+        clarity: Share of the noise in the variance of a sample, less than one where there is slack (N, s).
     """
 
     values: np.ndarray
@@ -49,6 +51,7 @@ class Innovations(NamedTuple):
     residual: np.ndarray
     there: np.ndarray
     linked: np.ndarray
+    clarity: np.ndarray
 
     @property
     def cost(self) -> float:
@@ -76,10 +79,14 @@ class Innovations(NamedTuple):
         before[1:] = self.residual[:-1]
         clipped = np.minimum(np.abs(self.values), HUBER)
         squares = np.square([clipped, slow * (self.residual + before), fast * (self.residual - before)])
-        return Sums(squares.sum(axis=1), np.stack([self.there, slow * whole, fast * whole]).sum(axis=1))
+        squares[0] *= self.clarity
+        number = np.stack([self.there * self.clarity, slow * whole, fast * whole])
+        return Sums(squares.sum(axis=1), number.sum(axis=1))
 
 
-def innovations(residual: np.ndarray, interval: np.ndarray, std: np.ndarray, rho: np.ndarray) -> Innovations:
+def innovations(
+    residual: np.ndarray, interval: np.ndarray, std: np.ndarray, rho: np.ndarray, slack: np.ndarray | None = None
+) -> Innovations:
     """What is new in each sample.
 
     Args:
@@ -88,13 +95,18 @@ def innovations(residual: np.ndarray, interval: np.ndarray, std: np.ndarray, rho
             before it where their windows overlap.
         std: Standard deviations of the noise (s,).
         rho: Its correlation from one sample to the next (s,).
+        slack: Standard deviation of what is unknown besides the noise (N, s), by default nothing.
     """
     there = np.isfinite(residual)
     residual = np.where(there, residual, 0.0)
     linked = np.zeros_like(there)
     linked[1:] = there[1:] & there[:-1] & (np.diff(interval) <= 1)[:, None]
+    if slack is not None:
+        loose = slack > std
+        linked[1:] &= ~(loose[1:] | loose[:-1])
     own = np.where(linked, rho, 0.0)
     new = residual.copy()
     new[1:] -= own[1:] * residual[:-1]
     std = std * np.sqrt(1 - own**2)
-    return Innovations(there * new / std, std, own, residual, there, linked)
+    whole = std if slack is None else np.hypot(std, slack)
+    return Innovations(there * new / whole, whole, own, residual, there, linked, (std / whole) ** 2)

@@ -105,10 +105,16 @@ def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{DRIVE[kind]}({freedom})" for kind in drive for freedom in tree.freedoms)
 
 
-def drive_columns(motion: Motion, drive: Sequence[str]) -> list[np.ndarray]:
-    """Columns of rotor inertia and friction, one diagonal block (N, n, n) a kind."""
+def drive_columns(motion: Motion, drive: Sequence[str], slips: np.ndarray | None = None) -> list[np.ndarray]:
+    """Columns of rotor inertia and friction, one diagonal block (N, n, n) a kind.
+
+    Args:
+        motion: The motion.
+        drive: Kinds of columns.
+        slips: Velocities over which friction changes its sign (n,), by default none: it jumps.
+    """
     _check_drive(drive)
-    sign = np.sign(motion.dq)
+    sign = np.sign(motion.dq) if slips is None else np.tanh(motion.dq / slips)
     low = sign / (1 + (motion.dq / STRIBECK) ** 2)
     signal = {"rotor": motion.ddq, "viscous": motion.dq, "coulomb": sign, "stribeck": low}
     return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in drive]

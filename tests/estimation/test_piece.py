@@ -54,9 +54,11 @@ class Problem:
             if measured is not None:
                 yield measured - x[kind], piece.time, noise.states[kind], noise.states_rho[kind]
         late, rate = theta[at(m, "delay(ground)")], theta[at(m, "clock(ground)")]
-        when = piece.when + rate * (piece.when - piece.origin) - late
-        x = piece.spline.evaluate(c, when)
-        yield piece.measured - m.values(x[:3], piece.wrenches, theta).T, when, noise.channels, noise.channels_rho
+        of_wrench = piece.when + rate * (piece.when - piece.origin) - late
+        for own, when in ((slice(0, piece.late), of_wrench), (slice(piece.late, None), piece.when)):
+            x = piece.spline.evaluate(c, when)
+            values = (piece.measured - m.values(x[:3], piece.wrenches, theta).T)[:, own]
+            yield values, when, noise.channels[own], noise.channels_rho[own]
 
     def innovations(self, c, theta):
         """Innovations in standard deviations, and their slow and fast halves (3, s, N), zero where missing."""
@@ -127,7 +129,8 @@ def problem(seed, outliers=0.0):
     noise.channels_rho[0] = 0
     wrenches = rng.normal(size=(len(when), 2, 6 * len(m.contacts)))
     zeros = np.zeros((len(time), n))
-    nothing = Piece(spline, time, (zeros, zeros, None), when, np.zeros((len(when), C)), wrenches, 0.3)
+    late = len(m.components)  # Joint torques are on the angles' clock.
+    nothing = Piece(spline, time, (zeros, zeros, None), when, np.zeros((len(when), C)), wrenches, 0.3, late)
     empty = Problem(m, nothing, c, theta, noise)
     measured = []
     for values, _, std, _ in empty.residuals(c, theta):
@@ -135,7 +138,7 @@ def problem(seed, outliers=0.0):
         own = size * std * rng.uniform(-1, 1, size=values.shape) - values
         own[rng.uniform(size=own.shape) < 0.1] = np.nan
         measured.append(own)
-    empty.piece = replace(empty.piece, states=(measured[0], measured[1], None), measured=measured[2])
+    empty.piece = replace(empty.piece, states=(measured[0], measured[1], None), measured=np.hstack(measured[2:]))
     return empty
 
 

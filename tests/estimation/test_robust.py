@@ -66,11 +66,11 @@ def test_the_fit_solves_hubers_equations():
 
 
 def test_a_channel_that_is_fitted_exactly_keeps_a_finite_weight():
-    """Where nothing is measured the coefficient goes to zero, and the channel's residual with it, ever faster."""
+    """Where nothing is measured the coefficient goes to zero, and the channel's residual with it."""
     columns, measured = case(np.random.default_rng(3))
     columns[:, 1, :2] = measured[:, 1] = 0
     fit = fit_of(columns, measured)
-    assert abs(fit.values[2]) < 1e-6
+    assert abs(fit.values[2]) < 1e-4
     assert (abs(fit.values[:2] - TRUE[:2]) < 4 * fit.std[:2]).all()
 
 

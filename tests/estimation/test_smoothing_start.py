@@ -78,7 +78,7 @@ def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
     measured[rng.uniform(size=measured.shape) < 0.05] = np.nan
     own = Piece(spline, time, (x[0] + 1e-6 * rng.normal(size=x[0].shape), None, None), time, measured, nothing)
     p = len(m.names)
-    found = start(m, [own], np.zeros(p), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
+    found = start(m, [own], smoothed([own]), np.zeros(p), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
     assert not found.theta[r:].any()
     np.testing.assert_allclose(found.noise.channels, std, rtol=0.15)
     np.testing.assert_allclose(found.noise.floor_channels, 1e-3 * np.nanstd(measured, axis=0))

@@ -1,0 +1,142 @@
+"""The motion that angles alone tell of, from which all candidates predict what is held out.
+
+    minimise  Σ_k (x_k - s(t_k))² + r T⁶ ∫ s⃛² dt,      which passes  1 / (1 + (2 π f T)⁶)  of a frequency f
+
+over splines s, with r samples a second. T is the same for all coordinates, as the cut-off of a laboratory's filter is.
+The likeliest smoothness of each coordinate, its jerk taken for white noise, is no substitute: it leaves accelerations
+so rough that no parameters predict well.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import linalg
+
+from ident.estimation.spline import LOCAL, ORDER, Local, Spline
+from ident.recordings.despike import GROSS
+from ident.recordings.gaps import longest_step
+from ident.recordings.sampled import Sampled
+
+PASSES = 4
+"""Times that samples are smoothed, at most: small outliers stand out once large ones are taken out."""
+
+MOST, NORMAL_QUANTILE = 0.9, 1.645
+"""Share of the samples that tell how large noise is, most of which may be of a joint that rests; and how many standard
+deviations that share of normal noise is within."""
+
+UNSETTLED, LARGEST_END = 0.3, 1 / 6
+"""Time at either end of a stretch that is not judged, s, as accelerations follow there from angles on one side alone;
+and which part of a short stretch that is at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Coordinates as functions of time, on stretches between gaps.
+
+    Attributes:
+        splines: Spline space of each stretch.
+        coefficients: Spline coefficients of each stretch (size, n).
+    """
+
+    splines: Sequence[Spline]
+    coefficients: Sequence[np.ndarray]
+
+    @property
+    def spans(self) -> np.ndarray:
+        """First and last times of the stretches, s (k, 2)."""
+        return np.array([(spline.start, spline.start + spline.intervals * spline.step) for spline in self.splines])
+
+    def evaluate(self, time: np.ndarray) -> np.ndarray:
+        """Coordinates and first three derivatives (4, M, n); in gaps and beyond the ends those of the nearest end."""
+        starts, ends = self.spans.T
+        which = np.searchsorted((ends[:-1] + starts[1:]) / 2, time)
+        out = np.empty((4, len(time), self.coefficients[0].shape[1]))
+        for k, (spline, c) in enumerate(zip(self.splines, self.coefficients, strict=True)):
+            own = which == k
+            out[:, own] = spline.evaluate(c, np.clip(time[own], starts[k], ends[k]))
+        return out
+
+    def settled(self, time: np.ndarray) -> np.ndarray:
+        """Mask of the times within a stretch, its ends aside (M,)."""
+        first, last = self.spans.T[..., None]
+        edges = np.minimum(UNSETTLED, LARGEST_END * (last - first))
+        return np.asarray(((time > first + edges) & (time < last - edges)).any(axis=0))
+
+
+def smoothed(coordinates: Sampled, T: float) -> Trajectory:
+    """Each coordinate smoothed, on either side of a gap by itself.
+
+    Args:
+        coordinates: Samples of all coordinates, NaN where one is missing (N, n).
+        T: Time constant of the filter, s.
+    """
+    splines, coefficients = [], []
+    for part in _stretches(coordinates):
+        time, columns = coordinates.time[part], coordinates.values[part].T
+        spline = Spline.over(time[0], time[-1], T)
+        local, rate = spline.local(time), (len(time) - 1) / (time[-1] - time[0])
+        stiffness = _banded(np.arange(spline.intervals), rate * T**6 * spline.penalty[None], spline.size)
+        splines.append(spline)
+        coefficients.append(np.stack([_without_outliers(local, x, stiffness) for x in columns], axis=1))
+    return Trajectory(splines, coefficients)
+
+
+def _stretches(coordinates: Sampled) -> list[slice]:
+    """Samples between gaps, where each coordinate has more than the penalty needs."""
+    time, there = coordinates.time, np.isfinite(coordinates.values)
+    inside = np.ones(len(time), bool)
+    for own in there.T:
+        at = np.flatnonzero(own)
+        reach = longest_step(Sampled(time[at], time[at]))
+        for gap in np.flatnonzero(np.diff(time[at]) > reach):
+            inside[at[gap] + 1 : at[gap + 1] + 1] = False
+    borders = [0, *(np.flatnonzero(~inside)).tolist(), len(time)]
+    parts = [slice(a, b) for a, b in pairwise(borders)]
+    return [part for part in parts if there[part].sum(axis=0).min() > ORDER] or [slice(0, len(time))]
+
+
+def _without_outliers(local: Local, x: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Coefficients of one coordinate (size,), without gross outliers among its samples (N,)."""
+    there = np.isfinite(x)
+    for _ in range(PASSES):
+        c = _solved(local, x, there, stiffness)
+        residual = (x - local.combined(c[:, None])[0, :, 0])[there]
+        outliers = _outliers(residual)
+        if not outliers.any():
+            break
+        there[np.flatnonzero(there)[outliers]] = False
+    return c
+
+
+def _outliers(residual: np.ndarray) -> np.ndarray:
+    """Which samples stick out between those before and after them, more than these do themselves (N,).
+
+    What an outlier bends a curve by is smooth, and so is what a curve leaves of a corner.
+    """
+    out = np.zeros(len(residual), bool)
+    size = np.abs(residual[1:-1] - (residual[:-2] + residual[2:]) / 2)
+    if len(size):
+        beside = np.pad(size, 1)
+        most = np.maximum(beside[:-2], beside[2:])
+        out[1:-1] = (size > GROSS * np.quantile(size, MOST) / NORMAL_QUANTILE) & (size >= most)
+    return out
+
+
+def _solved(local: Local, x: np.ndarray, there: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Coefficients that minimise the sum of squares of the samples that are there, and the penalty (size,)."""
+    basis, interval, size = local.basis[0, there], local.interval[there], stiffness.shape[1]
+    matrix = _banded(interval, basis[:, :, None] * basis[:, None, :], size) + stiffness
+    right = np.zeros(size)
+    np.add.at(right, interval[:, None] + np.arange(LOCAL), basis * x[there, None])
+    return np.asarray(linalg.solveh_banded(matrix, right, lower=True))
+
+
+def _banded(first: np.ndarray, blocks: np.ndarray, size: int) -> np.ndarray:
+    """Sum of blocks (N, 6, 6), or of the same one everywhere, at rows from `first` (N,), as a lower band (6, size)."""
+    blocks, out = np.broadcast_to(blocks, (len(first), LOCAL, LOCAL)), np.zeros((LOCAL, size))
+    for a in range(LOCAL):
+        for b in range(a, LOCAL):
+            out[b - a] += np.bincount(first + a, blocks[:, a, b], size)
+    return out

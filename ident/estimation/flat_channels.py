@@ -1,0 +1,50 @@
+"""Channels that never change where they are fitted: what their noise is nobody knows, and they are left out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.estimation import repairs
+from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.preparation import Prepared, predicted_channels
+from ident.estimation.robust import separable
+from ident.parameters.base_parameters import structural_base_parameters
+from ident.parameters.structure import Sensors
+
+
+def flat_channels(logs: Sequence[tuple[Prepared, slice]]) -> dict[str, float]:
+    """Channels that never change in the parts of recordings that are to be fitted, and their values."""
+    every = [repairs.constants(log.recording, log.mechanism.tree, part) for log, part in logs]
+    return {name: x for name, x in every[0].items() if all(each.get(name) == x for each in every)}
+
+
+def without_channels(log: Prepared, flat: Mapping[str, float]) -> Prepared:
+    """A recording without some of its channels, which are flat where it is fitted; a note or a finding says so.
+
+    Args:
+        log: The recording.
+        flat: These channels and their values.
+    """
+    mechanism, motion, old, notes = log.mechanism, log.samples.motion, log.equations, list(log.notes)
+    kept = np.array([name not in flat for name in old.channels])
+    wrenches = len(old.channels) - len(old.torques)
+    rows = old.wrench[kept[:wrenches]] if old.wrench is not None and kept[:wrenches].any() else None
+    torques = tuple(np.array(old.torques)[kept[wrenches:]].tolist())
+    sensors = Sensors(rows is not None, bool(torques), motion.base is not None, rows)
+    parameters = structural_base_parameters(mechanism, sensors=sensors)
+    names = tuple(np.array(old.channels)[kept].tolist())
+    equations = Equations(mechanism, parameters, rows, torques, names, old.drives if torques else ())
+    samples = replace(log.samples, measured=log.samples.measured[:, kept])
+    predicted = predicted_channels(mechanism, motion, log.frame, torques=bool(old.torques))
+    stuck = repairs.stuck(flat, predicted, notes, " in what is fitted")
+    return replace(
+        log,
+        recording=repairs.without_channels(log.recording, mechanism.tree, flat),
+        equations=separable(equations, samples) if equations.drives else equations,
+        samples=samples,
+        sensors=sensors,
+        wrench=np.where(np.isin(COMPONENTS, list(flat)), np.nan, log.wrench),
+        notes=tuple(notes),
+        stuck=(*log.stuck, *stuck),
+    )

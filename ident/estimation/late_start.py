@@ -1,0 +1,109 @@
+"""First guesses of long delays, which a search by slopes misses: their effect is not linear.
+
+A person's plates may be late by a tenth of a second and more, as long as accelerations take to change their sign.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ident.errors import ExcitationError
+from ident.estimation.from_angles import FromAngles, unexplained_anew
+from ident.estimation.joint import JointFit, Start
+from ident.estimation.measurement import Measurement
+from ident.estimation.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
+
+SPACING, FURTHEST = 0.05, 3.0
+"""Delays that are tried: so many seconds apart, half of which slopes see, and up to so many standard deviations of what
+a laboratory knows."""
+
+BETTER = 0.9
+"""Geometric mean of what is left of the channels, over that without a delay, from which one is worth a start."""
+
+SMOOTHED = 0.02, 0.08
+"""Time constants of smoothing that are tried, s: of robots' motions and of people's."""
+
+REMAINING = 0.9
+"""Share of the samples that a delay has to leave beside a motion, for few are explained by chance."""
+
+IDLE = 4.0
+"""Standard deviations below which a delay is taken back, about as many as a search among many candidates asks for."""
+
+TRIED, COMPARED = 20_000, 400
+"""Samples of angles that are smoothed, and of channels that are compared, at most about."""
+
+
+def with_long_delays(search: Search, refit: Refit, measurement: Measurement, candidates: np.ndarray) -> Search:
+    """Add delays far from zero to a search, if the channels' noise is smaller with them.
+
+    Args:
+        search: The fit with the set-up as stated, or as far as it was found.
+        refit: What fits again.
+        measurement: Channels and parameters.
+        candidates: Which parameters are of the set-up (p,).
+    """
+    tried = candidates & ~search.fit.free & (search.fit.status != "interrupted")
+    for at in np.flatnonzero(tried).tolist():
+        name = search.fit.names[at]
+        if name.startswith("delay(") and (delay := likely_delay(search.fit, measurement, at)):
+            search = _with(search, refit, at, delay)
+    return search
+
+
+def without_idle_delays(search: Search, refit: Refit) -> Search:
+    """The same with delays as stated that are not significant any more: a clock that was found since explained them."""
+    fit = search.fit
+    idle = [each for each in search.deviations if fit.names[each.index].startswith("delay(")]
+    idle = [
+        each for each in idle if abs(fit.theta[each.index]) < IDLE * np.sqrt(fit.covariance[each.index, each.index])
+    ]
+    if not idle or fit.status == "interrupted":
+        return search
+    held = np.isin(np.arange(len(fit.theta)), [each.index for each in idle])
+    start = Start(np.where(held, 0.0, fit.theta), fit.noise, fit.coefficients)
+    kept = tuple(each for each in search.deviations if each not in idle)
+    return replace(search, fit=refit(start, fit.free & ~held, SEARCH_ROUNDS), deviations=kept)
+
+
+def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
+    """The same with a delay, if channels' noise is smaller with it."""
+    fit, own = search.fit, np.arange(len(search.fit.theta)) == at
+    start = Start(np.where(own, delay, fit.theta), fit.noise, fit.coefficients)
+    try:
+        late = refit(start, fit.free | own, SEARCH_ROUNDS)
+    except ExcitationError:
+        return search
+    better = np.log(late.noise.channels / fit.noise.channels).mean() < np.log(BETTER)
+    if not better and late.status != "interrupted":
+        return search
+    return replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
+
+
+def likely_delay(fit: JointFit, measurement: Measurement, at: int) -> float:
+    """The delay with which channels follow best from the motion of angles alone, columns fitted anew, s.
+
+    Args:
+        fit: Pieces and parameters.
+        measurement: Channels, and the parameters of one recording.
+        at: Which of all parameters the delay is.
+
+    Returns:
+        Zero where none is clearly better than no delay.
+    """
+    own = [(piece, chosen) for piece, chosen in zip(fit.pieces, fit.selections, strict=True) if at in chosen]
+    own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
+    share = -(-sum(len(piece.when) for piece, _ in own) // COMPARED)
+    pieces = [(FromAngles(measurement, piece, share), chosen) for piece, chosen in own]
+    number = int(FURTHEST / np.sqrt(fit.prior.precision[at, at]) / SPACING)
+    delays = SPACING * np.arange(-number, number + 1)
+
+    def left(T: float) -> list[float]:
+        thetas = [np.where(np.arange(len(fit.theta)) == at, delay, fit.theta) for delay in delays]
+        every = [[x.compared(T, theta[chosen], columns=True) for x, chosen in pieces] for theta in thetas]
+        numbers = np.array([sum(len(each.residual) for each in compared) for compared in every])
+        enough = numbers >= REMAINING * numbers[number]
+        return [unexplained_anew(x) if some else np.inf for x, some in zip(every, enough, strict=True)]
+
+    every = min(map(left, SMOOTHED), key=min)
+    best = int(np.argmin(every))
+    return float(delays[best]) if every[best] < every[number] + np.log(BETTER) else 0.0

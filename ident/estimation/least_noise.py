@@ -1,0 +1,48 @@
+"""Noise that no channel is taken to have less of, however well it is fitted: with less it would outweigh all others.
+
+    floor_c = max(LEAST · spread_c, step_c / √12)
+
+A channel that is flat has the spread of the largest one of its kind.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.estimation.equations import COMPONENTS
+from ident.recordings.resolution import UNIFORM, quanta
+
+LEAST = 1e-3
+"""Smallest noise of a channel over its spread; few sensors are as good as that."""
+
+
+def least_noise(parts: Sequence[np.ndarray], channels: Sequence[str]) -> np.ndarray:
+    """Smallest standard deviation of each channel's noise (C,).
+
+    Args:
+        parts: What was measured, in one piece or in several, NaN where a sample is missing (N, C).
+        channels: Names of the channels.
+    """
+    every = np.concatenate(parts)
+    spread = np.zeros(len(channels))
+    there = np.isfinite(every).any(axis=0)
+    spread[there] = np.nanstd(every[:, there], axis=0)
+    return np.maximum(LEAST * _beside_others(spread, channels), rounding(parts))
+
+
+def rounding(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Standard deviation of what rounding has done to each stream, by the smallest of its steps (s,).
+
+    Args:
+        parts: The streams, in one piece or in several, NaN where a sample is missing (N, s).
+    """
+    steps = np.array([quanta(part.T) for part in parts])
+    smallest = np.where(steps > 0, steps, np.inf).min(axis=0)
+    return np.where(np.isfinite(smallest), UNIFORM * smallest, 0.0)
+
+
+def _beside_others(spread: np.ndarray, channels: Sequence[str]) -> np.ndarray:
+    """Spreads (C,), that of a flat channel replaced by the largest of its kind: forces, moments or joint torques."""
+    kinds = np.array([name[0] if name in COMPONENTS else "" for name in channels])
+    largest = np.array([spread[kinds == kind].max() for kind in kinds])
+    return np.where(spread <= LEAST * largest, largest, spread)

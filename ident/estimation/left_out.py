@@ -1,0 +1,145 @@
+"""Prediction of pieces that are left out of a fit, by which noise models and set-up faults are chosen.
+
+    θ_-k = θ + (P - P_k)⁻¹ (g - g_k)                          parameters without piece k
+    e_k  = y_k - f(x_k, θ_-k)                                 its channels' errors at a motion from its angles alone
+    c_k  = (θ_-k - θ)ᵀ P_k (θ_-k - θ) - 2 g_kᵀ (θ_-k - θ)      its cost with a motion of its own, less that at θ
+
+P_k and g_k are the precision and the right side of piece k at the estimate θ, its trajectory eliminated.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ident.errors import ExcitationError
+from ident.estimation.angles_alone import smoothed
+from ident.estimation.from_angles import without_zeros
+from ident.estimation.joint import JointFit, inverse_of_precision
+from ident.estimation.measurement import Measurement
+from ident.estimation.piece import Piece, channel_times, predicted
+from ident.recordings.sampled import Sampled
+from ident.tolerances import UNEXPLAINED
+
+SMOOTHING = 0.01 * 2.0 ** np.arange(6)
+"""Time constants with which angles alone are smoothed, s; the one that predicts best counts."""
+
+CLEARLY = 0.03
+"""Mean logarithm of errors, over the channels that are explained, by which a fit has to predict better than the usual
+one: white weights cost less, and bear more of a model that is not quite right."""
+
+TINIEST = 1e-9
+"""Least error over a signal, for its logarithm."""
+
+LOSSES = 3.0
+"""Gains of pieces over losses of others from which a parameter is believed: pieces differ in what they tell of it, so
+that neither their number nor a mean would do."""
+
+DETERMINED = 1e-9
+"""Least share of a parameter's precision that other pieces hold if it is fitted without one."""
+
+
+def without(fit: JointFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parameters without some pieces.
+
+    Returns:
+        θ (p,), the inverse of its precision (k, k) over the parameters that are fitted, and their mask (p,).
+
+    Raises:
+        ExcitationError: The other pieces do not determine them.
+    """
+    own = fit.shares[pieces]
+    precision = sum((-schur for schur, _ in own), start=fit.precision)
+    right = sum((-gradient for _, gradient in own), start=fit.gradient)
+    free = fit.free & (np.diag(precision) > DETERMINED * np.diag(fit.precision))
+    theta, inverse = fit.theta.copy(), inverse_of_precision(precision[np.ix_(free, free)])
+    theta[free] += inverse @ right[free]
+    return theta, inverse, free
+
+
+def prediction_errors(measurement: Measurement, fit: JointFit, least: np.ndarray) -> np.ndarray:
+    """Root mean squared errors over the signal of channels that are predicted from other pieces (C,).
+
+    Channels that other pieces do not explain count as 1.
+
+    Args:
+        measurement: Channels and parameters.
+        fit: The estimate.
+        least: Samples with more slack are left aside (C,).
+    """
+    measured = np.concatenate([piece.measured for piece in fit.pieces])
+    spread = np.maximum(np.nan_to_num(np.nanstd(measured, axis=0)), 1e-300)
+    try:
+        thetas = [without(fit, slice(k, k + 1))[0][own] for k, own in enumerate(fit.selections)]
+    except ExcitationError:
+        return np.ones(len(spread))
+    every = []
+    for T in SMOOTHING:
+        each = [_squares(measurement, *pair, T, least) for pair in zip(fit.pieces, thetas, strict=True)]
+        squares, number = (np.sum(parts, axis=0) for parts in zip(*each, strict=True))
+        every.append(np.where(number > 0, np.sqrt(squares / np.maximum(number, 1)) / spread, 1.0))
+    return min((np.maximum(np.where(each > UNEXPLAINED, 1.0, each), TINIEST) for each in every), key=_mean_logarithm)
+
+
+def _mean_logarithm(errors: np.ndarray) -> float:
+    return float(np.log(errors).mean())
+
+
+def preferred(errors: Mapping[str, np.ndarray], usual: str) -> str:
+    """The name of the usual fit, or of another one that predicts clearly better.
+
+    Args:
+        errors: Errors of the channels, as `prediction_errors` gives them, by the fits' names (C,).
+        usual: Name of the usual fit.
+    """
+    explained = np.any([each < 1 for each in errors.values()], axis=0)
+    means = {name: _mean_logarithm(each[explained]) if explained.any() else 0.0 for name, each in errors.items()}
+    best = min(means, key=lambda name: means[name])
+    return best if means[best] < means[usual] - CLEARLY else usual
+
+
+def _squares(
+    measurement: Measurement, piece: Piece, theta: np.ndarray, T: float, least: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of squared errors of a piece's channels, and how many samples these have (C,)."""
+    motion = smoothed(without_zeros(Sampled(piece.time, piece.states[0]), measurement, theta), T)
+    error = piece.measured - predicted(measurement, piece, motion.evaluate, theta)
+    clear = motion.settled(channel_times(measurement, piece, theta))[:, None] & np.isfinite(error)
+    if piece.slack is not None:
+        clear &= piece.slack < least
+    return (np.where(clear, error, 0.0) ** 2).sum(axis=0), clear.sum(axis=0)
+
+
+def gains(fit: JointFit, candidate: int) -> np.ndarray:
+    """Decrease of each piece's predicted cost once a parameter is fitted as well (K,).
+
+    Args:
+        fit: The estimate, in which the parameter is held.
+        candidate: Its index.
+
+    Raises:
+        ExcitationError: Pieces do not determine the parameters without one.
+    """
+    more = fit.free.copy()
+    more[candidate] = True
+    return np.array([_cost(fit, k, fit.free) - _cost(fit, k, more) for k in range(len(fit.shares))])
+
+
+def _cost(fit: JointFit, k: int, free: np.ndarray) -> float:
+    """Cost of a piece at the parameters that the others give, less that at the estimate.
+
+    What the others tell nothing of, as an offset that the recording has for itself, is as the piece wants it.
+    """
+    schur, right = fit.shares[k]
+    others = fit.precision - schur
+    shared = free & (np.diag(others) - np.diag(fit.prior.precision) > DETERMINED * np.diag(fit.precision))
+    apart = free & ~shared
+    step, own = np.zeros(len(free)), np.ix_(apart, apart)
+    step[shared] = inverse_of_precision(others[np.ix_(shared, shared)]) @ (fit.gradient - right)[shared]
+    pull = fit.gradient - (fit.gradient - right) * shared - schur @ step
+    step[apart] = inverse_of_precision((schur + fit.prior.precision)[own]) @ pull[apart]
+    return float(step @ schur @ step - 2 * right @ step)
+
+
+def clearly_better(gain: np.ndarray) -> bool:
+    """True where the pieces that gain do so by far more than the others lose (K,)."""
+    return bool(gain[gain > 0].sum() > LOSSES * -gain[gain < 0].sum())

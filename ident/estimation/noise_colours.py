@@ -1,0 +1,243 @@
+"""Noise of every stream as white noise and slow noise of several correlation times, found apart from a fit's weights.
+
+    Γ = σ² Σ_b a_b Γ_b,        Γ_b: exp(-|t| / τ_b), or white,        a_b ≥ 0
+
+Amplitudes make the residuals' spectra likeliest (Whittle). What a fit leaves of each Γ_b is seen in what it leaves of
+random draws, so that noise which the fit has taken with it is counted, as by restricted likelihood; so is what it
+leaves of other streams' noise, and of random motions of its prior.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from ident.estimation.joint import JointFit, embedded, inverse_of_precision
+from ident.estimation.piece import Predictor
+from ident.estimation.response import Response, Stream, response
+from ident.estimation.spline import LOCAL, ORDER
+
+SHORTEST, LONGEST, FACTOR = 2.0, 2.0, 3.0
+"""Shortest correlation time in samples, how many of the longest ones a piece lasts, and ratio of neighbouring ones."""
+
+DRAWS = 4
+"""Random draws of each kind of noise; their spectra are averaged over bands as well."""
+
+BANDS = 24
+"""Bands of frequency, equally wide as logarithms, in which spectra are compared."""
+
+ENOUGH = 20_000
+"""Samples that the noise is found from."""
+
+UPDATES = 100
+"""Multiplicative updates of the amplitudes, which never lower the likelihood."""
+
+DOUBTED = 2.0
+"""Logarithm of the likelihood that a kind of slow noise has to gain: by chance a little of it always does, and a little
+of the slowest is much for what hardly changes over a recording."""
+
+LEFT = 0.05
+"""Share of white noise that has to be left in a band for it to be compared, over that of the band with most."""
+
+SHOWN = 0.3
+"""Share of a kind of noise that has to be left for its amplitude to be found, over that of white noise."""
+
+AT_FLOOR = 1.01
+"""Noise over its floor up to which a stream's residual is no measure of it."""
+
+TINIEST = 1e-300
+
+SEED = 0
+"""Seed of the random draws: an estimate is the same each time."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseColours:
+    """Noise of each stream by its correlation time.
+
+    Attributes:
+        times: Correlation times, s, zero for white noise (b,).
+        amplitudes: Variances over those of the fit, for each stream (b, s).
+    """
+
+    times: np.ndarray
+    amplitudes: Sequence[np.ndarray]
+
+
+def noise_colours(measurement: Predictor, fit: JointFit) -> NoiseColours:
+    """The noise that residuals and what a fit leaves of draws tell of.
+
+    Args:
+        measurement: Channels and parameters.
+        fit: The fit.
+    """
+    draws = _Draws.of(measurement, fit)
+    left = draws.left()
+    amplitudes = []
+    for which, stream in enumerate(draws.responses[0].streams):
+        observed, expected, counts = draws.spectra(which, left)
+        own, other = draws.parted(which, expected)
+        each = [_amplitudes(observed[:, s], own[:, s], other[:, s], counts) for s in range(observed.shape[1])]
+        amplitudes.append(np.where(_at_floor(fit, stream), np.eye(len(draws.times))[:, :1], np.array(each).T))
+    return NoiseColours(draws.times, amplitudes)
+
+
+def _at_floor(fit: JointFit, stream: Stream) -> np.ndarray:
+    """Mask of the coordinates whose noise is no less than it may be (s,)."""
+    if not isinstance(stream.which, int):
+        return np.zeros(len(stream.std), bool)
+    return np.asarray(stream.std <= AT_FLOOR * fit.noise.floor_states[stream.which])
+
+
+@dataclass(frozen=True, eq=False)
+class _Draws:
+    """Random draws of noise and of motions, for some pieces of a fit.
+
+    Attributes:
+        fit: The fit.
+        chosen: Indices of the pieces.
+        responses: Their linear responses.
+        times: Correlation times, s, zero for white noise (b,).
+    """
+
+    fit: JointFit
+    chosen: Sequence[int]
+    responses: Sequence[Response]
+    times: np.ndarray
+
+    @classmethod
+    def of(cls, measurement: Predictor, fit: JointFit) -> "_Draws":
+        """One in so many pieces of a fit as are enough."""
+        total = sum(len(piece.when) for piece in fit.pieces)
+        chosen = list(range(0, len(fit.pieces), max(1, round(total / ENOUGH))))
+        responses = [
+            response(measurement, fit.pieces[k], fit.coefficients[k], fit.theta[fit.selections[k]], fit.noise)
+            for k in chosen
+        ]
+        first = SHORTEST * responses[0].streams[-1].step
+        longest = max(float(np.ptp(fit.pieces[k].time)) for k in chosen) / LONGEST
+        number = max(int(np.log(longest / first) / np.log(FACTOR)) + 1, 1)
+        return cls(fit, chosen, responses, np.append(0.0, first * FACTOR ** np.arange(number)))
+
+    def left(self) -> list[list[np.ndarray]]:
+        """What the fit leaves of draws, for each piece and stream (N, s, draws).
+
+        Draws are of the coordinates' noise for each correlation time, of the channels', and of motions.
+        """
+        fit, rng = self.fit, np.random.default_rng(SEED)
+        number = (2 * len(self.times) + 1) * DRAWS
+        right = np.zeros((len(fit.theta), number))
+        pulls, drawn = [], []
+        for k, here in zip(self.chosen, self.responses, strict=True):
+            noise = [self._noise(rng, stream) for stream in here.streams]
+            c, theta = here.adjoint([stream.weights(x) for stream, x in zip(here.streams, noise, strict=True)])
+            c[:, -DRAWS:] -= self._penalty_of_motions(rng, k)
+            right[fit.selections[k]] += theta - here.follows.T @ c
+            pulls.append(c)
+            drawn.append(noise)
+        inverse = embedded(inverse_of_precision(fit.precision[np.ix_(fit.free, fit.free)]), fit.free)
+        step, out = inverse @ right, []
+        for k, here, noise, c in zip(self.chosen, self.responses, drawn, pulls, strict=True):
+            own = step[fit.selections[k]]
+            moved = here.signals(here.solved(c) - here.follows @ own, own)
+            out.append([x - y for x, y in zip(noise, moved, strict=True)])
+        return out
+
+    def _noise(self, rng: np.random.Generator, stream: Stream) -> np.ndarray:
+        """Random noise of a stream, zero in the draws of others (N, s, draws)."""
+        N, s, b = len(stream.time), len(stream.std), len(self.times)
+        u = rng.normal(size=(b, N, s, DRAWS))
+        for k, time in enumerate(self.times):
+            if time:
+                rho = np.exp(-stream.step / time)
+                u[k, 1:] *= np.sqrt(1 - rho**2)
+                u[k] = signal.lfilter([1.0], [1.0, -rho], u[k], axis=0)
+        out = np.zeros((N, s, 2, b, DRAWS))
+        out[:, :, _kind(stream)] = u.transpose(1, 2, 0, 3) * stream.std[:, None, None]
+        return np.concatenate([out.reshape(N, s, -1), np.zeros((N, s, DRAWS))], axis=2)
+
+    def _penalty_of_motions(self, rng: np.random.Generator, k: int) -> np.ndarray:
+        """What the penalty pulls at random motions of a piece's prior with: white jerk, summed up (size n, draws)."""
+        spline, noise = self.fit.pieces[k].spline, self.fit.noise
+        jerk = rng.normal(size=(spline.size, len(noise.jerk), DRAWS))
+        c = jerk * np.sqrt(spline.step**5 / noise.jerk)[:, None]
+        for _ in range(ORDER):
+            c = np.cumsum(c, axis=0)
+        windows, pull = c[np.arange(spline.intervals)[:, None] + np.arange(LOCAL)], np.zeros_like(c)
+        for i, own in enumerate(np.einsum("ab,sbnd->asnd", spline.penalty, windows, optimize=True)):
+            pull[i : i + spline.intervals] += own
+        return (pull * noise.stiffness[:, None]).reshape(-1, DRAWS)
+
+    def spectra(self, which: int, left: Sequence[Sequence[np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Power of residuals in bands (B, s), what is left of draws (B, s, draws), and numbers of frequencies (B,)."""
+        streams = [here.streams[which] for here in self.responses]
+        longest = max(float(np.ptp(stream.time)) for stream in streams)
+        edges = np.geomspace(0.5 / longest, 0.5 / streams[0].step, BANDS + 1)
+        counts, powers = np.zeros(BANDS), list[np.ndarray]()
+        for stream, own in zip(streams, left, strict=True):
+            N, clear = len(stream.time), stream.clear[..., None]
+            band = np.searchsorted(edges, np.fft.rfftfreq(N, stream.step), side="right") - 1
+            band = np.clip(band, 0, BANDS - 1)
+            sums = np.zeros((BANDS, len(band)))
+            sums[band, np.arange(len(band))] = 1 / N
+            counts += np.bincount(band, minlength=BANDS)
+            signals = np.concatenate([stream.residual[..., None], own[which]], axis=2) * clear
+            powers.append(np.tensordot(sums, np.abs(np.fft.rfft(signals, axis=0)) ** 2, axes=1))
+        power = np.sum(powers, axis=0)
+        return power[..., 0], power[..., 1:], counts
+
+    def parted(self, which: int, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Power left of a stream's own kind of noise (B, s, b), and of others' white noise and of motions (B, s)."""
+        noise = expected[..., :-DRAWS].reshape(*expected.shape[:2], 2, len(self.times), DRAWS).mean(axis=-1)
+        kind = _kind(self.responses[0].streams[which])
+        return noise[:, :, kind], noise[:, :, 1 - kind, 0] + expected[..., -DRAWS:].mean(axis=-1)
+
+
+def _kind(stream: Stream) -> int:
+    """0 for coordinates, 1 for channels."""
+    return int(stream.by_states is not None)
+
+
+def _amplitudes(observed: np.ndarray, own: np.ndarray, other: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Amplitudes a ≥ 0 of greatest likelihood: power `own a + other` (B, b) for power observed (B,)."""
+    # What is left of noise that the fit takes nearly all of is less than what the smoothing of motion leaves.
+    own = own * (own.sum(axis=0) > SHOWN * own[:, 0].sum())
+    left = own[:, 0] / np.maximum(counts, 1)
+    there = (counts > 0) & (left > LEFT * left.max())
+    if not there.any():
+        return np.eye(own.shape[1])[0]
+    bands = _Bands(observed[there], own[there], other[there], counts[there])
+    kept, (a, likelihood) = [0], bands.likeliest([0])
+    while len(kept) < own.shape[1]:
+        tried = {b: bands.likeliest([*kept, b]) for b in range(1, own.shape[1]) if b not in kept and own[:, b].any()}
+        if not tried:
+            break
+        best = max(tried, key=lambda b: tried[b][1])
+        if tried[best][1] < likelihood + DOUBTED:
+            break
+        kept, (a, likelihood) = [*kept, best], tried[best]
+    out = np.zeros(own.shape[1])
+    out[kept] = a
+    return out
+
+
+class _Bands(NamedTuple):
+    """Power observed in bands, what each kind of noise leaves there, that of others, and numbers of frequencies."""
+
+    observed: np.ndarray
+    own: np.ndarray
+    other: np.ndarray
+    counts: np.ndarray
+
+    def likeliest(self, kinds: list[int]) -> tuple[np.ndarray, float]:
+        """Amplitudes of some kinds of noise, and the logarithm of their likelihood, by multiplicative updates."""
+        own = self.own[:, kinds]
+        a = np.full(len(kinds), self.observed.sum() / max(own.sum(), TINIEST))
+        for _ in range(UPDATES):
+            power = np.maximum(own @ a + self.other, TINIEST)
+            up = own.T @ (self.counts * self.observed / power**2)
+            a *= np.sqrt(up / np.maximum(own.T @ (self.counts / power), TINIEST))
+        power = np.maximum(own @ a + self.other, TINIEST)
+        return a, -float((self.counts * np.log(power / self.counts) + self.observed / power * self.counts).sum())

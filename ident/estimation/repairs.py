@@ -1,0 +1,179 @@
+"""A recording repaired before anything is fitted: what is clipped, outlying or constant; and which coordinates rest."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ident.estimation.equations import COMPONENTS
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.recordings.clipping import limits, moves
+from ident.recordings.column import KINDS
+from ident.recordings.despike import despiked
+from ident.recordings.recording import Recording
+from ident.recordings.resolution import at_rest, quantum
+from ident.recordings.sampled import Sampled
+from ident.recordings.wrench import GROUND
+
+MOSTLY = 0.5
+"""Share of a channel's samples from which, if so many are clipped, all of it is left out: what remains is one side of
+the signal."""
+
+
+class Clipped(NamedTuple):
+    """A channel that a sensor's range has cut off.
+
+    Attributes:
+        channel: Its name; of a contact's wrench `contact Fx`.
+        limits: The values that it does not go beyond.
+        samples: Samples at common times that read one of them (N,).
+        kept: Whether the other samples are used.
+    """
+
+    channel: str
+    limits: tuple[float, ...]
+    samples: np.ndarray
+    kept: bool
+
+    @property
+    def share(self) -> float:
+        """Share of the samples that are clipped."""
+        return float(self.samples.mean())
+
+
+def _components(recording: Recording, tree: Tree) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Channels of wrenches and torques, and what their components are called."""
+    for name in recording.wrenches:
+        called = tuple(c if name == GROUND else f"{name} {c}" for c in COMPONENTS)
+        yield from ((f"{name}_force", called[:3]), (f"{name}_torque", called[3:]))
+    for body in tree.bodies:
+        if f"{body.joint}_torque" in recording.measured:
+            yield f"{body.joint}_torque", body.freedom_names
+
+
+def steps(recording: Recording, tree: Tree) -> dict[str, float]:
+    """Steps in which channels were recorded, by their names, and coordinates as `JOINT_position`; where they show."""
+    columns = {
+        name: x
+        for channel, names in _components(recording, tree)
+        for name, x in zip(names, recording.as_measured(channel).columns.T, strict=True)
+    }
+    columns |= {name: recording.as_measured(name).columns[:, 0] for name in _positions(tree)}
+    return {name: step for name, x in columns.items() if (step := quantum(x))}
+
+
+def _positions(tree: Tree) -> list[str]:
+    """Channels of the coordinates of hinges and slides."""
+    return [f"{body.joint}_position" for body in tree.bodies if body.coordinates == 1]
+
+
+def without_clipped(recording: Recording, mechanism: Mechanism) -> tuple[Recording, tuple[Clipped, ...]]:
+    """The recording with clipped samples of its streams missing, and what is clipped.
+
+    At common times, where no sample can be missing, they stay as they were read.
+    """
+    tree, q = mechanism.tree, recording.of_joints(mechanism.joints, "position")
+    if recording.base is not None:
+        q = np.hstack([q, recording.base.reshape(len(q), -1)])
+    streams, clipped = dict(recording.streams), list[Clipped]()
+    for channel, names in _components(recording, tree):
+        time, values = recording.as_measured(channel)
+        columns = values.reshape(len(time), -1).copy()
+        for column, name in zip(columns.T, names, strict=True):
+            ends = [end for end in limits(column) if moves(np.interp(recording.time, time, end.samples) > 0, q)]
+            if ends:
+                own = np.any([end.samples for end in ends], axis=0)
+                at_common_times = np.interp(recording.time, time, own) > 0
+                kept = not _optional(name, tree) or at_common_times.mean() <= MOSTLY
+                clipped.append(Clipped(name, tuple(end.value for end in ends), at_common_times, kept))
+                column[own] = np.nan
+                streams[channel] = Sampled(time, columns.reshape(values.shape))
+    useless = [each.channel for each in clipped if not each.kept]
+    return without_channels(replace(recording, streams=streams), tree, useless), tuple(clipped)
+
+
+def _optional(name: str, tree: Tree) -> bool:
+    """Whether a channel may be missing: a contact needs all its components."""
+    return name in COMPONENTS or name in tree.freedoms
+
+
+def without_channels(recording: Recording, tree: Tree, names: Collection[str]) -> Recording:
+    """The recording without some of the ground's components and the joints' torques."""
+    measured, streams = dict(recording.measured), dict(recording.streams)
+    for channel, own in _components(recording, tree):
+        out = [name in names for name in own]
+        if any(out):
+            values = recording[channel]
+            measured[channel] = np.where(out, np.nan, values.reshape(len(values), -1)).reshape(values.shape)
+            if channel in streams:
+                time, x = streams[channel]
+                streams[channel] = Sampled(time, np.where(out, np.nan, x.reshape(len(x), -1)).reshape(x.shape))
+    return replace(recording, measured=measured, streams=streams)
+
+
+def constants(recording: Recording, tree: Tree, part: slice = slice(None)) -> dict[str, float]:
+    """The ground's components and the joints' torques that never change in a part, with their values.
+
+    The noise of such a channel, by which others would be weighted, is zero.
+    """
+    columns = {
+        name: x
+        for channel, names in _components(recording, tree)
+        for name, x in zip(names, recording[channel].reshape(len(recording.time), -1)[part].T, strict=True)
+    }
+    return {name: float(x[0]) + 0.0 for name, x in columns.items() if _optional(name, tree) and np.ptp(x) == 0}
+
+
+def rests(recording: Recording, tree: Tree) -> list[str]:
+    """Sentences on the coordinates of hinges and slides that rest over the whole recording."""
+    every = {name: recording.as_measured(name).columns[:, 0] for name in _positions(tree)}
+    every = {name: x for name, x in every.items() if np.isfinite(x).any()}
+    largest = max((float(np.nanmax(x) - np.nanmin(x)) for x in every.values()), default=0.0)
+    return [
+        f"'{name.removesuffix('_position')}' rests at {np.nanmedian(x):.4g} and is held there."
+        for name, x in every.items()
+        if largest and at_rest(x, largest)
+    ]
+
+
+def without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
+    """The recording with isolated gross outliers interpolated.
+
+    Streams stay as they were measured: in the joint estimate outliers lose weight.
+    """
+    measured, notes = dict(recording.measured), []
+    for kind, symbol in zip(KINDS, ("q", "dq", "ddq", "torques"), strict=True):
+        names = [name for name in (f"{joint}_{kind}" for joint in joints) if name in recording.measured]
+        names = [name for name in names if recording[name].ndim == 1]
+        values, counts = despiked(np.reshape([recording[name] for name in names], (len(names), len(recording.time))).T)
+        measured |= zip(names, values.T, strict=True)
+        if counts.any():
+            notes.append(f"{counts.sum()} gross outliers in {symbol} were interpolated.")
+    for name in recording.wrenches:
+        values, counts = despiked(recording.wrench(name).values)
+        measured |= {f"{name}_force": values[:, :3], f"{name}_torque": values[:, 3:]}
+        if counts.any():
+            parts = ", ".join(f"{n} in {c}" for n, c in zip(counts, COMPONENTS, strict=True) if n)
+            notes.append(f"Gross outliers of the wrench '{name}' were interpolated: {parts}.")
+    return replace(recording, measured=measured), notes
+
+
+def stuck(
+    constant: Mapping[str, float], predicted: Mapping[str, np.ndarray], notes: list[str], where: str = ""
+) -> tuple[str, ...]:
+    """Those of the constant channels that the model says change; a note on the others.
+
+    Args:
+        constant: Constant channels and their values.
+        predicted: What the model predicts of all channels (N,) each.
+        notes: Where the note goes.
+        where: In which samples they are constant, a space before it; by default in all.
+    """
+    largest = max((np.abs(x).max() for x in predicted.values()), default=0.0)
+    changing = [name for name in constant if np.ptp(predicted[name]) > 1e-6 * largest]
+    still = [name for name in constant if name not in changing]
+    if still:
+        notes.append(f"{', '.join(still)} never change{where}, nor do they by the model, and are left out.")
+    return tuple(f"{name} ({constant[name]:g}{where})" for name in changing)

@@ -1,0 +1,77 @@
+"""Covariance of the joint estimate that does not take the fit's noise model for the truth.
+
+    cov θ = P⁻¹ M P⁻¹,        M = P - Σ Rᵀ W R + Σ (W R)ᵀ Γ (W R)
+
+P is the precision of θ under the working model, W its weights, R the rows of θ, the trajectory eliminated, and Γ the
+noise that is really there (`ident.estimation.noise_colours`). Weights as a working model and such a covariance are
+those of generalised estimating equations (Liang and Zeger, Biometrika 73, 1986, doi:10.1093/biomet/73.1.13).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import signal
+
+from ident.estimation.joint import JointFit
+from ident.estimation.noise_colours import NoiseColours, noise_colours
+from ident.estimation.piece import Predictor
+from ident.estimation.response import response
+
+
+def with_scatter(measurement: Predictor, fit: JointFit) -> JointFit:
+    """The fit with the covariance of its gradient under the noise that is really there.
+
+    Args:
+        measurement: Channels and parameters.
+        fit: The fit.
+    """
+    colours, scatters, tails = noise_colours(measurement, fit), list[np.ndarray](), _Tails()
+    for k, (piece, own) in enumerate(zip(fit.pieces, fit.selections, strict=True)):
+        if k and not _goes_on(fit, k):
+            tails = _Tails()
+        here = response(measurement, piece, fit.coefficients[k], fit.theta[own], fit.noise)
+        scatter = np.zeros((len(own), len(own)))
+        for which, (stream, rows) in enumerate(zip(here.streams, here.rows(), strict=True)):
+            pulls = stream.weights(rows)
+            scatter -= np.einsum("nsp,nsq->pq", rows, pulls, optimize=True)
+            if stream.slack is not None:
+                scatter += np.einsum("nsp,ns,nsq->pq", pulls, stream.slack**2, pulls, optimize=True)
+            for s, std in enumerate(stream.std):
+                scatter += std**2 * _through(pulls[:, s], colours, which, s, stream.step, tails)
+        whole = fit.shares[k][0].copy()
+        whole[np.ix_(own, own)] += (scatter + scatter.T) / 2
+        scatters.append(whole)
+    return replace(fit, scatters=scatters)
+
+
+_Tails = dict[tuple[int, int, int], np.ndarray]
+"""What remains at the end of a piece of the products with slow noise, by stream, column and correlation time."""
+
+
+def _goes_on(fit: JointFit, k: int) -> bool:
+    """True where a piece is the next one of the same recording."""
+    before, here = fit.pieces[k - 1], fit.pieces[k]
+    gap = here.time[0] - before.time[-1]
+    usual = (before.time[-1] - before.time[0]) / max(len(before.time) - 1, 1)
+    same = np.array_equal(fit.selections[k], fit.selections[k - 1]) and here.origin == before.origin
+    return bool(same and 0 < gap < 2 * usual)
+
+
+def _through(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails) -> np.ndarray:
+    """`yᵀ Γ y` for the noise of a stream's signal over the fit's, weighted rows y of θ (N, p)."""
+    out = np.zeros((y.shape[1], y.shape[1]))
+    for b, (time, size) in enumerate(zip(colours.times, colours.amplitudes[which][:, s], strict=True)):
+        if not size:
+            continue
+        white = y.T @ y
+        if not time:
+            out += size * white
+            continue
+        # The sum over all pairs of samples, each weighted by exp(-|t| / τ), in one pass.
+        rho = np.exp(-step / time)
+        start = tails.get((which, s, b), np.zeros(y.shape[1]))
+        z = signal.lfilter([1.0], [1.0, -rho], y, axis=0, zi=rho * start[None])[0]
+        tails[which, s, b] = z[-1]
+        across = y.T @ z
+        out += size * (across + across.T - white)
+    return out

@@ -1,0 +1,62 @@
+"""How much to smooth angles alone where they are to predict channels: as much as predicts the fitted ones best."""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+
+from ident.estimation.from_angles import FromAngles, unexplained, unexplained_anew
+from ident.estimation.joint_result import Joint
+from ident.estimation.preparation import Prepared
+from ident.estimation.trajectory_pieces import cut
+
+FIRST, LONGEST = 0.04, 0.5
+"""Time constants of smoothing, s: the first to be tried, a filter at 4 Hz, and the longest."""
+
+STEPS = 1.0, 0.5, 0.25
+"""Octaves by which other constants are tried, as long as one is better."""
+
+TRIED, COMPARED = 20_000, 1_500
+"""Samples of angles that are smoothed to choose the constant by, and of channels that are compared, at most about."""
+
+FAR_BETTER = 0.5
+"""Geometric mean of the channels' residuals with columns fitted anew, over that with the estimate's, below which the
+estimate is no measure of the motion."""
+
+
+def chosen_smoothing(recordings: Sequence[tuple[Prepared, slice]], estimate: Joint) -> float:
+    """Time constant with which angles alone predict the channels of the fitted parts best, s.
+
+    The estimate predicts; columns that were fitted anew for every constant would make up for what a long one takes of
+    accelerations. Where these explain far more the estimate is so poor that they choose.
+    """
+    measurement = estimate.measurement
+    thetas = [estimate.parameters_of(k) for k in range(len(recordings))]
+    cuts = [cut(log, measurement, part, estimate.step, least=1) for log, part in recordings]
+    parts = [(piece, theta) for own, theta in zip(cuts, thetas, strict=True) for piece in own]
+    parts = parts[:: -(-sum(len(piece.time) for piece, _ in parts) // TRIED)]
+    share = -(-sum(len(piece.when) for piece, _ in parts) // COMPARED)
+    fitted = [(FromAngles(measurement, piece, share), theta) for piece, theta in parts]
+
+    def left(T: float) -> float:
+        return unexplained([piece.compared(T, theta) for piece, theta in fitted])
+
+    def left_anew(T: float) -> float:
+        return unexplained_anew([piece.compared(T, theta, columns=True) for piece, theta in fitted])
+
+    finest = min(float(np.median(np.diff(piece.time))) for piece, _ in parts)
+    best = _minimised(left, finest)
+    return _minimised(left_anew, finest) if left_anew(best) < left(best) + np.log(FAR_BETTER) else best
+
+
+def _minimised(misfit: Callable[[float], float], finest: float) -> float:
+    """Time constant from the finest to the longest one with the least misfit near the first, s."""
+    lowest, highest = np.log2(finest / FIRST), np.log2(LONGEST / FIRST)
+    tried = cache(lambda octaves: misfit(FIRST * 2**octaves))
+    best = float(np.clip(0.0, lowest, highest))
+    for step in STEPS:
+        better = True
+        while better:
+            near = min((best, *np.clip([best - step, best + step], lowest, highest).tolist()), key=tried)
+            better, best = near != best, near
+    return float(FIRST * 2**best)

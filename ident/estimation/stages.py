@@ -1,0 +1,328 @@
+"""Stages of the joint estimate: knots, friction near reversals, the noise's weights, the set-up, and intervals.
+
+1. Knots get denser as long as that makes the channels' noise smaller, which is taken for white: what jumps needs them,
+   and a model that is not quite right gains nothing by them.
+2. Torques near reversals get a variance of their own (`ident.estimation.reversals`).
+3. Noise is taken for correlated over time if pieces that are left out are then predicted better.
+4. The set-up is searched for faults (`ident.estimation.setup_search`).
+5. Standard deviations follow from noise that is found apart from the weights (`ident.estimation.sandwich`).
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from ident.errors import ExcitationError, InputError
+from ident.estimation import joint
+from ident.estimation.joint import JointFit, Prior, Report, Start
+from ident.estimation.joint_result import Joint, is_drive, is_setup
+from ident.estimation.late_start import with_long_delays, without_idle_delays
+from ident.estimation.left_out import prediction_errors, preferred
+from ident.estimation.measurement import Measurement
+from ident.estimation.physical import physical_fit
+from ident.estimation.piece import Piece, predicted
+from ident.estimation.preparation import Prepared
+from ident.estimation.restricted_likelihood import TINIEST
+from ident.estimation.reversals import Reversals, at_first, likeliest, rubbing, speeds
+from ident.estimation.sandwich import with_scatter
+from ident.estimation.setup_search import Refit, Search, searched
+from ident.estimation.smoothing_start import smoothed, start
+from ident.estimation.trajectory_pieces import cut
+
+EXPLORED = 6
+"""Rounds of a fit that knots are chosen by: its noise is then right to some per cent."""
+
+SMALLER = 0.985
+"""Geometric mean of the channels' noise over that with half as many knots, from which denser ones are worth it."""
+
+CORRELATED = 0.15
+"""Correlation of a residual from one sample to the next from which denser knots, or correlated noise, are tried."""
+
+TRIES = 2
+"""How often knots are tried that do not make noise smaller, where residuals are correlated over less than the distance
+of knots: of a touch one halving may follow as little as the other."""
+
+LEAST_PIECES, SHORTEST = 6, 2.0
+"""Pieces that all recordings are cut into together at least, as some are predicted from the others, unless pieces would
+be shorter, s: at a cut accelerations follow from one side alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """An estimate that is to be made of recordings.
+
+    Attributes:
+        measurement: Channels, and the parameters of one recording.
+        recordings: Mechanism and recording, and the samples to take.
+        names: Names of all parameters.
+        selections: Entries of these that each recording has.
+        prior: What is known of them.
+        known: True where that of the model's parameters is put in.
+        search: True where faults of the set-up are to be looked for.
+        executor: Where pieces are worked on.
+        report: Called with every round.
+    """
+
+    measurement: Measurement
+    recordings: Sequence[tuple[Prepared, slice]]
+    names: Sequence[str]
+    selections: Sequence[np.ndarray]
+    prior: Prior
+    known: bool
+    search: bool
+    executor: Executor | None
+    report: Report | None
+
+    @cached_property
+    def is_setup(self) -> np.ndarray:
+        """Mask of the parameters that belong to the set-up (p,)."""
+        return is_setup(self.measurement, list(self.names))
+
+    def explored(self, step: float, share: int, finest: float) -> Joint:
+        """A fit that has not settled, with noise that is white and knots as dense as they are worth it.
+
+        Args:
+            step: Largest distance of the knots to begin with, s.
+            share: One in so many pieces of each recording is taken.
+            finest: Smallest distance of the knots, s.
+        """
+        best = last = self._begun(step, share)
+        patience = TRIES if _jumps(best) else 1
+        tries = patience if _correlated(best) else 0
+        try:
+            while tries and last.step > finest and last.fit.status != "interrupted":
+                last = self._denser(last, max(last.step / 2, finest), share)
+                if last.fit.status == "interrupted":
+                    return last
+                ratios = last.fit.noise.channels / best.fit.noise.channels
+                better = float(np.log(ratios).mean()) < np.log(SMALLER)
+                best, tries = (last, patience) if better else (best, tries - 1)
+        except (ExcitationError, np.linalg.LinAlgError):
+            pass
+        return best
+
+    def _begun(self, step: float, share: int) -> Joint:
+        pieces, selected, counts = self._cut(step, share)
+        alone = smoothed(pieces, executor=self.executor)
+        theta = self.prior.mean[: len(self.measurement.names)]
+        reversals = None
+        if rubbing(self.measurement):
+            rates = [speeds(self.measurement, *pair, theta) for pair in zip(pieces, alone.coefficients, strict=True)]
+            reversals = at_first([piece.measured for piece in pieces], rates)
+            pieces = reversals.opened(pieces, rates)
+        at = self._start(pieces, selected, alone)
+        fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup, EXPLORED)
+        return Joint(self.measurement, Search(fit), counts, step, self.known, reversals=reversals)
+
+    def _start(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray], alone: Start) -> Start:
+        """Coordinates smoothed alone, and all recordings with the same parameters by least squares."""
+        p, free = len(self.measurement.names), ~self.is_setup
+        prior = self.prior.mean[:p], self.prior.precision[:p, :p]
+        begin = start(self.measurement, pieces, alone, prior[0], prior, free[:p])
+        theta = self.prior.mean.copy()
+        for chosen in selected:
+            theta[chosen] = begin.theta
+        return Start(theta, begin.noise, begin.coefficients)
+
+    def _denser(self, coarse: Joint, step: float, share: int) -> Joint:
+        """The exploring fit with other knots, from where it was."""
+        pieces, selected, _ = self._cut(step, share)
+        was = coarse.fit
+        places = [
+            old.spline.refined(c, new.spline) for old, new, c in zip(was.pieces, pieces, was.coefficients, strict=True)
+        ]
+        pieces = [replace(new, slack=old.slack) for new, old in zip(pieces, was.pieces, strict=True)]
+        at = Start(was.theta, was.noise, places)
+        fit = self._refit(pieces, selected, explore=True)(at, was.free, EXPLORED)
+        return replace(coarse.with_fit(fit), step=step)
+
+    def _cut(self, step: float, share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
+        """Pieces of all recordings, the entries of θ that each has, and how many each recording has."""
+        cuts = [self._cut_one(log, own, step)[::share] for log, own in self.recordings]
+        selected = [self.selections[k] for k, own in enumerate(cuts) for _ in own]
+        return [piece for own in cuts for piece in own], selected, tuple(map(len, cuts))
+
+    def _cut_one(self, log: Prepared, part: slice, step: float) -> list[Piece]:
+        """Pieces of a recording: fewer where a coordinate is missing in one of them."""
+        fewest = 2 if len(self.recordings) == 1 else 1
+        try:
+            return cut(log, self.measurement, part, step, least=max(fewest, self._least(log, part)))
+        except InputError:
+            return cut(log, self.measurement, part, step, least=fewest)
+
+    def _least(self, log: Prepared, part: slice) -> int:
+        """Pieces that a recording is cut into at least."""
+        own = -(-LEAST_PIECES // len(self.recordings))
+        seconds = float(np.ptp(log.recording.time[part]))
+        return min(int(seconds / SHORTEST), own)
+
+    def settled(self, estimate: Joint) -> Joint:
+        """The estimate with friction near reversals, fitted until it settles, its noise white or correlated over time.
+
+        Both are compared by what they predict of pieces that are left out.
+        """
+        if estimate.fit.status == "interrupted":
+            return estimate
+        if estimate.reversals is not None:
+            estimate = self._opened(estimate)
+        # Where the fit had not settled a drive may have been thought to be none.
+        free = estimate.fit.free | self._is_drive
+        white = self._refitted(estimate.with_fit(replace(estimate.fit, free=free)), coloured=False)
+        # What is correlated over less than the distance of knots is what they cannot follow.
+        slow = (_correlation(white, white.step) > CORRELATED).any()
+        if white.fit.status == "interrupted" or not slow or len(white.fit.pieces) < 2:
+            return white
+        try:
+            coloured = self._refitted(white, coloured=True)
+        except (ExcitationError, np.linalg.LinAlgError):
+            return white
+        if coloured.fit.status == "interrupted":
+            return coloured
+        both = {"white": white, "coloured": coloured}
+        least = np.minimum(white.fit.noise.channels, coloured.fit.noise.channels)
+        errors = {name: prediction_errors(each.measurement, each.fit, least) for name, each in both.items()}
+        return replace(both[preferred(errors, "white")], errors=errors)
+
+    @cached_property
+    def _is_drive(self) -> np.ndarray:
+        return is_drive(self.measurement, len(self.names))
+
+    def _opened(self, estimate: Joint) -> Joint:
+        """The estimate with the slips and the slack that its residuals make likeliest."""
+        fit, measurement = estimate.fit, self.measurement
+        own = [fit.theta[selected] for selected in fit.selections]
+        places = list(zip(fit.pieces, fit.coefficients, own, strict=True))
+        rates = [speeds(measurement, *place) for place in places]
+        residual = np.concatenate([_residual(measurement, *place) for place in places])
+        reversals = likeliest(measurement, residual, np.concatenate(rates), own[0])
+        opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
+        return replace(estimate.with_fit(opened), reversals=reversals)
+
+    def _refitted(self, estimate: Joint, *, coloured: bool) -> Joint:
+        fit = estimate.fit
+        rounds = 0 if fit.status == "interrupted" else joint.ROUNDS
+        at = Start(fit.theta, fit.noise, fit.coefficients)
+        again = self._refit(fit.pieces, fit.selections, coloured, estimate.reversals)(at, fit.free, rounds)
+        again = replace(again, status="interrupted") if not rounds else again
+        measurement = self._measured(estimate.reversals)
+        return replace(estimate.with_fit(again), coloured=coloured, measurement=measurement)
+
+    def whole(self, estimate: Joint) -> Joint:
+        """The estimate from all pieces, with knots, noise and set-up of one from fewer."""
+        pieces, selected, counts = self._cut(estimate.step, 1)
+        alone = smoothed(pieces, estimate.fit.noise, executor=self.executor)
+        if estimate.reversals is not None:
+            theta = [estimate.fit.theta[own] for own in selected]
+            rates = [speeds(self.measurement, *x) for x in zip(pieces, alone.coefficients, theta, strict=True)]
+            pieces = estimate.reversals.opened(pieces, rates)
+        begun = replace(estimate.fit, pieces=pieces, selections=selected, coefficients=alone.coefficients)
+        begun = replace(begun, theta=np.where(begun.free | ~self.is_setup, begun.theta, self.prior.mean))
+        begun = replace(begun, free=begun.free | self._is_drive)
+        return self._refitted(replace(estimate.with_fit(begun), counts=counts), coloured=estimate.coloured)
+
+    def searched(self, estimate: Joint) -> Joint:
+        """The estimate with faults of the set-up, if these are to be looked for, and with intervals that hold."""
+        scattered = self._scattered(estimate)
+        if not self.search or estimate.search.incredible or len(estimate.fit.pieces) < 2:
+            return scattered
+        refit = self._refit(estimate.fit.pieces, estimate.fit.selections, estimate.coloured, estimate.reversals)
+        groups, scatter = _groups(self.measurement, self.names), partial(with_scatter, estimate.measurement)
+        first = with_long_delays(scattered.search, refit, estimate.measurement, self.is_setup)
+        first = first if first is scattered.search else replace(first, fit=scatter(first.fit))
+        search = searched(first, refit, self.is_setup, groups, scatter)
+        left = search if search.incredible else without_idle_delays(search, refit)
+        return replace(estimate, search=left if left is search else replace(left, fit=scatter(left.fit)))
+
+    def _scattered(self, estimate: Joint) -> Joint:
+        if estimate.fit.status == "interrupted":
+            return estimate
+        return estimate.with_fit(with_scatter(estimate.measurement, estimate.fit))
+
+    def with_physical_bodies(self, estimate: Joint) -> Joint:
+        """The estimate with bodies that are physical."""
+        refit = self._refit(estimate.fit.pieces, estimate.fit.selections, estimate.coloured, estimate.reversals)
+        fit = physical_fit(estimate.fit, refit, self.measurement.equations, joint.ROUNDS)
+        return self._scattered(estimate.with_fit(fit))
+
+    def _measured(self, reversals: Reversals | None) -> Measurement:
+        """The channels, friction with slips that were found."""
+        if reversals is None:
+            return self.measurement
+        return self.measurement.with_slips(reversals.slips(self.measurement))
+
+    def _refit(
+        self,
+        pieces: Sequence[Piece],
+        selected: Sequence[np.ndarray],
+        coloured: bool = False,
+        reversals: Reversals | None = None,
+        *,
+        explore: bool = False,
+    ) -> Refit:
+        """A function that fits pieces, each with its own of the parameters."""
+        solve = partial(
+            joint.fit,
+            self._measured(reversals),
+            pieces,
+            prior=self.prior,
+            names=self.names,
+            selections=selected,
+            coloured=coloured,
+            explore=explore,
+            executor=self.executor,
+            report=self.report,
+        )
+        return partial(_with_positive_drives, solve, self.measurement)
+
+
+def _residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Measured less predicted channels of a piece (M, C)."""
+    return piece.measured - predicted(measurement, piece, partial(piece.spline.evaluate, coefficients), theta)
+
+
+def _correlated(estimate: Joint) -> bool:
+    """True where a channel's residual is correlated from one sample to the next."""
+    return bool((_correlation(estimate, 0.0) > CORRELATED).any())
+
+
+def _jumps(estimate: Joint) -> bool:
+    """True where a channel's residual is correlated, but not over the distance of knots."""
+    near, far = _correlation(estimate, 0.0), _correlation(estimate, estimate.step)
+    return bool(((near > CORRELATED) & (far < CORRELATED)).any())
+
+
+def _correlation(estimate: Joint, time: float) -> np.ndarray:
+    """Correlation of the channels' residuals over a time, a sample at least, samples with slack aside (C,)."""
+    fit = estimate.fit
+    squares = np.full((2, len(fit.noise.channels)), [[0.0], [TINIEST]])
+    for piece, c, own in zip(fit.pieces, fit.coefficients, fit.selections, strict=True):
+        residual = _residual(estimate.measurement, piece, c, fit.theta[own])
+        clear = np.isfinite(residual)
+        if piece.slack is not None:
+            clear &= piece.slack < fit.noise.channels
+        residual = np.where(clear, residual, 0.0)
+        lag = max(1, round(time / float(np.median(np.diff(piece.when)))))
+        squares += [(residual[lag:] * residual[:-lag]).sum(axis=0), (residual**2).sum(axis=0)]
+    return np.asarray(squares[0] / squares[1])
+
+
+def _groups(measurement: Measurement, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Directions in which the axes of all joints turn alike."""
+    axes = {each.name: each.axis for each in measurement.setup if each.kind == "axis"}
+    turned = {axis: np.array([axes.get(name) == axis for name in names], float) for axis in range(3)}
+    return {f"a turn of all joint axes about {'xyz'[k]}": d for k, d in turned.items() if d.sum() > 1}
+
+
+def _with_positive_drives(
+    solve: partial[JointFit], measurement: Measurement, begin: Start, free: np.ndarray, rounds: int
+) -> JointFit:
+    """A fit whose friction and rotor inertias are not negative: what would be is none, and at its bound."""
+    drives = is_drive(measurement, len(free))
+    fit = solve(begin, free=free, rounds=rounds)
+    while fit.status != "interrupted" and (negative := drives & fit.free & (fit.theta < 0)).any():
+        theta = np.where(negative, 0.0, fit.theta)
+        fit = solve(Start(theta, fit.noise, fit.coefficients), free=fit.free & ~negative, rounds=rounds)
+    return replace(fit, bounded=drives & ~fit.free)

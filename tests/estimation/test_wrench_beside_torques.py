@@ -1,0 +1,53 @@
+"""A ground wrench that is late, or on another clock, beside joint torques that are on the angles'."""
+
+import numpy as np
+import pytest
+import swinging
+
+import ident
+from ident.model.regressor import joint_torque_regressor
+from ident.recordings.recording import Recording
+
+NOISE = np.repeat([0.5, 0.05], [3, 5])
+"""Of the wrench, N and N m, and of the torques."""
+
+
+def recorded(seed, late=0.0, fast=0.0):
+    """The paper's pendulum; the wrench comes late, from a clock that is fast."""
+    rng, arm, time = np.random.default_rng(seed), swinging.pendulum(), np.arange(0.3, 9.0, 0.01)
+    motion, before = swinging.motion(time), swinging.motion(time - late - fast * (time - time[0]))
+    wrench = ident.base_wrench_regressor(arm.tree, *before.states, gravity=arm.gravity) @ arm.known
+    torques = joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ arm.known
+    measured = np.hstack([wrench, torques])
+    measured += NOISE * rng.normal(size=measured.shape)
+    angles = motion.q + 3e-4 * rng.normal(size=motion.q.shape)
+    channels = {"ground_force": measured[:, :3], "ground_torque": measured[:, 3:6]}
+    for k, joint in enumerate(swinging.JOINTS):
+        channels |= {f"{joint}_position": angles[:, k], f"{joint}_torque": measured[:, 6 + k]}
+    return Recording(time, channels)
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "value"),
+    [
+        ({"late": 0.03}, "delay(ground)", 0.03),
+        ({"late": -0.008}, "delay(ground)", -0.008),
+        ({"late": 0.12}, "delay(ground)", 0.12),
+        ({"fast": 0.004}, "clock(ground)", -0.004),
+    ],
+)
+def test_the_wrench_alone_is_late(fault, name, value):
+    estimate = ident.identify(swinging.pendulum(), recorded(0, **fault), held_out=recorded(1, **fault))
+    (finding,) = estimate.setup
+    assert finding.name == name and abs(finding.value - value) < 1e-4 + 2 * finding.std < 5e-4
+    np.testing.assert_allclose(estimate.joint.fit.noise.channels, NOISE, rtol=0.1)
+    on_time = ident.identify(swinging.pendulum(), recorded(0), holdout=0)
+    assert (np.abs(estimate.psi - on_time.psi) < 2 * estimate.std).all()
+    # Nor is anything left of the delay where others' torques and wrenches are predicted.
+    truth = estimate.base.regroup(swinging.pendulum().known)
+    rms = np.sqrt((estimate.held_out.residual_with(truth) ** 2).mean(axis=0))
+    assert (np.delete(rms / NOISE, 3) < 1.15).all()
+
+
+def test_a_wrench_on_the_torques_clock_is_left_there():
+    assert not ident.identify(swinging.pendulum(), recorded(2)).setup
