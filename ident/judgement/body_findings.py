@@ -7,13 +7,19 @@ import numpy as np
 
 from ident.geometry.inertia import body_of_parameter, with_bodies
 from ident.judgement.finding import Finding, Place
+from ident.mechanism.mechanism import Mechanism
 from ident.parameters.consistency import ConsistentParameters
+from ident.parameters.prior import KNOWN
+from ident.tolerances import DRIVE
 
 if TYPE_CHECKING:
     from ident.estimate import Estimate
 
 FAR = 2.0
 """Distance of the physical bodies from the estimate, over √r as noise would make it, from which it is doubted."""
+
+SEEN = 1.96
+"""Standard deviations by which a mass has to differ to be another one, with 95 % confidence."""
 
 FACTOR = 2.0
 """By how much a body's mass may differ from the model's without a remark."""
@@ -42,16 +48,73 @@ def consistency_finding(full: ConsistentParameters, bodies: Sequence[str]) -> Fi
 
 
 def mass_findings(result: "Estimate") -> Iterator[Finding]:
-    """Bodies that end far from the model's mass, a doubt where the data cannot tell a mass from one so different."""
+    """Remarks on bodies that end far from the model's mass, seen or not, and on what a last link or a rotor adds."""
     full, mechanism = result.consistent(), result.prepared.mechanism
-    told: dict[bool, dict[str, str]] = {True: {}, False: {}}
-    masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], strict=True)
-    for name, mass, std, before in masses:
+    listed: dict[bool, dict[str, str]] = {True: {}, False: {}}
+    masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], full.unseen, strict=True)
+    for name, mass, std, before, unseen in masses:
         if max(mass, before) > SLIGHT * full.phi[::10].sum() and not before / FACTOR <= mass <= before * FACTOR:
             was = f"{before:.3g} kg" if before else "none"
-            text = f"{name} {mass:.3g} ± {std:.2g} kg (model: {was})"
-            told[bool(2 * std < np.log(FACTOR) * mass)][name] = text
-    for known, how in ((True, "which the data show"), (False, "though the data hardly see them")):
-        if told[known]:
-            text = f"Masses beyond a factor of {FACTOR:g} of the model's, {how}: {', '.join(told[known].values())}."
-            yield Finding(text, not known, Place(bodies=tuple(told[known])))
+            listed[bool(unseen)][name] = f"{name} {mass:.3g} ± {std:.2g} kg (model: {was})"
+    for unseen, how in ((False, "which the data show"), (True, "though the data hardly see them")):
+        if texts := listed[unseen]:
+            text = f"Masses beyond a factor of {FACTOR:g} of the model's, {how}: {', '.join(texts.values())}."
+            yield Finding(text, False, Place(bodies=tuple(texts)))
+    yield from rotor_findings(result, [name for texts in listed.values() for name in texts])
+    yield from tool_findings(result)
+
+
+def rotor_findings(result: "Estimate", far: Sequence[str]) -> Iterator[Finding]:
+    """Bodies far from the model's mass on joints whose rotor inertia was not fitted beside their torques.
+
+    Args:
+        result: The estimate.
+        far: Names of the bodies.
+    """
+    mechanism, equations = result.prepared.mechanism, result.fit.equations
+    torques = {mechanism.tree.freedoms[k] for k in equations.torques}
+    joints = {body.name: body.joint for body in mechanism.tree.bodies}
+    without = [
+        name
+        for name in far
+        if (joint := joints.get(name)) in torques and f"{DRIVE['rotor']}({joint})" not in equations.drives
+    ]
+    if without:
+        named = ", ".join(f"{name} (joint {joints[name]})" for name in without)
+        yield Finding(
+            f"Rotor inertia may explain the masses of {named}: it turns with the joint and was not fitted beside the "
+            "inertias of the links, which take it up (--drive rotor, where the motion tells them apart).",
+            False,
+            Place(bodies=tuple(without), joints=tuple(str(joints[name]) for name in without)),
+        )
+
+
+def tool_findings(result: "Estimate") -> Iterator[Finding]:
+    """Last links that are significantly heavier than the model, beyond what a model knows of its masses."""
+    full, mechanism = result.consistent(), result.prepared.mechanism
+    known = {**KNOWN, **result.prepared.recording.known}["mass"]
+    last = _last_links(mechanism)
+    masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], strict=True)
+    for name, mass, std, before in masses:
+        more = mass - before
+        if name in last and more > max(SEEN * std, known * before):
+            link = "The last link" if len(last) == 1 else f"The last link '{name}'"
+            yield Finding(
+                f"{link} carries {more:.2g} ± {std:.1g} kg more than the model: a tool? (experiments.payload)",
+                False,
+                Place(bodies=(name,)),
+            )
+
+
+def _last_links(mechanism: Mechanism) -> list[str]:
+    """Names of the bodies worth a remark that carry no other such body."""
+    bodies, masses = mechanism.tree.bodies, mechanism.known[::10].tolist()
+    least = SLIGHT * sum(masses)
+    heavy = {i for i, mass in zip(mechanism.tree.inertial, masses, strict=True) if mass > least}
+    carrying = set[int]()
+    for i in heavy:
+        parent = bodies[i].parent
+        while parent >= 0:
+            carrying.add(parent)
+            parent = bodies[parent].parent
+    return [bodies[i].name for i in sorted(heavy - carrying)]

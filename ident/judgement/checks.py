@@ -97,7 +97,22 @@ def _weight(prepared: Prepared, residual: np.ndarray, part: slice) -> Weight:
     beyond = (residual[:, : known.sum()] * up[taken][:, known]).sum(axis=1) / g
     time = np.arange(len(beyond)) - (len(beyond) - 1) / 2
     slope = (time @ beyond) / (time @ time)
-    return Weight(float(along.mean()), prepared.mechanism.mass, float(slope * len(beyond)))
+    # Samples that are clipped are those in which the motion needs most.
+    measured = float(along.mean()) if prepared.whole.all() else standing_mass(prepared)
+    return Weight(measured, prepared.mechanism.mass, float(slope * len(beyond)))
+
+
+def standing_mass(prepared: Prepared) -> float:
+    """Mass that the forces along gravity carry, less what the motion adds to them by the model, kg.
+
+    Raises:
+        NotCheckedError: There is no gravity, or what is measured does not show it.
+    """
+    up, known = upward(prepared)
+    taken = prepared.taken(slice(None))
+    beyond = prepared.wrench[taken, :3] - predicted_wrench(prepared)[taken, :3]
+    more = (beyond * up[taken])[:, known].sum(axis=1).mean() / np.linalg.norm(prepared.mechanism.gravity)
+    return prepared.mechanism.mass + float(more)
 
 
 def upward(prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, special
 
-from ident.estimation.accumulator import triangle_of
 from ident.estimation.noise import autocovariance
 from ident.geometry.se3 import coAd, hat, inverse
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
+from ident.tolerances import SIGNIFICANT
 
 TIE = 1.25
 """Errors within this factor of the smallest one are as good."""
@@ -70,7 +70,18 @@ AS_NEAR = 1.03
 """Distances within this factor of the smallest one are as good as the same."""
 
 TINY = 1e-12
-"""Stands for a force that is none, N."""
+"""Stands for a force, or for a spread, that is none."""
+
+
+ENOUGH = 3000
+"""Samples, evenly spread, in which is looked for residuals that go with the motion."""
+
+WINDOW = 8
+"""Part of a recording over which a residual's autocorrelation counts: more of it is known too badly, and would take the
+motion's own frequencies for noise."""
+
+DEPENDENT = 1e-10
+"""Squares of functions of a motion, of the largest, below which they depend on the others: rounding's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,23 +273,70 @@ def correlation_time(residual: np.ndarray, rate: float) -> np.ndarray:
 
 
 def explained_by_motion(residual: np.ndarray, motion: Motion) -> np.ndarray:
-    """Share of each residual's variance that a quadratic function of q, q̇ and q̈ explains, beyond chance (C,).
+    """Share of each residual's variance that a function of q, q̇ and q̈ explains, beyond chance (C,).
+
+    It is linear in them, sines and cosines of q, or quadratic, whichever explains more beyond chance. Of a stationary
+    residual r with spectrum S, of which nothing goes with the motion, orthonormal functions U explain on average
+
+        E‖Uᵀr‖² = Σ_f S(f) Σ_j |Û_j(f)|²,      var ‖Uᵀr‖² ≤ 2 max(S) E‖Uᵀr‖²
+
+    and more than the share that counts as chance with a probability of `SIGNIFICANT` for all channels together. Given
+    is what they explain beyond it, of what it leaves. White noise beside errors of a smoothed motion, which are slow,
+    is not known by its first autocorrelation: the whole spectrum counts, of the residual itself, smoothed as Parzen
+    does (Priestley, Spectral Analysis and Time Series, 1981, section 6.2.3), so that lines at the motion's frequencies
+    are not chance.
 
     Args:
         residual: Residuals (N, C).
         motion: The motion.
     """
+    thin = slice(None, None, -(-len(residual) // ENOUGH))
+    r = residual[thin] - residual[thin].mean(axis=0)
+    spectra = np.stack([_spectrum(x) for x in r.T], axis=1)
+    linear = _linear_functions(motion[thin])
+    first, second = np.triu_indices(linear.shape[1])
+    quadratic = np.hstack([linear, linear[:, first] * linear[:, second]])
+    bases = [linear, quadratic] if quadratic.shape[1] <= len(r) / 4 else [linear]
+    beyond = -float(special.ndtri(SIGNIFICANT / r.shape[1] / len(bases)))
+    return np.max([_explained(r, x, spectra, beyond) for x in bases], axis=0)
+
+
+def _linear_functions(motion: Motion) -> np.ndarray:
     x = np.hstack([np.sin(motion.q), np.cos(motion.q), motion.dq, motion.ddq])
-    x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-12)
-    first, second = np.triu_indices(x.shape[1])
-    rows = np.hstack([np.ones((len(x), 1)), x, x[:, first] * x[:, second]])
-    if rows.shape[1] > len(x) / 4:
-        rows = rows[:, : 1 + x.shape[1]]
-    r, columns = residual - residual.mean(axis=0), rows.shape[1]
-    # Above the diagonal a QR decomposition leaves what of the residuals lies along the columns before them.
-    along = triangle_of(np.hstack([rows, r]))[:columns, columns:]
-    explained = (along**2).sum(axis=0) / np.maximum((r**2).sum(axis=0), 1e-300)
-    # Of residuals that are alike for some samples there are fewer than samples.
-    lag = np.clip((r[1:] * r[:-1]).sum(axis=0) / np.maximum((r**2).sum(axis=0), 1e-300), 0, 0.99)
-    chance = columns / (len(r) * (1 - lag) / (1 + lag))
-    return np.maximum(0, explained - np.minimum(chance, 1))
+    return np.asarray((x - x.mean(axis=0)) / np.maximum(x.std(axis=0), TINY))
+
+
+def _explained(r: np.ndarray, x: np.ndarray, spectra: np.ndarray, beyond: float) -> np.ndarray:
+    """Share of each residual's variance that functions of a motion explain, beyond chance and of what it leaves (C,).
+
+    Args:
+        r: Residuals without their mean (N, C).
+        x: The functions (N, k).
+        spectra: Power spectra of the residuals (N + 1, C).
+        beyond: Standard deviations of that share that count as chance.
+    """
+    functions, count = _orthonormal(x), len(r)
+    explained = ((functions.T @ r) ** 2).sum(axis=0) / np.maximum((r**2).sum(axis=0), TINY)
+    power = (np.abs(np.fft.rfft(functions, 2 * count, axis=0)) ** 2).sum(axis=1)
+    power[1:-1] *= 2  # All frequencies but the first and the last stand for their negatives too.
+    mean = power @ spectra / (2 * count) / count
+    deviation = np.sqrt(2 * spectra.max(axis=0) * mean / count)
+    chance = np.minimum(mean + beyond * deviation, 1)
+    return np.maximum(0, explained - chance) / np.maximum(1 - chance, TINY)
+
+
+def _orthonormal(x: np.ndarray) -> np.ndarray:
+    """Orthonormal columns that span what columns say beyond their means (N, k)."""
+    x = x - x.mean(axis=0)
+    squares, axes = np.linalg.eigh(x.T @ x)
+    kept = squares > DEPENDENT * squares.max(initial=0)
+    return np.asarray(x @ (axes[:, kept] / np.sqrt(squares[kept])))
+
+
+def _spectrum(x: np.ndarray) -> np.ndarray:
+    """Power spectrum of a signal (N,), of mean one over all frequencies, smoothed by Parzen's window (N + 1,)."""
+    lags = np.arange(len(x) + 1) / max(1, len(x) // WINDOW)
+    window = np.where(lags < 0.5, 1 - 6 * lags**2 * (1 - lags), 2 * np.maximum(0, 1 - lags) ** 3)
+    covariance = window * autocovariance(x)
+    correlation = covariance / covariance[0] if covariance[0] > 0 else (lags == 0).astype(float)
+    return np.maximum(np.fft.hfft(correlation), 0)[: len(x) + 1]

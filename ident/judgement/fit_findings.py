@@ -7,7 +7,8 @@ import numpy as np
 
 from ident.judgement.finding import Finding, Place
 from ident.judgement.halves import DISAGREE
-from ident.tolerances import LEFT, POOR, UNEXPLAINED
+from ident.recordings.resolution import FOURTH_DIFFERENCE
+from ident.tolerances import LEFT, NORMAL_MAD, POOR, UNEXPLAINED
 
 if TYPE_CHECKING:
     from ident.estimate import Estimate
@@ -19,7 +20,12 @@ OF_THE_MOTION, WORTH_IT = 0.5, 0.02
 """Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
 residual is more than so much of the signal."""
 
-FAR_APART = 5.0
+FAR_ABOVE = 3.0
+"""Noise of a channel over what is fast of it, or its floor, from which it is worth a remark."""
+
+TINIEST = 1e-300
+
+FAR_APART = 4.0
 """Distance of one log's base parameters from those of the others, in standard deviations, from which it is a doubt."""
 
 BEYOND, RARELY = 0.05, 0.01
@@ -31,9 +37,10 @@ def setup_remarks(result: "Estimate") -> Iterator[Finding]:
     for each in result.setup:
         yield Finding(each.text, False, each.place)
     if result.joint is not None and result.joint.search.incredible:
+        taken = "nothing else of it was changed" if result.setup else "the set-up was taken as stated"
         yield Finding(
             "No set-up near the one that was stated explains the recording, though something is wrong beyond noise: a "
-            "contact, a frame, a unit, or the model; the set-up was taken as stated.",
+            f"contact, a frame, a unit, or the model; {taken}.",
             True,
         )
 
@@ -88,6 +95,33 @@ def model_error_findings(result: "Estimate") -> Iterator[Finding]:
         )
 
 
+def slow_residual_findings(result: "Estimate") -> Iterator[Finding]:
+    """A remark on channels of which more is left than a sensor's noise: intervals include it."""
+    if result.joint is None:
+        return
+    fit = result.joint.fit
+    large = {}
+    for c, (channel, noise) in enumerate(zip(result.channels, fit.noise.channels, strict=True)):
+        fast = _fast_noise([piece.measured[:, c] for piece in fit.pieces])
+        if noise > FAR_ABOVE * max(fast, float(fit.noise.floor_channels[c])):
+            times = noise / max(fast, TINIEST)
+            large[channel] = f"{channel} {noise:.2g} ({'over 100' if times > 100 else f'{times:.0f}'} times)"
+    if large:
+        yield Finding(
+            "What is left is far more than the fast noise of the sensors, how many times in brackets: "
+            f"{', '.join(large.values())}. The model is not quite right or the trajectory cannot follow jumps; what is "
+            "left, and how slow it is, is in the standard deviations.",
+            False,
+            Place(channels=tuple(large)),
+        )
+
+
+def _fast_noise(columns: Sequence[np.ndarray]) -> float:
+    """Standard deviation of white noise by the fourth differences of a channel, few jumps aside."""
+    fourth = np.concatenate([np.diff(x[np.isfinite(x)], 4) for x in columns])
+    return float(NORMAL_MAD * np.median(np.abs(fourth)) / FOURTH_DIFFERENCE) if len(fourth) else 0.0
+
+
 def quality_findings(ratios: Mapping[str, float], part: str) -> Iterator[Finding]:
     """What residuals over signals, of each channel on some part, say."""
     more = "More is left over than the channel varies, as of a constant offset or a sensor that died"
@@ -118,7 +152,7 @@ def stuck_findings(result: "Estimate") -> Iterator[Finding]:
     """Channels that never change, though they should."""
     if result.prepared.stuck:
         yield Finding(
-            f"Stuck at one value over the whole log, though the model says that they change, and so left out: "
+            f"Stuck at one value, though the model says that they change, and so left out: "
             f'{", ".join(result.prepared.stuck)}. Mend the sensor, or map what is not connected as missing, by "" in '
             "--columns.",
             True,

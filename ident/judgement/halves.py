@@ -8,8 +8,9 @@ P_k and g_k are the precision and the right side of a part at the estimate, its 
 import numpy as np
 
 from ident.errors import ExcitationError
-from ident.estimation.joint import embedded, inverse_of_precision
-from ident.estimation.joint_estimate import Joint
+from ident.estimation import left_out
+from ident.estimation.joint import embedded, inverse_of_precision, sandwich
+from ident.estimation.joint_result import Joint
 
 DISAGREE = 2.0
 """Root mean square z of the differences between halves from which standard deviations are too small."""
@@ -28,16 +29,21 @@ def disagreement(joint: Joint) -> float | None:
     first = sum(counts[: len(counts) // 2]) if len(counts) > 1 else pieces // 2
     rank = joint.measurement.equations.parameters.rank
     steps, covariances = [], []
-    for part in (fit.shares[:first], fit.shares[first:]):
+    for half in (slice(0, first), slice(first, pieces)):
+        part = fit.shares[half]
+        scatter = sum(fit.scatter_shares[half], start=fit.prior.precision / 2)
         precision = sum((schur for schur, _ in part), start=fit.prior.precision / 2)
         right = sum((g for _, g in part), start=-fit.prior.precision @ (fit.theta - fit.prior.mean) / 2)
         # What only the other half has, as an offset of its own, is not fitted.
         free = fit.free & (np.diag(precision) > 0)
+        if not free[:rank].all():
+            return None
+        own = np.ix_(free, free)
         try:
-            covariance = inverse_of_precision(precision[np.ix_(free, free)])
+            covariance = sandwich(precision[own], scatter[own])
         except ExcitationError:
             return None
-        steps.append((covariance @ right[free])[:rank])
+        steps.append((inverse_of_precision(precision[own]) @ right[free])[:rank])
         covariances.append(covariance[:rank, :rank])
     z = (steps[0] - steps[1]) / np.sqrt(np.diag(covariances[0] + covariances[1]))
     return float(np.sqrt((z**2).mean()))
@@ -46,24 +52,20 @@ def disagreement(joint: Joint) -> float | None:
 def disagreements(joint: Joint) -> tuple[float, ...]:
     """Root mean square z of the base parameters of each recording against those of the others; none for one or two.
 
-    The estimate θ of all and θ_k of all but one differ by what the latter adds (Hausman, Econometrica 46, 1978,
-    doi:10.2307/1913827):
-
-        cov(θ_k - θ) = cov(θ_k) - cov(θ)
-
-    Nor are there any if others than one do not determine the parameters.
+    The estimate θ of all and θ_k of all but one differ by `θ_k - θ = -(P - P_k)⁻¹ g_k`, and the right side g_k of the
+    one at θ is `(1 - P_k P⁻¹) s_k - P_k P⁻¹ Σ_j≠k s_j`, with the right sides s of the recordings at the truth, whose
+    covariance is that of their noise. Nor are there any if others than one do not determine the parameters.
     """
     if len(joint.counts) < 3:
         return ()
     rank, out = joint.measurement.equations.parameters.rank, []
-    variances = np.diag(joint.fit.covariance)[:rank]
     for which in range(len(joint.counts)):
         try:
-            theta, covariance = _without(joint, which)
+            theta, covariance = _difference(joint, which)
         except ExcitationError:
             return ()
-        added = np.maximum(np.diag(covariance)[:rank] - variances, LEAST_ADDED * variances)
-        out.append(float(np.sqrt(((theta - joint.fit.theta)[:rank] ** 2 / added).mean())))
+        variances = np.maximum(np.diag(covariance)[:rank], LEAST_ADDED * np.diag(joint.fit.covariance)[:rank])
+        out.append(float(np.sqrt(((theta - joint.fit.theta)[:rank] ** 2 / variances).mean())))
     return tuple(out)
 
 
@@ -73,21 +75,22 @@ def without(joint: Joint, which: int) -> np.ndarray:
     Raises:
         ExcitationError: The others do not determine them.
     """
-    return _without(joint, which)[0]
+    return left_out.without(joint.fit, joint.pieces_of(which))[0]
 
 
-def _without(joint: Joint, which: int) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters without one of the recordings (p,), and their covariance, zero for what is not fitted (p, p).
+def _difference(joint: Joint, which: int) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters without one of the recordings (p,), and the covariance of their difference from those of all (p, p).
 
     Raises:
         ExcitationError: The others do not determine them.
     """
-    fit, counts = joint.fit, joint.counts
-    first = sum(counts[:which])
-    own = fit.shares[first : first + counts[which]]
-    precision = sum((-schur for schur, _ in own), start=fit.precision)
-    right = sum((-g for _, g in own), start=fit.gradient)
-    free = fit.free & (np.diag(precision) > 1e-9 * np.diag(fit.precision))
-    theta, covariance = fit.theta.copy(), inverse_of_precision(precision[np.ix_(free, free)])
-    theta[free] += covariance @ right[free]
-    return theta, embedded(covariance, free)
+    fit, own = joint.fit, joint.pieces_of(which)
+    theta, inverse, free = left_out.without(fit, own)
+    each = np.ix_(free, free)
+    schur = np.sum([schur for schur, _ in fit.shares[own]], axis=0)[each]
+    scatter = np.sum(fit.scatter_shares[own], axis=0)[each]
+    # The recording's right side is its own noise's, less what all noise has moved the estimate by.
+    moved = schur @ inverse_of_precision(fit.precision[each])
+    apart = np.eye(len(moved)) - moved
+    noise = apart @ scatter @ apart.T + moved @ (fit.scatter[each] - scatter) @ moved.T
+    return theta, embedded(inverse @ noise @ inverse, free)

@@ -16,6 +16,7 @@ from ident.judgement.fit_findings import (
     setup_remarks,
     stuck_findings,
 )
+from ident.judgement.sensor_findings import clipped_findings, resolution_findings
 from ident.recordings.wrench import GROUND
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ def payload_findings(result: "Estimate", told: np.ndarray, sensor: str) -> list[
         *halves_findings(result),
         *model_error_findings(result),
         *stuck_findings(result),
+        *clipped_findings(result),
+        *resolution_findings(result),
     ]
     if (physical := consistency_finding(result.consistent(), result.prepared.mechanism.bodies)).doubt:
         on_fit.append(physical)

@@ -3,8 +3,12 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ident.estimation.reversals import rubbing
 from ident.judgement.finding import Finding, Place
 from ident.judgement.torque_checks import SLOW, lacking_drive
+from ident.mechanism.mechanism import Mechanism
 from ident.tolerances import DRIVE
 
 if TYPE_CHECKING:
@@ -13,6 +17,72 @@ if TYPE_CHECKING:
 FOLLOWS, WORTH_IT = 0.2, 0.02
 """Share of a residual's variance that friction takes away from which it is likely, if the residual is more than so much
 of the signal."""
+
+
+SMOOTH = 0.02
+"""Slip from which friction does not pass for a jump, rad/s or m/s."""
+
+UNITS = {"Ia": ("kg m²", "kg"), "Fv": ("N m s", "N s/m"), "Fc": ("N m", "N"), "Fs": ("N m", "N")}
+"""Units of drives by their columns, of joints that turn and of those that slide."""
+
+
+def bound_findings(result: "Estimate") -> Iterator[Finding]:
+    """A remark on drives that ended at their bound of zero, with the upper limits of their one-sided intervals."""
+    if not result.bounded:
+        return
+    limits = ", ".join(
+        f"{most:.2g} {_unit(result.prepared.mechanism, name)}" for name, (most, _) in result.bounded.items()
+    )
+    one = len(result.bounded) == 1
+    yield Finding(
+        f"{', '.join(result.bounded)} {'is at its' if one else 'are at their'} bound of zero: at most {limits} (95 %). "
+        "What trades with it has the interval that it has with the drive free.",
+        False,
+        Place(joints=tuple(dict.fromkeys(_joint(name) for name in result.bounded))),
+    )
+
+
+def reversal_findings(result: "Estimate") -> Iterator[Finding]:
+    """A remark on the velocities below which torques say little, and over which friction changes its sign."""
+    joint = result.joint
+    if joint is None or joint.reversals is None:
+        return
+    reversals, freedoms = joint.reversals, joint.measurement.tree.freedoms
+    rubs = {freedoms[freedom]: channel for channel, freedom in rubbing(joint.measurement).items()}
+    open_ = {name: reversals.velocity[c] for name, c in rubs.items() if reversals.size[c] > joint.fit.noise.channels[c]}
+    smooth = {name: reversals.slip[c] for name, c in rubs.items() if reversals.slip[c] > SMOOTH}
+    if open_:
+        listed = ", ".join(f"{name} {x:.2g}" for name, x in open_.items())
+        ratios = {name: result.moving_ratio[rubs[name]] for name in open_}
+        moving = ", ".join(f"{name} {x:.2g}" for name, x in ratios.items() if np.isfinite(x)) or "there are no others"
+        yield Finding(
+            "Friction at rest is anything up to breakaway: torques count less the slower a joint is, in rad/s (m/s) "
+            f"below about {listed}. Held-out residual over signal without these samples: {moving}.",
+            False,
+            Place(joints=tuple(open_)),
+        )
+    if smooth:
+        listed = ", ".join(f"{name} {x:.2g}" for name, x in smooth.items())
+        yield Finding(
+            f"Coulomb friction does not jump but changes its sign over a velocity, in rad/s (m/s): {listed}; it is "
+            "fitted and predicted as Fc tanh(q̇ / that).",
+            False,
+            Place(joints=tuple(smooth)),
+        )
+
+
+def _joint(drive: str) -> str:
+    """Name of the joint that a drive is of."""
+    return drive.partition("(")[2].rstrip(")")
+
+
+def _unit(mechanism: Mechanism, drive: str) -> str:
+    """Unit of a drive."""
+    slides = {
+        body.joint for body in mechanism.tree.bodies if not body.is_ball and body.moves and not body.twist[3:].any()
+    }
+    turns, along = UNITS[drive.partition("(")[0]]
+    return along if _joint(drive) in slides else turns
 
 
 def torque_findings(result: "Estimate") -> Iterator[Finding]:

@@ -88,11 +88,13 @@ def unmeasured_contacts(prepared: Prepared) -> tuple[Unmeasured, ...]:
     predicted = predicted_wrench(prepared)
     needed, carried = ((wrench[:, :3] * up)[:, known].sum(axis=1) for wrench in (predicted, prepared.wrench))
     weight = prepared.mechanism.mass * float(np.linalg.norm(prepared.mechanism.gravity))
-    heavier = _heavier(needed, carried, weight)
+    whole = prepared.whole
+    heavier = _heavier(needed[whole], carried[whole], weight)
     if heavier is None:
         return ()
     reach = max(1, round(SHORTEST * prepared.recording.rate))
-    missing = ndimage.median_filter(heavier * needed - carried, reach, mode="nearest")
+    # Where a sensor's range ends support is missing as well.
+    missing = ndimage.median_filter(np.where(whole, heavier * needed - carried, 0), reach, mode="nearest")
     time, found = prepared.recording.time, []
     for first, last in _spans(missing, SHARE * heavier * weight, reach):
         span = slice(max(0, first - reach), last + reach)

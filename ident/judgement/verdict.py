@@ -7,6 +7,7 @@ import numpy as np
 
 from ident.geometry.inertia import with_bodies
 from ident.judgement.body_findings import consistency_finding, mass_findings
+from ident.judgement.candidates import candidate_findings, comparisons
 from ident.judgement.finding import Finding, Place
 from ident.judgement.fit_findings import (
     caveats,
@@ -18,9 +19,12 @@ from ident.judgement.fit_findings import (
     prior_findings,
     quality_findings,
     setup_remarks,
+    slow_residual_findings,
     stuck_findings,
 )
-from ident.judgement.torque_findings import friction_findings, torque_findings
+from ident.judgement.sensor_findings import clipped_findings, resolution_findings
+from ident.judgement.torque_findings import bound_findings, friction_findings, reversal_findings, torque_findings
+from ident.judgement.weighing import common_gain_findings, mass_by_setup_findings
 from ident.judgement.wrench_findings import (
     base_findings,
     contact_findings,
@@ -33,9 +37,6 @@ from ident.tolerances import POOR
 if TYPE_CHECKING:
     from ident.estimate import Estimate
 
-NOTABLY = 1.1
-"""Ratio of two residuals from which one prediction is better than another."""
-
 PRECISIONS = 0.1, 0.2, 0.5
 """Standard deviations, of the values, up to which parameters are counted as known."""
 
@@ -44,23 +45,15 @@ WIDER = 2.0
 
 
 def verdict(result: "Estimate", findings: list[Finding]) -> str:
-    """Whether to believe it, and what for."""
-    first = sentence(_ratios(result), findings, "held-out")
-    return first if first.startswith("Do not use") else f"{first} {' '.join(uses(result))}"
+    """Whether to believe it, and what for; first of all, whether another candidate predicts better."""
+    first = [each.text for each in candidate_findings(result)]
+    whole = " ".join([*first, sentence(_ratios(result), findings, "held-out")])
+    return f"{whole} {' '.join(uses(result))}" if _usable(_ratios(result), findings) else whole
 
 
 def uses(result: "Estimate") -> Iterator[str]:
-    """What the numbers are good for: prediction beside the model's own, and parameters to some precision."""
-    if "model" in result.rivals:
-        own, model = result.held_out.ratio, result.rivals["model"]
-        explained = [c not in result.unexplained for c in result.channels]
-        channels = [(c, a, b) for c, a, b, e in zip(result.channels, own, model, explained, strict=True) if e]
-        better = [c for c, a, b in channels if a * NOTABLY < b]
-        worse = [c for c, a, b in channels if b * NOTABLY < a]
-        alike = [c for c, *_ in channels if c not in (*better, *worse)]
-        told = ((better, "better than"), (alike, "as well as"), (worse, "worse than"))
-        parts = [f"{how} the model as it came in {', '.join(which)}" for which, how in told if which]
-        yield f"It predicts {', '.join(parts)}."
+    """What the numbers are good for: prediction beside that of others, and parameters to some precision."""
+    yield from comparisons(result)
     std = result.std_setup
     known = [int((std <= share * np.abs(result.psi)).sum()) for share in PRECISIONS]
     counts = ", ".join(f"{n} within {share:.0%}" for n, share in zip(known, PRECISIONS, strict=True))
@@ -77,6 +70,11 @@ def _listed(names: Sequence[str], bodies: Sequence[str]) -> str:
 
 def _ratios(result: "Estimate") -> dict[str, float]:
     return dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True))
+
+
+def _usable(ratios: Mapping[str, float], findings: Sequence[Finding]) -> bool:
+    """Whether a channel is predicted, and nothing speaks against the estimate."""
+    return min(ratios.values()) <= POOR and not any(finding.doubt for finding in findings)
 
 
 def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str) -> str:
@@ -103,20 +101,28 @@ def unmeasured_findings(result: "Estimate") -> Iterator[Finding]:
 def findings(result: "Estimate") -> list[Finding]:
     """All findings on the fit, the doubts first, and then those on the updated model."""
     on_fit = [
+        *candidate_findings(result),
         *frame_findings(result),
         *base_findings(result),
         *contact_findings(result),
         *unmeasured_findings(result),
+        *clipped_findings(result),
+        *resolution_findings(result),
         *weight_findings(result.checks.weight),
+        *mass_by_setup_findings(result),
+        *common_gain_findings(result),
         *fitted_offset_findings(result),
         *torque_findings(result),
         *friction_findings(result),
+        *bound_findings(result),
+        *reversal_findings(result),
         *quality_findings(_ratios(result), "held-out"),
         *setup_remarks(result),
         *course_findings(result),
         *halves_findings(result),
         *prior_findings(result),
         *model_error_findings(result),
+        *slow_residual_findings(result),
         *posture_findings(result),
         *inseparable_findings(result.inseparable),
         *stuck_findings(result),

@@ -1,0 +1,123 @@
+"""Sensors whose range ends, or whose steps are coarse: named, and what they spoil left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, wrench_of
+from slow_pendulum import TIME, motion, recorded
+
+import ident
+from ident.estimation.preparation import prepared
+from ident.geometry.se3 import coAd
+from ident.recordings.sampled import Sampled
+from ident.recordings.wrench import Sensor
+
+
+def clipped(share, component=2, seed=0):
+    """A recording of which a component does not go beyond the value that so large a share of it exceeds."""
+    recording = faulty(seed)
+    wrench = wrench_of(recording)
+    limit = np.quantile(wrench[:, component], 1 - share)
+    wrench[:, component] = np.minimum(wrench[:, component], limit)
+    return angles_and_wrench(recording.time, recording.of_joints(JOINTS, "position"), wrench), limit
+
+
+def of_sensors(estimate):
+    return [finding for finding in estimate.findings if "clipped" in finding.text]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_clipped_force_is_named_and_left_out_where_it_is(seed):
+    recording, limit = clipped(0.1, seed=seed)
+    estimate = ident.identify(PENDULUM, recording)
+    (finding,) = of_sensors(estimate)
+    assert finding.text.startswith(f"Fz is clipped at {limit:.4g} N, which 10% of its samples read while the motion")
+    assert not finding.doubt and finding.place.channels == ("Fz",)
+    assert not estimate.setup
+    assert abs(estimate.psi[0] - TRUTH[0]) < 1.96 * estimate.std[0]
+    assert (abs(estimate.psi - TRUTH) < 4 * estimate.std_setup).all()
+    assert estimate.verdict().startswith("Usable")
+    assert estimate.checks.weight.measured == pytest.approx(PENDULUM.mass, rel=0.005)
+
+
+def test_least_squares_leave_its_samples_out():
+    recording, limit = clipped(0.1)
+    estimate = ident.identify(PENDULUM, recording, estimator="weighted")
+    (log, part), (own,) = estimate.logs[0], estimate.prepared.clipped
+    assert own.kept and own.limits == (limit,) and own.share == pytest.approx(0.1, abs=0.01)
+    np.testing.assert_array_equal(own.samples, recording["ground_force"][:, 2] == limit)
+    assert not own.samples[log.taken(part)].any() and len(estimate.residual) == len(log.taken(part))
+    assert len(of_sensors(estimate)) == 1
+
+
+def test_a_channel_that_is_clipped_mostly_is_left_out():
+    recording, _ = clipped(0.6, component=4)
+    log = prepared(PENDULUM, recording)
+    assert "My" not in log.equations.channels and not log.clipped[0].kept
+    assert len(log.taken(slice(None))) == len(recording.time)
+    (finding,) = of_sensors(ident.identify(PENDULUM, recording))
+    assert "60% of its samples" in finding.text and "the channel is left out" in finding.text
+
+
+def test_samples_at_times_of_their_own_go_missing():
+    recording, limit = clipped(0.1)
+    time = recording.time[5:-5]
+    force = recording["ground_force"][5:-5]
+    log = prepared(PENDULUM, replace(recording, streams={"ground_force": Sampled(time, force)}))
+    values = log.recording.streams["ground_force"].values
+    np.testing.assert_array_equal(np.isnan(values[:, 2]), force[:, 2] == limit)
+    assert np.isfinite(values[:, :2]).all()
+
+
+def touched(share):
+    """A recording with a contact on the second link, whose force along z is clipped."""
+    recording, rng = faulty(), np.random.default_rng(1)
+    t, q = recording.time, recording.of_joints(JOINTS, "position")
+    force = np.stack([10 * np.sin(3 * t), 8 * np.cos(2 * t), 60 + 30 * np.sin(1.7 * t) + 10 * np.sin(4.1 * t)], axis=1)
+    tip = np.eye(4)
+    tip[2, 3] = 0.1
+    pose = PENDULUM.tree.poses(q)[:, PENDULUM.tree.names.index("link2")] @ tip
+    carried = (coAd(pose) @ np.hstack([force, 0 * force])[..., None])[..., 0]
+    force = force + 0.3 * rng.normal(size=force.shape)
+    force[:, 2] = np.minimum(force[:, 2], np.quantile(force[:, 2], 1 - share))
+    ground = angles_and_wrench(t, q, wrench_of(recording) - carried)
+    contact = {"tip_force": force, "tip_torque": 0.02 * rng.normal(size=force.shape)}
+    return replace(ground, measured={**ground.measured, **contact}).with_sensors({"tip": Sensor("link2", tip)})
+
+
+def test_a_clipped_contact_is_named_and_no_set_up_is_found_instead():
+    estimate = ident.identify(PENDULUM, touched(0.1))
+    (finding,) = of_sensors(estimate)
+    assert finding.text.startswith("tip Fz is clipped at 9") and finding.place.wrenches == ("tip",)
+    assert not estimate.setup and (abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
+
+
+def test_a_torque_that_a_motor_limits_is_clipped_at_both_ends():
+    rng = np.random.default_rng(0)
+    states = motion(rng, 1.0)
+    torque = ident.joint_torque_regressor(PENDULUM.tree, *states, gravity=PENDULUM.gravity) @ PENDULUM.known
+    torque = torque[:, 1] + 0.05 * rng.normal(size=len(TIME))
+    low, high = np.quantile(torque, [0.04, 0.95])
+    angles = {f"{joint}_position": q for joint, q in zip(JOINTS, states[0].T, strict=True)}
+    whole, cut = (ident.Recording(TIME, {**angles, "joint2_torque": x}) for x in (torque, np.clip(torque, low, high)))
+    assert not prepared(PENDULUM, whole).clipped
+    (own,) = prepared(PENDULUM, cut).clipped
+    assert own.channel == "joint2" and own.limits == (low, high) and own.share == pytest.approx(0.09, abs=0.01)
+
+
+@pytest.mark.parametrize("steps", [{}, {"forces": 0.01, "moments": 0.01}, {"forces": 3.0, "moments": 0.3}])
+def test_nothing_is_clipped_where_ranges_are_large_enough(steps):
+    """Fine and coarse steps alike."""
+    for seed in range(3):
+        assert not prepared(PENDULUM, recorded(seed, speed=1, noise=1, **steps)).clipped
+
+
+def test_steps_that_are_most_of_the_noise_are_named():
+    recording = recorded(speed=1, forces=3, moments=0.3, angles=2 * np.pi / 4096, jitter=0, noise=0.2)
+    (finding,) = (f for f in ident.identify(PENDULUM, recording).findings if "steps" in f.text)
+    assert not finding.doubt
+    for each in ("Fy 3 N", "Fz 3 N", "Mx 0.3 N m", "joint 'joint1' 0.088°", "joint 'joint2' 0.088°"):
+        assert each in finding.text
+    fine = recorded(speed=1, forces=0.1, moments=0.01, angles=1e-4, noise=1)
+    assert not any("steps" in finding.text for finding in ident.identify(PENDULUM, fine).findings)

@@ -1,0 +1,155 @@
+"""Findings and verdicts of identifications of short simulated recordings."""
+
+import re
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import wrist
+from recorded_faults import PENDULUM, angles_and_wrench
+from test_torque_checks import NO_HAND, log
+
+import ident
+import sim
+from ident.judgement.candidates import Candidates
+from ident.judgement.torque_findings import bound_findings
+from ident.judgement.verdict import findings, verdict
+
+
+def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
+    """The pendulum in a motion of six sines, its angles and its wrench with white noise.
+
+    Args:
+        seed: Of motion and noise.
+        seconds: How long.
+        rate: Samples per second.
+        size: Of the motion.
+        angle: Noise of the angles, rad.
+        force: Noise of the forces, N; that of the moments is a tenth, N m.
+        drag: Force along y on the base by the square of the first joint's velocity, which no model has, N s².
+    """
+    rng, time = np.random.default_rng(seed), np.arange(0, seconds, 1 / rate)
+    w, a, phase = (
+        2 * np.pi * rng.uniform(0.2, 1.2, (2, 3)),
+        size * rng.uniform(0.1, 0.5, (2, 3)),
+        rng.uniform(0, 6, (2, 3)),
+    )
+    at = time[:, None, None] * w + phase
+    q, dq, ddq = ((a * x).sum(axis=2) for x in (np.sin(at), w * np.cos(at), -w * w * np.sin(at)))
+    wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
+    wrench[:, 1] += drag * dq[:, 0] * np.abs(dq[:, 0])
+    wrench += rng.normal(size=wrench.shape) * np.repeat([force, force / 10], 3)
+    return angles_and_wrench(time, q + angle * rng.normal(size=q.shape), wrench)
+
+
+def with_words(estimate, text):
+    return [finding for finding in estimate.findings if text in finding.text]
+
+
+def test_a_right_model_s_residuals_do_not_go_with_the_motion_of_another_log():
+    """Errors of a motion that is smoothed from its angles alone do, but a fit's own residuals do not."""
+    for seed in (15, 16):
+        estimate = ident.identify(PENDULUM, sines(seed, rate=500), held_out=sines(1000 + seed, rate=500))
+        assert (estimate.held_out.ratio[1:] > 0.01).any() and not with_words(estimate, "go with the motion")
+
+
+def test_a_wrong_model_s_residuals_do():
+    estimate = ident.identify(
+        PENDULUM, sines(1, seconds=20, size=1, drag=10.0), held_out=sines(1001, 20, size=1, drag=10)
+    )
+    (finding,) = with_words(estimate, "go with the motion")
+    assert finding.doubt and "Fy" in finding.place.channels
+
+
+@pytest.fixture(scope="module")
+def estimate():
+    """An estimate of a clean recording."""
+    return ident.identify(PENDULUM, sines(3, seconds=8, size=1))
+
+
+def with_ratios(estimate, **rivals):
+    """An estimate beside candidates that leave so many times what it leaves of Fy, Fz, Mx, My, Mz."""
+    names = {"model": "model", "squares": "least squares"}
+    own = np.maximum(estimate.held_out.ratio, 0.1)
+    held = replace(estimate.held_out, residual=estimate.held_out.residual * own / estimate.held_out.ratio)
+    rivals = {names[key]: own * np.append(1, factors) for key, factors in rivals.items()}
+    other = replace(estimate, held_out=held, rivals=rivals, filtered_at=3.21)
+    vars(other)["model_error"] = np.zeros(6)
+    return other
+
+
+def test_all_three_candidates_are_compared_and_the_best_is_named(estimate):
+    assert set(estimate.rivals) == {"model", "least squares"} and estimate.filtered_at > 0
+    other = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1.2, 1.0, 0.95, 1.3, 0.85])
+    first, *rest = verdict(other, findings(other)).split(" It predicts ")
+    assert first.startswith("Usable")
+    assert (
+        rest[0]
+        == "better than least squares in Fy, My, as well as least squares in Fz, Mx, worse than least squares in Mz."
+    )
+    assert rest[1].startswith("better than the model as it came in Fy, Fz, Mx, My, Mz. Over all channels the estimate")
+    assert other.to_dict()["best_candidate"] == "the estimate" and other.to_dict()["filtered_at_hz"] == 3.21
+
+
+def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(estimate):
+    other = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[0.5, 0.9, 0.6, 1, 1])
+    said = verdict(other, findings(other))
+    assert said.startswith("Worse than least squares in Fy (") and ", Mx (" in said and "Fz (" not in said
+    assert "take least squares, --estimator weighted --cutoff 3.21. Do not use it as it is: one finding" in said
+    doubt = findings(other)[0]
+    assert doubt.doubt and said.startswith(doubt.text) and doubt.place.channels == ("Fy", "Mx")
+    assert Candidates.of(other).best == "least squares"
+    other = with_ratios(estimate, model=[0.5, 0.9, 0.6, 1, 1], squares=[1, 1, 1, 0.6, 1])
+    said = verdict(other, findings(other))
+    assert said.startswith("Worse than least squares in My (") and "and than the model as it came in Fy (" in said
+    assert "in brackets: keep the model. Do not use it" in said
+
+
+def test_least_squares_are_not_advised_where_they_would_refuse_the_motion(estimate):
+    other = replace(with_ratios(estimate, squares=[0.5, 0.9, 0.6, 1, 1]), singular_values=np.array([1, 1e-5]))
+    said = verdict(other, findings(other))
+    assert said.startswith("Worse than least squares in Fy (") and "brackets: move the joints further; " in said
+
+
+def test_worse_in_a_channel_and_better_overall_is_no_doubt(estimate):
+    other = with_ratios(estimate, squares=[0.5, 3, 3, 3, 3])
+    assert verdict(other, findings(other)).startswith("Usable")
+    assert "worse than least squares in Fy" in verdict(other, findings(other))
+
+
+def test_weighted_least_squares_are_compared_with_the_model():
+    estimate = ident.identify(PENDULUM, sines(3, seconds=8, size=1), estimator="weighted")
+    assert set(estimate.rivals) == {"model"} and "as well as the model as it came in Fy" in estimate.verdict()
+
+
+def test_drives_at_their_bound_are_at_most_so_much(estimate):
+    assert estimate.to_dict()["bounded"] == {} and not list(bound_findings(estimate))
+    one = replace(estimate, bounded={"Fc(joint1)": (0.131, 0.08)})
+    (finding,) = bound_findings(one)
+    assert finding.text.startswith("Fc(joint1) is at its bound of zero: at most 0.13 N m (95 %).")
+    assert not finding.doubt and finding.place.joints == ("joint1",) and finding in findings(one)
+    assert one.to_dict()["bounded"] == {"Fc(joint1)": {"at_most": 0.131, "std_free": 0.08}}
+    (finding,) = bound_findings(replace(one, bounded={"Fc(joint1)": (0.131, 0.08), "Ia(joint2)": (0.02, 0.01)}))
+    assert "Fc(joint1), Ia(joint2) are at their bound of zero: at most 0.13 N m, 0.02 kg m² (95 %)" in finding.text
+
+
+def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
+    assert not with_words(estimate, "a tool?")
+    light = PENDULUM.known.copy()
+    light[-10:] *= 0.6
+    estimate = ident.identify(replace(PENDULUM, prior=light), sines(3, seconds=8, size=1))
+    (finding,) = with_words(estimate, "a tool? (experiments.payload)")
+    assert not finding.doubt and finding.place.bodies == ("link2",)
+    match = re.fullmatch(r"The last link carries (.*) ± (.*) kg more than the model.*", finding.text)
+    more, std = map(float, match.groups())
+    assert std < more / 2 and abs(more - 0.4 * PENDULUM.known[-10]) < 3 * std
+
+
+def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():
+    """A hand that the model lacks moves first moments of its arm, from which the masses would go too."""
+    bare = sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=NO_HAND)))
+    estimate = ident.identify(bare, log(seconds=8))
+    full = estimate.consistent()
+    assert full.attainable and (abs(np.log(full.phi[::10] / bare.known[::10]))[:7] < np.log(1.35)).all()
+    assert not any(finding.doubt for finding in with_words(estimate, "Masses beyond"))
