@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-BASES = {"double_pendulum": "base", "bowing": "foot", "humanoid": "pelvis"}
+BASES = {"double_pendulum": "base", "bowing": "foot", "humanoid": "pelvis", "arm": "base"}
 """Scenes, and the body of each whose frame is {0}."""
 
 NAMES = tuple(BASES)

@@ -1,6 +1,7 @@
 """Joint motions that excite the inertial parameters: sums of sinusoids in acceleration, integrated."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -8,6 +9,24 @@ from ident.errors import InputError
 
 NOISE_INTERVAL = 0.01
 """Time in s over which one draw of acceleration noise is held."""
+
+
+Trajectory = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""q in rad, q̇ in rad/s and q̈ in rad/s² of samples, each (N, n)."""
+
+
+class DesiredMotion(Protocol):
+    """A motion that servos follow: an `Excitation`, or `sim.motion.trapezoids.Trapezoids`."""
+
+    @property
+    def joints(self) -> int:
+        """Number of joints n."""
+
+    def trajectory(self, time: np.ndarray, rng: np.random.Generator | None = None) -> Trajectory:
+        """Positions, velocities and accelerations at increasing times; with a generator also their noise."""
+
+    def with_noise(self, factor: float) -> "DesiredMotion":
+        """The same motion with another level of noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +66,16 @@ class Excitation:
         if not (np.isfinite(self.noise) and self.noise >= 0):
             raise InputError(f"Acceleration noise needs a standard deviation of zero or more, got {self.noise} rad/s².")
 
-    def trajectory(
-        self, time: np.ndarray, rng: np.random.Generator | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    @property
+    def joints(self) -> int:
+        """Number of joints n."""
+        return len(self.offset)
+
+    def with_noise(self, factor: float) -> "Excitation":
+        """The same with acceleration noise that is larger by a factor."""
+        return replace(self, noise=factor * self.noise)
+
+    def trajectory(self, time: np.ndarray, rng: np.random.Generator | None = None) -> Trajectory:
         """Positions, velocities and accelerations.
 
         Args:

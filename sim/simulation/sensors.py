@@ -113,4 +113,6 @@ def _sensor(model: mujoco.MjModel, i: int) -> Sensor:
     if kind in _JOINT_UNITS:
         slide = model.jnt_type[model.sensor_objid[i]] == mujoco.mjtJoint.mjJNT_SLIDE
         unit = ("m" if slide else "rad") + _JOINT_UNITS[kind]
+    elif kind == mujoco.mjtSensor.mjSENS_JOINTACTFRC:
+        unit = "N" if model.jnt_type[model.sensor_objid[i]] == mujoco.mjtJoint.mjJNT_SLIDE else "N m"
     return Sensor(name, unit, slice(start, start + model.sensor_dim[i]), float(model.sensor_noise[i]), dof)

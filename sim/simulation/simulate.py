@@ -15,13 +15,13 @@ from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording
 from sim.models.names import joint_name
 from sim.models.refusals import refusals
-from sim.motion.excitation import Excitation
+from sim.motion.excitation import DesiredMotion
 from sim.simulation.rollout import play, steps_per_sample
 from sim.simulation.sensors import QUATERNION, sensors
 from sim.simulation.servos import servos
 
 RATE = 100.0
-"""Samples per second of a recording."""
+"""Samples per second of a recording, unless others are asked for."""
 
 SAMPLES = 943
 """Samples of the paper's recordings: 4715 / 5 and 5658 / 6 rows."""
@@ -44,13 +44,14 @@ TOGETHER = 4
 
 def simulate(
     spec: mujoco.MjSpec,
-    excitation: Excitation,
+    excitation: DesiredMotion,
     *,
     samples: int = SAMPLES,
     seed: int = 0,
     noise_scale: float = 1.0,
+    rate: float = RATE,
 ) -> Recording:
-    """Runs a scene along an excitation and records all its sensors at `RATE`.
+    """Runs a scene along an excitation and records all its sensors.
 
     Every servo must be a position actuator; the i-th one follows the i-th column of the excitation.
 
@@ -60,6 +61,7 @@ def simulate(
         samples: Number of samples N.
         seed: Seed of the excitation's and of the sensors' noise.
         noise_scale: Factor on both kinds of noise; zero records the truth.
+        rate: Samples per second, Hz; the scene's timestep divides the time between two.
 
     Returns:
         The recording, true values included. Its provenance gives the scene's hash, the excitation, all other arguments
@@ -69,16 +71,17 @@ def simulate(
         ModelError: MuJoCo cannot compile the scene, or it has other actuators or sensors than are needed.
         InputError: An argument does not fit, or the servos lose the excitation.
     """
-    return simulate_many(spec, excitation, seeds=[seed], samples=samples, noise_scale=noise_scale)[0]
+    return simulate_many(spec, excitation, seeds=[seed], samples=samples, noise_scale=noise_scale, rate=rate)[0]
 
 
 def simulate_many(
     spec: mujoco.MjSpec,
-    excitation: Excitation,
+    excitation: DesiredMotion,
     *,
     seeds: Sequence[int],
     samples: int = SAMPLES,
     noise_scale: float = 1.0,
+    rate: float = RATE,
     threads: int | None = None,
 ) -> list[Recording]:
     """The recordings that `simulate` makes with several seeds, to the bit, in MuJoCo's thread pool.
@@ -89,6 +92,7 @@ def simulate_many(
         seeds: A seed for each recording.
         samples: Number of samples N.
         noise_scale: Factor on all noise.
+        rate: Samples per second, Hz.
         threads: Number of threads, without it one for each processor.
 
     Raises:
@@ -104,26 +108,28 @@ def simulate_many(
     with refusals("The scene"):
         model = spec.compile()
     scene = {"scene": spec.modelname, "scene_sha256": hashlib.sha256(spec.to_xml().encode()).hexdigest()}
-    settings = {"excitation": {key: np.asarray(x).tolist() for key, x in vars(excitation).items()}, "rate_hz": RATE}
-    disturbed = replace(excitation, noise=noise_scale * excitation.noise)
+    settings = {"excitation": {key: np.asarray(x).tolist() for key, x in vars(excitation).items()}, "rate_hz": rate}
+    disturbed = excitation.with_noise(noise_scale)
     recordings = []
     for first in range(0, len(seeds), TOGETHER * threads):
         batch = seeds[first : first + TOGETHER * threads]
         generators = [np.random.default_rng(seed).spawn(2) for seed in batch]
-        runs = _runs(model, disturbed, samples, [rng for rng, _ in generators], min(threads, len(batch)))
+        runs = _runs(model, disturbed, (samples, rate), [rng for rng, _ in generators], min(threads, len(batch)))
         for seed, (_, rng), readings, error in zip(batch, generators, *runs, strict=True):
             given = {"samples": samples, "seed": int(seed), "noise_scale": noise_scale}
             origin = scene | settings | given | {"tracking_error_rad": float(error)}
-            recordings.append(with_noise(_exact(model, readings, noise_scale, origin), rng))
+            recordings.append(with_noise(_exact(model, readings, rate, noise_scale, origin), rng))
     return recordings
 
 
-def _exact(model: mujoco.MjModel, readings: np.ndarray, noise_scale: float, provenance: dict[str, Any]) -> Recording:
+def _exact(
+    model: mujoco.MjModel, readings: np.ndarray, rate: float, noise_scale: float, provenance: dict[str, Any]
+) -> Recording:
     """The recording of all sensors' exact readings (N, nsensordata)."""
     declared = sensors(model)
     true = {s.name: readings[:, s.part.start] if s.is_scalar else readings[:, s.part] for s in declared}
     return Recording(
-        time=np.arange(len(readings)) / RATE,
+        time=np.arange(len(readings)) / rate,
         measured=true,
         true=true,
         units={s.name: s.unit for s in declared},
@@ -150,11 +156,16 @@ def with_noise(recording: Recording, rng: np.random.Generator) -> Recording:
 
 
 def _runs(
-    model: mujoco.MjModel, excitation: Excitation, samples: int, rngs: Sequence[np.random.Generator], threads: int
+    model: mujoco.MjModel,
+    excitation: DesiredMotion,
+    sampling: tuple[int, float],
+    rngs: Sequence[np.random.Generator],
+    threads: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sensor readings (B, N, nsensordata) and largest tracking errors in rad (B,), one run for each generator."""
-    steps, lead = steps_per_sample(model, RATE), round(LEAD_IN / model.opt.timestep)
-    driven = servos(model, len(excitation.offset))
+    samples, rate = sampling
+    steps, lead = steps_per_sample(model, rate), round(LEAD_IN / model.opt.timestep)
+    driven = servos(model, excitation.joints)
     instants = lead + steps * np.arange(samples)
     time = np.arange(-lead, instants[-1] - lead + 1) * model.opt.timestep
     desired = [Motion(*excitation.trajectory(time, rng)) for rng in rngs]

@@ -10,6 +10,7 @@ from ident.errors import ModelError
 from ident.model.regressor import base_wrench_regressor
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.motion.trapezoids import Trapezoids
 from sim.simulation.sensors import sensors
 from sim.simulation.simulate import RATE, SAMPLES, simulate, with_noise
 
@@ -135,3 +136,15 @@ def test_a_user_sensor_must_belong_to_a_joint():
     sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_BODY, "link1"
     with pytest.raises(ValueError, match="'joint1_acceleration' must report one number of a hinge"):
         simulate(spec, DOUBLE_PENDULUM, samples=1)
+
+
+def test_an_arm_follows_moves_at_another_rate():
+    spec, moves = scenes.load("arm"), Trapezoids.drawn(np.random.default_rng(0), 4, 2)
+    slow, fast = (simulate(spec, moves, samples=round(2 * rate), rate=rate, noise_scale=0) for rate in (100, 500))
+    assert fast.rate == pytest.approx(500) and fast.provenance["rate_hz"] == 500
+    assert fast.provenance["tracking_error_rad"] < 0.01
+    for channel in ("elbow_position", "elbow_torque", "ground_force"):
+        np.testing.assert_array_equal(fast[channel][::5], slow[channel])
+    assert fast.units["elbow_torque"] == "N m"
+    with pytest.raises(ModelError, match="must divide"):
+        simulate(spec, moves, samples=10, rate=300)
