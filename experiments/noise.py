@@ -1,4 +1,4 @@
-"""What noise on the joint sensors does to each estimator: biases, spreads, and how often intervals hold the truth."""
+"""Biases and spreads of estimators with noisy sensors, friction and bad motions, and coverage of their intervals."""
 
 import argparse
 
@@ -18,6 +18,12 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--seed", type=options.whole_number(0), default=0, help="seed of all noise")
     out.add_argument(
         "--recordings", type=options.whole_number(2, 100_000), default=5, help="recordings of each kind of noise"
+    )
+    out.add_argument(
+        "--conditions",
+        nargs="+",
+        metavar="NAME",
+        help="conditions to look at, by default all of them; a wrong name lists them",
     )
     options.add_workers(out)
     return out

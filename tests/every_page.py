@@ -32,10 +32,10 @@ from experiments import (
 from experiments import noise as noise_command
 from experiments.__main__ import main as everything
 from experiments.benchmark.__main__ import main as benchmark
-from experiments.output import human_report, noise_report
+from experiments.output import human_report, noise_figure, noise_report
 from experiments.output.page import PAGE
 from experiments.runs import workers
-from experiments.studies import noise
+from experiments.studies import noise, noise_estimators
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -83,12 +83,13 @@ def _angles(folder):
 def _noise(folder):
     """Quick estimators stand for the others."""
     some = {name: noise.CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
+    commanded, filtered = noise_estimators.commanded_instruments, noise_estimators.usual_filter
     cheap = {
-        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": noise.commanded_instruments},
-        "person": {"usual_filter": noise.usual_filter, "joint": noise.usual_filter},
+        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": commanded},
+        "person": {"usual_filter": filtered, "joint": filtered},
     }
     with pytest.MonkeyPatch.context() as patched:
-        for module in (noise, noise_report):
+        for module in (noise, noise_report, noise_figure):
             patched.setattr(module, "CONDITIONS", some)
             patched.setattr(module, "ESTIMATORS", cheap)
         return noise_command.main(["--recordings", "2", *_out(folder)])

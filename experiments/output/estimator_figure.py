@@ -5,7 +5,8 @@ from matplotlib.figure import Figure
 
 from experiments.output import figures
 from experiments.studies.competitors import USUAL, low_passed
-from experiments.studies.noisy_recordings import CONDITIONS, SUBJECTS, noisy_recording
+from experiments.studies.noise_conditions import CONDITIONS, SUBJECTS
+from experiments.studies.noisy_recordings import noisy_recording
 from ident.identification import identify
 
 CONDITION = "person_half_degree"

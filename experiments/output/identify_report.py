@@ -134,8 +134,10 @@ def data_lines(result: Estimate) -> list[str]:
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
     if result.joint is not None:
         fit = result.joint.fit
+        noise = "correlated" if result.joint.coloured else "white"
         filtered = (
-            f"trajectory by splines with knots {result.joint.step:.2g} s apart, {fit.status} in {len(fit.trace)} rounds"
+            f"trajectory by splines with knots {result.joint.step:.2g} s apart, {noise} noise in the weights, "
+            f"{fit.status} in {len(fit.trace)} rounds"
         )
     lines = [
         f"{samples} samples at {prepared.recording.rate:.4g} Hz, {filtered}; "
@@ -178,22 +180,33 @@ def text(result: Estimate) -> str:
 def held_out_figure(result: Estimate) -> Figure:
     """Measured and predicted channels on the held-out part."""
     held = result.held_out
+    # Nothing is drawn from one recording to the next, nor across a gap.
+    breaks = held.starts[1:]
+    time, measured, predicted = (
+        np.insert(x, breaks, np.nan, axis=0)
+        for x in (held.time, held.samples.measured, held.samples.measured - held.residual)
+    )
     with figures.paper_style():
         figure, axes = _panels(result)
         for k, ax in enumerate(axes):
-            ax.plot(held.time, held.samples.measured[:, k], color="black", lw=1.2, label="Measured")
-            ax.plot(
-                held.time,
-                held.samples.measured[:, k] - held.residual[:, k],
-                color="C1",
-                ls="--",
-                lw=0.8,
-                label="Predicted",
-            )
+            ax.plot(time, measured[:, k], color="black", lw=1.2, label="Measured")
+            ax.plot(time, predicted[:, k], color="C1", ls="--", lw=0.8, label="Predicted")
+            if result.near_reversals[:, k].any():
+                slow = np.insert(result.near_reversals[:, k].astype(float), breaks, 0)
+                ax.fill_between(
+                    time, 0, 1, where=slow > 0, transform=ax.get_xaxis_transform(), color="0.85", lw=0, zorder=0
+                )
             ax.set_ylabel(_label(result, k), labelpad=2)
             ax.margins(x=0)
         _finish(figure, axes, "Time (s)")
     return figure
+
+
+def _held_out_caption(result: Estimate) -> str:
+    caption = "Measured and predicted channels on the held-out part."
+    if result.near_reversals.any():
+        caption += " Grey: joints so slow that friction leaves their torques open."
+    return caption
 
 
 def spectra_figure(result: Estimate) -> Figure:
@@ -298,7 +311,7 @@ def results(result: Estimate, provenance: dict[str, Any], layout: Layout = PAPER
             "table_full_parameters": full_table(result),
         },
         figures={
-            "figure_held_out": (held_out_figure(result), "Measured and predicted channels on the held-out part."),
+            "figure_held_out": (held_out_figure(result), _held_out_caption(result)),
             "figure_parameters": (
                 parameters_figure(result, layout),
                 "Base parameters with 95 % intervals, and the model's own.",

@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 from experiments.studies.excitation import Problem
 from ident.errors import ModelError
 from ident.mechanism.motion import Motion
-from ident.parameters.prior import known_deviations
+from ident.parameters.prior import known_rows
 from sim.motion.excitation_design import Cost, States
 
 INVISIBLE = 1e-14
@@ -31,7 +31,7 @@ def known_root(problem: Problem) -> np.ndarray:
             "Deviations relative to what the model knows need a mass, and no body has one; choose --criterion "
             "determinant or condition."
         )
-    return np.linalg.qr(problem.parameters.regroup(np.diag(known_deviations(problem.mechanism.prior))))[1]
+    return np.linalg.qr(known_rows(problem.mechanism, problem.parameters))[1]
 
 
 def predicted_deviations(problem: Problem, motion: Motion) -> np.ndarray:

@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from ident.estimation.preparation import Prepared, prepared
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
@@ -84,8 +82,6 @@ def recorded(
 
 def _of_person(arm: Mechanism, person: Person) -> str:
     """A sentence on whose bodies the prior has."""
-    assert arm.prior_std is not None
-    known = np.isfinite(arm.prior_std.reshape(-1, 10)).all(axis=1)
-    bodies = ", ".join(name for name, is_known in zip(arm.bodies, known, strict=True) if is_known)
+    bodies = ", ".join(name for name in arm.bodies if name in arm.prior_known)
     whose = f"a {person.sex} person of {person.mass:g} kg and {person.height:g} m"
     return f"The model's {bodies} are taken from the table '{person.table}', of {whose}."

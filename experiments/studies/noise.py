@@ -1,9 +1,9 @@
-"""Estimators of base parameters, and what noise on the joint sensors does to each: errors over many recordings."""
+"""Errors of estimators of base parameters and drives over many recordings with bad motions and sensors."""
 
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -13,113 +13,82 @@ import numpy as np
 
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import worker_pool
-from experiments.studies import competitors
 from experiments.studies.errors import Errors
-from experiments.studies.noisy_recordings import CONDITIONS, SUBJECTS, Subject, noisy_recording
+from experiments.studies.noise_conditions import CONDITIONS
+from experiments.studies.noise_estimators import ESTIMATORS, LABELS, Case
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
-from ident.identification import identify
-from ident.mechanism.motion import Motion
-from ident.recordings.recording import Recording
 
 FILE = "fits.npz"
 """File in the output folder that keeps what every recording gave."""
 
-Found = tuple[np.ndarray, np.ndarray]
-"""Base parameters, and the standard deviations that the estimator says they have, each (r,)."""
 
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Answers of one estimator to the recordings of one condition.
 
-def identified(who: Subject, recording: Recording, estimator: str, cutoff: str | None = None) -> Found:
-    """By `ident.identify`, from all samples and without offsets."""
-    found = identify(who.mechanism, recording, estimator=estimator, cutoff=cutoff, offsets=False, holdout=0)
-    return found.psi, found.std
-
-
-def commanded_instruments(who: Subject, recording: Recording) -> Found:
-    """Instrumental variables: the regressor at measured states, the instruments at those the servos follow."""
-    motion = Motion(*recording.joint_states(who.mechanism.tree.joints))
-    return competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, who.commanded)
-
-
-def usual_filter(who: Subject, recording: Recording) -> Found:
-    """Least squares at states that a filter with the usual cut-off gives."""
-    motion, edge = competitors.low_passed(who.mechanism, recording, competitors.USUAL)
-    return competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=edge)
-
-
-def filtered_instruments(who: Subject, recording: Recording) -> Found:
-    """Instrumental variables: the regressor at those states, the instruments at states that are filtered more.
-
-    Nobody knows what a person's motion was meant to be, from which instruments without noise could be simulated.
+    Attributes:
+        errors: Errors of base parameters and drives, beside standard deviations by noise alone.
+        with_setup: The same errors, beside standard deviations with what is left open of the set-up; None of estimators
+            that search none.
+        true: True values, their means where bodies are drawn (p,).
+        setup: Names of the set-up deviations that each recording's answer reports.
     """
-    motion, _ = competitors.low_passed(who.mechanism, recording, competitors.USUAL)
-    instruments, edge = competitors.low_passed(who.mechanism, recording)
-    return competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, instruments, edge)
 
+    errors: Errors
+    with_setup: Errors | None
+    true: np.ndarray
+    setup: tuple[tuple[str, ...], ...]
 
-def cross_validated(who: Subject, recording: Recording) -> Found:
-    """Least squares at the states of splines by cross-validation."""
-    motion, edge = competitors.splined(who.mechanism, recording)
-    return competitors.instrumental(who.mechanism, who.parameters.kept, recording, motion, edge=edge)
+    @classmethod
+    def of(cls, answers: Sequence[Mapping[str, Any]]) -> "Outcome":
+        """Answers one below the other; all have the same parameters."""
+        names = tuple(answers[0]["names"])
+        error, std, true = (np.array([each[key] for each in answers]) for key in ("error", "std", "true"))
+        wide = [each["std_setup"] for each in answers]
+        with_setup = None if None in wide else Errors(names, error, np.array(wide))
+        setup = tuple(tuple(each["setup"]) for each in answers)
+        return cls(Errors(names, error, std), with_setup, true.mean(axis=0), setup)
 
-
-ESTIMATORS: Mapping[str, Mapping[str, Callable[[Subject, Recording], Found]]] = {
-    "pendulum": {
-        "ordinary": partial(identified, estimator="ordinary"),
-        "weighted": partial(identified, estimator="weighted"),
-        "instruments": commanded_instruments,
-        "joint": partial(identified, estimator="joint"),
-    },
-    "person": {
-        "usual_filter": usual_filter,
-        "instruments": filtered_instruments,
-        "spline": cross_validated,
-        "chosen_filter": partial(identified, estimator="weighted", cutoff="auto"),
-        "joint": partial(identified, estimator="joint"),
-    },
-}
-"""What is compared for each subject."""
-
-LABELS = {
-    "ordinary": "ordinary least squares",
-    "weighted": "weighted by channel",
-    "usual_filter": "cut-off at 6 Hz",
-    "chosen_filter": "cut-off from the data",
-    "spline": "cross-validated spline",
-    "instruments": "instrumental variables",
-    "joint": "joint estimate",
-}
-"""What readers call the estimators."""
+    @property
+    def reporting(self) -> float:
+        """Share of the recordings in whose answers a set-up deviation is reported."""
+        return float(np.mean([bool(names) for names in self.setup]))
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What the study found.
+    """Results of the study, by condition and estimator.
 
     Attributes:
-        errors: Errors of every condition's estimators.
-        refused: Sentences of the fits that were refused, by condition and estimator.
+        outcomes: Answers of every condition's estimators.
+        refused: Sentences of the fits that were refused.
         recordings: Number of recordings of each condition.
+        conditions: Names of the conditions that were looked at.
     """
 
-    errors: Mapping[tuple[str, str], Errors]
+    outcomes: Mapping[tuple[str, str], Outcome]
     refused: Mapping[tuple[str, str], Sequence[str]]
     recordings: int
+    conditions: tuple[str, ...]
+
+    @property
+    def joint(self) -> dict[str, Outcome]:
+        """The joint estimate's, by condition."""
+        return {name: self.outcomes[name, "joint"] for name in self.conditions if (name, "joint") in self.outcomes}
 
 
 def fits(seed: int, task: tuple[int, str]) -> list[str]:
-    """What a worker makes of a recording's number and a condition: a batch of one outcome, as JSON.
+    """A batch of one outcome, as JSON, of a recording's number and a condition: work for a worker.
 
-    The outcome has for every estimator the errors and the standard deviations it said, or why it refused.
+    The outcome has `Answer.to_dict` of every estimator, or why it refused.
     """
     number, name = task
-    condition = CONDITIONS[name]
-    who, recording = SUBJECTS[condition.subject], noisy_recording(condition, seed, number)
+    case = Case.drawn(CONDITIONS[name], seed, number)
     outcome: dict[str, Any] = {}
     for key in estimators(name):
         try:
-            psi, std = ESTIMATORS[condition.subject][key](who, recording)
-            outcome[key] = {"error": (psi - who.true).tolist(), "std": std.tolist()}
+            outcome[key] = ESTIMATORS[case.condition.subject][key](case).to_dict()
         except InputError as error:
             outcome[key] = {"refused": str(error)}
     return [json.dumps(outcome)]
@@ -131,45 +100,55 @@ def estimators(condition: str) -> tuple[str, ...]:
     return tuple(ESTIMATORS[looked_at.subject]) if looked_at.compared else ("joint",)
 
 
-def outcomes(args: argparse.Namespace) -> list[dict[str, Any]]:
+def chosen(names: Sequence[str] | None) -> tuple[str, ...]:
+    """Names of conditions in the order of `CONDITIONS`, all of them where none are named.
+
+    Raises:
+        InputError: There is no such condition.
+    """
+    if unknown := [name for name in names or () if name not in CONDITIONS]:
+        raise InputError(f"Conditions are {', '.join(CONDITIONS)}; got '{unknown[0]}'.")
+    return tuple(name for name in CONDITIONS if names is None or name in names)
+
+
+def outcomes(args: argparse.Namespace, conditions: Sequence[str]) -> list[dict[str, Any]]:
     """Outcomes of all tasks in their order, the same however many workers share them."""
-    todo = tasks(args.recordings)
-    identity = {"seed": args.seed, "conditions": {name: asdict(each) for name, each in CONDITIONS.items()}}
+    todo = tasks(args.recordings, conditions)
+    identity = {"seed": args.seed, "conditions": {name: asdict(CONDITIONS[name]) for name in conditions}}
     kept = Checkpoint("fits", args.out / FILE, identity)
     done = kept.done()[: len(todo)] if args.resume else []
     with worker_pool(max(1, min(args.workers, len(todo) - len(done))), args.scheduler, args.tls) as pool:
         work = partial(fits, args.seed)
         with closing(in_order(pool.executor, work, todo[len(done) :], ahead=pool.ahead)) as batches:
-            found = kept.collect(batches, len(todo), done)
-    return [json.loads(str(each)) for each in found]
+            collected = kept.collect(batches, len(todo), done)
+    return [json.loads(str(each)) for each in collected]
 
 
-def tasks(recordings: int) -> list[tuple[int, str]]:
+def tasks(recordings: int, conditions: Sequence[str]) -> list[tuple[int, str]]:
     """Numbers and conditions, all conditions of a recording's number one after the other."""
-    return [(number, name) for number in range(recordings) for name in CONDITIONS]
+    return [(number, name) for number in range(recordings) for name in conditions]
 
 
-def study(found: Iterable[Mapping[str, Any]], recordings: int) -> Study:
+def study(collected: Iterable[Mapping[str, Any]], recordings: int, conditions: Sequence[str]) -> Study:
     """Errors from the outcomes of all tasks; of estimators that refuse all recordings but one there are none.
 
     Raises:
         InputError: The joint estimate is one of them in every condition.
     """
-    gathered: dict[tuple[str, str], list[Found]] = {}
+    gathered: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     refused: dict[tuple[str, str], list[str]] = {}
-    for (_, name), outcome in zip(tasks(recordings), found, strict=True):
-        for key, one in outcome.items():
-            if "refused" in one:
-                refused.setdefault((name, key), []).append(one["refused"])
+    for (_, name), outcome in zip(tasks(recordings, conditions), collected, strict=True):
+        for key, answer in outcome.items():
+            before = gathered.setdefault((name, key), [])
+            if "refused" in answer:
+                refused.setdefault((name, key), []).append(answer["refused"])
+            elif before and before[0]["names"] != answer["names"]:
+                refused.setdefault((name, key), []).append("It identifies other parameters than the first recording.")
             else:
-                gathered.setdefault((name, key), []).append((np.array(one["error"]), np.array(one["std"])))
+                before.append(answer)
     for (name, key), sentences in refused.items():
         print(f"Refused {len(sentences)} times: {name}, {LABELS[key]}: {sentences[0]}", file=sys.stderr)
-    errors = {}
-    for (name, key), pairs in gathered.items():
-        error, std = (np.array(each) for each in zip(*pairs, strict=True))
-        if len(pairs) > 1:
-            errors[name, key] = Errors(SUBJECTS[CONDITIONS[name].subject].parameters.names, error, std)
-    if not any(key == "joint" for _, key in errors):
+    answered = {key: Outcome.of(answers) for key, answers in gathered.items() if len(answers) > 1}
+    if not any(key == "joint" for _, key in answered):
         raise InputError("The joint estimate refuses nearly every recording.")
-    return Study(errors, refused, recordings)
+    return Study(answered, refused, recordings, tuple(conditions))

@@ -1,149 +1,184 @@
-"""Recordings of a robot and of a person whose joint sensors are noisy in many ways."""
+"""Recordings of a robot, an arm and a person whose motions and sensors are bad in many ways."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
-from scipy.signal import lfilter
 
 import scenes
-from experiments.cli.defaults import SCENE
-from experiments.studies import paper
-from ident.mechanism.mechanism import Mechanism
+from experiments.studies.noise_conditions import SUBJECTS, Condition
+from experiments.studies.noise_processes import DRIFTS, autoregressive, quantised, student
+from experiments.studies.noise_truth import drawn_bodies
 from ident.mechanism.motion import Motion
-from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
+from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import STATES, Recording
-from sim.models.mechanism import mechanism
-from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
-from sim.simulation.simulate import RATE, simulate, with_noise
+from sim.motion.excitation import DesiredMotion, Excitation
+from sim.motion.trapezoids import Trapezoids
+from sim.simulation.sensors import sensors
+from sim.simulation.simulate import simulate, with_noise
 
 GROSS = 20.0
 """Standard deviation of outliers, in that of the noise."""
 
+FREQUENCIES, ANGLES = np.array([0.15, 0.31, 0.52, 0.78]), np.array([0.5, 0.38, 0.26, 0.16])
+"""Frequencies, Hz, and largest angles, rad, of the sinusoids of each joint, before either is drawn."""
 
-@dataclass(frozen=True, eq=False)
-class Subject:
-    """Who moves.
-
-    Attributes:
-        scene: Name of the scene.
-        base: Body whose frame is {0}.
-        excitation: The motion.
-        samples: Samples of a recording.
-    """
-
-    scene: str
-    base: str
-    excitation: Excitation
-    samples: int
-
-    @cached_property
-    def mechanism(self) -> Mechanism:
-        """The mechanism, with the true φ for its prior."""
-        return mechanism(scenes.load(self.scene), self.base)
-
-    @cached_property
-    def parameters(self) -> BaseParameters:
-        """Its base parameters."""
-        return structural_base_parameters(self.mechanism)
-
-    @cached_property
-    def true(self) -> np.ndarray:
-        """Their true values (r,)."""
-        return self.parameters.regroup(self.mechanism.known)
-
-    @property
-    def commanded(self) -> Motion:
-        """The motion that its servos are told to follow."""
-        return Motion(*self.excitation.trajectory(np.arange(self.samples) / RATE))
+GROUND = "ground_force", "ground_torque"
+"""Channels of the wrench on the base."""
 
 
-SUBJECTS: Mapping[str, Subject] = {
-    "pendulum": Subject(SCENE, "base", DOUBLE_PENDULUM, paper.SAMPLES),
-    "person": Subject("bowing", "foot", BOWING, 3000),
+def sinusoids(rng: np.random.Generator, joints: int, seconds: float) -> Excitation:
+    """Sums of four sinusoids for each joint, at frequencies, sizes and phases that are drawn, however long."""
+    frequency = FREQUENCIES * rng.uniform(0.9, 1.1, size=(joints, 4))
+    angles = ANGLES * rng.uniform(0.3, 1, size=(joints, 4))
+    amplitude = angles * (2 * np.pi * frequency) ** 2
+    return Excitation(np.zeros(joints), amplitude, frequency, rng.uniform(0, 2 * np.pi, size=(joints, 4)))
+
+
+MOTIONS: Mapping[str, Callable[[np.random.Generator, int, float], DesiredMotion]] = {
+    "sinusoids": sinusoids,
+    "trapezoids": Trapezoids.drawn,
 }
-"""The paper's double pendulum; and a person who bows for 30 s on a force plate, and whose angles alone are measured."""
-
-
-@dataclass(frozen=True)
-class Condition:
-    """How the sensors err. The wrench's noise is the scene's.
-
-    Attributes:
-        subject: One of `SUBJECTS`.
-        label: What readers call it.
-        scale: Factor on the noise of joint angles, velocities and accelerations.
-        decay: Correlation of the angles' noise from one sample to the next, that of an AR(1) process.
-        missing: Share of the instants that are not recorded.
-        outliers: Share of the angles, forces and torques that have `GROSS` errors besides.
-        compared: Whether all estimators are compared, not the joint one alone.
-    """
-
-    subject: str
-    label: str
-    scale: float = 1.0
-    decay: float = 0.0
-    missing: float = 0.0
-    outliers: float = 0.0
-    compared: bool = False
-
-
-CONDITIONS: Mapping[str, Condition] = {
-    "pendulum_x1": Condition("pendulum", "noise ×1", compared=True),
-    "pendulum_x3": Condition("pendulum", "noise ×3", scale=3, compared=True),
-    "pendulum_x10": Condition("pendulum", "noise ×10", scale=10, compared=True),
-    "pendulum_ar80": Condition("pendulum", "noise ×3, AR 0.80", scale=3, decay=0.8),
-    "pendulum_ar95": Condition("pendulum", "noise ×3, AR 0.95", scale=3, decay=0.95),
-    "pendulum_missing": Condition("pendulum", "5 % missing", missing=0.05),
-    "pendulum_outliers": Condition("pendulum", "1 % outliers", outliers=0.01),
-    "person_half_degree": Condition("person", "noise 0.5°", compared=True),
-    "person_one_degree": Condition("person", "noise 1°", scale=2, compared=True),
-    "person_ar95": Condition("person", "noise 0.5°, AR 0.95", decay=0.95, compared=True),
-}
-"""What is looked at; at ×1 and 0.5° the noise is that of the scenes."""
+"""Motions that are drawn for each recording."""
 
 
 def noisy_recording(condition: Condition, seed: int, number: int) -> Recording:
     """One of many recordings; those of the same number differ between conditions by their sensors alone.
 
     Args:
-        condition: How the sensors err.
+        condition: Motion and sensors.
         seed: Seed of the whole study.
         number: Number of the recording.
     """
-    motions, sensors, faults = np.random.SeedSequence((seed, number)).spawn(3)
-    exact = _simulated(condition.subject, int(motions.generate_state(1)[0]))
+    exact, _ = exact_recording(condition, seed, number)
+    _, white, faults, others, _ = _seeds(seed, number)
     joints = SUBJECTS[condition.subject].mechanism.tree.joints
     states = {f"{joint}_{kind}" for joint in joints for kind in STATES}
-    angles = [f"{joint}_position" for joint in joints]
-    noise = {name: level * (condition.scale if name in states else 1) for name, level in exact.noise.items()}
-    recording = with_noise(replace(exact, noise=noise), np.random.default_rng(sensors))
-    measured, rng = dict(recording.measured), np.random.default_rng(faults)
-    if condition.decay:
-        for name in angles:
-            measured[name] = exact.true[name] + noise[name] * autoregressive(rng, exact.time.size, condition.decay)
-    for name in [*angles, "ground_force", "ground_torque"] if condition.outliers else ():
-        gross = (rng.random(measured[name].shape) < condition.outliers) * rng.normal(size=measured[name].shape)
-        measured[name] = measured[name] + GROSS * noise[name] * gross
-    there = rng.random(exact.time.size) >= condition.missing if condition.missing else slice(None)
+    factors = dict.fromkeys(states, condition.scale) | dict.fromkeys(GROUND, condition.wrench_scale)
+    noise = {name: level * factors.get(name, 1) for name, level in exact.noise.items()}
+    recording = with_noise(replace(exact, noise=noise), np.random.default_rng(white))
+    rng = np.random.default_rng(faults)
+    measured = _at_fault(recording, condition, rng)
+    measured = _unusual(replace(recording, measured=measured), condition, np.random.default_rng(others))
+    if not condition.missing:
+        return replace(recording, measured=measured)
+    there = rng.random(exact.time.size) >= condition.missing
     kept, true = ({name: x[there] for name, x in each.items()} for each in (measured, recording.true))
     return replace(recording, time=recording.time[there], measured=kept, true=true)
 
 
-def autoregressive(rng: np.random.Generator, samples: int, decay: float) -> np.ndarray:
-    """Noise of variance one, `x_k = ρ x_k-1 + √(1 - ρ²) u_k` with white u (N,)."""
-    u = rng.normal(size=samples)
-    u[1:] *= np.sqrt(1 - decay**2)
-    return np.asarray(lfilter([1.0], [1.0, -decay], u))
+def exact_recording(condition: Condition, seed: int, number: int) -> tuple[Recording, Motion | None]:
+    """The same recording without noise, and its motion where velocities and accelerations are known."""
+    who = SUBJECTS[condition.subject]
+    own = int(_seeds(seed, number)[0].generate_state(1)[0])
+    if who.excitation is None:
+        drawn = condition.motion, condition.rate, condition.rubs, condition.sensors
+        recording, motion = _drawn_motion(condition.subject, condition.length, own, *drawn)
+    else:
+        # Without noise on the motion every one is the same.
+        recording = _motion(condition.subject, condition.length, own if who.excitation.noise else 0)
+        motion = _motion_of(recording, who.mechanism.tree.joints)
+    if not condition.drawn:
+        return recording, motion
+    assert motion is not None
+    return _of_bodies(recording, condition.subject, motion, true_bodies(condition, seed, number)), motion
 
 
-def _simulated(subject: str, seed: int) -> Recording:
-    """A simulation with noise on its motion; without, every one is the same."""
-    return _motion(subject, seed if SUBJECTS[subject].excitation.noise else 0)
+def true_bodies(condition: Condition, seed: int, number: int) -> np.ndarray:
+    """φ of the bodies that a recording is of (10 b,)."""
+    arm = SUBJECTS[condition.subject].mechanism
+    return drawn_bodies(arm, np.random.default_rng(_seeds(seed, number)[4])) if condition.drawn else arm.known
+
+
+def _seeds(seed: int, number: int) -> list[np.random.SeedSequence]:
+    """Seeds of a recording's motion, white noise, faults, other noise, and bodies."""
+    return np.random.SeedSequence((seed, number)).spawn(5)
+
+
+def _at_fault(recording: Recording, condition: Condition, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Channels with angle noise that is correlated, and with outliers."""
+    measured, noise = dict(recording.measured), recording.noise
+    angles = [f"{joint}_position" for joint in SUBJECTS[condition.subject].mechanism.tree.joints]
+    if condition.decay:
+        for name in angles:
+            drawn = autoregressive(rng, recording.time.size, condition.decay)
+            measured[name] = recording.true[name] + noise[name] * drawn
+    for name in [*angles, *GROUND] if condition.outliers else ():
+        gross = (rng.random(measured[name].shape) < condition.outliers) * rng.normal(size=measured[name].shape)
+        measured[name] = measured[name] + GROSS * noise[name] * gross
+    return measured
+
+
+def _unusual(recording: Recording, condition: Condition, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Channels with noise by Student's t, with drift beside it, and read in steps."""
+    measured, noise = dict(recording.measured), recording.noise
+    for name, true in recording.true.items() if condition.freedom else ():
+        if name in noise:
+            measured[name] = true + noise[name] * student(rng, true.shape, condition.freedom)
+    for name in GROUND if condition.drift else ():
+        measured[name] = measured[name] + noise[name] * DRIFTS[condition.drift](rng, measured[name].shape)
+    angles = [f"{joint}_position" for joint in SUBJECTS[condition.subject].mechanism.tree.joints]
+    steps = dict.fromkeys(angles, condition.steps[0]) | dict(zip(GROUND, condition.steps[1:], strict=True))
+    return {name: quantised(x, steps.get(name, 0.0)) for name, x in measured.items()}
+
+
+def _motion_of(recording: Recording, joints: Sequence[str]) -> Motion | None:
+    """The motion of a recording of all joint states."""
+    channels = [f"{joint}_{kind}" for joint in joints for kind in STATES]
+    known = all(name in recording.true for name in channels)
+    return Motion(*recording.noise_free.joint_states(joints)) if known else None
 
 
 @lru_cache(maxsize=2)
-def _motion(subject: str, seed: int) -> Recording:
+def _motion(subject: str, samples: int, seed: int) -> Recording:
     who = SUBJECTS[subject]
-    return simulate(scenes.load(who.scene), who.excitation, samples=who.samples, seed=seed)
+    assert who.excitation is not None
+    return simulate(scenes.load(who.scene), who.excitation, samples=samples, seed=seed)
+
+
+@lru_cache(maxsize=2)
+def _drawn_motion(
+    subject: str, samples: int, seed: int, motion: str, rate: float, rubs: bool, felt: tuple[str, ...]
+) -> tuple[Recording, Motion | None]:
+    """A recording without noise of a motion of its own, MuJoCo's where joints rub."""
+    who = SUBJECTS[subject]
+    spec, joints = scenes.load(who.scene), who.mechanism.tree.joints
+    desired = MOTIONS[motion](np.random.default_rng(seed), len(joints), samples / rate)
+    if rubs:
+        recording, exact = simulate(spec, desired, samples=samples, rate=rate, noise_scale=0), None
+    else:
+        exact = Motion(*desired.trajectory(np.arange(samples) / rate))
+        recording = _of_motion(subject, exact, rate)
+    channels = [f"{joint}_position" for joint in joints]
+    channels += [f"{joint}_torque" for joint in joints] if "torques" in felt else []
+    channels += GROUND if "wrench" in felt else []
+    true = {name: recording.true[name] for name in channels}
+    levels = {sensor.name: sensor.noise for sensor in sensors(spec.compile())}
+    noise = {name: levels[name] for name in channels}
+    return replace(recording, measured=true, true=true, noise=noise), exact
+
+
+def _of_motion(subject: str, motion: Motion, rate: float) -> Recording:
+    """Angles, torques and the wrench on the base of links that nothing disturbs."""
+    joints = SUBJECTS[subject].mechanism.tree.joints
+    angles = {f"{joint}_position": q for joint, q in zip(joints, motion.q.T, strict=True)}
+    empty = Recording(np.arange(len(motion)) / rate, angles | _loads(subject, motion))
+    return replace(empty, true=empty.measured)
+
+
+def _loads(subject: str, motion: Motion, phi: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    """The wrench on the base and the joint torques that a motion needs, of the model's links or of others."""
+    arm = SUBJECTS[subject].mechanism
+    phi = arm.known if phi is None else phi
+    wrench = base_wrench_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ phi
+    torques = joint_torque_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ phi
+    of_joints = {f"{joint}_torque": x for joint, x in zip(arm.tree.joints, torques.T, strict=True)}
+    return dict(zip(GROUND, (wrench[:, :3], wrench[:, 3:]), strict=True)) | of_joints
+
+
+def _of_bodies(recording: Recording, subject: str, motion: Motion, phi: np.ndarray) -> Recording:
+    """The same motion of other bodies."""
+    loads = {name: x for name, x in _loads(subject, motion, phi).items() if name in recording.true}
+    true = {**recording.true, **loads}
+    return replace(recording, measured=true, true=true)

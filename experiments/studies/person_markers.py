@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from experiments.studies.noisy_recordings import autoregressive
+from experiments.studies.noise_processes import autoregressive
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion

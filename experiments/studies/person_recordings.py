@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import scenes
-from experiments.studies.noisy_recordings import autoregressive
+from experiments.studies.noise_processes import autoregressive
 from experiments.studies.person_faults import CAREFUL, Faults
 from experiments.studies.person_markers import from_markers
 from ident.geometry.inertia import com_from_parameters, parameters_from_com

@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 import scenes
 from experiments.studies import criteria, excitation
@@ -13,6 +14,7 @@ from ident.estimation.least_squares import least_squares
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import pose
 from ident.mechanism.motion import Motion
+from ident.parameters.prior import body_covariance
 from ident.recordings.wrench import transform_covariance
 from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -58,16 +60,10 @@ def test_what_a_model_knows_is_carried_through_the_regrouping(pendulum):
     B[:, list(base.dependent)] = base.beta
     np.testing.assert_allclose(B @ phi, base.regroup(phi))
     L = criteria.known_root(pendulum)
-    std = criteria.known_deviations(phi)
-    np.testing.assert_allclose(L.T @ L, B @ np.diag(std**2) @ B.T, atol=1e-14)
+    S = block_diag(*(body_covariance(own) for own in phi.reshape(-1, 10)))
+    np.testing.assert_allclose(L.T @ L, B @ S @ B.T, atol=1e-14)
     m1 = np.sqrt(np.sum((0.2 * phi[::10]) ** 2))
     assert np.linalg.norm(L, axis=0)[0] == pytest.approx(m1)
-
-
-def test_how_well_a_model_knows_a_body():
-    std = criteria.known_deviations(np.array([2.0, 0, 0, 1, 0.9, 0.4, 0.1, 0, 0, 0]))
-    np.testing.assert_allclose(std, [0.4, 0.1, 0.1, 0.1, 0.27, 0.12, 0.03, 0.18, 0.09, 0.06])
-    assert not criteria.known_deviations(np.zeros(10)).any()
 
 
 def test_what_is_known_counts_as_one_more_measurement(pendulum):

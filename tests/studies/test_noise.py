@@ -11,10 +11,13 @@ import pytest
 from commands import refusal
 
 from experiments.noise import main
-from experiments.output import noise_report
-from experiments.studies import competitors, noise
+from experiments.output import noise_figure, noise_report
+from experiments.studies import competitors, noise, noise_estimators
 from experiments.studies.errors import Errors
-from experiments.studies.noisy_recordings import CONDITIONS, SUBJECTS, Condition, autoregressive, noisy_recording
+from experiments.studies.noise_conditions import CONDITIONS, SUBJECTS, Condition
+from experiments.studies.noise_estimators import Answer, Case
+from experiments.studies.noise_processes import autoregressive
+from experiments.studies.noisy_recordings import noisy_recording
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 from ident.mechanism.motion import Motion
@@ -35,11 +38,10 @@ def states(who, recording):
 
 def found(condition, estimator, recordings):
     """Errors of Ixx2, in standard deviations that the estimator says it has (recordings,)."""
-    who = SUBJECTS[condition.subject]
-    out = []
+    estimate, out = noise.ESTIMATORS[condition.subject][estimator], []
     for number in range(recordings):
-        psi, std = noise.ESTIMATORS[condition.subject][estimator](who, noisy_recording(condition, 0, number))
-        out.append(((psi - who.true) / std)[IXX2])
+        answer = estimate(Case.drawn(condition, 0, number))
+        out.append(((answer.values - answer.true) / answer.std)[IXX2])
     return np.array(out)
 
 
@@ -130,13 +132,14 @@ def short(monkeypatch):
     """Half a minute of work in a second: others that are quick stand for the joint estimate."""
     kinds = ("pendulum_x1", "pendulum_x3", "person_half_degree")
     some = {name: CONDITIONS[name] for name in kinds}
+    commanded, filtered = noise_estimators.commanded_instruments, noise_estimators.usual_filter
     cheap = {
-        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": noise.commanded_instruments},
-        "person": {"usual_filter": noise.usual_filter, "joint": noise.usual_filter},
+        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": commanded},
+        "person": {"usual_filter": filtered, "joint": filtered},
     }
-    for module in (noise, noise_report):
+    for module in (noise, noise_report, noise_figure):
         monkeypatch.setattr(module, "CONDITIONS", some)
-        monkeypatch.setattr(module, "ESTIMATORS", cheap)
+        monkeypatch.setattr(module, "ESTIMATORS", cheap, raising=False)
 
 
 @pytest.mark.usefixtures("short", "here")
@@ -173,11 +176,12 @@ def test_more_recordings_may_follow_than_were_asked_for_at_first(tmp_path, capsy
 def test_what_an_estimator_refuses_is_counted(tmp_path, monkeypatch, capsys):
     asked = []
 
-    def refuses(who, recording):
-        asked.append(recording)
+    def refuses(case):
+        asked.append(case)
         if len(asked) % 3 == 0:
             raise InputError("No.")
-        return who.true + recording["ground_force"][0, 0], np.ones_like(who.true)
+        true = case.subject.true
+        return Answer(case.subject.parameters.names, true + case.recording["ground_force"][0, 0], np.ones(13), true)
 
     monkeypatch.setitem(noise.ESTIMATORS, "pendulum", {"joint": refuses})
     command = ["--out", str(tmp_path), "--recordings", "6"]
@@ -189,12 +193,12 @@ def test_what_an_estimator_refuses_is_counted(tmp_path, monkeypatch, capsys):
 
 def test_nothing_is_made_of_refusals_alone():
     with pytest.raises(InputError, match="The joint estimate refuses nearly every recording"):
-        noise.study([{"joint": {"refused": "No."}}] * len(CONDITIONS), 1)
+        noise.study([{"joint": {"refused": "No."}}] * len(CONDITIONS), 1, tuple(CONDITIONS))
 
 
 @pytest.mark.usefixtures("short")
 def test_any_number_of_workers_gives_the_same_numbers():
-    todo = noise.tasks(1)
+    todo = noise.tasks(1, noise.chosen(None))
     here = [noise.fits(0, task) for task in todo]
     with ThreadPoolExecutor(2) as executor:
         assert list(in_order(executor, partial(noise.fits, 0), reversed(todo))) == here[::-1]

@@ -156,7 +156,11 @@ def toml(values):
     [
         ('title = "Mine"', 'titel = "x"', "the study has no entry 'titel'; valid are excitation, figures"),
         ("tilt_deg", "tilt", r"\[scene\] has no entry 'tilt'; valid are model, base, tilt_deg"),
-        ('model = "double_pendulum"', 'model = "arm"', r"needs one of double_pendulum, bowing, humanoid, got 'arm'"),
+        (
+            'model = "double_pendulum"',
+            'model = "crane"',
+            r"needs one of double_pendulum, bowing, humanoid, arm, got 'crane'",
+        ),
         ('model = "double_pendulum"', 'model = "arm.xml"', "scene.model 'arm.xml' does not exist"),
         ('["pad"]', '["wall"]', "scene.contacts needs one of pad, handle, got 'wall'"),
         ("samples = 300", "samples = 1.5", "recording.samples needs a whole number of at least 1, got 1.5"),

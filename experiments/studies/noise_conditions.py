@@ -1,0 +1,187 @@
+"""Subjects and conditions of the study of noise: a row of `CONDITIONS` is all that a new one needs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+import scenes
+from experiments.cli.defaults import SCENE
+from experiments.studies import paper
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
+from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
+from sim.models.mechanism import mechanism
+from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
+from sim.simulation.simulate import RATE
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """Who moves.
+
+    Attributes:
+        scene: Name of the scene.
+        base: Body whose frame is {0}.
+        excitation: The motion; None where each recording has its own.
+        samples: Samples of a recording, unless the condition says otherwise.
+    """
+
+    scene: str
+    base: str
+    excitation: Excitation | None
+    samples: int
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The mechanism, with the true φ for its prior."""
+        return mechanism(scenes.load(self.scene), self.base)
+
+    @cached_property
+    def parameters(self) -> BaseParameters:
+        """Its base parameters."""
+        return structural_base_parameters(self.mechanism)
+
+    @cached_property
+    def true(self) -> np.ndarray:
+        """Their true values (r,)."""
+        return self.parameters.regroup(self.mechanism.known)
+
+    @property
+    def commanded(self) -> Motion:
+        """The motion that its servos are told to follow."""
+        assert self.excitation is not None
+        return Motion(*self.excitation.trajectory(np.arange(self.samples) / RATE))
+
+
+SUBJECTS: Mapping[str, Subject] = {
+    "pendulum": Subject(SCENE, "base", DOUBLE_PENDULUM, paper.SAMPLES),
+    "person": Subject("bowing", "foot", BOWING, 3000),
+    "arm": Subject("arm", "base", None, 1000),
+}
+"""The paper's double pendulum; a person who bows for 30 s on a force plate, and whose angles alone are measured; and an
+arm of four joints, of which angles are measured, and joint torques or the wrench on its base."""
+
+OPEN = {"known": False, "offsets": True}
+"""Identification with constant offsets, as is usual, and without what the model knows, which here is the truth."""
+
+DRIVEN = {**OPEN, "drive": ["rotor", "viscous", "coulomb"]}
+"""The same with rotor inertia and friction of every joint."""
+
+KNOWING = {**OPEN, "known": True}
+"""With what the model knows of its bodies, which are not the model's."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Motion and sensors of recordings. The noise is the scene's where nothing else is said.
+
+    Attributes:
+        subject: One of `SUBJECTS`.
+        label: What readers call it.
+        scale: Factor on the noise of joint angles, velocities and accelerations.
+        decay: Correlation of the angles' noise from one sample to the next, that of an AR(1) process.
+        missing: Share of the instants that are not recorded.
+        outliers: Share of the angles, forces and torques that have `GROSS` errors besides.
+        compared: Whether all estimators are compared, not the joint one alone.
+        motion: Motion drawn for each recording, one of `MOTIONS`; without one the subject's own.
+        rate: Samples per second; other rates than `RATE` for motions that are drawn alone.
+        samples: Samples of a recording, 0 for the subject's own number.
+        rubs: Whether joints rub and rotors count, as MuJoCo simulates them; else a motion that is drawn is exact.
+        sensors: Sensors of a subject whose motion is drawn, out of `wrench` and `torques`.
+        wrench_scale: Factor on the noise of forces and torques of the ground.
+        drift: Noise beside the white noise of the ground's wrench and as large, one of `DRIFTS`.
+        freedom: Degrees of freedom of Student's t by which all noise is distributed, 0 for normal noise.
+        steps: Steps in which angles (rad), forces (N) and torques (N m) are read, 0 for none.
+        drawn: Whether each recording's bodies are drawn from what is known of the model's.
+        options: Options of the joint estimate, `ident.identify`'s; by default neither offsets nor held-out samples.
+    """
+
+    subject: str
+    label: str
+    scale: float = 1.0
+    decay: float = 0.0
+    missing: float = 0.0
+    outliers: float = 0.0
+    compared: bool = False
+    motion: str = ""
+    rate: float = RATE
+    samples: int = 0
+    rubs: bool = False
+    sensors: tuple[str, ...] = ("wrench",)
+    wrench_scale: float = 1.0
+    drift: str = ""
+    freedom: float = 0.0
+    steps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    drawn: bool = False
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def length(self) -> int:
+        """Samples of a recording."""
+        return self.samples or SUBJECTS[self.subject].samples
+
+
+def _rubbing(label: str, motion: str, rate: float) -> Condition:
+    """An arm that rubs, for 20 s."""
+    return Condition(
+        *("arm", f"rubs, {label}"),
+        motion=motion,
+        rate=rate,
+        samples=round(20 * rate),
+        rubs=True,
+        sensors=("torques",),
+        options=DRIVEN,
+    )
+
+
+def _on_a_plate(label: str, motion: str, rate: float, seconds: float, **others: Any) -> Condition:
+    """An arm on a force plate, all but white noise exact."""
+    return Condition(
+        *("arm", label), motion=motion, rate=rate, samples=round(seconds * rate), **({"options": OPEN} | others)
+    )
+
+
+ENCODER = 2 * np.pi / 2**14
+"""Step of an encoder of 14 bits, rad."""
+
+CONDITIONS: Mapping[str, Condition] = {
+    "pendulum_x1": Condition("pendulum", "noise ×1", compared=True),
+    "pendulum_x3": Condition("pendulum", "noise ×3", scale=3, compared=True),
+    "pendulum_x10": Condition("pendulum", "noise ×10", scale=10, compared=True),
+    "pendulum_ar80": Condition("pendulum", "noise ×3, AR 0.80", scale=3, decay=0.8),
+    "pendulum_ar95": Condition("pendulum", "noise ×3, AR 0.95", scale=3, decay=0.95),
+    "pendulum_missing": Condition("pendulum", "5 % missing", missing=0.05),
+    "pendulum_outliers": Condition("pendulum", "1 % outliers", outliers=0.01),
+    "person_half_degree": Condition("person", "noise 0.5°", compared=True),
+    "person_one_degree": Condition("person", "noise 1°", scale=2, compared=True),
+    "person_ar95": Condition("person", "noise 0.5°, AR 0.95", decay=0.95, compared=True),
+    "rubs_sinusoids_200": _rubbing("sinusoids, 200 Hz", "sinusoids", 200),
+    "rubs_trapezoids_100": _rubbing("trapezoids, 100 Hz", "trapezoids", 100),
+    "rubs_trapezoids_500": _rubbing("trapezoids, 500 Hz", "trapezoids", 500),
+    "trapezoids_100": _on_a_plate("trapezoids, 100 Hz", "trapezoids", 100, 10),
+    "trapezoids_500": _on_a_plate("trapezoids, 500 Hz", "trapezoids", 500, 10),
+    "trapezoids_1000": _on_a_plate("trapezoids, 1000 Hz", "trapezoids", 1000, 10),
+    "flicker": _on_a_plate("white and 1/f, 12 s", "sinusoids", 100, 12, drift="flicker"),
+    "random_walk": _on_a_plate("white and walk, 12 s", "sinusoids", 100, 12, drift="walk"),
+    "quantised": Condition("pendulum", "steps of 0.3 N", steps=(ENCODER, 0.3, 0.03), options=OPEN),
+    "quantised_alone": _on_a_plate(
+        *("steps of 0.3 N, noise ×0.1", "sinusoids", 100, 10),
+        scale=0.1,
+        wrench_scale=0.1,
+        steps=(ENCODER, 0.3, 0.03),
+    ),
+    "student": Condition("pendulum", "Student's t, 3 d.f.", freedom=3, options=OPEN),
+    "short": _on_a_plate("180 samples", "sinusoids", 100, 1.8),
+    "torques_and_wrench": _on_a_plate(
+        "torques and wrench, 100 Hz", "sinusoids", 100, 10, sensors=("torques", "wrench")
+    ),
+    "bodies_drawn": Condition("pendulum", "bodies drawn", drawn=True, options=KNOWING),
+    "bodies_drawn_x10": Condition(
+        "pendulum", "bodies drawn, ×10, 1.5 s", scale=10, wrench_scale=10, samples=150, drawn=True, options=KNOWING
+    ),
+    "arm_drawn": _on_a_plate("bodies drawn, 3 s", "sinusoids", 100, 3, drawn=True, options=KNOWING),
+}
+"""Conditions of the study by name; at ×1 and 0.5° the noise is that of the scenes."""

@@ -1,0 +1,85 @@
+"""True values of what is identified: base parameters with what they take up of rotors, and drives."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from ident.estimation.equations import Equations
+from ident.estimation.samples import Samples
+from ident.geometry.inertia import com_from_parameters, parameters_from_com
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
+from ident.model.regressor import drive_names
+from ident.parameters.prior import KNOWN
+from sim.models.names import joint_name
+
+INSTANTS = 200
+"""Random states from which follows what base parameters take up of a rotor: some for each column."""
+
+TAKEN_UP = 1e-8
+"""Largest part of a unit column that base parameters may leave of it if they take it up."""
+
+
+def drawn_bodies(mechanism: Mechanism, rng: np.random.Generator) -> np.ndarray:
+    """φ of bodies drawn from what is known of a mechanism's, as in `ident.parameters.prior` (10 b,)."""
+    return np.concatenate([_drawn(phi, rng) for phi in mechanism.known.reshape(-1, 10)])
+
+
+def _drawn(phi: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """φ of a body whose mass, centre of mass and inertia about that err independently (10,)."""
+    mass, center, inertia = com_from_parameters(phi)
+    values, axes = np.linalg.eigh(inertia)
+    root = (axes * np.sqrt(np.maximum(values, 0))) @ axes.T
+    entries = rng.normal(size=(3, 3))
+    return parameters_from_com(
+        mass * (1 + KNOWN["mass"] * rng.normal()),
+        center + KNOWN["center"] * rng.normal(size=3),
+        inertia + KNOWN["inertia"] * root @ (entries + entries.T) @ root / 2,
+    )
+
+
+def drives(mechanism: Mechanism, model: mujoco.MjModel) -> dict[str, float]:
+    """Rotor inertia, viscous and Coulomb friction of every joint as a model states them, by the columns' names."""
+    addresses = {joint_name(model, j): int(model.jnt_dofadr[j]) for j in range(model.njnt)}
+    stated = {"rotor": model.dof_armature, "viscous": model.dof_damping, "coulomb": model.dof_frictionloss}
+    return {
+        name: float(values[addresses[joint]])
+        for kind, values in stated.items()
+        for name, joint in zip(drive_names(mechanism.tree, [kind]), mechanism.tree.joints, strict=True)
+    }
+
+
+def truth(equations: Equations, phi: np.ndarray, stated: Mapping[str, float]) -> np.ndarray:
+    """True values of base parameters and drives (r + d,).
+
+    A drive without a column of its own, as the rotor of a joint that turns a link about a fixed axis, is taken up by
+    base parameters: its column is a combination of theirs.
+
+    Args:
+        equations: Columns that were identified.
+        phi: φ of the bodies (10 b,).
+        stated: Values of all drives that there are, by name; none for joints without any.
+    """
+    own = np.r_[equations.parameters.regroup(phi), [stated[name] for name in equations.drives]]
+    others = [name for name in stated if name not in equations.drives]
+    if not others or not equations.torques:
+        return own
+    columns = _columns(replace(equations, drives=(*equations.drives, *others), offsets=()))
+    kept, taken = columns[:, : len(own)], columns[:, len(own) :]
+    sizes = np.linalg.norm(kept, axis=0)
+    combined = np.linalg.lstsq(kept / sizes, taken, rcond=None)[0] / sizes[:, None]
+    left = np.linalg.norm(taken - kept @ combined, axis=0)
+    # Friction that is not identified is not taken up, and is none of the parameters' truth.
+    is_taken = left < TAKEN_UP * np.linalg.norm(taken, axis=0)
+    return own + combined[:, is_taken] @ np.array([stated[name] for name in others])[is_taken]
+
+
+def _columns(equations: Equations) -> np.ndarray:
+    """Columns at random states, channel by channel (C N, columns)."""
+    rng, tree = np.random.default_rng(0), equations.mechanism.tree
+    motion = Motion(*rng.uniform(-1, 1, size=(3, INSTANTS, len(tree.freedoms))))
+    samples = Samples(motion, np.zeros((INSTANTS, len(equations.channels))))
+    blocks = [block[:-1].reshape(len(block) - 1, -1).T.copy() for block in equations.rows(samples)]
+    return np.concatenate(blocks)
