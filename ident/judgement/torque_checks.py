@@ -18,6 +18,7 @@ from ident.mechanism.body import BASE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
+from ident.parameters.prior import known_roots
 from ident.tolerances import DRIVE, SINGULAR
 
 FRICTION, SLOW = ("viscous", "coulomb"), "stribeck"
@@ -33,6 +34,11 @@ SCALE, ALIKE = 3.0, 0.8
 """Factor between measured and predicted torque from which a unit or a gear is missing, where they are alike: where that
 share of the variance of one is explained by the other."""
 
+FAR = 2.0
+"""How many times as far as bodies may be from the model's a torque has to be from it to be of another unit. One that is
+nearer may as well be of another body: the torque of a real wrist whose centre of mass is 55 mm from its joint, 5 mm in
+its model, is 11.6 times the model's."""
+
 MISSING = 0.5
 """Share of the residual that has to vanish if a body is not carried."""
 
@@ -47,6 +53,7 @@ class TorqueCheck:
         error: Relative error, over the prediction's size.
         error_flipped: The same with the opposite sign.
         alike: Share of the measured variance that the prediction explains at that gain.
+        far: Difference of the two over what it is from bodies as uncertain as a model's usually are, both RMS.
     """
 
     joint: str
@@ -54,6 +61,7 @@ class TorqueCheck:
     error: float
     error_flipped: float
     alike: float
+    far: float
 
     @property
     def flipped(self) -> bool:
@@ -62,8 +70,8 @@ class TorqueCheck:
 
     @property
     def scaled(self) -> bool:
-        """Whether it is the predicted one in another unit."""
-        return self.alike > ALIKE and not 1 / SCALE < abs(self.gain) < SCALE
+        """Whether it is the predicted one in another unit, and no other bodies explain it."""
+        return self.alike > ALIKE and self.far > FAR and not 1 / SCALE < abs(self.gain) < SCALE
 
 
 @dataclass(frozen=True)
@@ -113,29 +121,35 @@ def torque_checks(prepared: Prepared) -> TorqueChecks | None:
     samples = prepared.samples[slice(edge, number - edge, max(1, number // ENOUGH))]
     motion, first = samples.motion, len(prepared.equations.channels) - len(felt)
     Y = joint_torque_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity, base=motion.base)[:, felt]
-    every = np.einsum("ntbp,bp->bnt", Y.reshape(*Y.shape[:2], -1, 10), mechanism.known.reshape(-1, 10))
+    by_body = Y.reshape(*Y.shape[:2], -1, 10)
     measured = _without_drives(samples.measured[:, first:], motion, felt)
-    of_bodies = np.stack([_without_drives(x, motion, felt) for x in every])
-    predicted = of_bodies.sum(axis=0)
-    checks = [_check(mechanism.tree.freedoms[k], m, p) for k, m, p in zip(felt, measured.T, predicted.T, strict=True)]
+    of_bodies = _without_drives(np.einsum("ntbp,bp->ntb", by_body, mechanism.known.reshape(-1, 10)), motion, felt)
+    uncertain = _without_drives(
+        np.einsum("ntbp,brp->ntbr", by_body, known_roots(mechanism)).reshape(*Y.shape), motion, felt
+    )
+    predicted, size = of_bodies.sum(axis=2), np.linalg.norm(uncertain, axis=(0, 2))
+    each = zip(felt, measured.T, predicted.T, size, strict=True)
+    checks = [_check(mechanism.tree.freedoms[k], *compared) for k, *compared in each]
     return TorqueChecks(tuple(checks), _absent(mechanism, measured - predicted, of_bodies))
 
 
-def _check(joint: str, measured: np.ndarray, predicted: np.ndarray) -> TorqueCheck:
-    """The torque of one joint (N,) against the prediction (N,)."""
+def _check(joint: str, measured: np.ndarray, predicted: np.ndarray, uncertain: float) -> TorqueCheck:
+    """The torque of one joint (N,) against the prediction (N,), of which so much is uncertain (its norm)."""
     size, whole = max(float(predicted @ predicted), 1e-300), max(float(measured @ measured), 1e-300)
     across = float(measured @ predicted)
-    error, flipped = (float(np.linalg.norm(measured - sign * predicted) / np.sqrt(size)) for sign in (1, -1))
-    return TorqueCheck(joint, across / size, error, flipped, across**2 / (size * whole))
+    error, flipped = (float(np.linalg.norm(measured - sign * predicted)) for sign in (1, -1))
+    errors = error / np.sqrt(size), flipped / np.sqrt(size)
+    return TorqueCheck(joint, across / size, *errors, across**2 / (size * whole), error / max(uncertain, 1e-300))
 
 
 def _absent(mechanism: Mechanism, residual: np.ndarray, of_bodies: np.ndarray) -> AbsentBody | None:
-    """The mounted body without which least is left of a residual (N, n); torques of all bodies (b, N, n)."""
-    tree, before, predicted = mechanism.tree, max(float((residual**2).sum()), 1e-300), of_bodies.sum(axis=0)
+    """The mounted body without which least is left of a residual (N, n); torques of all bodies (N, n, b)."""
+    tree, before, predicted = mechanism.tree, max(float((residual**2).sum()), 1e-300), of_bodies.sum(axis=2)
     by_factor = float((residual * predicted).sum() ** 2 / max(float((predicted**2).sum()), 1e-300)) / before
     found = []
     for i in _mounted(mechanism):
-        torque = of_bodies[[tree.inertial.index(k) for k in tree.carried(i) if k in tree.inertial]].sum(axis=0)
+        carried = [tree.inertial.index(k) for k in tree.carried(i) if k in tree.inertial]
+        torque = of_bodies[:, :, carried].sum(axis=2)
         found.append(AbsentBody(tree.names[i], 1 - float(((residual + torque) ** 2).sum()) / before, by_factor))
     return max(found, key=lambda each: each.explained, default=None)
 
@@ -152,14 +166,14 @@ def _mounted(mechanism: Mechanism) -> Iterator[int]:
 
 
 def _without_drives(torques: np.ndarray, motion: Motion, felt: list[int]) -> np.ndarray:
-    """Torques (N, k) without what offsets, friction and rotors of their joints would explain of them."""
-    out = torques.copy()
+    """Torques (N, k, ...) without what offsets, friction and rotors of their joints would explain of them."""
+    out = torques.reshape(*torques.shape[:2], -1).copy()
     for column, k in enumerate(felt):
         dq = motion.dq[:, k]
         rows = np.stack([np.ones_like(dq), dq, np.tanh(dq / SLIP), motion.ddq[:, k]], axis=1)
         rows = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-        out[:, column] -= rows @ np.linalg.lstsq(rows, torques[:, column], rcond=1e-10)[0]
-    return out
+        out[:, column] -= rows @ np.linalg.lstsq(rows, out[:, column], rcond=1e-10)[0]
+    return out.reshape(torques.shape)
 
 
 def lacking_drive(drives: Sequence[str], joint: str) -> list[str]:

@@ -92,9 +92,13 @@ def known_deviations(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -
 
 def known_rows(mechanism: Mechanism, parameters: BaseParameters, known: Mapping[str, float] = KNOWN) -> np.ndarray:
     """A root R of what is known of ψ beforehand, `B S Bᵀ = Rᵀ R` with ψ = B φ and S that of φ (10 b, r)."""
+    return (known_roots(mechanism, known) @ _of_bodies(parameters)).reshape(-1, parameters.rank)
+
+
+def known_roots(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -> np.ndarray:
+    """Roots of `known_covariances`, C = Rᵀ R (b, 10, 10)."""
     values, axes = np.linalg.eigh(known_covariances(mechanism, known))
-    roots = np.sqrt(np.maximum(values, 0))[:, :, None] * axes.swapaxes(1, 2)
-    return (roots @ _of_bodies(parameters)).reshape(-1, parameters.rank)
+    return np.sqrt(np.maximum(values, 0))[:, :, None] * axes.swapaxes(1, 2)
 
 
 def known_covariance(
