@@ -28,6 +28,9 @@ SETTLED, SETTLED_NOISE, SETTLED_MOTION = 0.02, 0.02, 0.1
 """Steps of θ, in its standard deviations, relative changes of the noise's, and steps of coefficients, in those of the
 coordinates, that end it."""
 
+SETTLED_EXPLORING = 0.005
+"""Change of the channels' noise, of its geometric mean, that ends an exploring fit: knots are judged by thrice that."""
+
 NEAR = 0.1
 """Steps of θ, in its standard deviations, from which it is smoothness that is waited for."""
 
@@ -203,7 +206,7 @@ def fit(
         selections: Which entries of θ each piece has as its own parameters; by default all have all.
         coloured: Whether noise may be correlated over time.
         kept: What of the noise is kept as at the start, out of `states`, `channels` and `jerk`; by default nothing.
-        explore: True where nobody asks for the shares of the pieces.
+        explore: True to end as soon as the channels' noise is found; nobody asks for the shares of the pieces then.
         executor: Where pieces are worked on, by default here.
         rounds: Rounds after which to give up.
         report: Called with every round.
@@ -232,6 +235,7 @@ def fit(
             noise = replace(noise, jerk=np.minimum(jerk, problem.smoothest(noise)))
             noise = replace(noise, **{name: getattr(at.noise, name) for name in kept})
             quiet = round_ >= white + coloured and _quiet(pieces, at, trace[-1], moves, noise)
+            quiet = quiet or (explore and round_ > 0 and _found(noise, at.noise))
             stalled = 0 if moved is not at else stalled + 1
             back = _leads_back(step[free], before[free], problem.precision(parts))
             at, before = replace(moved, noise=noise.midway(at.noise) if back else noise), step
@@ -393,6 +397,11 @@ def _quiet(pieces: Sequence[Piece], at: Start, step: float, moves: Sequence[np.n
         inside = piece.spline.within(piece.time[0], piece.time[-1])
         motion = max(motion, float(np.max(np.abs(move.reshape(-1, len(std))[inside]) / std, initial=0)))
     return step < SETTLED and motion < SETTLED_MOTION and noise.change(at.noise) < SETTLED_NOISE
+
+
+def _found(noise: Noise, before: Noise) -> bool:
+    """True where the channels' noise hardly changes any more, all together."""
+    return bool(abs(np.log(noise.channels / before.channels).mean()) < SETTLED_EXPLORING)
 
 
 def _leads_back(step: np.ndarray, before: np.ndarray, precision: np.ndarray) -> bool:

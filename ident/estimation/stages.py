@@ -38,12 +38,18 @@ EXPLORED = 6
 SMALLER = 0.985
 """Geometric mean of the channels' noise over that with half as many knots, from which denser ones are worth it."""
 
+MUCH = 0.7
+"""The same from which knots are made four times as dense at once, as where a joint rubs."""
+
 CORRELATED = 0.15
 """Correlation of a residual from one sample to the next from which denser knots, or correlated noise, are tried."""
 
 TRIES = 2
 """How often knots are tried that do not make noise smaller, where residuals are correlated over less than the distance
 of knots: of a touch one halving may follow as little as the other."""
+
+WEIGHED = 20
+"""Rounds after which white and correlated noise are compared, before the better one is fitted until it settles."""
 
 LEAST_PIECES, SHORTEST = 6, 2.0
 """Pieces that all recordings are cut into together at least, as some are predicted from the others, unless pieces would
@@ -90,15 +96,16 @@ class Stages:
             finest: Smallest distance of the knots, s.
         """
         best = last = self._begun(step, share)
+        parts = 2
         patience = TRIES if _jumps(best) else 1
         tries = patience if _correlated(best) else 0
         try:
             while tries and last.step > finest and last.fit.status != "interrupted":
-                last = self._denser(last, max(last.step / 2, finest), share)
+                last = self._denser(last, _next(last.step / parts, finest), share)
                 if last.fit.status == "interrupted":
                     return last
-                ratios = last.fit.noise.channels / best.fit.noise.channels
-                better = float(np.log(ratios).mean()) < np.log(SMALLER)
+                ratio = np.exp(np.log(last.fit.noise.channels / best.fit.noise.channels).mean())
+                parts, better = 4 if ratio < MUCH else 2, ratio < SMALLER
                 best, tries = (last, patience) if better else (best, tries - 1)
         except (ExcitationError, np.linalg.LinAlgError):
             pass
@@ -170,21 +177,21 @@ class Stages:
             estimate = self._opened(estimate)
         # Where the fit had not settled a drive may have been thought to be none.
         free = estimate.fit.free | self._is_drive
-        white = self._refitted(estimate.with_fit(replace(estimate.fit, free=free)), coloured=False)
+        white = self._refitted(estimate.with_fit(replace(estimate.fit, free=free)), coloured=False, rounds=WEIGHED)
         # What is correlated over less than the distance of knots is what they cannot follow.
         slow = (_correlation(white, white.step) > CORRELATED).any()
         if white.fit.status == "interrupted" or not slow or len(white.fit.pieces) < 2:
-            return white
+            return self._continued(white)
         try:
-            coloured = self._refitted(white, coloured=True)
+            coloured = self._refitted(white, coloured=True, rounds=WEIGHED)
         except (ExcitationError, np.linalg.LinAlgError):
-            return white
+            return self._continued(white)
         if coloured.fit.status == "interrupted":
             return coloured
         both = {"white": white, "coloured": coloured}
         least = np.minimum(white.fit.noise.channels, coloured.fit.noise.channels)
         errors = {name: prediction_errors(each.measurement, each.fit, least) for name, each in both.items()}
-        return replace(both[preferred(errors, "white")], errors=errors)
+        return self._continued(replace(both[preferred(errors, "white")], errors=errors))
 
     @cached_property
     def _is_drive(self) -> np.ndarray:
@@ -201,9 +208,15 @@ class Stages:
         opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
         return replace(estimate.with_fit(opened), reversals=reversals)
 
-    def _refitted(self, estimate: Joint, *, coloured: bool) -> Joint:
+    def _continued(self, estimate: Joint) -> Joint:
+        """The estimate fitted on until it settles."""
+        if estimate.fit.status != "stopped":
+            return estimate
+        return self._refitted(estimate, coloured=estimate.coloured, rounds=joint.ROUNDS - WEIGHED)
+
+    def _refitted(self, estimate: Joint, *, coloured: bool, rounds: int = joint.ROUNDS) -> Joint:
         fit = estimate.fit
-        rounds = 0 if fit.status == "interrupted" else joint.ROUNDS
+        rounds = 0 if fit.status == "interrupted" else rounds
         at = Start(fit.theta, fit.noise, fit.coefficients)
         again = self._refit(fit.pieces, fit.selections, coloured, estimate.reversals)(at, fit.free, rounds)
         again = replace(again, status="interrupted") if not rounds else again
@@ -281,6 +294,11 @@ class Stages:
 def _residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Measured less predicted channels of a piece (M, C)."""
     return piece.measured - predicted(measurement, piece, partial(piece.spline.evaluate, coefficients), theta)
+
+
+def _next(step: float, finest: float) -> float:
+    """A distance of knots, or the smallest where that is nearly as small."""
+    return finest if step < np.sqrt(2) * finest else step
 
 
 def _correlated(estimate: Joint) -> bool:
