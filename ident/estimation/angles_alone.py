@@ -111,7 +111,7 @@ def _without_outliers(local: Local, x: np.ndarray, stiffness: np.ndarray) -> np.
 
 
 def _outliers(residual: np.ndarray) -> np.ndarray:
-    """Which samples stick out between those before and after them, more than these do themselves (N,).
+    """Mask of the samples that stick out between those before and after them, more than these do themselves (N,).
 
     What an outlier bends a curve by is smooth, and so is what a curve leaves of a corner.
     """

@@ -166,7 +166,7 @@ def _sums(own: Filtered, taken: np.ndarray, equations: Equations) -> _Sums:
 
 
 def _counting(samples: Samples, equations: Equations) -> np.ndarray:
-    """Which measurements count: not the torques of joints that rub and hardly move (N, C)."""
+    """Mask of the measurements that count: not the torques of joints that rub and hardly move (N, C)."""
     counting = np.ones(samples.measured.shape, bool)
     if equations.drives:
         velocity = np.abs(samples.motion.dq[:, list(equations.torques)])

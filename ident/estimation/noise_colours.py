@@ -122,7 +122,7 @@ class _Draws:
         return cls(fit, chosen, responses, np.append(0.0, first * FACTOR ** np.arange(number)))
 
     def left(self) -> list[list[np.ndarray]]:
-        """What the fit leaves of draws, for each piece and stream (N, s, draws).
+        """Residuals that the fit leaves of draws, for each piece and stream (N, s, draws).
 
         Draws are of the coordinates' noise for each correlation time, of the channels', and of motions.
         """
@@ -159,7 +159,7 @@ class _Draws:
         return np.concatenate([out.reshape(N, s, -1), np.zeros((N, s, DRAWS))], axis=2)
 
     def _penalty_of_motions(self, rng: np.random.Generator, k: int) -> np.ndarray:
-        """What the penalty pulls at random motions of a piece's prior with: white jerk, summed up (size n, draws)."""
+        """Gradient of the penalty at random motions of a piece's prior: white jerk, summed up (size n, draws)."""
         spline, noise = self.fit.pieces[k].spline, self.fit.noise
         jerk = rng.normal(size=(spline.size, len(noise.jerk), DRAWS))
         c = jerk * np.sqrt(spline.step**5 / noise.jerk)[:, None]

@@ -95,7 +95,7 @@ def without_clipped(recording: Recording, mechanism: Mechanism) -> tuple[Recordi
 
 
 def _optional(name: str, tree: Tree) -> bool:
-    """Whether a channel may be missing: a contact needs all its components."""
+    """True where a channel may be missing: a contact needs all its components."""
     return name in COMPONENTS or name in tree.freedoms
 
 

@@ -1,4 +1,4 @@
-"""How much to smooth angles alone where they are to predict channels: as much as predicts the fitted ones best."""
+"""Choice of the time constant that smooths angles alone: the one by which the fitted channels are predicted best."""
 
 from collections.abc import Callable, Sequence
 from functools import cache

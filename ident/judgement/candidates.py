@@ -29,7 +29,7 @@ NEGLIGIBLE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """What candidates leave of the channels that one of them explains.
+    """Residuals of the candidates in the channels that one of them explains.
 
     Attributes:
         channels: Names of these channels (C,).
@@ -93,7 +93,7 @@ def candidate_findings(result: "Estimate") -> Iterator[Finding]:
 
 
 def _advice(result: "Estimate", candidates: Candidates, better: Collection[str]) -> str:
-    """What to take instead of an estimate to which some candidates are clearly better in a channel."""
+    """Advice on what to take instead of an estimate to which some candidates are clearly better in a channel."""
     if min(better, key=candidates.overall) == MODEL:
         return "keep the model"
     if result.condition_number < CONDITION_LIMIT:
@@ -107,7 +107,7 @@ def _advice(result: "Estimate", candidates: Candidates, better: Collection[str])
 
 
 def comparisons(result: "Estimate") -> Iterator[str]:
-    """How the estimate predicts beside the others, channel by channel, and which candidate is best."""
+    """Sentences on how the estimate predicts beside the others, channel by channel, and which candidate is best."""
     candidates = Candidates.of(result)
     others = [name for name in RIVALS.values() if name in candidates.ratios]
     if not others or not candidates.channels:

@@ -1,4 +1,4 @@
-"""What the sensors themselves did to a recording: ranges that ended, and steps that are coarse beside the noise."""
+"""Findings on sensors: ranges that ended, and steps that are coarse beside the noise."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -34,7 +34,7 @@ def clipped_findings(result: "Estimate") -> Iterator[Finding]:
 
 
 def _place(channel: str, log: int) -> Place:
-    """Where a clipped channel is: that of a contact belongs to its wrench."""
+    """Place of a clipped channel: that of a contact belongs to its wrench."""
     contact, _, _ = channel.rpartition(" ")
     return Place(wrenches=(contact,), log=log) if contact else Place(channels=(channel,), log=log)
 
@@ -86,6 +86,6 @@ def unit_of(log: Prepared, channel: str) -> str:
 
 
 def _is_hinge(log: Prepared, joint: str) -> bool:
-    """Whether a joint turns."""
+    """True for a joint that turns."""
     trees = [log.mechanism.tree, *([log.mechanism.carrier.tree] if log.mechanism.carrier else [])]
     return next((body.turns for tree in trees for body in tree.bodies if body.joint == joint), True)

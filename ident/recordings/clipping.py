@@ -78,7 +78,7 @@ def _runs(samples: np.ndarray) -> list[int]:
 
 
 def moves(samples: np.ndarray, q: np.ndarray) -> bool:
-    """Whether the mechanism moves while a signal reads a limit: otherwise it rests there.
+    """True where the mechanism moves while a signal reads a limit: otherwise it rests there.
 
     Args:
         samples: Which samples read it (N,).

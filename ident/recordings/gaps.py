@@ -18,7 +18,7 @@ def longest_step(stream: Sampled) -> float:
 
 
 def covered(recording: Recording, channels: Iterable[str]) -> np.ndarray:
-    """Whether common times lie in no gap of some channels (N,)."""
+    """Mask of the common times that lie in no gap of some channels (N,)."""
     inside = np.ones(len(recording.time), bool)
     for name in (name for name in channels if name in recording.streams):
         stream = recording.streams[name]

@@ -88,7 +88,7 @@ def white_noise(x: np.ndarray) -> np.ndarray:
 
 
 def at_rest(x: np.ndarray, largest: float) -> bool:
-    """Whether a coordinate rests, to within its resolution or its noise.
+    """True where a coordinate rests, to within its resolution or its noise.
 
     Args:
         x: Its samples, NaN where one is missing (N,).
