@@ -12,7 +12,7 @@ from ident.estimation.joint import Start
 from ident.estimation.least_noise import least_noise, rounding
 from ident.estimation.measurement import Measurement
 from ident.estimation.piece import Noise, Piece, channel_times
-from ident.recordings.resolution import FOURTH_DIFFERENCE, at_rest
+from ident.recordings.resolution import at_rest, white_noise
 
 REWEIGHTED = 4
 """Least-squares fits, each with the channels weighted by the residuals of the one before."""
@@ -161,7 +161,7 @@ def _first_noise(pieces: Sequence[Piece]) -> Noise:
     for kind in range(3):
         every = [x for piece in pieces if (x := piece.states[kind]) is not None]
         if every:
-            std[kind] = [_rough(columns) / FOURTH_DIFFERENCE for columns in zip(*(x.T for x in every), strict=True)]
+            std[kind] = [white_noise(*parts) for parts in zip(*(x.T for x in every), strict=True)]
     rests = np.where(_resting(pieces), AT_REST * spread.max(), 0.0)
     floor = np.tile(np.maximum(NOTHING * spread, rests), (3, 1))
     floor[0] = np.maximum(floor[0], rounding([piece.states[0] for piece in pieces]))
@@ -175,12 +175,6 @@ def _resting(pieces: Sequence[Piece]) -> np.ndarray:
     largest = float(np.max(np.nanmax(q, axis=0) - np.nanmin(q, axis=0)))
     each = [[at_rest(x, largest) for x in piece.states[0].T] for piece in pieces]
     return np.asarray(np.all(each, axis=0))
-
-
-def _rough(columns: Sequence[np.ndarray]) -> float:
-    """Standard deviation of the fourth differences of a coordinate in all pieces, over missing samples."""
-    fourth = np.concatenate([np.diff(x[np.isfinite(x)], 4) for x in columns])
-    return float(fourth.std()) if len(fourth) else 0.0
 
 
 def _alike(measurement: Measurement) -> tuple[int, ...]:

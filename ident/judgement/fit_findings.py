@@ -7,8 +7,8 @@ import numpy as np
 
 from ident.judgement.finding import Finding, Place
 from ident.judgement.halves import DISAGREE
-from ident.recordings.resolution import FOURTH_DIFFERENCE
-from ident.tolerances import LEFT, NORMAL_MAD, POOR, UNEXPLAINED
+from ident.recordings.resolution import white_noise
+from ident.tolerances import LEFT, POOR, UNEXPLAINED
 
 if TYPE_CHECKING:
     from ident.estimate import Estimate
@@ -102,7 +102,7 @@ def slow_residual_findings(result: "Estimate") -> Iterator[Finding]:
     fit = result.joint.fit
     large = {}
     for c, (channel, noise) in enumerate(zip(result.channels, fit.noise.channels, strict=True)):
-        fast = _fast_noise([piece.measured[:, c] for piece in fit.pieces])
+        fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
         if noise > FAR_ABOVE * max(fast, float(fit.noise.floor_channels[c])):
             times = noise / max(fast, TINIEST)
             large[channel] = f"{channel} {noise:.2g} ({'over 100' if times > 100 else f'{times:.0f}'} times)"
@@ -114,12 +114,6 @@ def slow_residual_findings(result: "Estimate") -> Iterator[Finding]:
             False,
             Place(channels=tuple(large)),
         )
-
-
-def _fast_noise(columns: Sequence[np.ndarray]) -> float:
-    """Standard deviation of white noise by the fourth differences of a channel, few jumps aside."""
-    fourth = np.concatenate([np.diff(x[np.isfinite(x)], 4) for x in columns])
-    return float(NORMAL_MAD * np.median(np.abs(fourth)) / FOURTH_DIFFERENCE) if len(fourth) else 0.0
 
 
 def quality_findings(ratios: Mapping[str, float], part: str) -> Iterator[Finding]:

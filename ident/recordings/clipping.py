@@ -86,7 +86,7 @@ def moves(samples: np.ndarray, q: np.ndarray) -> bool:
     """
     labels, number = ndimage.label(samples)
     spans = [span for (span,) in ndimage.find_objects(labels, number) if span.stop - span.start >= LASTS]
-    enough = STILL * np.ptp(q, axis=0) + BY_NOISE * white_noise(q)
+    enough = STILL * np.ptp(q, axis=0) + BY_NOISE * np.array([white_noise(x) for x in q.T])
     crossed = [(np.ptp(q[span], axis=0) > enough).any() for span in spans]
     # Of several times most have to be clipped.
     return bool(np.mean(crossed or [0.0]) > 1 / 2)

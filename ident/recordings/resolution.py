@@ -8,6 +8,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ident.tolerances import NORMAL_MAD
+
 UNIFORM = 1 / np.sqrt(12)
 """Standard deviation of an error that is anything within a step of one: that of rounding to a lattice."""
 
@@ -78,13 +80,18 @@ def quanta(columns: Iterable[np.ndarray]) -> np.ndarray:
     return np.array([quantum(x) for x in columns])
 
 
-def white_noise(x: np.ndarray) -> np.ndarray:
-    """Standard deviation of what of signals is white, by their fourth differences: at most that of their noise.
+def white_noise(*parts: np.ndarray, robust: bool = False) -> float:
+    """Standard deviation of the white part of a signal's noise, by its fourth differences.
 
     Args:
-        x: Samples (N,) or (N, k).
+        parts: Samples of each stretch of the signal, NaN where one is missing (N,).
+        robust: True to set few jumps aside.
     """
-    return np.asarray(np.diff(x, 4, axis=0).std(axis=0) / FOURTH_DIFFERENCE if len(x) > 4 else np.zeros(x.shape[1:]))
+    fourth = np.concatenate([np.diff(x[np.isfinite(x)], 4) for x in parts])
+    if not len(fourth):
+        return 0.0
+    spread = NORMAL_MAD * np.median(np.abs(fourth)) if robust else fourth.std()
+    return float(spread / FOURTH_DIFFERENCE)
 
 
 def at_rest(x: np.ndarray, largest: float) -> bool:
