@@ -23,9 +23,9 @@ from ident.estimation.late_start import with_long_delays, without_idle_delays
 from ident.estimation.left_out import prediction_errors, preferred
 from ident.estimation.measurement import Measurement
 from ident.estimation.physical import physical_fit
-from ident.estimation.piece import Piece, predicted
+from ident.estimation.piece import Piece
 from ident.estimation.preparation import Prepared
-from ident.estimation.restricted_likelihood import TINIEST
+from ident.estimation.residual_correlation import CORRELATED, correlated, correlation, jumps, residual
 from ident.estimation.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.estimation.sandwich import with_scatter
 from ident.estimation.setup_search import Refit, Search, searched
@@ -40,9 +40,6 @@ SMALLER = 0.985
 
 MUCH = 0.7
 """The same from which knots are made four times as dense at once, as where a joint rubs."""
-
-CORRELATED = 0.15
-"""Correlation of a residual from one sample to the next from which denser knots, or correlated noise, are tried."""
 
 TRIES = 2
 """How often knots are tried that do not make noise smaller, where residuals are correlated over less than the distance
@@ -97,8 +94,8 @@ class Stages:
         """
         best = last = self._begun(step, share)
         parts = 2
-        patience = TRIES if _jumps(best) else 1
-        tries = patience if _correlated(best) else 0
+        patience = TRIES if jumps(best) else 1
+        tries = patience if correlated(best) else 0
         try:
             while tries and last.step > finest and last.fit.status != "interrupted":
                 last = self._denser(last, _next(last.step / parts, finest), share)
@@ -179,7 +176,7 @@ class Stages:
         free = estimate.fit.free | self._is_drive
         white = self._refitted(estimate.with_fit(replace(estimate.fit, free=free)), coloured=False, rounds=WEIGHED)
         # What is correlated over less than the distance of knots is what they cannot follow.
-        slow = (_correlation(white, white.step) > CORRELATED).any()
+        slow = (correlation(white, white.step) > CORRELATED).any()
         if white.fit.status == "interrupted" or not slow or len(white.fit.pieces) < 2:
             return self._continued(white)
         try:
@@ -203,8 +200,8 @@ class Stages:
         own = [fit.theta[selected] for selected in fit.selections]
         places = list(zip(fit.pieces, fit.coefficients, own, strict=True))
         rates = [speeds(measurement, *place) for place in places]
-        residual = np.concatenate([_residual(measurement, *place) for place in places])
-        reversals = likeliest(measurement, residual, np.concatenate(rates), own[0])
+        left = np.concatenate([residual(measurement, *place) for place in places])
+        reversals = likeliest(measurement, left, np.concatenate(rates), own[0])
         opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
         return replace(estimate.with_fit(opened), reversals=reversals)
 
@@ -291,40 +288,9 @@ class Stages:
         return partial(_with_positive_drives, solve, self.measurement)
 
 
-def _residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Measured less predicted channels of a piece (M, C)."""
-    return piece.measured - predicted(measurement, piece, partial(piece.spline.evaluate, coefficients), theta)
-
-
 def _next(step: float, finest: float) -> float:
     """A distance of knots, or the smallest where that is nearly as small."""
     return finest if step < np.sqrt(2) * finest else step
-
-
-def _correlated(estimate: Joint) -> bool:
-    """True where a channel's residual is correlated from one sample to the next."""
-    return bool((_correlation(estimate, 0.0) > CORRELATED).any())
-
-
-def _jumps(estimate: Joint) -> bool:
-    """True where a channel's residual is correlated, but not over the distance of knots."""
-    near, far = _correlation(estimate, 0.0), _correlation(estimate, estimate.step)
-    return bool(((near > CORRELATED) & (far < CORRELATED)).any())
-
-
-def _correlation(estimate: Joint, time: float) -> np.ndarray:
-    """Correlation of the channels' residuals over a time, a sample at least, samples with slack aside (C,)."""
-    fit = estimate.fit
-    squares = np.full((2, len(fit.noise.channels)), [[0.0], [TINIEST]])
-    for piece, c, own in zip(fit.pieces, fit.coefficients, fit.selections, strict=True):
-        residual = _residual(estimate.measurement, piece, c, fit.theta[own])
-        clear = np.isfinite(residual)
-        if piece.slack is not None:
-            clear &= piece.slack < fit.noise.channels
-        residual = np.where(clear, residual, 0.0)
-        lag = max(1, round(time / float(np.median(np.diff(piece.when)))))
-        squares += [(residual[lag:] * residual[:-lag]).sum(axis=0), (residual**2).sum(axis=0)]
-    return np.asarray(squares[0] / squares[1])
 
 
 def _groups(measurement: Measurement, names: Sequence[str]) -> dict[str, np.ndarray]:
