@@ -15,6 +15,9 @@ from ident.recordings.resolution import UNIFORM, quanta
 LEAST = 1e-3
 """Smallest noise of a channel over its spread; few sensors are as good as that."""
 
+FLAT = 1e-6
+"""Spread of a joint torque, over the largest, up to which it is flat: a finger's is a thousandth of a hip's."""
+
 
 def least_noise(parts: Sequence[np.ndarray], channels: Sequence[str]) -> np.ndarray:
     """Smallest standard deviation of each channel's noise (C,).
@@ -45,4 +48,4 @@ def _beside_others(spread: np.ndarray, channels: Sequence[str]) -> np.ndarray:
     """Spreads (C,), that of a flat channel replaced by the largest of its kind: forces, moments or joint torques."""
     kinds = np.array([name[0] if name in COMPONENTS else "" for name in channels])
     largest = np.array([spread[kinds == kind].max() for kind in kinds])
-    return np.where(spread <= LEAST * largest, largest, spread)
+    return np.where(spread <= np.where(kinds == "", FLAT, LEAST) * largest, largest, spread)

@@ -27,6 +27,13 @@ def test_floors_are_those_of_spread_resolution_and_kind():
     np.testing.assert_allclose(floor, [of_fine, of_fine, 0.3 / np.sqrt(12), of_fine, of_fine], rtol=1e-6)
 
 
+def test_the_torque_of_a_finger_is_not_flat_beside_that_of_a_hip():
+    rng = np.random.default_rng(0)
+    torques = rng.normal(size=(1000, 3)) * [100.0, 0.05, 1e-5]
+    floor = least_noise([torques], ("hip", "finger", "unplugged"))
+    np.testing.assert_allclose(floor, LEAST * torques.std(axis=0)[[0, 1, 0]])
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_noise_is_no_less_than_that_of_rounding(seed):
     """Slow motions in coarse steps: what the fit leaves of them is far less than the steps make."""
