@@ -340,7 +340,7 @@ def _rivals(
     stated = _corrected(divided, joint.as_stated())
     held = stated.held_out([_model_as_it_came(replace(fit, equations=equations), stated.samples)])
     rank, prior = equations.parameters.rank, joint.fit.prior
-    known = prior.mean[:rank], prior.precision[:rank, :rank]
+    known = prior.mean[:rank], prior.known[:rank, :rank]
     others = not divided.apart and len(divided.fitted) > 2
     filtered = filtered_least_squares(divided.fitted, divided.judged, equations, known, others=others)
     left = replace(held, residual=held.samples.measured - np.concatenate(filtered.predicted))

@@ -59,11 +59,22 @@ class Prior(NamedTuple):
 
     Attributes:
         mean: Mean (p,).
-        precision: Precision, zero where nothing is known (p, p).
+        precision: Precision as it counts in the fit, zero where nothing is known (p, p).
+        weight: How many times over it counts there: residuals that are slow tell less than a fit takes them for.
     """
 
     mean: np.ndarray
     precision: np.ndarray
+    weight: float = 1.0
+
+    @property
+    def known(self) -> np.ndarray:
+        """Precision as it is known (p, p)."""
+        return self.precision / self.weight
+
+    def weighted(self, weight: float) -> "Prior":
+        """The same with another weight."""
+        return Prior(self.mean, weight * self.known, weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +140,7 @@ class JointFit:
     @cached_property
     def scatter(self) -> np.ndarray:
         """Covariance of the gradient, the priors' included (p, p)."""
-        return sum(self.scatter_shares, start=self.prior.precision)
+        return sum(self.scatter_shares, start=self.prior.weight * self.prior.precision)
 
     @cached_property
     def precision(self) -> np.ndarray:

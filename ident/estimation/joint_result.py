@@ -73,13 +73,13 @@ class Joint:
         held, free = self.is_setup & ~fit.free, fit.counted
         p, inverse = fit.precision, inverse_of_precision(fit.precision[np.ix_(free, free)])
         B = -inverse @ p[np.ix_(free, held)]
-        prior = np.sqrt(np.diag(fit.prior.precision)[held])
+        prior, weight = np.sqrt(np.diag(fit.prior.known)[held]), fit.prior.weight
         alone = np.zeros((held.sum(), len(held)))
         alone[:, held] = np.eye(held.sum())
         alone[:, free] = B.T
         known = np.outer(prior, prior)
-        J = (alone @ p @ alone.T) / known - np.eye(len(prior))
-        K = (alone @ fit.scatter @ alone.T) / known - np.eye(len(prior))
+        J = (alone @ p @ alone.T) / known - weight * np.eye(len(prior))
+        K = (alone @ fit.scatter @ alone.T) / known - weight**2 * np.eye(len(prior))
         u = (alone @ fit.gradient) / prior
         JK = np.linalg.solve(K + TINY * max(np.trace(K), 1.0) * np.eye(len(K)), J).T
         covariance = np.linalg.inv(JK @ J + np.eye(len(J)))

@@ -94,7 +94,7 @@ def likely_delay(fit: JointFit, measurement: Measurement, at: int) -> float:
     own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
     share = -(-sum(len(piece.when) for piece, _ in own) // COMPARED)
     pieces = [(FromAngles(measurement, piece, share), chosen) for piece, chosen in own]
-    number = int(FURTHEST / np.sqrt(fit.prior.precision[at, at]) / SPACING)
+    number = int(FURTHEST / np.sqrt(fit.prior.known[at, at]) / SPACING)
     delays = SPACING * np.arange(-number, number + 1)
 
     def left(T: float) -> list[float]:

@@ -83,7 +83,7 @@ def searched(
     fitted, deviations = first.fit, list(first.deviations)
     # All candidates together raise a false alarm as rarely as one test does.
     threshold = -float(special.ndtri(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
-    known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.precision), 1e-300))
+    known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.known), 1e-300))
     while len(deviations) < MOST_FOUND and fitted.status != "interrupted":
         left = np.flatnonzero(candidates & ~fitted.free)
         if not len(left):

@@ -31,7 +31,7 @@ def disagreement(joint: Joint) -> float | None:
     steps, covariances = [], []
     for half in (slice(0, first), slice(first, pieces)):
         part = fit.shares[half]
-        scatter = sum(fit.scatter_shares[half], start=fit.prior.precision / 2)
+        scatter = sum(fit.scatter_shares[half], start=fit.prior.weight * fit.prior.precision / 2)
         precision = sum((schur for schur, _ in part), start=fit.prior.precision / 2)
         right = sum((g for _, g in part), start=-fit.prior.precision @ (fit.theta - fit.prior.mean) / 2)
         # What only the other half has, as an offset of its own, is not fitted.
