@@ -1,10 +1,7 @@
 """OpenSim files with other inertias: masses, centres and inertias replaced in the file's own bytes, all else kept."""
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 
@@ -16,29 +13,10 @@ from sim.models.inertials import is_physical
 from sim.models.opensim.document import model_element
 from sim.models.opensim.frames import Frames
 from sim.models.opensim.mechanism import MOMENTS, OpenSimOrigin, body_parameters
+from sim.models.xml_places import Edit, Place, edited, root_of
 
-BODIES = ["OpenSimDocument", "Model", "BodySet", "objects", "Body"]
-"""The elements that a body stands in, itself included."""
-
-_TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*(/?)>""")
-
-
-@dataclass
-class _Element:
-    """Where an element stands in a file: bytes of its start, of what follows its start tag, and of its end tag."""
-
-    start: int
-    inside: int
-    end: int
-    closed: bool
-
-
-@dataclass
-class _BodyText:
-    """Where a body and what it states stand in a file."""
-
-    element: _Element
-    stated: dict[str, _Element] = field(default_factory=dict)
+BODIES = ("Model", "BodySet", "objects", "Body")
+"""The elements below the root that a body stands in, itself included."""
 
 
 def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray) -> None:
@@ -82,59 +60,31 @@ def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray) -> None:
 def _replaced(path: Path, bodies: Mapping[str, np.ndarray]) -> bytes:
     """The bytes of a file with other φ (10,) of some bodies."""
     data = path.read_bytes()
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
-        raise ModelError(f"{path}: a file in UTF-16 or UTF-32 cannot be written back; save it in UTF-8.")
-    places = _places(data)
-    edits = [edit for name, phi in bodies.items() for edit in _edits(places[name], phi)]
-    for first, last, words in sorted(edits, reverse=True):
-        data = data[:first] + words + data[last:]
-    return data
+    places: dict[str, Place] = {}
+    for body in root_of(path, data).below(*BODIES):
+        places.setdefault(body.attributes.get("name", "").strip(), body)
+    return edited(data, (edit for name, phi in bodies.items() for edit in _edits(data, places[name], phi)))
 
 
-def _edits(body: _BodyText, phi: np.ndarray) -> Iterator[tuple[int, int, bytes]]:
-    """What of a file's bytes, first and last, becomes what for a body's φ."""
+def _edits(data: bytes, body: Place, phi: np.ndarray) -> Iterator[Edit]:
+    """What of a file's bytes becomes what for a body's φ."""
     mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
     entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     numbers: dict[str, Sequence[float]] = {"mass": [mass], "mass_center": center.tolist()}
-    if "inertia" in body.stated or not any(tag.startswith("inertia_") for tag in body.stated):
+    if body.child("inertia") or not any(child.tag.startswith("inertia_") for child in body.children):
         numbers["inertia"] = entries.tolist()
     else:
         numbers |= {f"inertia_{key}": [x] for key, x in zip(MOMENTS, entries.tolist(), strict=True)}
+    missing = b""
     for tag, values in numbers.items():
         words = " ".join(repr(float(x)) for x in values).encode()
         whole = b"<" + tag.encode() + b">" + words + b"</" + tag.encode() + b">"
-        place = body.stated.get(tag)
+        place = body.child(tag)
         if place is None:
-            yield body.element.inside, body.element.inside, whole
+            missing += whole
         elif place.closed:
-            yield place.start, place.inside, whole
+            yield Edit(place.start, place.inside, whole)
         else:
-            yield place.inside, place.end, words
-
-
-def _places(data: bytes) -> dict[str, _BodyText]:
-    """Where the bodies of a file stand, and their children, by the bodies' names."""
-    parser, path, open_elements = expat.ParserCreate(), list[str](), list[_Element]()
-    bodies: dict[str, _BodyText] = {}
-    current: list[_BodyText] = []
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        at = parser.CurrentByteIndex
-        match = _TAG.match(data, at)
-        if match is None:
-            raise ModelError("A file whose elements come from entities cannot be written back; let OpenSim save it.")
-        element = _Element(at, match.end(), at, bool(match[1]))
-        path.append(tag)
-        open_elements.append(element)
-        if path == BODIES:
-            current[:] = [bodies.setdefault(attributes.get("name", "").strip(), _BodyText(element))]
-        elif path[:-1] == BODIES:
-            current[0].stated.setdefault(tag, element)
-
-    def end(_: str) -> None:
-        path.pop()
-        open_elements.pop().end = parser.CurrentByteIndex
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.Parse(data, True)
-    return bodies
+            yield Edit(place.inside, place.end, words)
+    if missing:
+        yield body.with_first(data, missing)

@@ -1,0 +1,120 @@
+"""Where elements stand in the bytes of an XML file, and files of which some bytes are replaced and all others kept."""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+from xml.parsers import expat
+
+from ident.errors import ModelError
+
+_TAG = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*(/?)>""")
+_ATTRIBUTE = re.compile(rb"""\s([^\s=/<]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_BLANK = re.compile(rb"\s*(?=<)")
+
+
+class Edit(NamedTuple):
+    """Bytes of a file, from the first to before the last, that become others."""
+
+    first: int
+    last: int
+    text: bytes
+
+
+@dataclass
+class Place:
+    """An element and where it stands in a file.
+
+    Attributes:
+        tag: Its tag.
+        attributes: Its attributes.
+        start: First byte of its start tag.
+        inside: First byte after its start tag.
+        end: First byte of its end tag; of an element without one that after its start tag.
+        closed: Whether it is an empty element, `<tag/>`, which has no end tag.
+        children: The elements in it.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    start: int
+    inside: int
+    end: int
+    closed: bool
+    children: list["Place"] = field(default_factory=list)
+
+    def child(self, tag: str) -> "Place | None":
+        """The first child with a tag, None without one."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def below(self, *tags: str) -> Iterator["Place"]:
+        """Elements that a path of tags leads to."""
+        if not tags:
+            yield self
+            return
+        for child in self.children:
+            if child.tag == tags[0]:
+                yield from child.below(*tags[1:])
+
+    def attribute(self, data: bytes, name: str) -> tuple[int, int] | None:
+        """First byte of an attribute's value and the first after it, None where the element has not got it."""
+        for match in _ATTRIBUTE.finditer(data, self.start, self.inside):
+            if match[1] == name.encode():
+                return match.span(2 if match[2] is not None else 3)
+        return None
+
+    def with_attributes(self, data: bytes, text: bytes) -> Edit:
+        """The edit that adds attributes, each after a blank, to the start tag."""
+        end = self.inside - (2 if self.closed else 1)
+        end = self.start + len(data[self.start : end].rstrip())
+        return Edit(end, end, text)
+
+    def with_first(self, data: bytes, text: bytes) -> Edit:
+        """The edit that puts text before the first child, on a line of its own if that child is."""
+        if self.closed:
+            end = self.start + len(data[self.start : self.inside - 2].rstrip())
+            return Edit(end, self.inside, b">" + text + b"</" + self.tag.encode() + b">")
+        blank = _BLANK.match(data, self.inside, self.end)
+        return Edit(self.inside, self.inside, (blank[0] if blank else b"") + text)
+
+
+def root_of(path: Path, data: bytes) -> Place:
+    """The root element of a file whose XML has been found well-formed, and where all that is in it stands.
+
+    Raises:
+        ModelError: The file is in an encoding of two bytes a letter, or has elements in entities.
+    """
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
+        raise ModelError(f"{path}: a file in UTF-16 or UTF-32 cannot be written back; save it in UTF-8.")
+    parser, open_elements = expat.ParserCreate(), [Place("", {}, 0, 0, len(data), False)]
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        at = parser.CurrentByteIndex
+        match = _TAG.match(data, at)
+        if match is None:
+            raise ModelError(
+                f"{path}: a file whose elements come from entities cannot be written back; save it with the elements "
+                "themselves, as the program it is from does."
+            )
+        place = Place(tag, attributes, at, match.end(), match.end(), bool(match[1]))
+        open_elements[-1].children.append(place)
+        open_elements.append(place)
+
+    def end(_: str) -> None:
+        place = open_elements.pop()
+        if not place.closed:
+            place.end = parser.CurrentByteIndex
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.Parse(data, True)
+    return open_elements[0].children[0]
+
+
+def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
+    """Bytes with edits, which do not overlap; those at one place stand in the order in which they come."""
+    parts, done = list[bytes](), 0
+    for first, last, text in sorted(edits, key=lambda edit: edit[:2]):
+        parts += [data[done:first], text]
+        done = last
+    return b"".join([*parts, data[done:]])
