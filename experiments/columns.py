@@ -19,7 +19,8 @@ def run(args: argparse.Namespace) -> None:
     out = args.out or files[0].with_name(files[0].name.partition(".")[0] + ".toml")
     if out.resolve() in {path.resolve() for path in (args.model, *files)}:
         raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
-    arm = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=options.fixed(args.fix))
+    fix, ignore = options.fixed(args.fix), tuple(args.ignore)
+    arm = mechanism(args.model, args.base, ignore=ignore, fix=fix, packages=args.packages)
     log, belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args))
     write_mapping(out, log, belief, arm.joints, force=args.force)
     lines = [*log.told(), "", *table(log, belief)]
@@ -36,6 +37,7 @@ def _identify(args: argparse.Namespace, columns: Path, *, gaps: bool) -> str:
     words = ["python", "-m", "experiments.identify", str(args.model), *map(str, args.logs), "--columns", str(columns)]
     words += ["--base", args.base] if args.base else []
     words += ["--ignore", *args.ignore] if args.ignore else []
+    words += ["--packages", *map(str, args.packages)] if args.packages else []
     for joint in args.fix:
         words += ["--fix", *joint]
     return shlex.join([*words, "--gaps"] if gaps else words)

@@ -56,6 +56,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--collisions", choices=("avoid", "ignore"), default="avoid", help="what to do about them")
     out.add_argument("--clearance", type=_positive, default=0.005, help="distance in m that counts as a collision")
     out.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    options.add_packages(out)
     return out
 
 

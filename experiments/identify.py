@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
     out = own_model.folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     read |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
-    read |= {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args)}
+    read |= {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args), "packages": args.packages}
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
     fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}

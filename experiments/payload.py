@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> None:
     from sim.models.mechanism import mechanism
 
     out, fix = own_model.folder(args), options.fixed(args.fix)
-    robot = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=fix)
+    robot = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=fix, packages=args.packages)
     if args.flange:
         place_of(robot, args.body, args.flange)
     read = {"columns": args.columns, "fix": fix, "limit": options.size_limit(args)}

@@ -158,7 +158,21 @@ def add_mechanism(parser: argparse.ArgumentParser) -> None:
     """Adds what is said of a user's model."""
     parser.add_argument("--base", help="body whose frame is {0}, by default the world")
     parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
+    add_packages(parser)
     add_fixed(parser)
+
+
+def add_packages(parser: argparse.ArgumentParser) -> None:
+    """Adds where meshes are looked for."""
+    parser.add_argument(
+        "--packages",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FOLDER",
+        help="folders of ROS packages, for meshes of a URDF file at package://; the file's own folder, those above it "
+        "and ROS_PACKAGE_PATH are searched as well",
+    )
 
 
 def add_fixed(parser: argparse.ArgumentParser) -> None:

@@ -89,7 +89,8 @@ def run(args: argparse.Namespace) -> None:
     """Designs a motion, and writes and prints it."""
     scene = args.model in scenes.NAMES
     base = args.base or scenes.BASES.get(args.model) if scene else args.base
-    arm = mechanism(scenes.load(args.model) if scene else args.model, base, ignore=args.ignore)
+    source = scenes.load(args.model) if scene else args.model
+    arm = mechanism(source, base, ignore=args.ignore, packages=args.packages)
     problem = excitation.problem(arm, args.joints, sensors=args.sensors, noise=args.noise, ignore=args.ignore)
     published = args.model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS

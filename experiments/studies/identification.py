@@ -29,6 +29,7 @@ def prepare(
     fix: Mapping[str, Sequence[float]] | None = None,
     limit: int = LIMIT,
     gaps: bool = False,
+    packages: Sequence[Path] = (),
     person: Person | None = None,
 ) -> Prepared:
     """Reads a model and a log.
@@ -44,12 +45,13 @@ def prepare(
         fix: Joints that do not move and are not in the log, as for `tree_from_model`.
         limit: Bytes that an archive may take in memory.
         gaps: Whether samples may be missing.
+        packages: Folders of ROS packages, for the meshes of a URDF file.
         person: Whose bodies these are, by a table instead of the model; `columns` says which is which.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    arm = mechanism(source, base, ignore=ignore, fix=fix)
+    arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages)
     if person is not None:
         arm = with_person(arm, person, read_segments(columns) if columns else None)
     log = recorded(arm, log_path, columns=columns, fix=fix, gaps=gaps, limit=limit)

@@ -292,7 +292,7 @@ def _reading(args: argparse.Namespace) -> Reading:
     """What the options say of the mechanism and of its recordings."""
     if GROUND in args.contact:
         raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
-    arm = mechanism(args.model, args.base, ignore=args.ignore, fix=options.fixed(args.fix))
+    arm = mechanism(args.model, args.base, ignore=args.ignore, fix=options.fixed(args.fix), packages=args.packages)
     sensors = {name: Sensor(*arm.site(name), applied_to_link=False) for name in args.contact}
     seen, equations = Seen.of(arm.tree), Equations.of_wrench(arm)
     equations = with_offsets(equations) if args.offsets else equations

@@ -36,12 +36,14 @@ class Origin:
         text: What can be written back, a file or a specification; None for a model that came compiled.
         base: Name of the body whose frame is {0}, None for the world's.
         beyond: Names of bodies at which the mechanism ends.
+        packages: Folders of ROS packages in which a URDF file's meshes were looked for.
     """
 
     model: mujoco.MjModel
     text: mujoco.MjSpec | str | Path | None
     base: str | None
     beyond: tuple[str, ...]
+    packages: tuple[Path, ...] = ()
 
 
 def mechanism(
@@ -52,6 +54,7 @@ def mechanism(
     merge_welds: bool = False,
     ignore: Collection[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
+    packages: Sequence[str | Path] = (),
 ) -> Mechanism:
     """A body and everything on it, as a model describes them.
 
@@ -62,6 +65,8 @@ def mechanism(
         merge_welds: Make welded bodies one with what carries them.
         ignore: Names of equality constraints and tendons to leave out of the equations.
         fix: Names of the tree's joints that do not move, with their coordinates.
+        packages: Folders of ROS packages, for meshes of a URDF file at `package://`; they are looked for next to the
+            file, above it and in `ROS_PACKAGE_PATH` as well.
 
     Returns:
         The mechanism, with `Origin` or `OpenSimOrigin` as its source. It has no prior where nothing in it has a mass.
@@ -75,13 +80,13 @@ def mechanism(
     if is_opensim(source):
         arm = mechanism_from_opensim(str(source), base, beyond, ignore=ignore, fix=fix)
         return _with_merged_welds(arm) if merge_welds else arm
-    model = compiled(source)
+    model = compiled(source, packages)
     members = mechanism_bodies(model, base, beyond)
     tree = tree_from_model(model, base, beyond, ignore=ignore, fix=fix)
     prior = parameters_from_model(model, base, beyond) if model.body_mass[members].any() else None
     sites = _sites(model, members)
     text = None if isinstance(source, mujoco.MjModel) else source
-    origin = Origin(model, text, base, tuple(beyond))
+    origin = Origin(model, text, base, tuple(beyond), tuple(map(Path, packages)))
     gravity, pose = gravity_in_base(model, base), base_pose(model, base)
     arm = Mechanism(tree, gravity, prior, sites, _ranges(model, tree), origin, pose)
     return _with_merged_welds(arm) if merge_welds else arm

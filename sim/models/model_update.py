@@ -1,7 +1,7 @@
 """Models with other inertial parameters: φ written back into MJCF, URDF and OpenSim files, all else untouched."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
@@ -15,7 +15,6 @@ from ident.recordings.atomic import replacing
 from sim.models.inertials import (
     OVERRIDING,
     Inertial,
-    bodies_in_order,
     compiled_as_stated,
     inertial_of,
     is_physical,
@@ -29,6 +28,7 @@ from sim.models.opensim.mechanism import OpenSimOrigin, is_opensim
 from sim.models.opensim.update import write_opensim
 from sim.models.refusals import refusals
 from sim.models.urdf import model_from_urdf, parsed
+from sim.models.urdf_update import SAME, updated_urdf
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
 """What can be updated: a specification, or the path of an MJCF or URDF file."""
@@ -63,7 +63,7 @@ def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpe
         InputError: φ does not fit its bodies, or a body is not physical.
     """
     origin, source, phi = _given(mechanism, phi)
-    spec = specification(source)
+    spec = specification(source, origin.packages)
     _write_into(spec, _inertials(spec, origin, phi))
     _check(_compiled(spec, source), "The model", phi, origin)
     return spec
@@ -72,9 +72,10 @@ def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpe
 def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies) -> None:
     """Writes the model of a mechanism with other inertial parameters: URDF or OpenSim if `path` ends so, else MJCF.
 
-    The text of a file stays as it is but for inertias (and, in another folder, for where MJCF finds its meshes and
-    textures). Files with `EXPANDED` elements, specifications, and URDF as MJCF are written by MuJoCo, which rounds
-    numbers other than inertias to six digits.
+    Of a URDF or an OpenSim file those numbers change that have another value, elements that are missing are put in, and
+    every other byte stays. The elements of an MJCF file stay but for inertias (and, in another folder, for where it
+    finds its meshes and textures). Files with `EXPANDED` elements, specifications, and URDF as MJCF are written by
+    MuJoCo, which rounds numbers other than inertias to six digits.
 
     Args:
         path: File to write; its folder must exist.
@@ -94,21 +95,11 @@ def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies
     urdf = path.suffix.lower() == ".urdf"
     if urdf and (isinstance(source, mujoco.MjSpec) or not _is_urdf(source)):
         raise InputError(f"A URDF file can only be made from a URDF file; write '{path.stem}.xml' instead.")
-    spec = specification(source)
-    inertials = _inertials(spec, origin, phi, unchanged=urdf)
-    if urdf:
-        root = _urdf(parsed(Path(str(source))), inertials, spec)
-    else:
-        _write_into(spec, inertials)
-        _compiled(spec, source)
-        root = ET.fromstring(spec.to_xml()) if isinstance(source, mujoco.MjSpec) else parsed(Path(source))
-        if root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED):
-            root = ET.fromstring(spec.to_xml())
-        _mjcf(root, inertials)
-        _keep_files(root, spec, path.parent, source)
+    data = _urdf(origin, phi) if urdf else _mjcf(origin, phi, path.parent)
     with replacing(path) as temporary:
-        temporary.write_text(ET.tostring(root, encoding="unicode") + "\n", encoding="utf-8")
-        _check(_compiled(specification(temporary), path, as_stated=urdf), path, phi, origin)
+        temporary.write_bytes(data)
+        spec = model_from_urdf(temporary, meshes=False) if urdf else specification(temporary)
+        _check(_compiled(spec, path, as_stated=urdf), path, phi, origin)
 
 
 def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Editable, np.ndarray]:
@@ -123,8 +114,8 @@ def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Edit
     return origin, origin.text, np.asarray(getattr(phi, "phi", phi), float)
 
 
-def specification(source: Editable) -> mujoco.MjSpec:
-    """A copy of a specification, or that of an MJCF or URDF file.
+def specification(source: Editable, packages: Sequence[Path] = ()) -> mujoco.MjSpec:
+    """A copy of a specification, or that of an MJCF or URDF file, whose meshes may be in folders of packages.
 
     Raises:
         ModelError: The file does not exist, or MuJoCo cannot read it.
@@ -132,31 +123,36 @@ def specification(source: Editable) -> mujoco.MjSpec:
     if isinstance(source, mujoco.MjSpec):
         return source.copy()
     if _is_urdf(source):
-        return model_from_urdf(source)
+        return model_from_urdf(source, packages)
     with refusals(source):
         return mujoco.MjSpec.from_file(str(source))
 
 
-def _inertials(spec: mujoco.MjSpec, origin: Origin, phi: np.ndarray, *, unchanged: bool = False) -> dict[int, Inertial]:
-    """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change.
-
-    With `unchanged`, bodies that are not physical may stay as they are.
-    """
-    model = origin.model
-    members = mechanism_bodies(model, origin.base, origin.beyond)
+def _members(origin: Origin, phi: np.ndarray) -> dict[int, np.ndarray]:
+    """φ (10,) of each body of a mechanism by its id."""
+    members = mechanism_bodies(origin.model, origin.base, origin.beyond)
     if phi.shape != (10 * len(members),) or not np.isfinite(phi).all():
-        names = ", ".join(body_name(model, b) for b in members)
+        names = ", ".join(body_name(origin.model, b) for b in members)
         raise InputError(f"The bodies {names} need {10 * len(members)} finite parameters, got shape {phi.shape}.")
+    return dict(zip(members, phi.reshape(-1, 10), strict=True))
+
+
+def _check_physical(origin: Origin, b: int, own: np.ndarray) -> None:
+    """Refuses φ (10,) that no rigid body has; none at all is that of a frame."""
+    if own.any() and not is_physical(own):
+        raise InputError(f"The parameters of '{body_name(origin.model, b)}' are not those of a physical body.")
+
+
+def _inertials(spec: mujoco.MjSpec, origin: Origin, phi: np.ndarray) -> dict[int, Inertial]:
+    """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change."""
+    model, members = origin.model, _members(origin, phi)
     inertials = {}
     if overrides(spec):
         for b in set(range(1, model.nbody)) - set(members):
             body = model.body(b)
             inertials[b] = Inertial(body.mass[0], body.ipos.copy(), body.iquat.copy(), body.inertia.copy())
-    for b, own in zip(members, phi.reshape(-1, 10), strict=True):
-        if own.any() and not is_physical(own):
-            if unchanged and np.allclose(own, body_parameters(model, b), rtol=1e-12, atol=0):
-                continue
-            raise InputError(f"The parameters of '{body_name(model, b)}' are not those of a physical body.")
+    for b, own in members.items():
+        _check_physical(origin, b, own)
         inertials[b] = inertial_of(*(com_from_parameters(own) if own[0] else (0.0, np.zeros(3), np.zeros((3, 3)))))
     return inertials
 
@@ -169,7 +165,23 @@ def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
     set_inertials(spec, inertials)
 
 
-def _mjcf(root: ET.Element, inertials: dict[int, Inertial]) -> None:
+def _mjcf(origin: Origin, phi: np.ndarray, folder: Path) -> bytes:
+    """An MJCF file, to be written into a folder, with φ of a mechanism's bodies."""
+    source = origin.text
+    assert source is not None
+    spec = specification(source, origin.packages)
+    inertials = _inertials(spec, origin, phi)
+    _write_into(spec, inertials)
+    _compiled(spec, source)
+    root = ET.fromstring(spec.to_xml()) if isinstance(source, mujoco.MjSpec) else parsed(Path(source))
+    if root.tag == "robot" or any(root.find(f".//{tag}") is not None for tag in EXPANDED):
+        root = ET.fromstring(spec.to_xml())
+    _state(root, inertials)
+    _keep_files(root, spec, folder, source)
+    return (ET.tostring(root, encoding="unicode") + "\n").encode()
+
+
+def _state(root: ET.Element, inertials: dict[int, Inertial]) -> None:
     bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
     for b, inertial in inertials.items():
         body = bodies[b - 1]
@@ -199,27 +211,15 @@ def _keep_files(root: ET.Element, spec: mujoco.MjSpec, folder: Path, source: Edi
     root.insert(0, ET.Element("compiler", folders))
 
 
-def _urdf(root: ET.Element, inertials: dict[int, Inertial], spec: mujoco.MjSpec) -> ET.Element:
-    links = {link.get("name"): link for link in root.findall("link")}
-    names = [body.name for body in bodies_in_order(spec.worldbody)]
-    for b, (mass, com, quat, moments) in inertials.items():
-        link = links[names[b]]
-        R = np.empty(9)
-        mujoco.mju_quat2Mat(R, quat)
-        inertia = R.reshape(3, 3) @ np.diag(moments) @ R.reshape(3, 3).T
-        old = link.find("inertial")
-        if old is None and mass == 0:
-            continue
-        element = ET.Element("inertial")
-        ET.SubElement(element, "origin", {"xyz": _text(com), "rpy": "0 0 0"})
-        ET.SubElement(element, "mass", {"value": _text([mass])})
-        entries = {f"i{'xyz'[i]}{'xyz'[j]}": _text([inertia[i, j]]) for i in range(3) for j in range(i, 3)}
-        ET.SubElement(element, "inertia", entries)
-        element.tail = link.text if old is None else old.tail
-        if old is not None:
-            link.remove(old)
-        link.insert(0, element)
-    return root
+def _urdf(origin: Origin, phi: np.ndarray) -> bytes:
+    """The URDF file that a mechanism is from with φ of those bodies that have another; others may be unphysical."""
+    changed = {}
+    for b, own in _members(origin, phi).items():
+        before = body_parameters(origin.model, b)
+        if abs(own - before).max() > SAME * abs(before).max():
+            _check_physical(origin, b, own)
+            changed[body_name(origin.model, b)] = own
+    return updated_urdf(Path(str(origin.text)), changed)
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin) -> None:

@@ -30,32 +30,36 @@ BEYOND = ("load_cell", *(f"load_cell_{contact}" for contact in scenes.CONTACTS))
 _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("FREE", "BALL", "SLIDE"))
 
 
-def compiled(source: Source) -> mujoco.MjModel:
+def compiled(source: Source, packages: Sequence[str | Path] = ()) -> mujoco.MjModel:
     """The compiled model of any source.
 
     Inertias that a URDF file or a specification states stay as they are, also where MuJoCo's own compiler refuses them.
 
+    Args:
+        source: The model.
+        packages: Folders of ROS packages, in which the meshes of a URDF file are looked for besides.
+
     Warns:
-        ModelNote: No rigid body has such an inertia, or a moving body has none.
+        ModelNote: No rigid body has such an inertia, a moving body has none, or meshes are left out.
 
     Raises:
         ModelError: The file does not exist, or MuJoCo cannot read or compile it.
     """
     if isinstance(source, mujoco.MjModel):
         return source
-    model = compiled_as_stated(source) if isinstance(source, mujoco.MjSpec) else _compiled_file(Path(source))
+    model = _compiled_file(Path(source), packages) if isinstance(source, str | Path) else compiled_as_stated(source)
     note_inertias(model)
     return model
 
 
-def _compiled_file(path: Path) -> mujoco.MjModel:
+def _compiled_file(path: Path, packages: Sequence[str | Path]) -> mujoco.MjModel:
     root = parsed(path)
     if is_opensim(path):
         raise ModelError(f"{path}: MuJoCo reads no OpenSim files; this needs a model in MJCF or URDF.")
     if path.suffix.lower() not in (".xml", ".urdf"):
         raise ModelError(f"A model file ends in .xml or .urdf, got '{path}'.")
     if root.tag == "robot":
-        return compiled_as_stated(model_from_urdf(path), path)
+        return compiled_as_stated(model_from_urdf(path, packages), path)
     with refusals(path):
         return mujoco.MjModel.from_xml_path(str(path))
 

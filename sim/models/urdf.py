@@ -1,6 +1,7 @@
 """URDF files as MuJoCo models, without what MuJoCo does to them: fused links, meshes that have to be there."""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -11,22 +12,32 @@ from ident.errors import ModelError
 from ident.geometry.inertia import symmetric
 from sim.models.inertials import Inertial, bodies_in_order, inertial_of, set_inertials
 from sim.models.refusals import refusals
+from sim.models.urdf_meshes import keep_meshes, leave_out
 
 LARGEST = 1e100
 """Numbers of an inertia are smaller, so that products of them are finite."""
 
 
-def model_from_urdf(path: str | Path) -> mujoco.MjSpec:
+WORLD = "world"
+"""Link that need not be declared for a joint to hang on it: MuJoCo's world."""
+
+
+def model_from_urdf(path: str | Path, packages: Sequence[str | Path] = (), *, meshes: bool = True) -> mujoco.MjSpec:
     """A URDF file as it comes: all links stay bodies of their own, also the root, and meshes need not be there.
 
-    Visuals and collisions that are meshes are left out, and inertias come from `<inertial>` alone, unless the file's
-    own `<mujoco><compiler inertiafromgeom=…/></mujoco>` asks for more: a link without has no mass in URDF.
+    Inertias come from `<inertial>` alone, unless the file's own `<mujoco><compiler inertiafromgeom=…/></mujoco>` asks
+    for more: a link without has no mass in URDF. Joints may hang on a `world` that is not declared.
 
     Args:
         path: The file.
+        packages: Folders of ROS packages, in which meshes are looked for besides, as for `keep_meshes`.
+        meshes: Whether meshes are wanted at all.
 
     Returns:
         The specification, not yet compiled.
+
+    Warns:
+        ModelNote: Meshes are left out.
 
     Raises:
         ModelError: The file does not exist, is no URDF, or MuJoCo cannot read it.
@@ -36,18 +47,19 @@ def model_from_urdf(path: str | Path) -> mujoco.MjSpec:
         raise ModelError(f"{path}: a URDF file has a <robot>, this one a <{root.tag}>.")
     if root.find("link") is None:
         raise ModelError(f"{path}: a URDF file has a <link> for every body, this one has none.")
-    for link in root.iter("link"):
-        for part in link.findall("visual") + link.findall("collision"):
-            if part.find(".//mesh") is not None:
-                link.remove(part)
-    for material in root.iter("material"):
-        for texture in material.findall("texture"):
-            material.remove(texture)
+    _declare_world(path, root)
+    if meshes:
+        keep_meshes(root, Path(path), packages)
+    else:
+        leave_out(root)
     extension = root.find("mujoco")
     extension = ET.SubElement(root, "mujoco") if extension is None else extension
     compiler = extension.find("compiler")
     compiler = ET.SubElement(extension, "compiler") if compiler is None else compiler
+    compiler.attrib.pop("meshdir", None)
+    compiler.set("strippath", "false")
     compiler.attrib.setdefault("inertiafromgeom", "false")
+    compiler.attrib.setdefault("discardvisual", "false")
     # MuJoCo would merge the root link into the world, which has no mass, and links with their welded carriers.
     compiler.set("fusestatic", "false")
     links = {link.get("name"): link for link in root.findall("link") if link.find("inertial") is not None}
@@ -57,6 +69,26 @@ def model_from_urdf(path: str | Path) -> mujoco.MjSpec:
     ids = {body.name: b for b, body in enumerate(bodies_in_order(spec.worldbody))}
     set_inertials(spec, {ids[name]: _stated(path, link) for name, link in links.items() if name in ids})
     return spec
+
+
+def _declare_world(path: str | Path, root: ET.Element) -> None:
+    """Adds the link that joints hang on without its being declared, if that is the world.
+
+    Raises:
+        ModelError: It is another one.
+    """
+    names = [link.get("name", "") for link in root.findall("link")]
+    for joint in root.findall("joint"):
+        for end in joint.findall("parent") + joint.findall("child"):
+            name = end.get("link", "")
+            if name == WORLD and end.tag == "parent" and name not in names:
+                ET.SubElement(root, "link", {"name": WORLD})
+                names.append(WORLD)
+            elif name not in names:
+                raise ModelError(
+                    f"{path}: joint '{joint.get('name', '')}' has the {end.tag} '{name}', which is no link of the "
+                    f"file; its links are {', '.join(names)}."
+                )
 
 
 def _stated(path: str | Path, link: ET.Element) -> Inertial:

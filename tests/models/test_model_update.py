@@ -55,6 +55,9 @@ def urdf(tmp_path):
     return written(tmp_path, URDF.format(mesh=MESH, extension=""), "arm.urdf")
 
 
+NO_MESHES = pytest.mark.filterwarnings("ignore:.*not found, and left out:sim.models.notes.ModelNote")
+
+
 def compiled(path):
     return mujoco.MjModel.from_xml_path(str(path))
 
@@ -169,6 +172,7 @@ def test_included_bodies_are_updated_as_well(tmp_path):
     np.testing.assert_allclose(parameters_from_model(tmp_path / "new.xml"), phi, rtol=1e-9, atol=1e-12)
 
 
+@NO_MESHES
 @pytest.mark.parametrize("extension", ["", '<mujoco><compiler fusestatic="true" discardvisual="false"/></mujoco>'])
 def test_a_urdf_keeps_its_root_and_needs_no_meshes(tmp_path, extension):
     path = written(tmp_path, URDF.format(mesh=MESH, extension=extension), "arm.urdf")
@@ -182,6 +186,7 @@ def test_a_urdf_keeps_its_root_and_needs_no_meshes(tmp_path, extension):
     np.testing.assert_allclose(com_from_parameters(phi[:10])[2], inertia, atol=1e-12)
 
 
+@NO_MESHES
 def test_a_root_link_named_world_is_the_world(tmp_path):
     text = URDF.format(mesh=MESH, extension='<link name="world"/>').replace(
         "</robot>",
@@ -192,6 +197,7 @@ def test_a_root_link_named_world_is_the_world(tmp_path):
     assert tree_from_model(model, "root").names == ("root", "upper", "tool", "flange")
 
 
+@NO_MESHES
 @pytest.mark.parametrize("suffix", [".urdf", ".xml"])
 def test_urdf_in_gives_urdf_or_mjcf_out(tmp_path, urdf, suffix):
     phi = random_phi(np.random.default_rng(0), 4)
@@ -223,6 +229,7 @@ def test_the_human_of_the_recording_has_three_bodies(tmp_path):
         np.testing.assert_allclose(parameters_from_model(spec, "foot"), phi, rtol=1e-9, atol=1e-12)
 
 
+@NO_MESHES
 def test_what_cannot_be_updated_is_refused_in_a_sentence(tmp_path, urdf):
     path = written(tmp_path, MJCF.format(compiler=""), "arm.xml")
     phi = random_phi(np.random.default_rng(0), 3)

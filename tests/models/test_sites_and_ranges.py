@@ -40,7 +40,7 @@ def test_a_mechanism_is_what_the_model_says(path):
 
 def test_a_model_is_compiled_once(path, monkeypatch):
     read, calls = mujoco_model._compiled_file, []
-    monkeypatch.setattr(mujoco_model, "_compiled_file", lambda path: calls.append(path) or read(path))
+    monkeypatch.setattr(mujoco_model, "_compiled_file", lambda *args: calls.append(args) or read(*args))
     mechanism(str(path), "base", fix={"lift": [0.1]})
     assert len(calls) == 1
 

@@ -1,0 +1,114 @@
+"""URDF files with other inertias: numbers replaced in the file's own bytes, what is missing put in, all else kept."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ident.geometry.inertia import com_from_parameters
+from sim.models.xml_places import Edit, Place, edited, root_of
+
+SAME = 1e-12
+"""Differences, by the largest number of a vector or a matrix, that are rounding: such a number stays as it is."""
+
+ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+"""Attributes of `<inertia>` and what they are of the matrix."""
+
+_WORD = re.compile(rb"\S+")
+
+
+def updated_urdf(path: Path, links: Mapping[str, np.ndarray]) -> bytes:
+    """The bytes of a URDF file with other inertias of some links.
+
+    An inertia stays in the axes in which the file states it. A link that has no mass keeps its centre of mass.
+
+    Args:
+        path: The file, which has been read as a model.
+        links: φ (10,) of the links, about their frames, by name.
+
+    Raises:
+        ModelError: The file is in an encoding of two bytes a letter, or has elements in entities.
+    """
+    data = path.read_bytes()
+    places: dict[str, Place] = {}
+    for link in root_of(path, data).below("link"):
+        places.setdefault(link.attributes.get("name", ""), link)
+    return edited(data, (edit for name, phi in links.items() for edit in _edits(data, places[name], phi)))
+
+
+def _edits(data: bytes, link: Place, phi: np.ndarray) -> Iterator[Edit]:
+    """Edits that give a link its φ."""
+    inertial = link.child("inertial")
+    if not phi[0] and inertial is None:
+        return
+    mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
+    R = _axes(inertial)
+    inertia = R.T @ inertia @ R
+    numbers: dict[str, tuple[dict[str, Sequence[float]], float]] = {
+        "origin": ({"xyz": center.tolist()} if phi[0] else {}, max(abs(center))),
+        "mass": ({"value": [mass]}, mass),
+        "inertia": ({key: [float(inertia[at])] for key, at in ENTRIES.items()}, max(abs(phi[4:]))),
+    }
+    missing = b""
+    for tag, (attributes, size) in numbers.items():
+        place = None if inertial is None else inertial.child(tag)
+        if place is not None:
+            yield from _attribute_edits(data, place, attributes, size)
+        elif any(any(values) for values in attributes.values()):
+            missing += b"<" + tag.encode() + b"".join(_attribute(*each) for each in attributes.items()) + b"/>"
+    if inertial is None:
+        yield link.with_first(data, b"<inertial>" + missing + b"</inertial>")
+    elif missing:
+        yield inertial.with_first(data, missing)
+
+
+def _axes(inertial: Place | None) -> np.ndarray:
+    """Rotation from the axes that an inertia is stated in to the link's (3, 3)."""
+    origin = None if inertial is None else inertial.child("origin")
+    stated = "" if origin is None else origin.attributes.get("rpy", "")
+    return Rotation.from_euler("xyz", np.array((stated.strip() or "0 0 0").split(), float)).as_matrix()
+
+
+def _attribute_edits(
+    data: bytes, place: Place, attributes: Mapping[str, Sequence[float]], size: float
+) -> Iterator[Edit]:
+    """Edits of those numbers that change by more than rounding does, and the attributes that are missing."""
+    missing = b""
+    for key, values in attributes.items():
+        span = place.attribute(data, key)
+        if span is not None:
+            yield from _number_edits(data, span, values, SAME * size)
+        elif max(map(abs, values)) > SAME * size:
+            missing += _attribute(key, values)
+    if missing:
+        yield place.with_attributes(data, missing)
+
+
+def _number_edits(data: bytes, span: tuple[int, int], values: Sequence[float], near: float) -> Iterator[Edit]:
+    """Edits of the numbers of one attribute; without any, they are zero."""
+    words = [match.span() for match in _WORD.finditer(data, *span)]
+    if len(words) == len(values):
+        for word, value in zip(words, values, strict=True):
+            if not abs(_number(data[slice(*word)]) - value) <= near:
+                yield Edit(*word, _text([value]))
+    elif words or max(map(abs, values)) > near:
+        yield Edit(*span, _text(values))
+
+
+def _number(word: bytes) -> float:
+    """A number of a file; NaN for what is written by entities."""
+    try:
+        return float(word)
+    except ValueError:
+        return np.nan
+
+
+def _attribute(key: str, values: Sequence[float]) -> bytes:
+    return b" " + key.encode() + b'="' + _text(values) + b'"'
+
+
+def _text(numbers: Sequence[float]) -> bytes:
+    """Numbers with all their digits."""
+    return " ".join(repr(float(x)) for x in numbers).encode()
