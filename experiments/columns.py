@@ -21,7 +21,7 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(f"The mapping needs a file of its own, but '{out}' is read; choose another by --out.")
     fix, ignore = options.fixed(args.fix), tuple(args.ignore)
     arm = mechanism(args.model, args.base, ignore=ignore, fix=fix, packages=args.packages)
-    log, belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args))
+    log, belief = believed(arm, args.logs, base=args.base, limit=options.size_limit(args), rate=args.rate)
     write_mapping(out, log, belief, arm.joints, force=args.force)
     lines = [*log.told(), "", *table(log, belief)]
     lines += [""] * bool(belief.open or belief.notes)
@@ -43,6 +43,18 @@ def _identify(args: argparse.Namespace, columns: Path, *, gaps: bool) -> str:
     return shlex.join([*words, "--gaps"] if gaps else words)
 
 
+def _rate(text: str) -> float:
+    """Type of an option: samples per second."""
+    from ident.recordings.counted import clock_of_rate
+
+    try:
+        value = float(text)
+        clock_of_rate("--rate", value)
+    except (ValueError, InputError):
+        raise argparse.ArgumentTypeError(f"needs a number of samples per second, in Hz, got '{text}'") from None
+    return value
+
+
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.plain_parser("columns", __doc__)
@@ -50,6 +62,9 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("logs", type=Path, nargs="+", metavar="log", help=f"{options.LOGS}; all of the same columns")
     out.add_argument("--out", type=Path, help="file to write, by default beside the first log, with its name and .toml")
     out.add_argument("--force", action="store_true", help="replace the file if there is one")
+    out.add_argument(
+        "--rate", type=_rate, default=0.0, metavar="HZ", help="samples per second, if the logs have no column of times"
+    )
     options.add_mechanism(out)
     options.add_size(out)
     return out

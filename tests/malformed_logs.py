@@ -68,7 +68,7 @@ BAD_LOGS = {
     "duplicate": (text(PLAIN).replace("q_ankle", "q_hip"), "names column 'q_hip' more than once"),
     "ambiguous": (text(PLAIN | {"hip": T}), "columns q_hip and hip may both be the position of joint 'hip'; keep one"),
     "two clocks": (text(PLAIN | {"t": T}), "columns time and t may both be time"),
-    "no time": (text(PLAIN).replace("time", "zeit"), "a column of times, named time or t or mapped; the file has zeit"),
+    "no time": (text(PLAIN).replace("time", "zeit"), "as in rate = 100; the file has zeit"),
     "no joint": (
         text(PLAIN).replace("q_hip", "q_knee"),
         "joint 'hip' needs a column of its positions, named hip_position, q_hip, hip or mapped; the file has time, q_a",
@@ -108,7 +108,7 @@ BAD_MAPPINGS = {
     "too long": ("time = " + "1" * 5000, "needs to be TOML"),
     "unknown entry": (
         "[joint.hip]",
-        "the mapping has no entry 'joint'; valid are time, joints, motors, wr",
+        "the mapping has no entry 'joint'; valid are time, rate, joints, motors, wr",
     ),
     "unknown joint": ('[joints.knee]\nposition = "a"', "[joints] has no entry 'knee'; valid are ankle, hip"),
     "unknown quantity": ('[joints.hip]\nangle = "a"', "[joints.hip] has no entry 'angle'; valid are position, vel"),

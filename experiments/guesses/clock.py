@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from experiments.guesses.words import words
 from ident.errors import LogError
-from ident.recordings.column import UNITS
+from ident.recordings.column import UNITS, Columns
+from ident.recordings.counted import COUNT, clock_of_rate
 
 ROWS = 20_000
 """Samples of a log that are looked at."""
@@ -24,23 +26,33 @@ class Clock:
         column: Its name.
         unit: Its unit.
         why: Why it is believed to be that.
+        rate: Samples per second of a file without times, Hz; 0 of one that has times.
     """
 
     column: str
     unit: str
     why: str
+    rate: float = 0.0
 
     @property
-    def factor(self) -> float:
-        """The unit as a factor to seconds."""
-        return UNITS["time"][self.unit]
+    def columns(self) -> Columns:
+        """The column as a mapping has it."""
+        if self.rate:
+            return clock_of_rate("--rate", self.rate)
+        return Columns((self.column,), UNITS["time"][self.unit], "s")
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """What a mapping says of it."""
+        return {"rate": self.rate} if self.rate else {"column": self.column, "unit": self.unit}
 
 
-def clock_of(columns: Mapping[str, np.ndarray]) -> Clock:
+def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> Clock:
     """The column of times: one that only grows, by its name or else the steadiest.
 
     Args:
         columns: Columns of numbers by name (N,).
+        rate: Samples per second if no name is that of times, Hz; 0 where that is not known.
 
     Raises:
         LogError: None grows, or several without a name that says so.
@@ -48,11 +60,15 @@ def clock_of(columns: Mapping[str, np.ndarray]) -> Clock:
     steps = {name: np.diff(x) for name, x in columns.items()}
     growing = {name: dx for name, dx in steps.items() if len(dx) and (dx >= 0).all() and np.median(dx) > 0}
     named = [name for name in growing if words(name).kind == "time" or words(name).unit in UNITS["time"]]
+    if rate and not named:
+        return Clock(COUNT, "s", f"no column has times, and --rate says {rate:g} Hz", rate)
     # Counters of samples grow as steadily, but by one.
     others = [name for name in growing if not (steps[name] == 1).all() and _steady(steps[name])]
     candidates = named or others or list(growing)
     if not candidates:
-        raise LogError(f"no column of it grows as times do, of {', '.join(list(columns)[:20])}; a log needs one.")
+        raise LogError(
+            f"no column of it grows as times do, of {', '.join(list(columns)[:20])}; a log needs one, or --rate HZ."
+        )
     exact = [name for name in candidates if name.lower() in ("time", "t")] or candidates
     if len(exact) > 1:
         exact = [name for name in exact if "_ros" not in name and words(name).core == ()] or exact

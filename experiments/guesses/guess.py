@@ -22,7 +22,7 @@ from ident.recordings.wrench_names import wrench_groups
 
 
 def believed(
-    mechanism: Mechanism, logs: Sequence[Path], *, base: str | None = None, limit: int = LIMIT
+    mechanism: Mechanism, logs: Sequence[Path], *, base: str | None = None, limit: int = LIMIT, rate: float = 0.0
 ) -> tuple[Seen, Belief]:
     """What is believed of the columns of some logs, which are those of the first.
 
@@ -31,13 +31,14 @@ def believed(
         logs: Files that `read_log` reads.
         base: Body whose frame is {0}, by default the world.
         limit: Bytes that an archive may take in memory.
+        rate: Samples per second of logs without times, Hz.
 
     Raises:
         LogError: One is missing, damaged or without times, or lacks columns of the first that are used.
         InputError: The library that reads such files is not installed.
     """
     kinds, held = joint_kinds(mechanism.tree), not mechanism.tree.floats
-    log, belief = seen(logs[0], limit), Belief()
+    log, belief = seen(logs[0], limit, rate), Belief()
     balls, axes = ([joint for joint in kinds if (kinds[joint] == "ball") is ball] for ball in (True, False))
     add_orientations(belief, log, balls, base if held else None)
     usual = {pattern.format(joint) for joint in kinds for patterns in KINDS.values() for pattern in patterns}
@@ -60,7 +61,7 @@ def believed(
         check_wrenches_and_torques(belief, log, mechanism, limit, axes=signs)
     clock = {clock.column for clock in log.clocks}
     belief.unused = [name for name in log.names if name not in belief.columns]
-    check_same_columns(log, logs[1:], {*belief.columns, *clock} - {""}, limit)
+    check_same_columns(log, logs[1:], {*belief.columns, *clock} - {""}, limit, rate)
     return log, belief
 
 

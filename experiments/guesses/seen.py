@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.guesses.clock import ROWS, Clock, clock_of
 from ident.errors import LogError
-from ident.recordings.column import Columns
+from ident.recordings.counted import counted
 from ident.recordings.csv_file import Layout
 from ident.recordings.files import TEXT, has_several_clocks, read_clocks, read_tables
 from ident.recordings.mapping import ColumnMapping
@@ -89,8 +89,13 @@ class Seen:
         return lines + [f"  not read: {why}" for why in self.unread.values()]
 
 
-def seen(path: Path, limit: int = LIMIT) -> Seen:
+def seen(path: Path, limit: int = LIMIT, rate: float = 0.0) -> Seen:
     """Looks at a log, of a long one at its first `ROWS` samples.
+
+    Args:
+        path: The log.
+        limit: Bytes that an archive may take in memory.
+        rate: Samples per second of files without a column that is named as times are, Hz.
 
     Raises:
         LogError: The file is missing or damaged, has no numbers, or none of its columns can be times.
@@ -99,35 +104,37 @@ def seen(path: Path, limit: int = LIMIT) -> Seen:
     try:
         files = files_of(path)
         if len(files) > 1:
-            return _of_several_files(path, files, limit)
+            return _of_several_files(path, files, limit, rate)
         if has_several_clocks(path):
             return _at_common_times(path, None, read_clocks(path, limit=limit))
-        layout, clock, table = _of_one_clock(path, limit)
+        layout, clock, table = _of_one_clock(path, limit, rate)
         return replace(_at_common_times(path, clock, [table]), layouts=(layout,), clocks=(clock,))
     except (LogError, OSError) as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def _of_one_clock(path: Path, limit: int) -> tuple[Layout, Clock, Table]:
+def _of_one_clock(path: Path, limit: int, rate: float) -> tuple[Layout, Clock, Table]:
     """How a file is laid out, its column of times, and its first `ROWS` samples."""
     layout = _layout(path, limit)
     table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
     if table is None:
         raise LogError("it has no rows of numbers.")
-    return layout, clock_of(_numbers(table, {})), table
+    clock = clock_of(_numbers(table, {}), rate)
+    (table,) = counted([table], clock.columns)
+    return layout, clock, table
 
 
-def _of_several_files(path: Path, files: Sequence[Path], limit: int) -> Seen:
+def _of_several_files(path: Path, files: Sequence[Path], limit: int, rate: float) -> Seen:
     """Looks at a log in several files."""
     layouts, clocks = list[Layout](), list[Clock]()
     for file in files:
         try:
             known = has_several_clocks(file)
-            layout, clock, _ = (Layout(), OWN_TIMES, None) if known else _of_one_clock(file, limit)
+            layout, clock, _ = (Layout(), OWN_TIMES, None) if known else _of_one_clock(file, limit, rate)
         except (LogError, OSError) as error:
             raise LogError(f"{file.name}: {error}") from None
         layouts, clocks = [*layouts, layout], [*clocks, clock]
-    times = tuple(Columns((clock.column,), clock.factor) for clock in clocks)
+    times = tuple(clock.columns for clock in clocks)
     tables = read_files(files, ColumnMapping(layouts=tuple(layouts), clocks=times), limit)
     return replace(_at_common_times(path, None, tables), layouts=tuple(layouts), clocks=tuple(clocks))
 
@@ -181,7 +188,7 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
     holes = 0
     for table in tables:
         numbers = _numbers(table, unread)
-        own = numbers.pop(clock.column if clock else "time", np.empty(0)) * (clock.factor if clock else 1.0)
+        own = numbers.pop(clock.column if clock else "time", np.empty(0)) * (clock.columns.factor if clock else 1.0)
         if len(own) < 10:
             raise LogError(f"a log needs at least 10 samples, it has {len(own)}.")
         # Of times that come again, or go back, the first count.
@@ -204,14 +211,16 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
     return Seen(path, (Layout(),), (), time, columns, constant, missing, unread, units, holes)
 
 
-def check_same_columns(first: Seen, others: Sequence[Path], used: set[str], limit: int = LIMIT) -> None:
+def check_same_columns(
+    first: Seen, others: Sequence[Path], used: set[str], limit: int = LIMIT, rate: float = 0.0
+) -> None:
     """Refuses logs that lack columns of the mapping.
 
     Raises:
         LogError: One does, or cannot be read.
     """
     for path in others:
-        another = seen(path, limit)
+        another = seen(path, limit, rate)
         if lacking := sorted(used - {*another.names, *(clock.column for clock in another.clocks)}):
             raise LogError(
                 f"{path}: one mapping serves logs of the same columns, and here is no {', '.join(lacking)} as in "

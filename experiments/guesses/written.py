@@ -50,11 +50,13 @@ def toml_text(seen: Seen, belief: Belief, joints: Sequence[str]) -> str:
 
 def _times(seen: Seen) -> list[str]:
     """The line on the columns of times, one for all files or one for each."""
-    told = [{"column": clock.column, "unit": clock.unit} for clock in seen.clocks]
+    told = [clock.entry for clock in seen.clocks]
     if not told:
         return []
     alike = all(each == told[0] for each in told)
     why = "; ".join(dict.fromkeys(clock.why for clock in seen.clocks))
+    if alike and "rate" in told[0]:
+        return [_line("rate", told[0]["rate"], why)]
     return [_line("time", told[0] if alike else told, why, guess=True)]
 
 

@@ -47,7 +47,10 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
                 f"Where it does not move, --fix {joint} [VALUE] leaves it out.{suggestion}"
             )
     if not columns["time"].names[0]:
-        raise LogError(f"a log needs a column of times, named time or t or mapped; {table.available()}.{suggestion}")
+        raise LogError(
+            "a log needs a column of times, named time or t or mapped, or in the mapping how many samples it has in a "
+            f"second, as in rate = 100; {table.available()}.{suggestion}"
+        )
     for sensor, place in {GROUND: Sensor(), **sensors_told(table.metadata.get("sensors", {}))}.items():
         parts = {
             f"wrenches.{sensor}.{kind}": tuple(

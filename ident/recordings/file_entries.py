@@ -6,6 +6,7 @@ from typing import Any
 from ident.errors import LogError
 from ident.recordings.column import Columns
 from ident.recordings.column_entries import single
+from ident.recordings.counted import clock_of_rate
 from ident.recordings.csv_file import Layout
 from ident.recordings.entries import check_keys, table, vector
 from ident.recordings.selection import Selection, Span
@@ -36,12 +37,24 @@ def _layout(where: str, entry: Mapping[str, Any]) -> Layout:
 
 def clocks(entries: Mapping[str, Any]) -> tuple[Columns, ...]:
     """The column of times of all files, or those of one after the other; none where nothing is said."""
+    if "rate" in entries:
+        if "time" in entries:
+            raise LogError("the mapping has time and rate; rate is for a log without times, keep one of them.")
+        return (clock_of_rate("rate", entries["rate"]),)
     entry = entries.get("time", [])
     if not isinstance(entry, list):
-        return (single("time", entry, "time"),)
+        return (_clock("time", entry),)
     if "time" in entries and not entry:
         raise LogError("time needs the column of times of each file, got an empty list.")
-    return tuple(single(f"time {k}", each, "time") for k, each in enumerate(entry, start=1))
+    return tuple(_clock(f"time {k}", each) for k, each in enumerate(entry, start=1))
+
+
+def _clock(where: str, entry: Any) -> Columns:
+    """A column of times, or what `{ rate = HZ }` counts."""
+    if isinstance(entry, dict) and "rate" in entry:
+        check_keys(where, entry, ("rate",))
+        return clock_of_rate(f"{where}.rate", entry["rate"])
+    return single(where, entry, "time")
 
 
 def selection(entries: Mapping[str, Any]) -> Selection:

@@ -10,6 +10,7 @@ import numpy as np
 from ident.errors import LogError
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import read_channels, with_names
+from ident.recordings.counted import counted
 from ident.recordings.files import has_several_clocks, read_clocks, read_tables
 from ident.recordings.mapping import ColumnMapping, joint_kinds, read_mapping
 from ident.recordings.npz import LIMIT
@@ -125,9 +126,9 @@ def _pieces(
 def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int) -> Iterator[Table]:
     """Pieces of a file of one table, of what is selected of it."""
     whole = bool(mapping.selection)
-    for table in read_tables(
-        path, sys.maxsize if whole else samples, overlap=1, limit=limit, layout=mapping.layouts[0]
-    ):
+    samples_of_file = sys.maxsize if whole else samples
+    pieces = read_tables(path, samples_of_file, overlap=1, limit=limit, layout=mapping.layouts[0])
+    for table in counted(pieces, mapping.columns.get("time"), overlap=1):
         cells = {name: x for name, x in table.cells.items() if not name.startswith(TRUE)}
         table = replace(table, cells=cells, sums=mapping.sums)
         if not whole:

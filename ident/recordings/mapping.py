@@ -119,7 +119,7 @@ def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
 
 
 def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
-    tables = ("time", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
+    tables = ("time", "rate", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
     check_keys("the mapping", entries, tables)
     segments_told(entries.get("segments", {}))
     mapping = ColumnMapping(setup=_deviations("setup", entries, SETUP), known=_deviations("known", entries, KNOWN))

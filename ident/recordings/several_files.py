@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.recordings.column import Columns
+from ident.recordings.counted import counted
 from ident.recordings.csv_file import Layout
 from ident.recordings.files import SEVERAL_CLOCKS, TEXT, is_bag, is_log, read_clocks, read_tables
 from ident.recordings.mapping import ColumnMapping
@@ -99,7 +100,8 @@ def _tables(file: Path, layout: Layout, clock: Columns | None, limit: int) -> li
     pieces = list(read_tables(file, limit=limit, layout=layout))
     if not pieces:
         raise LogError("it has no rows.")
-    return [_timed(pieces[0], clock)]
+    (table,) = counted(pieces[:1], clock)
+    return [_timed(table, clock)]
 
 
 def _timed(table: Table, clock: Columns | None) -> Table:
@@ -108,7 +110,8 @@ def _timed(table: Table, clock: Columns | None) -> Table:
     if len(named) != 1 or named[0] not in table.cells:
         needed = f"times in a column '{named[0]}'" if clock else f"one column of times, {' or '.join(USUAL)}"
         raise LogError(
-            f"it needs {needed}, or the mapping the columns of times of all files, time = [...]; {table.available()}."
+            f"it needs {needed}, or the mapping the columns of times of all files, time = [...], and in it "
+            f"{{ rate = HZ }} for one without; {table.available()}."
         )
     seconds = table.column(named[0]) * (clock.factor if clock else 1.0)
     if np.isnan(seconds).any():
