@@ -16,7 +16,11 @@ def run(args: argparse.Namespace) -> None:
 def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     out = options.output_parser("angles", __doc__)
-    out.add_argument("model", type=Path, help="MJCF or URDF file with sites named like the markers, or see --places")
+    out.add_argument(
+        "model",
+        type=Path,
+        help="MJCF, URDF or OpenSim file with sites or markers named like the labels, or see --places",
+    )
     out.add_argument("markers", type=Path, help=".trc or .c3d file, or a table with columns time, LABEL.x, .y and .z")
     out.add_argument(
         "--places",

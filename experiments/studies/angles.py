@@ -1,6 +1,7 @@
 """Joint angles of a trial from its markers, from the files to the results."""
 
 import argparse
+import shlex
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -18,9 +19,10 @@ from ident.recordings.recording import Recording
 from sim.markers.lengths import Scaling, grouped, scaling
 from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_positions
 from sim.markers.recording import recording
-from sim.markers.settings import UP, Settings, read_settings
+from sim.markers.settings import Settings, read_settings
 from sim.markers.swaps import Swap, swaps
 from sim.markers.trial_fit import Postures, check_fit, fit_trial
+from sim.models.opensim.mechanism import is_opensim
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,23 @@ def run(args: argparse.Namespace) -> None:
         refused = angles_report.write(found, folder, args.model, args.markers, origin, args.formats, layout)
     print(angles_report.text(found))
     print(f"Everything is in {args.out}; open {PAGE}.")
+    print(f"With forces of plates on the same clock, then:\n{_identify(args, found)}")
     complain(refused)
+
+
+def _identify(args: argparse.Namespace, found: Angles) -> str:
+    """The command that comes next."""
+    log = f"{args.out / 'angles.csv'}" + ("" if args.wrenches else "+PLATES.mot")
+    words = [
+        "python",
+        "-m",
+        "experiments.identify",
+        str(args.model),
+        log,
+        *(["--base", found.base] if found.base else []),
+    ]
+    still = [word for fixed in args.fix for word in ("--fix", *fixed)]
+    return shlex.join([*words, *still, *(word for name in found.postures.undetermined for word in ("--fix", name))])
 
 
 def study(args: argparse.Namespace) -> Angles:
@@ -69,7 +87,7 @@ def study(args: argparse.Namespace) -> Angles:
     markers = read_markers(args.markers, settings.unit)
     marked, unmatched = marked_model(args.model, markers.labels, settings.places, fix)
     base = base_of(marked.model, args.base)
-    positions = marked_positions(markers, unmatched, UP[settings.up])
+    positions = marked_positions(markers, unmatched, marked, settings.up)
     lengths = None
     if args.scale:
         own = (marked, positions) if args.scale_from is None else _other_trial(args, settings)
@@ -87,6 +105,8 @@ def study(args: argparse.Namespace) -> Angles:
 
 def _check(args: argparse.Namespace) -> None:
     """Refuses options that contradict each other."""
+    if args.scale and is_opensim(args.model):
+        raise InputError("--scale needs an MJCF or URDF model; let OpenSim's Scale Tool scale an OpenSim model.")
     for option in ("symmetric", "scale_from", "mass"):
         if getattr(args, option) and not args.scale:
             raise InputError(f"--{option.replace('_', '-')} is about lengths that --scale finds; give --scale as well.")
@@ -106,7 +126,7 @@ def _other_trial(args: argparse.Namespace, settings: Settings) -> tuple[MarkedMo
     """Model and positions of the markers of the trial that lengths are found from."""
     markers = read_markers(args.scale_from, settings.unit)
     marked, unmatched = marked_model(args.model, markers.labels, settings.places, options.fixed(args.fix))
-    return marked, marked_positions(markers, unmatched, UP[settings.up])
+    return marked, marked_positions(markers, unmatched, marked, settings.up)
 
 
 def _scaling(marked: MarkedModel, positions: np.ndarray, settings: Settings, args: argparse.Namespace) -> Scaling:

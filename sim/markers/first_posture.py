@@ -19,7 +19,19 @@ def first_posture(marked: MarkedModel, measured: np.ndarray, weights: np.ndarray
     rng, kinematics = np.random.default_rng(0), Kinematics(marked)
     starts = [marked.rest, *(_at_random(marked, rng) for _ in range(STARTS - 1))]
     aligned = (_aligned(marked, kinematics, start, measured, weights) for start in starts)
-    return min((fitted(kinematics, start, measured, weights) for start in aligned), key=lambda p: p.cost)
+    best = min((fitted(kinematics, start, measured, weights) for start in aligned), key=lambda p: p.cost)
+    return best._replace(qpos=_unwound(marked, best.qpos))
+
+
+def _unwound(marked: MarkedModel, qpos: np.ndarray) -> np.ndarray:
+    """Coordinates with hinges that have a range less than half a turn from its middle: whole turns leave no trace."""
+    model, out = marked.model, qpos.copy()
+    leading = {following.leader[0] for following in marked.followers}
+    for j in {int(model.dof_jntid[d]) for d in marked.dofs}:
+        first = int(model.jnt_qposadr[j])
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and model.jnt_limited[j] and first not in leading:
+            out[first] -= 2 * np.pi * np.round((out[first] - model.jnt_range[j].mean()) / (2 * np.pi))
+    return out
 
 
 def _at_random(marked: MarkedModel, rng: np.random.Generator) -> np.ndarray:

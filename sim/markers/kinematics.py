@@ -11,13 +11,13 @@ class Kinematics:
 
     def __init__(self, marked: MarkedModel) -> None:
         self._model, self._data = marked.model, mujoco.MjData(marked.model)
-        self._sites, self._dofs = marked.sites, marked.dofs
+        self._sites, self._dofs, self._followers = marked.sites, marked.dofs, marked.followers
         self._all = np.zeros((len(marked.sites), 3, marked.model.nv))
         self._step = np.zeros(marked.model.nv)
 
     def positions(self, qpos: np.ndarray) -> np.ndarray:
         """Positions of the markers in the world, m (M, 3)."""
-        self._data.qpos = qpos
+        self._data.qpos = self._followed(qpos)
         mujoco.mj_kinematics(self._model, self._data)
         return self._data.site_xpos[self._sites]
 
@@ -26,6 +26,9 @@ class Kinematics:
         mujoco.mj_comPos(self._model, self._data)
         for k, site in enumerate(self._sites):
             mujoco.mj_jacSite(self._model, self._data, self._all[k], None, site)
+        for following in self._followers:
+            slope = following.law.slope(self._data.qpos[following.leader[0]])
+            self._all[:, :, following.leader[1]] += slope * self._all[:, :, following.own[1]]
         return self._all[:, :, self._dofs]
 
     def moved(self, qpos: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -33,4 +36,13 @@ class Kinematics:
         out = np.array(qpos)
         self._step[self._dofs] = step
         mujoco.mj_integratePos(self._model, out, self._step, 1.0)
+        return self._followed(out)
+
+    def _followed(self, qpos: np.ndarray) -> np.ndarray:
+        """Coordinates in which what follows others does so (nq,)."""
+        if not self._followers:
+            return qpos
+        out = np.array(qpos)
+        for following in self._followers:
+            out[following.own[0]] = following.law.value(out[following.leader[0]])
         return out

@@ -4,20 +4,37 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from ident.errors import InputError, ModelError
+from ident.mechanism.follower import Follower
 from ident.recordings.markers import Markers
 from ident.recordings.table import short
-from sim.markers.settings import Place
+from sim.markers.opensim_model import opensim_spec
+from sim.markers.settings import UP, Place
 from sim.models.model_update import specification
 from sim.models.mujoco_model import compiled
 from sim.models.names import body_id, id_of, name_of
+from sim.models.opensim.mechanism import is_opensim
 
 _SITE = mujoco.mjtObj.mjOBJ_SITE
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+class Following(NamedTuple):
+    """A joint that follows another one's coordinate.
+
+    Attributes:
+        leader: Places of the leader in qpos and among the degrees of freedom; `own` those of the joint itself.
+        law: How it follows.
+    """
+
+    leader: tuple[int, int]
+    own: tuple[int, int]
+    law: Follower
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +49,8 @@ class MarkedModel:
         weights: Weights of squared distances (M,).
         rest: Coordinates of the reference configuration, but for those of joints that do not move (nq,).
         dofs: Degrees of freedom that move (n,).
+        followers: Joints that follow others, as in OpenSim's knees.
+        up: Axis of the model's world that points up.
     """
 
     spec: mujoco.MjSpec
@@ -41,6 +60,8 @@ class MarkedModel:
     weights: np.ndarray
     rest: np.ndarray
     dofs: np.ndarray
+    followers: tuple[Following, ...] = ()
+    up: str = "z"
 
     def with_lengths(self, model: mujoco.MjModel) -> "MarkedModel":
         """The same markers on a model with other lengths."""
@@ -71,7 +92,7 @@ def marked_model(
     """A model, and its sites for the labels of a file.
 
     Args:
-        source: MJCF or URDF file, or a specification, which is not changed but copied.
+        source: MJCF, URDF or OpenSim file, or a specification, which is not changed but copied.
         labels: Labels of the markers; what stands before a colon in all of them, a subject's name, does not count.
         places: What markers stand for where that is not the site of their name, by the labels.
         fix: Joints that do not move, with their coordinates; none for those of the reference configuration.
@@ -83,7 +104,12 @@ def marked_model(
         ModelError: The model is malformed, or has no site, body or joint of a name.
         InputError: No marker has a site, two have the same, or a joint to fix has another number of coordinates.
     """
-    places, spec = dict(places or {}), specification(source)
+    places, laws, up, fix = dict(places or {}), dict[str, Follower](), "z", fix or {}
+    if is_opensim(source):
+        spec, laws, up = opensim_spec(str(source), fix)
+        fix = {}
+    else:
+        spec = specification(source)
     short_labels = _without_subject(labels)
     _check_labels(places, labels, short_labels)
     places = {full: places.get(full) or places.get(own) or Place(own) for full, own in short_labels.items()}
@@ -102,16 +128,25 @@ def marked_model(
         if sites[a] == sites[b]:
             raise InputError(f"Markers '{short(used[a])}' and '{short(used[b])}' have the same site.")
     weights = np.array([places[label].weight for label in used])
-    rest, still = _fixed(model, fix or {})
+    rest, still = _fixed(model, fix)
+    still |= {id_of(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in laws}
     dofs = np.array([d for d in range(model.nv) if model.dof_jntid[d] not in still], int)
     kept = tuple(short_labels[label] for label in used)
-    marked = MarkedModel(spec, model, kept, np.array(sites), weights, rest, dofs)
+    marked = MarkedModel(spec, model, kept, np.array(sites), weights, rest, dofs, _followers(model, laws), up)
     return marked, [label for label in labels if label not in used]
 
 
-def marked_positions(markers: Markers, unmatched: Collection[str], rotation: np.ndarray) -> np.ndarray:
-    """Positions of the markers that have a site, in the model's world, m (N, M, 3)."""
+def marked_positions(markers: Markers, unmatched: Collection[str], marked: MarkedModel, up: str | None) -> np.ndarray:
+    """Positions of the markers that have a site, in the model's world, m (N, M, 3).
+
+    Args:
+        markers: The markers, in the laboratory's axes.
+        unmatched: Labels of those without a site.
+        marked: The model.
+        up: Axis of the laboratory that points up, by default the model's own.
+    """
     kept = [k for k, label in enumerate(markers.labels) if label not in unmatched]
+    rotation = UP[marked.up].T @ UP[up or marked.up]
     return markers.positions[:, kept] @ rotation.T
 
 
@@ -151,6 +186,16 @@ def _check_sites(ids: Mapping[str, int], places: Mapping[str, Place], short_labe
     for label, place in places.items():
         if place.site and place.site != short_labels[label] and place.site not in ids:
             raise ModelError(f"markers.{label}: the model has no site '{place.site}', but {_listed(ids)}.")
+
+
+def _followers(model: mujoco.MjModel, laws: Mapping[str, Follower]) -> tuple[Following, ...]:
+    """The joints that follow others, by how they do so."""
+
+    def place(name: str) -> tuple[int, int]:
+        j = id_of(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        return int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+
+    return tuple(Following(place(law.joint), place(name), law) for name, law in laws.items())
 
 
 def _fixed(model: mujoco.MjModel, fix: Mapping[str, Sequence[float]]) -> tuple[np.ndarray, set[int]]:

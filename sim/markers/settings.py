@@ -1,7 +1,7 @@
 """What a TOML file says of markers: the sites or places they stand for, their weights, and which bodies scale alike.
 
 unit = "mm"                  # of a table that states none
-up = "y"                     # axis of the laboratory that points up; z if not given
+up = "y"                     # axis of the laboratory that points up; the model's if not given: z, in OpenSim y
 [markers.KNEE]               # a label
 site = "knee"                # a site of the model; that of the label's name if not given
 weight = 0.5                 # of its squared distance; 1 if not given
@@ -56,13 +56,13 @@ class Settings:
 
     Attributes:
         unit: Unit of a table, None if nothing is said.
-        up: Axis of the laboratory that points up.
+        up: Axis of the laboratory that points up, None if nothing is said.
         places: What markers stand for, by their labels.
         groups: Names of bodies that share a scale factor.
     """
 
     unit: str | None = None
-    up: str = "z"
+    up: str | None = None
     places: Mapping[str, Place] = field(default_factory=dict)
     groups: tuple[tuple[str, ...], ...] = ()
 
@@ -87,10 +87,10 @@ def read_settings(path: Path) -> Settings:
 
 def _settings(entries: Mapping[str, Any]) -> Settings:
     _check("the file", entries, ("unit", "up", "markers", "scale"))
-    unit, up = entries.get("unit"), entries.get("up", "z")
+    unit, up = entries.get("unit"), entries.get("up")
     if unit is not None and unit not in list(UNITS["length"]):
         raise InputError(f"unit is one of {', '.join(UNITS['length'])}, got {short(unit)}.")
-    if up not in list(UP):
+    if up is not None and up not in list(UP):
         raise InputError(f"up is the axis that points up, x, y or z, got {short(up)}.")
     markers = _check("[markers]", entries.get("markers", {}))
     scale = _check("[scale]", entries.get("scale", {}), ("groups",))

@@ -83,6 +83,11 @@ class Postures:
         return np.diagonal(self.spread, axis1=1, axis2=2) < LOOSE**2
 
     @property
+    def undetermined(self) -> list[str]:
+        """Names of the degrees of freedom that the markers determine in no frame."""
+        return [self.marked.dof_names[d] for d in np.flatnonzero(~self.determined.any(axis=0))]
+
+    @property
     def distances(self) -> np.ndarray:
         """Distances of the markers from the fit, NaN where one was not seen, m (N, M)."""
         return np.linalg.norm(self.residuals, axis=2)
