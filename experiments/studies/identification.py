@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from experiments.studies.marker_logs import with_angles
 from ident.estimation.preparation import Prepared, prepared
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
@@ -36,7 +37,7 @@ def prepare(
 
     Args:
         source: MJCF, URDF or OpenSim file.
-        log_path: A file that `read_log` reads.
+        log_path: A file that `read_log` reads; of a .trc file the markers become angles first.
         base: Body whose frame is {0}, by default the world.
         columns: Mapping of the log's columns.
         cutoff: As for `prepared`.
@@ -54,7 +55,9 @@ def prepare(
     arm = mechanism(source, base, ignore=ignore, fix=fix, packages=packages)
     if person is not None:
         arm = with_person(arm, person, read_segments(columns) if columns else None)
-    log = recorded(arm, log_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
+    with with_angles(source, log_path, base, fix) as (angles_path, said):
+        log = recorded(arm, angles_path, columns=columns, fix=fix, gaps=gaps, limit=limit)
+    log = replace(log, notes=(*said, *log.notes))
     if person is not None:
         log = replace(log, notes=(*log.notes, _of_person(arm, person)))
     ready = prepared(arm, log, cutoff=cutoff, drive=drive, name=str(log_path))

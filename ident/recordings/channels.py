@@ -19,6 +19,10 @@ SUGGESTION = " python -m experiments.columns MODEL LOG writes a mapping to corre
 """What to do where names do not tell what columns hold, and nothing else does."""
 
 
+class NoPositionError(LogError):
+    """A log has no positions of a joint."""
+
+
 def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) -> ColumnMapping:
     """A mapping and what a file tells besides: by the names of its columns, and of their units.
 
@@ -41,7 +45,7 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
                 columns[f"joints.{joint}.{kind}"] = _of_joint(table, joint, joint_kind, kind)
         if not all(columns[f"joints.{joint}.position"].names):
             names, ball = ", ".join(p.format(joint) for p in KINDS["position"]), joint_kind == "ball"
-            raise LogError(
+            raise NoPositionError(
                 f"joint '{joint}' needs {'columns' if ball else 'a column'} of its positions, named {names} "
                 f"{'with .w, .x, .y and .z ' if ball else ''}or mapped; {table.available()}. "
                 f"Where it does not move, --fix {joint} [VALUE] leaves it out.{suggestion}"

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.channels import read_channels, with_names
+from ident.recordings.channels import NoPositionError, read_channels, with_names
 from ident.recordings.counted import counted
 from ident.recordings.files import has_several_clocks, read_clocks, read_tables
 from ident.recordings.mapping import ColumnMapping, joint_kinds, read_mapping
@@ -23,6 +23,9 @@ from ident.recordings.several_files import check_number, files_of, read_files
 from ident.recordings.standing import about_origins, placed
 from ident.recordings.table import BASE, TRUE, Table, in_pieces
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
+
+MARKERS = " Positions of markers become angles by python -m experiments.angles MODEL {}."
+"""What is said of a file of markers where angles are needed."""
 
 
 def read_log(
@@ -120,7 +123,9 @@ def _pieces(
         if clock is None:
             _check_length(0)
     except (LogError, OSError) as error:
-        raise LogError(f"{path}: {error}") from None
+        markers = [file.name for file in files_of(path) if file.suffix.lower() == ".trc"]
+        hint = MARKERS.format(markers[0]) if markers and isinstance(error, NoPositionError) else ""
+        raise LogError(f"{path}: {error}{hint}") from None
 
 
 def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int) -> Iterator[Table]:
