@@ -214,7 +214,11 @@ def add_fit(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """Adds how a user's recordings are read, and whether offsets are fitted."""
-    parser.add_argument("--columns", type=Path, help="TOML file that says which columns hold what, and in which unit")
+    parser.add_argument(
+        "--columns",
+        type=Path,
+        help="TOML file that says which columns hold what, and in which unit, or OpenSim's ExternalLoads (.xml)",
+    )
     parser.add_argument("--offsets", action=argparse.BooleanOptionalAction, default=True, help="fit constant offsets")
     add_size(parser)
 

@@ -14,6 +14,7 @@ from ident.recordings.column import BALL, KINDS, Columns, Sum
 from ident.recordings.column_entries import factor_of, joints_of_motors, several, single
 from ident.recordings.csv_file import Layout
 from ident.recordings.entries import check_keys, pose, table, toml
+from ident.recordings.external_loads import LOADS, external_loads
 from ident.recordings.file_entries import clocks, layouts, selection
 from ident.recordings.plates import Plate
 from ident.recordings.segments import segments_told
@@ -88,12 +89,12 @@ def joint_kinds(tree: Tree) -> dict[str, str]:
 
 
 def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
-    """Reads a mapping file.
+    """Reads a mapping file, or OpenSim's ExternalLoads if its name ends in `.xml`.
 
     Raises:
         LogError: The file is missing or malformed, or names what the mechanism does not have.
     """
-    entries = toml(path)
+    entries = external_loads(path, tree.names) if path.suffix.lower() == LOADS else toml(path)
     try:
         return _mapping(entries, joint_kinds(tree), tree.names)
     except LogError as error:

@@ -12,7 +12,7 @@ from ident.recordings import entries
 from ident.recordings.table import short
 from ident.recordings.wrench import GROUND, Sensor
 
-KEYS = ("frame", "corners", "origin", "on", "among", "point", "point_unit", "free_moment", "threshold")
+KEYS = ("frame", "corners", "origin", "on", "among", "expected", "point", "point_unit", "free_moment", "threshold")
 """What a mapping file says of a wrench whose frame rests in the world, besides what it says of any wrench."""
 
 FRAMES = ("body", "world", "plate")
@@ -38,12 +38,14 @@ class Plate:
         threshold: Force up to which its readings count as nothing, N.
         point: Coordinates of the point of application, NaN for those that have columns, m (3,); None where moments are
             about the frame's origin.
+        expected: Which of several bodies somebody says is on it, "" where nobody does.
     """
 
     pose: np.ndarray
     bodies: tuple[str, ...]
     threshold: float
     point: np.ndarray | None
+    expected: str = ""
 
     def sensor(self, applied_to_link: bool) -> Sensor:
         """Where it measures, with the first of the bodies on it."""
@@ -70,7 +72,12 @@ def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate |
     low = entry.get("threshold", THRESHOLD if point is not None or len(on) > 1 else 0)
     if type(low) not in (int, float) or not 0 <= low < np.inf:
         raise LogError(f"{where}.threshold needs a force in N, zero or more, got {short(low)}.")
-    return Plate(pose, on, float(low), point)
+    expected = entry.get("expected", "")
+    if "expected" in entry and (len(on) < 2 or expected not in on):
+        raise LogError(
+            f'{where}.expected needs one of the bodies among which on = "{AUTO}" looks, got {short(expected)}.'
+        )
+    return Plate(pose, on, float(low), point, str(expected))
 
 
 def columns_of_point(where: str, entry: Mapping[str, Any]) -> list[str]:

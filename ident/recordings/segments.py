@@ -6,6 +6,7 @@ from typing import Any
 from ident.errors import LogError
 from ident.parameters.person import Placed
 from ident.recordings.entries import check_keys, table, toml, vector
+from ident.recordings.external_loads import LOADS
 from ident.recordings.table import short
 
 
@@ -15,6 +16,8 @@ def read_segments(path: Path) -> dict[str, Placed] | None:
     Raises:
         LogError: The file is missing or malformed.
     """
+    if path.suffix.lower() == LOADS:
+        return None
     entries = toml(path)
     try:
         return segments_told(entries["segments"]) if "segments" in entries else None

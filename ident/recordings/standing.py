@@ -119,6 +119,9 @@ def _taking_turns(recording: Recording, mechanism: Mechanism, name: str, plate: 
     sensor = recording.sensors[name]
     who, close = _standing(recording, mechanism, sensor, name, plate)
     notes.append(_told(recording.time, who, close, name, plate.bodies))
+    others = [body for k, body in enumerate(plate.bodies) if body != plate.expected and (who == k).any()]
+    if plate.expected and others:
+        notes.append(f"On '{name}' was expected {plate.expected}; its force says {', '.join(others)}, which counts.")
     sensors = {key: x for key, x in recording.sensors.items() if key != name}
     measured, streams, units = dict(recording.measured), dict(recording.streams), dict(recording.units)
     for kind in ("force", "torque"):
