@@ -27,7 +27,7 @@ def mapping_of(tables: Sequence[Table], mapping: ColumnMapping, joints: Mapping[
     """
     check_text_alone(mapping)
     if TIME in mapping.columns:
-        raise LogError("this file knows the times of its columns; leave time and rate out of the mapping.")
+        raise LogError("this file knows the times of its columns; leave time out of the mapping, and a rate too.")
     cells: dict[str, Sequence[str] | np.ndarray] = {}
     units: dict[str, str] = {}
     for table in tables:
