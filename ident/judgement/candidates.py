@@ -53,8 +53,10 @@ class Candidates:
         return float(np.exp(np.log(np.maximum(self.ratios[name], NEGLIGIBLE)).mean())) if self.channels else np.inf
 
     @property
-    def best(self) -> str:
-        """The candidate that predicts best over all channels; of those that are alike the estimate."""
+    def best(self) -> str | None:
+        """The candidate that predicts best over all channels, of those that are alike the estimate; None if none."""
+        if not self.channels:
+            return None
         first = min(self.ratios, key=self.overall)
         return ESTIMATE if self.overall(ESTIMATE) <= NOTABLY * self.overall(first) else first
 
@@ -110,7 +112,10 @@ def comparisons(result: "Estimate") -> Iterator[str]:
     """Sentences on how the estimate predicts beside the others, channel by channel, and which candidate is best."""
     candidates = Candidates.of(result)
     others = [name for name in RIVALS.values() if name in candidates.ratios]
-    if not others or not candidates.channels:
+    if not others:
+        return
+    if not candidates.channels:
+        yield "No candidate explains any channel, so that none is best."
         return
     for name in others:
         better = candidates.better(ESTIMATE, name, NOTABLY)

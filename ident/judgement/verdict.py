@@ -45,15 +45,14 @@ WIDER = 2.0
 
 
 def verdict(result: "Estimate", findings: list[Finding]) -> str:
-    """Whether to believe it, and what for; first of all, whether another candidate predicts better."""
+    """Whether to believe it, how the candidates compare, and what for; first, whether another one predicts better."""
     first = [each.text for each in candidate_findings(result)]
-    whole = " ".join([*first, sentence(_ratios(result), findings, "held-out")])
-    return f"{whole} {' '.join(uses(result))}" if _usable(_ratios(result), findings) else whole
+    said = [*first, sentence(_ratios(result), findings, "held-out"), *comparisons(result)]
+    return " ".join([*said, *uses(result)] if _usable(_ratios(result), findings) else said)
 
 
 def uses(result: "Estimate") -> Iterator[str]:
-    """What the numbers are good for: prediction beside that of others, and parameters to some precision."""
-    yield from comparisons(result)
+    """What the numbers are good for: how many parameters they tell, and to which precision."""
     std = result.std_setup
     known = [int((std <= share * np.abs(result.psi)).sum()) for share in PRECISIONS]
     counts = ", ".join(f"{n} within {share:.0%}" for n, share in zip(known, PRECISIONS, strict=True))

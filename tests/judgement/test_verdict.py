@@ -13,6 +13,7 @@ from test_torque_checks import NO_HAND, log
 import ident
 import sim
 from ident.judgement.candidates import Candidates
+from ident.judgement.finding import Finding
 from ident.judgement.torque_findings import bound_findings
 from ident.judgement.verdict import findings, verdict
 
@@ -97,6 +98,8 @@ def test_worse_than_another_is_the_first_sentence_a_doubt_and_says_what_to_take(
     said = verdict(other, findings(other))
     assert said.startswith("Worse than least squares in Fy (") and ", Mx (" in said and "Fz (" not in said
     assert "take least squares, --estimator weighted --cutoff 3.21. Do not use it as it is: one finding" in said
+    assert "It predicts as well as least squares in My, Mz, worse than least squares in Fy, Fz, Mx." in said
+    assert said.endswith("Over all channels least squares predicts best.")
     doubt = findings(other)[0]
     assert doubt.doubt and said.startswith(doubt.text) and doubt.place.channels == ("Fy", "Mx")
     assert Candidates.of(other).best == "least squares"
@@ -110,6 +113,18 @@ def test_least_squares_are_not_advised_where_they_would_refuse_the_motion(estima
     other = replace(with_ratios(estimate, squares=[0.5, 0.9, 0.6, 1, 1]), singular_values=np.array([1, 1e-5]))
     said = verdict(other, findings(other))
     assert said.startswith("Worse than least squares in Fy (") and "brackets: move the joints further; " in said
+
+
+def test_candidates_are_compared_where_a_doubt_stands_and_where_none_predicts(estimate):
+    doubted = with_ratios(estimate, model=[2, 2, 2, 2, 2], squares=[1, 1, 1, 1, 1])
+    said = verdict(doubted, [Finding("Something is wrong.", True)])
+    assert said.startswith("Do not use it as it is: one finding below speaks against it. It predicts as well as least")
+    assert said.endswith("Over all channels the estimate predicts best.")
+    held = replace(estimate.held_out, residual=estimate.held_out.residual * 1e6)
+    nothing = replace(estimate, held_out=held, rivals={"model": np.full(6, 9.0), "least squares": np.full(6, 8.0)})
+    said = verdict(nothing, [])
+    assert said.startswith("Do not use it: the model predicts none of the channels on the held-out part. No candidate")
+    assert Candidates.of(nothing).best is None
 
 
 def test_worse_in_a_channel_and_better_overall_is_no_doubt(estimate):
