@@ -1,10 +1,12 @@
 """What became of the bodies of a model: whether they are physical, and how far from the model's."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ident.estimation.robust import separable
 from ident.geometry.inertia import body_of_parameter, with_bodies
 from ident.judgement.finding import Finding, Place
 from ident.mechanism.mechanism import Mechanism
@@ -65,7 +67,7 @@ def mass_findings(result: "Estimate") -> Iterator[Finding]:
 
 
 def rotor_findings(result: "Estimate", far: Sequence[str]) -> Iterator[Finding]:
-    """Bodies far from the model's mass on joints whose rotor inertia was not fitted beside their torques.
+    """Bodies far from the model's mass on joints whose rotor inertia was not fitted or cannot be told from the links'.
 
     Args:
         result: The estimate.
@@ -79,14 +81,21 @@ def rotor_findings(result: "Estimate", far: Sequence[str]) -> Iterator[Finding]:
         for name in far
         if (joint := joints.get(name)) in torques and f"{DRIVE['rotor']}({joint})" not in equations.drives
     ]
-    if without:
-        named = ", ".join(f"{name} (joint {joints[name]})" for name in without)
-        yield Finding(
-            f"Rotor inertia may explain the masses of {named}: it turns with the joint and was not fitted beside the "
-            "inertias of the links, which take it up (--drive rotor, where the motion tells them apart).",
-            False,
-            Place(bodies=tuple(without), joints=tuple(str(joints[name]) for name in without)),
-        )
+    columns = {name: f"{DRIVE['rotor']}({joints[name]})" for name in without}
+    with_rotors = replace(equations, drives=(*equations.drives, *columns.values()))
+    apart = separable(with_rotors, result.prepared.samples).drives if without else ()
+    kinds = (
+        ("was not fitted beside the inertias of the links, which take it up (--drive rotor)", True),
+        ("cannot be told from the inertias of the links, which take it up, with or without --drive rotor", False),
+    )
+    for what, is_apart in kinds:
+        if bodies := [name for name in without if (columns[name] in apart) == is_apart]:
+            named = ", ".join(f"{name} (joint {joints[name]})" for name in bodies)
+            yield Finding(
+                f"Rotor inertia may explain the masses of {named}: it turns with the joint and {what}.",
+                False,
+                Place(bodies=tuple(bodies), joints=tuple(str(joints[name]) for name in bodies)),
+            )
 
 
 def tool_findings(result: "Estimate") -> Iterator[Finding]:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -12,6 +13,7 @@ import ident
 import sim
 from ident.estimation.preparation import prepared
 from ident.estimation.setup import PRIORS
+from ident.judgement.body_findings import rotor_findings
 from ident.judgement.torque_checks import FRICTION, torque_checks
 
 HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
@@ -104,3 +106,19 @@ def test_a_reversal_that_a_low_pass_smears_is_not_taken_for_it():
     recording = log(friction=1.0, seconds=10.0, rate=50.0)
     found = ident.identify(arm(), recording, drive=FRICTION, estimator="weighted", cutoff=10.0).findings
     assert not any("follow the velocity" in finding.text for finding in found)
+
+
+def test_rotors_are_to_be_fitted_or_cannot_be_told_from_the_links():
+    """A rotor on the first joint, whose axis rests, is one with the inertia of its link."""
+
+    def said(*drive):
+        logged = prepared(arm(), log(seconds=3), cutoff=8.0, drive=drive)
+        result = SimpleNamespace(prepared=logged, fit=SimpleNamespace(equations=logged.equations))
+        return list(rotor_findings(result, ["link1", "link3"]))
+
+    fitted, merged = said()
+    assert "masses of link3 (joint joint3): " in fitted.text and "was not fitted" in fitted.text
+    assert "masses of link1 (joint joint1): " in merged.text and "cannot be told from the inertias" in merged.text
+    assert merged.place.bodies == ("link1",) and merged.place.joints == ("joint1",)
+    (merged,) = said("rotor")
+    assert "joint1" in merged.text and "was not fitted" not in merged.text
