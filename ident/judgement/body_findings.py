@@ -11,7 +11,7 @@ from ident.geometry.inertia import body_of_parameter, with_bodies
 from ident.judgement.finding import Finding, Place
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.consistency import ConsistentParameters
-from ident.parameters.prior import KNOWN
+from ident.parameters.prior import KNOWN, conditioned, known_deviations, updated
 from ident.tolerances import DRIVE
 
 if TYPE_CHECKING:
@@ -22,6 +22,11 @@ FAR = 2.0
 
 SEEN = 1.96
 """Standard deviations by which a mass has to differ to be another one, with 95 % confidence."""
+
+NARROWER = 0.5
+"""Standard deviation of a mass, over that before the data, below which they tell it."""
+
+TINIEST = 1e-300
 
 FACTOR = 2.0
 """By how much a body's mass may differ from the model's without a remark."""
@@ -99,20 +104,42 @@ def rotor_findings(result: "Estimate", far: Sequence[str]) -> Iterator[Finding]:
 
 
 def tool_findings(result: "Estimate") -> Iterator[Finding]:
-    """Last links that are significantly heavier than the model, beyond what a model knows of its masses."""
+    """Last links that are significantly heavier than the model, where the data themselves tell that they are."""
     full, mechanism = result.consistent(), result.prepared.mechanism
     known = {**KNOWN, **result.prepared.recording.known}["mass"]
     last = _last_links(mechanism)
+    heavier = _heavier(result)
     masses = zip(mechanism.bodies, full.phi[::10], full.mass_std, mechanism.known[::10], strict=True)
     for name, mass, std, before in masses:
         more = mass - before
-        if name in last and more > max(SEEN * std, known * before):
-            link = "The last link" if len(last) == 1 else f"The last link '{name}'"
+        if name in last and name in heavier and more > max(SEEN * std, known * before):
             yield Finding(
-                f"{link} carries {more:.2g} ± {std:.1g} kg more than the model: a tool? (experiments.payload)",
+                f"The last link '{name}' carries {more:.2g} ± {std:.1g} kg more than the model: a tool? "
+                "(experiments.payload)",
                 False,
                 Place(bodies=(name,)),
             )
+
+
+def _heavier(result: "Estimate") -> set[str]:
+    """Names of the bodies whose mass the data tell and whose first moments they show to be larger than the model's.
+
+    Torques tell no mass, but combinations: the physical bodies that have them may be heavier for no other reason than
+    that these are likelier.
+    """
+    mechanism, base, psi, covariance = result.prepared.mechanism, result.base, result.psi, result.covariance
+    known = {**KNOWN, **result.prepared.recording.known}
+    if result.joint is None or not result.joint.known:
+        psi, covariance = updated(mechanism, base, psi, covariance, known)
+    after = conditioned(mechanism, base, psi, covariance, known)
+    phi, std, before, std_before = (
+        x.reshape(-1, 10)[:, :4] for x in (*after, mechanism.known, known_deviations(mechanism, known))
+    )
+    size = np.linalg.norm(phi[:, 1:], axis=1)
+    grown = size - np.linalg.norm(before[:, 1:], axis=1)
+    std_size = np.linalg.norm(phi[:, 1:] * std[:, 1:], axis=1) / np.maximum(size, TINIEST)
+    heavier = (std[:, 0] < NARROWER * std_before[:, 0]) & (grown > SEEN * std_size)
+    return {name for name, each in zip(mechanism.bodies, heavier, strict=True) if each}
 
 
 def _last_links(mechanism: Mechanism) -> list[str]:

@@ -140,6 +140,30 @@ def conditioned(
     return phi, np.sqrt(np.maximum(variance, 0))
 
 
+def updated(
+    mechanism: Mechanism,
+    parameters: BaseParameters,
+    psi: np.ndarray,
+    covariance: np.ndarray,
+    known: Mapping[str, float] = KNOWN,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate and covariance of ψ once what is known beforehand is put in, as `conditioned` takes them.
+
+    Args:
+        mechanism: The mechanism with the prior φ_0.
+        parameters: Its base parameters.
+        psi: Their estimate from the data alone (r,).
+        covariance: Covariance of that (r, r).
+        known: How well the prior is known.
+
+    Returns:
+        ψ (r,), and its covariance (r, r).
+    """
+    K, before = known_covariance(mechanism, parameters, known), parameters.regroup(mechanism.known)
+    gain = np.linalg.solve(K + covariance, K).T
+    return before + gain @ (psi - before), K - gain @ K
+
+
 def parameters_told(
     mechanism: Mechanism,
     parameters: BaseParameters,

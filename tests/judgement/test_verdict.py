@@ -12,6 +12,7 @@ from test_torque_checks import NO_HAND, log
 
 import ident
 import sim
+from ident.judgement.body_findings import tool_findings
 from ident.judgement.candidates import Candidates
 from ident.judgement.finding import Finding
 from ident.judgement.torque_findings import bound_findings
@@ -156,9 +157,18 @@ def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
     estimate = ident.identify(replace(PENDULUM, prior=light), sines(3, seconds=8, size=1))
     (finding,) = with_words(estimate, "a tool? (experiments.payload)")
     assert not finding.doubt and finding.place.bodies == ("link2",)
-    match = re.fullmatch(r"The last link carries (.*) ± (.*) kg more than the model.*", finding.text)
+    match = re.fullmatch(r"The last link 'link2' carries (.*) ± (.*) kg more than the model.*", finding.text)
     more, std = map(float, match.groups())
     assert std < more / 2 and abs(more - 0.4 * PENDULUM.known[-10]) < 3 * std
+
+
+def test_a_link_that_only_the_physical_bodies_make_heavier_carries_no_tool(estimate):
+    """Combinations that data tell may ask for physical bodies that are heavier, though no mass is told."""
+    other, full = replace(estimate), estimate.consistent()
+    phi = full.phi.copy()
+    phi[-10] *= 1.5
+    vars(other)["_consistent"] = replace(full, phi=phi)
+    assert not list(tool_findings(other))
 
 
 def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():

@@ -17,6 +17,7 @@ from ident.parameters.prior import (
     known_covariance,
     known_covariances,
     known_deviations,
+    updated,
 )
 
 CENTRAL = np.array([[0.06, 0.01, -0.005], [0.01, 0.05, 0.002], [-0.005, 0.002, 0.03]])
@@ -116,8 +117,7 @@ def test_all_parameters_follow_from_an_estimate_of_base_parameters():
     # Observed base parameters, and the estimate that has the prior of theirs.
     noise = np.diag(rng.uniform(0.1, 2, size=len(prior)) * np.diag(before))
     seen = prior + rng.normal(size=len(prior)) * np.sqrt(np.diag(before + noise))
-    gain = before @ np.linalg.inv(before + noise)
-    phi, std = conditioned(arm, base, prior + gain @ (seen - prior), before - gain @ before)
+    phi, std = conditioned(arm, base, *updated(arm, base, seen, noise))
     direct = S @ B.T @ np.linalg.inv(before + noise)
     np.testing.assert_allclose(phi, arm.known + direct @ (seen - prior), rtol=1e-5, atol=1e-8)
     variance = np.diag(S - direct @ B @ S)
