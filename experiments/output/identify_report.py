@@ -137,7 +137,7 @@ def data_lines(result: Estimate) -> list[str]:
         noise = "correlated" if result.joint.coloured else "white"
         filtered = (
             f"trajectory by splines with knots {result.joint.step:.2g} s apart, {noise} noise in the weights, "
-            f"{fit.status} in {len(fit.trace)} rounds"
+            f"{fit.status} in {len(fit.trace)} round{'s' if len(fit.trace) != 1 else ''}"
         )
     lines = [
         f"{samples} samples at {prepared.recording.rate:.4g} Hz, {filtered}; "
