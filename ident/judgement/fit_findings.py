@@ -4,11 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import linalg
 
 from ident.judgement.finding import Finding, Place
 from ident.judgement.halves import DISAGREE
+from ident.parameters.prior import KNOWN, known_covariance
 from ident.recordings.resolution import white_noise
-from ident.tolerances import LEFT, POOR, UNEXPLAINED
+from ident.tolerances import CONDITION_LIMIT, LEFT, POOR, UNEXPLAINED
 
 if TYPE_CHECKING:
     from ident.estimate import Estimate
@@ -22,6 +24,9 @@ residual is more than so much of the signal."""
 
 FAR_ABOVE = 3.0
 """Noise of a channel over what is fast of it, or its floor, from which it is worth a remark."""
+
+FAR_LESS = 30.0
+"""Standard deviation from the data, over that of what is known beforehand, from which the motion tells nothing."""
 
 TINIEST = 1e-300
 
@@ -52,7 +57,8 @@ def course_findings(result: "Estimate") -> Iterator[Finding]:
     fit = result.joint.fit
     if fit.status == "interrupted" or (fit.status != "converged" and fit.trace[-1] > RESTLESS):
         how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(fit.status, "did not settle")
-        yield Finding(f"The joint estimate {how} after {len(fit.trace)} rounds; its last iterate is given.", True)
+        rounds = "1 round" if len(fit.trace) == 1 else f"{len(fit.trace)} rounds"
+        yield Finding(f"The joint estimate {how} after {rounds}; its last iterate is given.", True)
 
 
 def halves_findings(result: "Estimate") -> Iterator[Finding]:
@@ -73,13 +79,25 @@ def halves_findings(result: "Estimate") -> Iterator[Finding]:
 
 
 def prior_findings(result: "Estimate") -> Iterator[Finding]:
-    """Whether what the model says was needed."""
+    """Whether what the model says was put in, and whether the motion needed it."""
     if result.joint is not None and result.joint.known:
-        yield Finding(
-            "The motion does not separate all base parameters; what the model says of its bodies, give or take, was "
-            "put in, and those that the data hardly see stay near it.",
-            False,
-        )
+        put = "what the model says of its bodies, give or take, was put in"
+        if _separated(result):
+            text = f"As asked for, {put}; the motion would separate the base parameters without it."
+        else:
+            text = f"The motion does not separate all base parameters; {put}, and those that the data hardly see stay "
+            text += "near it."
+        yield Finding(text, False)
+
+
+def _separated(result: "Estimate") -> bool:
+    """Whether the data of an estimate that has a prior tell every base parameter without it."""
+    known = {**KNOWN, **result.prepared.recording.known}
+    before = known_covariance(result.prepared.mechanism, result.base, known)
+    # Of the variance with the prior, over that of the prior alone, this share is left where the data's own is so large.
+    share = FAR_LESS**2 / (1 + FAR_LESS**2)
+    left = linalg.eigvalsh(result.covariance / result.widening**2, before)
+    return result.condition_number < CONDITION_LIMIT and bool(left[-1] < share)
 
 
 def model_error_findings(result: "Estimate") -> Iterator[Finding]:
@@ -99,21 +117,29 @@ def slow_residual_findings(result: "Estimate") -> Iterator[Finding]:
     """A remark on channels of which more is left than a sensor's noise: intervals include it."""
     if result.joint is None:
         return
-    fit = result.joint.fit
-    large = {}
+    fit, large = result.joint.fit, dict[str, float]()
     for c, (channel, noise) in enumerate(zip(result.channels, fit.noise.channels, strict=True)):
         fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
         if noise > FAR_ABOVE * max(fast, float(fit.noise.floor_channels[c])):
-            times = noise / max(fast, TINIEST)
-            large[channel] = f"{channel} {noise:.2g} ({'over 100' if times > 100 else f'{times:.0f}'} times)"
+            large[channel] = noise / max(fast, TINIEST)
     if large:
+        if 1 < len(large) == len(result.channels):
+            least, most = _times(min(large.values())), _times(max(large.values()))
+            times = least if least == most else f"{least} to {most}"
+            what = f"In all channels what is left is far more than the fast noise of the sensors, {times} times."
+        else:
+            listed = ", ".join(f"{channel} {_times(times)} times" for channel, times in large.items())
+            what = f"What is left is far more than the fast noise of the sensors: {listed}."
         yield Finding(
-            "What is left is far more than the fast noise of the sensors, how many times in brackets: "
-            f"{', '.join(large.values())}. The model is not quite right or the trajectory cannot follow jumps; what is "
-            "left, and how slow it is, is in the standard deviations.",
+            f"{what} The model is not quite right, the trajectory cannot follow jumps, or the channel was low-passed "
+            "before; what is left, and how slow it is, is in the standard deviations.",
             False,
             Place(channels=tuple(large)),
         )
+
+
+def _times(factor: float) -> str:
+    return "over 100" if factor > 100 else f"{factor:.0f}"
 
 
 def quality_findings(ratios: Mapping[str, float], part: str) -> Iterator[Finding]:

@@ -90,11 +90,11 @@ def sentence(ratios: Mapping[str, float], findings: Sequence[Finding], part: str
 
 
 def unmeasured_findings(result: "Estimate") -> Iterator[Finding]:
-    """Samples that were left out."""
+    """Samples that were left out, with the number of their log where there are several."""
     for k, (log, _) in enumerate(result.logs):
         for each in log.left_out:
             place = Place(bodies=(each.body,) if each.body else (), span=(each.start, each.end), log=k)
-            yield Finding(each.why, False, place)
+            yield Finding(f"Log {k + 1}: {each.why}" if len(result.logs) > 1 else each.why, False, place)
 
 
 def findings(result: "Estimate") -> list[Finding]:

@@ -12,11 +12,14 @@ from test_torque_checks import NO_HAND, log
 
 import ident
 import sim
+from ident.estimation.preparation import LeftOut
 from ident.judgement.body_findings import tool_findings
 from ident.judgement.candidates import Candidates
 from ident.judgement.finding import Finding
+from ident.judgement.fit_findings import course_findings, prior_findings, slow_residual_findings
 from ident.judgement.torque_findings import bound_findings
-from ident.judgement.verdict import findings, verdict
+from ident.judgement.verdict import findings, unmeasured_findings, verdict
+from ident.parameters.prior import known_covariance
 
 
 def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
@@ -148,6 +151,46 @@ def test_drives_at_their_bound_are_at_most_so_much(estimate):
     assert one.to_dict()["bounded"] == {"Fc(joint1)": {"at_most": 0.131, "std_free": 0.08}}
     (finding,) = bound_findings(replace(one, bounded={"Fc(joint1)": (0.131, 0.08), "Ia(joint2)": (0.02, 0.01)}))
     assert "Fc(joint1), Ia(joint2) are at their bound of zero: at most 0.13 N m, 0.02 kg m² (95 %)" in finding.text
+
+
+def test_a_prior_that_was_asked_for_is_not_blamed_on_the_motion(estimate):
+    (asked,) = prior_findings(replace(estimate, joint=replace(estimate.joint, known=True)))
+    assert asked.text.startswith("As asked for, what the model says") and "does not separate" not in asked.text
+    base, fit = estimate.base, estimate.fit
+    covariance = fit.covariance.copy()
+    covariance[: base.rank, : base.rank] = known_covariance(PENDULUM, base)
+    poor = replace(estimate, joint=replace(estimate.joint, known=True), fit=replace(fit, covariance=covariance))
+    (needed,) = prior_findings(poor)
+    assert needed.text.startswith("The motion does not separate all base parameters; what the model says")
+
+
+def test_rounds_are_counted_in_english(estimate):
+    joint = estimate.joint
+    for trace, said in (([1.0], "after 1 round;"), ([1.0, 1.0], "after 2 rounds;")):
+        stuck = joint.with_fit(replace(joint.fit, status="stuck", trace=tuple(trace)))
+        (finding,) = course_findings(replace(estimate, joint=stuck))
+        assert said in finding.text
+
+
+def test_what_is_left_beyond_fast_noise_is_listed_unless_it_is_everywhere(estimate):
+    fit = estimate.joint.fit
+
+    def said(*factors):
+        noise = replace(fit.noise, channels=fit.noise.channels * factors)
+        (finding,) = slow_residual_findings(replace(estimate, joint=estimate.joint.with_fit(replace(fit, noise=noise))))
+        return finding.text
+
+    one, all_ = said(1, 10, 1, 1, 1, 1), said(*6 * [1e4])
+    assert re.search(r"noise of the sensors: Fy \d+ times\. ", one) and "or the channel was low-passed before" in one
+    assert all_.startswith("In all channels what is left is far more than") and "sensors, over 100 times." in all_
+
+
+def test_spans_of_several_logs_say_which_log(estimate):
+    prepared = replace(estimate.prepared, left_out=(LeftOut(1.0, 2.0, "From 1.00 to 2.00 s a chair.", None),))
+    alone, part = replace(estimate, logs=[(prepared, estimate.part)]), estimate.part
+    assert [each.text for each in unmeasured_findings(alone)] == ["From 1.00 to 2.00 s a chair."]
+    several = replace(estimate, logs=[(estimate.prepared, part), (prepared, part)])
+    assert [each.text for each in unmeasured_findings(several)] == ["Log 2: From 1.00 to 2.00 s a chair."]
 
 
 def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
