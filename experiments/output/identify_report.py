@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib import mlab
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
 from experiments.output import escape, figures, report
@@ -24,6 +25,9 @@ from ident.recordings.several_files import name_of
 from ident.tolerances import DRIVE
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
+
+LEFT_OPEN: dict[str, Any] = {"color": "0.85", "lw": 0, "zorder": 0, "label": "Torques left open"}
+"""How spans are drawn in which joints are so slow that friction leaves their torques open."""
 
 OUTPUTS = (*report.OUTPUTS, PAGE, "estimate.json", "model.xml", "model.urdf", "model.osim")
 
@@ -193,12 +197,10 @@ def held_out_figure(result: Estimate) -> Figure:
             ax.plot(time, predicted[:, k], color="C1", ls="--", lw=0.8, label="Predicted")
             if result.near_reversals[:, k].any():
                 slow = np.insert(result.near_reversals[:, k].astype(float), breaks, 0)
-                ax.fill_between(
-                    time, 0, 1, where=slow > 0, transform=ax.get_xaxis_transform(), color="0.85", lw=0, zorder=0
-                )
+                ax.fill_between(time, 0, 1, where=slow > 0, transform=ax.get_xaxis_transform(), **LEFT_OPEN)
             ax.set_ylabel(_label(result, k), labelpad=2)
             ax.margins(x=0)
-        _finish(figure, axes, "Time (s)")
+        _finish(figure, axes, "Time (s)", [Patch(**LEFT_OPEN)] if result.near_reversals.any() else [])
     return figure
 
 
@@ -255,20 +257,23 @@ def _panels(result: Estimate) -> tuple[Figure, list[Axes]]:
     return figure, axes[:count]
 
 
-def _finish(figure: Figure, axes: list[Axes], xlabel: str) -> None:
+def _finish(figure: Figure, axes: list[Axes], xlabel: str, extra: Sequence[Patch] = ()) -> None:
+    """Labels axes and makes the legend, with patches behind the first panel's own entries."""
     rows = -(-len(axes) // 2)
     for ax in {axes[min(rows, len(axes)) - 1], axes[-1]}:
         ax.set_xlabel(xlabel, labelpad=2)
         ax.tick_params(labelbottom=True)
     figures.align_ylabels(axes)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    # Whichever panel has them, spans have one entry.
+    lines = [line for line in axes[0].lines if not str(line.get_label()).startswith("_")]
+    figure.legend(handles=[*lines, *extra], loc="outside upper center", ncols=2 + len(extra))
 
 
 def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
-    """Base parameters with 95 % intervals beside the model's own, each in units of its own size."""
+    """Base parameters with 95 % intervals, set-up included, beside the model's own, each over the largest of these."""
     arm = result.prepared.mechanism
     shown = [k for k, name in enumerate(result.base.names) if layout.shows(name, arm.bodies)]
-    value, std = result.psi[shown], result.fit.std[shown]
+    value, std = result.psi[shown], result.std_setup[shown]
     prior = result.base.regroup(arm.known)[shown]
     size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), HALF_WIDTH * std)
     size = np.where(size > 0, size, 1)
@@ -285,12 +290,12 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
             ms=2.5,
             lw=0.8,
             color="C0",
-            label="Estimate, 95 %",
+            label="Estimate, 95 % with set-up",
         )
         ax.plot(prior / size, place, "|", color="black", ms=7, label="Model")
         ax.set_yticks(place, [figures.named_symbol(result.base.names[k], arm.bodies) for k in shown])
         ax.invert_yaxis()
-        ax.set_xlabel("Value, relative to the larger of estimate and model")
+        ax.set_xlabel("Value over the largest of estimate, model and half-width")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
@@ -314,7 +319,7 @@ def results(result: Estimate, provenance: dict[str, Any], layout: Layout = PAPER
             "figure_held_out": (held_out_figure(result), _held_out_caption(result)),
             "figure_parameters": (
                 parameters_figure(result, layout),
-                "Base parameters with 95 % intervals, and the model's own.",
+                "Base parameters with 95 % intervals that include what is open of the set-up, and the model's own.",
             ),
             "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
         },
