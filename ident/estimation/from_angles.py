@@ -59,6 +59,8 @@ class FromAngles:
         taken = np.flatnonzero(np.isfinite(piece.measured).all(axis=1) & settled)[:: self.share]
         residual, by_theta = piece.measured[taken], list[np.ndarray]()
         chosen = np.arange(len(measurement.equations.names) if columns else 0)
+        if not len(taken):
+            return Compared(residual, np.zeros((*residual.shape, len(chosen))))
         for own, when in every:
             states, wrenches = trajectory.evaluate(when[taken])[:3], piece.wrenches[taken]
             if columns:

@@ -94,16 +94,29 @@ def likely_delay(fit: JointFit, measurement: Measurement, at: int) -> float:
     own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
     share = -(-sum(len(piece.when) for piece, _ in own) // COMPARED)
     pieces = [(FromAngles(measurement, piece, share), chosen) for piece, chosen in own]
-    number = int(FURTHEST / np.sqrt(fit.prior.known[at, at]) / SPACING)
-    delays = SPACING * np.arange(-number, number + 1)
+    longest = max(piece.time[-1] - piece.time[0] for piece, _ in own)
+    delays = _candidates(float(np.sqrt(fit.prior.known[at, at])), longest)
+    number = len(delays) // 2
 
     def left(T: float) -> list[float]:
         thetas = [np.where(np.arange(len(fit.theta)) == at, delay, fit.theta) for delay in delays]
         every = [[x.compared(T, theta[chosen], columns=True) for x, chosen in pieces] for theta in thetas]
         numbers = np.array([sum(len(each.residual) for each in compared) for compared in every])
-        enough = numbers >= REMAINING * numbers[number]
+        enough = numbers >= max(REMAINING * numbers[number], len(measurement.equations.names))
         return [unexplained_anew(x) if some else np.inf for x, some in zip(every, enough, strict=True)]
 
     every = min(map(left, SMOOTHED), key=min)
     best = int(np.argmin(every))
-    return float(delays[best]) if every[best] < every[number] + np.log(BETTER) else 0.0
+    better = np.isfinite(every[number]) and every[best] < every[number] + np.log(BETTER)
+    return float(delays[best]) if better else 0.0
+
+
+def _candidates(root: float, longest: float) -> np.ndarray:
+    """Delays to try, around zero in the middle, s.
+
+    Args:
+        root: Inverse of the standard deviation of what is known of it, zero for nothing, 1/s.
+        longest: Length of the longest piece, s: a delay that is longer leaves no sample of a channel beside a motion.
+    """
+    number = int((min(FURTHEST / root, longest) if root else longest) / SPACING)
+    return SPACING * np.arange(-number, number + 1)

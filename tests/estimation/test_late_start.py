@@ -1,13 +1,20 @@
 """Plates that are late by a tenth of a second and more, as those of laboratories where somebody lifts a box are."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import lifting
 import numpy as np
 import pytest
+from recorded_faults import PENDULUM, faulty
 
 import ident
-from ident.estimation.setup import PRIORS
+from ident.estimation.joint import Prior
+from ident.estimation.late_start import likely_delay
+from ident.estimation.measurement import Measurement
+from ident.estimation.preparation import prepared
+from ident.estimation.setup import PRIORS, SetupParameter
+from ident.estimation.trajectory_pieces import cut
 from ident.model.regressor import base_wrench_regressor
 
 LIFTS = (lifting.SQUAT, 0.35), (lifting.STOOP, 0.4)
@@ -76,3 +83,28 @@ def test_a_clock_that_is_fast_is_no_delay():
 def test_plates_on_the_angles_clock_are_left_there(monkeypatch):
     monkeypatch.setattr(lifting, "LATE", 0.0)
     assert not ident.identify(lifting.table(), lifts(lifting.lifter(1), 10, (0.0, 0.0)), known=True).setup
+
+
+def likely_delay_of_pendulum(std, *, missing=0, late=0.0, samples=600):
+    """The likely delay of the pendulum's ground, known so well, whose first samples are missing."""
+    recording = faulty(0, delay=late)
+    ready = prepared(PENDULUM, recording)
+    at, delay = len(ready.equations.names), SetupParameter("delay", "ground", None, std)
+    measurement = Measurement(ready.equations, ready.frame, tuple(range(6)), {}, (delay,))
+    pieces = cut(ready, measurement, slice(0, samples), 0.05)
+    for piece in pieces:
+        piece.measured[piece.when < recording.time[missing]] = np.nan
+    theta = np.append(ready.equations.parameters.regroup(PENDULUM.known), 0.0)
+    prior = Prior(np.zeros(at + 1), np.diag(np.append(np.zeros(at), std**-2.0)))
+    fit = SimpleNamespace(theta=theta, prior=prior, pieces=pieces, selections=[np.arange(at + 1)] * len(pieces))
+    return likely_delay(fit, measurement, at)
+
+
+@pytest.mark.parametrize("std", [10.0, 1e6, np.inf])
+def test_delays_that_are_longer_than_a_recording_are_no_candidates(std):
+    assert likely_delay_of_pendulum(std, late=0.1) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("missing", [590, 598, 600])
+def test_where_hardly_a_sample_is_left_no_delay_is_likely(missing):
+    assert likely_delay_of_pendulum(0.05, missing=missing) == 0
