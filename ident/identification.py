@@ -1,6 +1,6 @@
 """From a mechanism and recordings to base parameters: what is fitted, what is judged by, and by which estimator."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.arguments import check_holdout, checked_deviations, checked_names
 from ident.errors import ExcitationError, InputError
 from ident.estimate import Estimate, HeldOut
 from ident.estimation.accumulator import accumulate, triangle_of
@@ -18,7 +19,7 @@ from ident.estimation.excitation import blamed
 from ident.estimation.filtered import filtered_least_squares
 from ident.estimation.flat_channels import flat_channels, without_channels
 from ident.estimation.joint import Report
-from ident.estimation.joint_estimate import joint_estimate
+from ident.estimation.joint_estimate import OWN, joint_estimate
 from ident.estimation.joint_result import Joint
 from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, prepared
@@ -83,8 +84,8 @@ def identify(
     if estimator == "joint" and cutoff is not None:
         raise InputError(NO_CUTOFF)
     logs, judges = (
-        [prepared(mechanism, each, cutoff=cutoff, drive=drive) for each in ([x] if isinstance(x, Recording) else x)]
-        for x in (recording, held_out)
+        [prepared(mechanism, each, cutoff=cutoff, drive=drive) for each in _recordings(where, given)]
+        for where, given in (("recording", recording), ("held_out", held_out))
     )
     return identified(
         logs,
@@ -140,6 +141,10 @@ def identified(
     """
     if estimator not in ESTIMATORS:
         raise InputError(f"An estimator is one of {', '.join(ESTIMATORS)}, got '{estimator}'.")
+    check_holdout(holdout)
+    own = checked_names("own", own, OWN)
+    setup = {} if setup is None else checked_deviations("setup", setup, PRIORS)
+    beforehand = {} if known is None or isinstance(known, bool) else checked_deviations("known", known, KNOWN)
     logs = [logs] if isinstance(logs, Prepared) else list(logs)
     if not logs:
         raise InputError("An identification needs at least one recording, got none.")
@@ -155,10 +160,18 @@ def identified(
     logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
     divided = _without_flat(_divided(logs, 0.0 if len(logs) > 2 and not judges else holdout, judges, alone=True))
     told = logs[0].recording
-    prior = {**KNOWN, **told.known, **(known if isinstance(known, Mapping) else {})}
-    stated = {**told.setup, **(setup or {})}
+    prior = {**KNOWN, **checked_deviations("known", told.known, KNOWN), **beforehand}
+    stated = {**checked_deviations("setup", told.setup, PRIORS), **setup}
     options = {"own": own, "setup": stated, "physical": physical, "executor": executor, "report": report}
     return _joint(divided, offsets, prior, None if known is None else bool(known), **options)
+
+
+def _recordings(where: str, given: Recording | Sequence[Recording]) -> list[Recording]:
+    """One recording or several as a list."""
+    several = [given] if isinstance(given, Recording) else list(given) if isinstance(given, Iterable) else [given]
+    if wrong := [each for each in several if not isinstance(each, Recording)]:
+        raise InputError(f"{where} needs a recording or a list of them, got {type(wrong[0]).__name__}.")
+    return several
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.errors import InputError
+from ident.arguments import checked_names
 from ident.estimation import joint
 from ident.estimation.equations import Equations
 from ident.estimation.joint import Prior, Report
@@ -59,8 +59,7 @@ def joint_estimate(
         executor: Where pieces are worked on, by default here.
         report: Called with every round and its step in standard deviations.
     """
-    if unknown := [kind for kind in own if kind not in OWN]:
-        raise InputError(f"Recordings may have {' and '.join(OWN)} for themselves, got '{unknown[0]}'.")
+    own = checked_names("own", own, OWN)
     first, joints = recordings[0][0], recordings[0][0].mechanism.joints
     measurement = _measurement(first, equations, setup)
     names, selections = _shared(measurement, len(recordings), own)

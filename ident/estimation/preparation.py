@@ -20,7 +20,7 @@ from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
 from ident.mechanism.tree import Tree
-from ident.model.regressor import CHUNK, base_wrench_regressor, drive_names, joint_torque_regressor
+from ident.model.regressor import CHUNK, base_wrench_regressor, drive_kinds, drive_names, joint_torque_regressor
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.parameters.structure import Sensors
 from ident.recordings.gaps import covered
@@ -135,7 +135,7 @@ def prepared(
     Raises:
         InputError: Something is missing or does not fit; the message names it.
     """
-    tree, rate = mechanism.tree, recording.rate
+    tree, rate, drive = mechanism.tree, recording.rate, drive_kinds(drive)
     steps = repairs.steps(recording, tree)
     recording, clipped = repairs.without_clipped(recording, mechanism)
     recording, notes = repairs.without_spikes(recording, mechanism.joints)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import InputError, ModelError
 from ident.mechanism.carrier import Carrier, divided
 from ident.mechanism.tree import Tree
@@ -47,8 +48,12 @@ class Mechanism:
                 f"The bodies {', '.join(self.bodies)} need a prior φ of {10 * len(self.bodies)} parameters, got shape "
                 f"{np.shape(self.prior)}."
             )
+        if not isinstance(self.prior_known, Mapping):
+            raise ModelError(f"prior_known needs standard deviations by the bodies' names, got {self.prior_known}.")
         if absent := [name for name in self.prior_known if name not in self.bodies]:
             raise ModelError(f"The prior of '{absent[0]}' is known, which is none of {', '.join(self.bodies)}.")
+        for name, known in self.prior_known.items():
+            checked_deviations(f"prior_known of '{name}'", known, OF_BODIES, ModelError)
 
     @property
     def bodies(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ident.arguments import checked_names
 from ident.errors import InputError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import BaseMotion, Motion
@@ -86,7 +87,7 @@ def joint_torque_regressor(
         gravity: Acceleration of gravity, m/s² (3,).
         base: Motion of the base frame, without it at rest.
         columns: Indices of the φ columns wanted, by default all.
-        drive: What else takes torque at every joint, out of `DRIVE`, each n columns more.
+        drive: What else takes torque at every joint, out of `DRIVE`, each n columns more, once.
 
     Returns:
         Y (N, n, 10 b + n len(drive)), rows in N m, or N for a prismatic joint.
@@ -94,15 +95,14 @@ def joint_torque_regressor(
     Raises:
         InputError: As for `base_wrench_regressor`, or an entry of `drive` is unknown.
     """
-    motion = Motion(q, dq, ddq, base).checked(tree)
+    drive, motion = drive_kinds(drive), Motion(q, dq, ddq, base).checked(tree)
     Y, own = _regressor(True, Mechanism(tree, gravity), motion, columns), drive_columns(motion, drive)
     return np.concatenate([Y, *own], axis=2) if own else Y
 
 
 def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
     """Names of the columns that `joint_torque_regressor` adds: `Ia(elbow)`, `Fv(elbow)`, `Fc(elbow)`."""
-    _check_drive(drive)
-    return tuple(f"{DRIVE[kind]}({freedom})" for kind in drive for freedom in tree.freedoms)
+    return tuple(f"{DRIVE[kind]}({freedom})" for kind in drive_kinds(drive) for freedom in tree.freedoms)
 
 
 def drive_columns(motion: Motion, drive: Sequence[str], slips: np.ndarray | None = None) -> list[np.ndarray]:
@@ -113,17 +113,20 @@ def drive_columns(motion: Motion, drive: Sequence[str], slips: np.ndarray | None
         drive: Kinds of columns.
         slips: Velocities over which friction changes its sign (n,), by default none: it jumps.
     """
-    _check_drive(drive)
+    kinds = drive_kinds(drive)
     sign = np.sign(motion.dq) if slips is None else np.tanh(motion.dq / slips)
     low = sign / (1 + (motion.dq / STRIBECK) ** 2)
     signal = {"rotor": motion.ddq, "viscous": motion.dq, "coulomb": sign, "stribeck": low}
-    return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in drive]
+    return [signal[kind][:, :, None] * np.eye(signal[kind].shape[1]) for kind in kinds]
 
 
-def _check_drive(drive: Sequence[str]) -> None:
-    unknown = [drive] if isinstance(drive, str) else [kind for kind in drive if kind not in DRIVE]
-    if unknown:
-        raise InputError(f"Drive parameters are a list out of {', '.join(DRIVE)}, got {', '.join(unknown)}.")
+def drive_kinds(drive: Sequence[str]) -> tuple[str, ...]:
+    """Kinds of drive columns, each once.
+
+    Raises:
+        InputError: They are no list, or one is not in `DRIVE`.
+    """
+    return checked_names("drive", drive, DRIVE)
 
 
 def _regressor(

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ident.arguments import OF_BODIES, checked_deviations
 from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
@@ -45,7 +46,11 @@ def body_covariance(phi: np.ndarray, known: Mapping[str, float] = KNOWN) -> np.n
 
     Returns:
         C in products of kg, kg m and kg m² (10, 10).
+
+    Raises:
+        InputError: Something else is known, or by no number from zero.
     """
+    known = {**KNOWN, **checked_deviations("known", known, OF_BODIES)}
     mass, x = phi[0], np.append(phi[1:4] / phi[0], 1.0) if phi[0] else np.array([0.0, 0, 0, 1])
     X, V = np.outer(x, x), known["center"] ** 2 * np.diag([1.0, 1, 1, 0])
     P, a = X + V, known["mass"] ** 2
@@ -81,6 +86,7 @@ def _crossed(A: np.ndarray, B: np.ndarray) -> np.ndarray:
 
 def known_covariances(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -> np.ndarray:
     """`body_covariance` of all bodies, with the mechanism's own deviations before those of `known` (b, 10, 10)."""
+    known = checked_deviations("known", known, OF_BODIES)
     bodies = zip(mechanism.bodies, mechanism.known.reshape(-1, 10), strict=True)
     return np.array([body_covariance(phi, {**known, **mechanism.prior_known.get(name, {})}) for name, phi in bodies])
 

@@ -9,9 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.arguments import checked_deviations
 from ident.errors import InputError
 from ident.estimation.joint import Report
 from ident.estimation.preparation import prepared
+from ident.estimation.setup import PRIORS
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
 from ident.payload.mounting import on_payload
@@ -70,7 +72,7 @@ def identify_payload(
     found = weighing(ready[0], sensor, recordings[0].sensors[GROUND])
     part = replace(part, prior=likely(part, found, places[0]))
     ready = [prepared(part, each) for each in recordings]
-    told = {"origin": 0.0, **recordings[0].setup, **(setup or {})}
+    told = {"origin": 0.0, **recordings[0].setup, **checked_deviations("setup", {} if setup is None else setup, PRIORS)}
     estimate = identified(ready, offsets=offsets, holdout=holdout, setup=told, known=known(part), report=report)
     # The body that was weighed stands for the model, which therefore is no rival.
     return Payload(robot, body, sensor, places[0], replace(estimate, rivals={}), tuple(notes))

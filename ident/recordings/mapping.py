@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.arguments import OF_BODIES, checked_deviations
 from ident.errors import LogError
 from ident.mechanism.tree import Tree
 from ident.recordings import plates
@@ -21,7 +22,6 @@ from ident.recordings.segments import segments_told
 from ident.recordings.selection import Selection
 from ident.recordings.table import short
 from ident.recordings.wrench import GROUND, Sensor
-from ident.tolerances import HUGE
 
 SETUP = {
     **dict.fromkeys(("delay", "clock", "origin", "gain"), 1.0),
@@ -29,7 +29,7 @@ SETUP = {
 }
 """What may be known of a set-up: s, 1, m, 1, and angles; factors to SI and radians."""
 
-KNOWN = dict.fromkeys(("mass", "center", "inertia"), 1.0)
+KNOWN = dict.fromkeys(OF_BODIES, 1.0)
 """What may be known of bodies beforehand: relative to the model's, m, relative."""
 
 
@@ -170,10 +170,8 @@ def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, flo
     """Standard deviations by what they are of; zero or false for what is exactly as stated."""
     entry = table(name, entries.get(name, {}))
     check_keys(f"[{name}]", entry, tuple(factors))
-    for key, value in entry.items():
-        if value is not False and not (type(value) in (int, float) and 0 <= value < HUGE):
-            raise LogError(f"{name}.{key} needs a standard deviation, zero or false, got {short(value)}.")
-    return {key.removesuffix("_deg"): float(value) * factors[key] for key, value in entry.items()}
+    deviations = checked_deviations(name, entry, factors, LogError)
+    return {key.removesuffix("_deg"): value * factors[key] for key, value in deviations.items()}
 
 
 def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:

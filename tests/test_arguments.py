@@ -1,0 +1,101 @@
+"""What Python is given is refused in one sentence before anything is computed, as mapping files are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recorded_faults import PENDULUM, faulty, shortened
+
+import ident
+from ident.estimation.preparation import prepared
+from ident.parameters.prior import KNOWN, body_covariance, known_covariances
+
+RECORDING = shortened(faulty(0), 120)
+DEVIATION = "needs a standard deviation, zero or false, got"
+BODY = PENDULUM.bodies[0]
+WRONG = [({"mass": x}, f"mass {DEVIATION} ") for x in ("a lot", -0.1, np.nan, np.inf, None, True, [0.1])]
+WRONG += [({"weight": 0.1}, "has no entry 'weight'; valid are mass, center, inertia")]
+WRONG += [(x, "needs standard deviations by name, out of mass, center, inertia; got") for x in ("mass", 3, ["mass"])]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        *(({"known": known}, f"^known.?{message}") for known, message in WRONG),
+        ({"setup": {"lag": 0.1}}, "^setup has no entry 'lag'; valid are delay, clock, origin"),
+        *(({"setup": {"delay": x}}, f"^setup.delay {DEVIATION} ") for x in (np.nan, -1, np.inf, "long", None)),
+        ({"setup": "delay"}, "^setup needs standard deviations by name"),
+        ({"setup": 0}, "^setup needs standard deviations by name"),
+        *(({"holdout": x}, "^holdout needs a fraction") for x in (-0.1, 1, 1.5, np.nan, "0.4", None, True)),
+        ({"drive": ["coulomb", "stiction"]}, "^drive needs a list out of rotor, .*; got stiction"),
+        ({"drive": "coulomb"}, "^drive needs a list out of rotor, .*; got coulomb"),
+        ({"drive": None}, "^drive needs a list"),
+        ({"own": "delay"}, "^own needs a list out of offset, delay; got delay"),
+        ({"own": None}, "^own needs a list out of offset, delay; got None"),
+        ({"held_out": None}, "^held_out needs a recording or a list of them, got NoneType"),
+        ({"held_out": ["run.csv"]}, "^held_out needs a recording or a list of them, got str"),
+    ],
+)
+@pytest.mark.parametrize("estimator", ["joint", "ordinary"])
+def test_arguments_are_refused_in_one_sentence(given, message, estimator):
+    with pytest.raises(ident.InputError, match=message):
+        ident.identify(PENDULUM, RECORDING, estimator=estimator, **given)
+
+
+def test_a_recording_is_needed():
+    with pytest.raises(ident.InputError, match=r"^recording needs a recording or a list of them, got str\."):
+        ident.identify(PENDULUM, "run.csv")
+
+
+@pytest.mark.parametrize(
+    ("told", "message"), [({"setup": {"delay": -1}}, "setup.delay"), ({"known": {"mass": np.nan}}, "known.mass")]
+)
+def test_what_a_recording_knows_is_checked_too(told, message):
+    with pytest.raises(ident.InputError, match=f"{message} {DEVIATION}"):
+        ident.identify(PENDULUM, replace(RECORDING, **told))
+
+
+@pytest.mark.parametrize(("known", "message"), WRONG)
+def test_how_well_bodies_are_known_is_checked(known, message):
+    with pytest.raises(ident.ModelError, match=f"^prior_known of '{BODY}'.?{message}"):
+        replace(PENDULUM, prior_known={BODY: known})
+    for of_mechanism in (body_covariance, known_covariances):
+        what = PENDULUM if of_mechanism is known_covariances else PENDULUM.known[:10]
+        with pytest.raises(ident.InputError, match=f"^known.?{message}"):
+            of_mechanism(what, known)
+
+
+@pytest.mark.parametrize("known", ["mass", 3, None])
+def test_bodies_are_known_by_their_names(known):
+    with pytest.raises(ident.ModelError, match="prior_known needs standard deviations by the bodies' names"):
+        replace(PENDULUM, prior_known=known)
+
+
+def test_what_is_not_said_of_a_body_is_as_usual():
+    phi = PENDULUM.known[:10]
+    np.testing.assert_array_equal(body_covariance(phi, {"mass": 0.1}), body_covariance(phi, {**KNOWN, "mass": 0.1}))
+    np.testing.assert_array_equal(body_covariance(phi, {"mass": False}), body_covariance(phi, {**KNOWN, "mass": 0}))
+
+
+def test_a_tiny_deviation_is_none():
+    estimates = [ident.identify(PENDULUM, RECORDING, setup={"delay": x}, known=True) for x in (0, 1e-300)]
+    np.testing.assert_array_equal(estimates[0].psi, estimates[1].psi)
+    assert not any(name.startswith("delay") for name in estimates[1].joint.fit.names)
+
+
+def test_drives_that_are_named_twice_count_once():
+    tree, rng = PENDULUM.tree, np.random.default_rng(0)
+    states = rng.normal(size=(3, 8, len(tree.freedoms)))
+    once, twice = (
+        ident.joint_torque_regressor(tree, *states, gravity=PENDULUM.gravity, drive=["coulomb", *more, "viscous"])
+        for more in ([], ["coulomb"])
+    )
+    np.testing.assert_array_equal(twice, once)
+    torques = once @ np.r_[PENDULUM.known, 0.5, 0.5, 0.1, 0.1]
+    channels = {
+        f"{joint}_{kind}": x[:, k]
+        for k, joint in enumerate(tree.joints)
+        for kind, x in zip(("position", "velocity", "acceleration", "torque"), (*states, torques), strict=True)
+    }
+    ready = prepared(PENDULUM, ident.Recording(np.arange(8) / 100, channels), drive=["coulomb", "coulomb"])
+    assert ready.equations.drives == tuple(f"Fc({joint})" for joint in tree.freedoms)
