@@ -310,17 +310,29 @@ def _known_enough(
         prior: How well it may be.
     """
     try:
-        joint = estimate(known=known)
+        joint = _solvable(estimate, known)
     except ExcitationError:
         if known or prior is None:
             raise
-        return estimate(known=prior)
+        return _solvable(estimate, prior)
     if known or prior is None:
         return joint
     equations = joint.measurement.equations
     beforehand = np.diag(known_covariance(equations.mechanism, equations.parameters, prior))
     far_less = np.diag(joint.fit.covariance)[: equations.parameters.rank] > FAR_LESS**2 * beforehand
-    return estimate(known=prior) if far_less.any() else joint
+    return _solvable(estimate, prior) if far_less.any() else joint
+
+
+def _solvable(estimate: Callable[..., Joint], known: Mapping[str, float] | None) -> Joint:
+    """The estimate; an ExcitationError where its equations are singular but for rounding."""
+    try:
+        return estimate(known=known)
+    except np.linalg.LinAlgError:
+        raise ExcitationError(
+            "The joint estimate's equations are singular but for rounding: some joint angles follow a curve exactly, "
+            "as computed or smoothed ones do, or hardly move in what is fitted. Take the angles as they were measured, "
+            "hold joints that rest (--fix), or fit what the model knows as well (--prior on)."
+        ) from None
 
 
 def _corrected(divided: _Divided, joint: Joint) -> _Divided:
@@ -392,7 +404,8 @@ def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared
                 f"{role} needs the channels {', '.join(first.channels)}; it has {', '.join(other.equations.channels)}."
             )
     whole, ends = zip(*(_split(log, 0.0 if judges else holdout) for log in logs), strict=True)
-    if not any(np.ptp(log.samples.measured[part], axis=0).any() for log, part in zip(logs, whole, strict=True)):
+    measured = [log.samples.measured[part] for log, part in zip(logs, whole, strict=True)]
+    if any(map(len, measured)) and not any(np.ptp(x, axis=0).any() for x in measured if len(x)):
         raise InputError("Every measured channel is constant; there is nothing to fit.")
     if judges:
         ends = tuple(slice(judge.edge, len(judge.samples) - judge.edge) for judge in judges)
@@ -408,11 +421,21 @@ def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared
     if rows < needed or judged < LEAST_HELD_OUT:
         raise InputError(
             f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
-            f"{holdout:.0%} held out, are too few for {len(first.names)} parameters."
+            f"{holdout:.0%} held out, are too few for {len(first.names)} parameters.{_lost(logs)}"
         )
     fitted = list(zip(logs, whole, strict=True))
     to_judge = [(log, _settled(log, end) if alone else end) for log, end in zip(judges or logs, ends, strict=True)]
     return _Divided(fitted, to_judge, bool(judges))
+
+
+def _lost(logs: Sequence[Prepared]) -> str:
+    """A sentence on what clipped samples and gaps take away, a space before it; nothing where they take nothing."""
+    inside = [slice(log.edge, len(log.samples) - log.edge) for log in logs]
+    kept = sum(len(log.taken(part)) for log, part in zip(logs, inside, strict=True))
+    if kept == sum(part.stop - part.start for part in inside):
+        return ""
+    filtered = ", or nearer to one than the filter settles; the joint estimate filters nothing" if logs[0].edge else ""
+    return f" Of those, {kept} are left: the others are clipped, left out or in a gap{filtered}."
 
 
 def _without_flat(divided: _Divided) -> _Divided:
