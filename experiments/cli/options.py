@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import ident
 import scenes
 from experiments.cli.defaults import FORMATS, JOINT_TRIALS, REDRAWN
 from experiments.cli.print_options import add_print, style_of
@@ -269,7 +270,7 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
     told = environment(unsaid(film=getattr(options, "film", False)))
     with told, seldom_collected(), _interruptible_once() as asked, _notes_printed_once():
         try:
-            with style_of(options), _its_consequences(asked):
+            with _its_consequences(asked), style_of(options):
                 study(options)
         except (InputError, OSError, MemoryError) as error:
             print(f"{parser.prog}: error: {error}", file=sys.stderr)
@@ -285,11 +286,9 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
 
 def _request(command: str) -> str:
     """What follows the traceback of an error that no input should cause."""
-    from experiments.output.report import version
-
     return (
         "This is a fault of multicontact, not of what it was given: please report it in the project's issue tracker, "
-        f"with all of the above, version {version('multicontact')} and the command: {command}"
+        f"with all of the above, version {ident.__version__} and the command: {command}"
     )
 
 

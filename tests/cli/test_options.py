@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import traceback
+from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
@@ -74,6 +75,34 @@ def test_what_follows_from_a_request_to_end_is_taken_for_it(capsys, number, erro
     assert options.run(study, mechanism.parser, []) == 130
     assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
     assert signal.getsignal(number) is before
+
+
+def test_an_interrupt_while_the_style_is_read_is_taken_for_it(capsys, monkeypatch):
+    """What is imported then makes something else of it."""
+
+    @contextmanager
+    def style_of(_):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("partially initialized module") from None
+        yield
+
+    monkeypatch.setattr(options, "style_of", style_of)
+    assert options.run(print, mechanism.parser, []) == 130
+    assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
+
+
+def test_the_request_to_report_takes_nothing_that_may_be_what_fails(monkeypatch):
+    def style_of(_):
+        raise ImportError("no style")
+
+    monkeypatch.setattr(options, "style_of", style_of)
+    for name in ("experiments.output", "experiments.output.report", "matplotlib"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ImportError, match=r"^no style") as raised:
+        options.run(print, mechanism.parser, [])
+    assert ASKED in raised.value.__notes__[0]
 
 
 def test_an_option_that_is_no_number_is_named():
