@@ -1,11 +1,13 @@
 """From a log and a model to a mapping of columns."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from experiments.guesses.aligned import add_aligned
 from experiments.guesses.belief import Belief
 from experiments.guesses.checked import check_wrenches_and_torques
-from experiments.guesses.joints import add_named, set_rates, set_units
+from experiments.guesses.joints import add_named, add_numbered, is_named_after, set_rates, set_units
 from experiments.guesses.orientations import add_orientations
 from experiments.guesses.seen import Seen, check_same_columns, seen
 from experiments.guesses.signs import check_positions
@@ -44,19 +46,22 @@ def believed(
     usual = {pattern.format(joint) for joint in kinds for patterns in KINDS.values() for pattern in patterns}
     others = [name for name in log.names if name not in usual]
     components = [c for group in wrench_groups(others).values() if len(group) > 2 for c in group.values()]
+    components = [name for name in components if not is_named_after(name, axes)]
     add_named(belief, log, axes, components)
-    small = set_units(belief, log, kinds)
     add_wrenches(belief, log, mechanism, held)
     # What the model predicts is only looked at where angles alone move it.
     signs = not balls and not belief.poses
+    if signs:
+        add_aligned(belief, log, mechanism, axes, held)
+    add_numbered(belief, log, axes, components)
+    small = set_units(belief, log, kinds)
     if signs:
         add_unnamed(belief, log, mechanism, mechanism.joints, held)
         signs = check_positions(belief, log, mechanism, kinds, small)
     set_rates(belief, log, kinds)
     lacking = [joint for joint in mechanism.joints if not _has_position(belief, joint)]
-    for joint in lacking:
-        if not any(f"'{joint}'" in sentence or f" {joint}" in sentence for sentence in belief.open):
-            belief.open.append(f"No column looks like the position of '{joint}'; --fix {joint} leaves out what rests.")
+    if absent := [joint for joint in lacking if joint not in belief.undecided]:
+        belief.open.append(_absent(absent))
     if not lacking and mechanism.prior is not None:
         check_wrenches_and_torques(belief, log, mechanism, limit, axes=signs)
     clock = {clock.column for clock in log.clocks}
@@ -80,6 +85,13 @@ def write_mapping(path: Path, log: Seen, belief: Belief, joints: Sequence[str], 
 def is_complete(belief: Belief, joints: Sequence[str]) -> bool:
     """Whether every joint has a position."""
     return all(_has_position(belief, joint) for joint in joints)
+
+
+def _absent(joints: Sequence[str]) -> str:
+    """A sentence on joints that are not in the log, and how to leave them out."""
+    listed = ", ".join(f"'{joint}'" for joint in joints)
+    fixed = " ".join(f"--fix {shlex.quote(joint)}" for joint in joints)
+    return f"No column looks like the position of {listed}; {fixed} leaves out what rests."
 
 
 def _has_position(belief: Belief, joint: str) -> bool:

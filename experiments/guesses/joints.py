@@ -5,8 +5,9 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from experiments.guesses.belief import LIKELY, SURE, Belief, Quantity
+from experiments.guesses.families import families, is_shifted
 from experiments.guesses.seen import Seen
-from experiments.guesses.words import LIKE, NEAR, Words, likeness, unit_of, words
+from experiments.guesses.words import LIKE, NEAR, Words, likeness, shares_numbers_alone, unit_of, without_prefix, words
 from ident.recordings.column import CURRENT, KINDS, UNITS
 from ident.recordings.plausibility import rate_factor
 
@@ -20,32 +21,81 @@ LONG = 20.0
 def add_named(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
     """Adds the columns that are named like joints, where there is no choice.
 
+    Numbers alone say little, since they may count from zero or from one: `add_aligned` aligns series of them as a
+    whole, `add_numbered` takes what is left.
+
     Args:
         belief: Where to.
         seen: The log.
         joints: Joints whose columns are looked for.
         taken: Columns that are something else.
     """
-    own = {joint: _of_joint(joint) for joint in joints}
+    own = _of_joints(joints)
+    shifted = _shifted(seen.names, joints)
     for kind, patterns in KINDS.items():
-        said = {name: words(name) for name in seen.names if name not in (*taken, *belief.columns)}
-        said = {name: about for name, about in said.items() if not name.isdigit()}
-        fitting = {"position": ("position", ""), "torque": ("torque", "current")}.get(kind, (kind,))
+        said = {name: words(name) for name in seen.names if name not in (*taken, *shifted, *belief.columns)}
+        exact = {pattern.format(joint): joint for joint in joints for pattern in patterns}
         likes = {
-            (name, joint): 1.01 if name in [p.format(joint) for p in patterns] else likeness(about, own[joint])
+            (name, joint): 1.01 if exact.get(name) == joint else likeness(about, own[joint])
             for name, about in said.items()
             for joint in joints
-            if about.kind in fitting or name in [p.format(joint) for p in patterns]
+            if exact.get(name) == joint or (_fits(about, kind) and not shares_numbers_alone(about, own[joint]))
         }
         # A column that stands still is taken by its exact name only.
         likes = {pair: like for pair, like in likes.items() if pair[0] in seen.columns or like >= 0.99}
         _add_best(belief, {pair: like for pair, like in likes.items() if like >= LIKE}, kind, seen.constant)
 
 
-def _of_joint(joint: str) -> Words:
-    """Words of a joint's name, all of them where nothing else is left."""
-    about = words(joint)
-    return about if about.core else Words((joint.lower(),))
+def add_numbered(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
+    """Adds columns in no series that have a joint's number, and that of its position; arguments as for `add_named`."""
+    own = _of_joints(joints)
+    series = {name for each in families(seen.names) if len(each.names) > 1 for name in each.names}
+    for kind in KINDS:
+        names = [name for name in seen.columns if name not in (*taken, *series, *belief.columns)]
+        there, positions = belief.of(kind), belief.of("position")
+        likes = {
+            (name, joint): likeness(about, own[joint])
+            for name, about in ((name, words(name)) for name in names)
+            for joint in joints
+            if joint not in there
+            and joint not in belief.undecided
+            and _fits(about, kind)
+            and not about.commanded
+            and shares_numbers_alone(about, own[joint])
+            and set(own[joint].core) <= set(about.core)
+            and (joint not in positions or words(positions[joint].column).numbers == about.numbers)
+        }
+        _add_best(belief, {pair: like for pair, like in likes.items() if like >= LIKE}, kind, {})
+
+
+def _fits(about: Words, kind: str) -> bool:
+    """Whether what a name says may be a quantity."""
+    return about.kind in {"position": ("position", ""), "torque": ("torque", "current")}.get(kind, (kind,))
+
+
+def _of_joints(joints: Sequence[str]) -> dict[str, Words]:
+    """Words of the joints' names without those that all begin with; all of them where nothing else is left."""
+    about = [words(joint) for joint in joints]
+    about = [each if each.core else Words((joint.lower(),)) for joint, each in zip(joints, about, strict=True)]
+    return dict(zip(joints, without_prefix(about), strict=True))
+
+
+def _shifted(names: Sequence[str], joints: Sequence[str]) -> set[str]:
+    """Columns of families whose numbers count from another beginning than the joints that they are named exactly as."""
+    place = {joint: (each, number) for each in families(joints) for number, joint in each.members}
+    exact = {pattern.format(joint): joint for joint in place for those in KINDS.values() for pattern in those}
+    out = set[str]()
+    for each in families(names):
+        hit = {place[exact[name]][0].template: place[exact[name]][0] for name in each.names if name in exact}
+        if any(is_shifted(each.numbers, own.numbers) for own in hit.values()):
+            out |= set(each.names)
+    return out
+
+
+def is_named_after(name: str, joints: Sequence[str]) -> bool:
+    """Whether a column that could be a component of a wrench has the name of a joint, as `/jointset/hip/tx/value`."""
+    about = words(name)
+    return about.kind == "position" and any(likeness(about, each) > LIKE for each in _of_joints(joints).values())
 
 
 def _add_best(belief: Belief, likes: dict[tuple[str, str], float], kind: str, constant: Collection[str]) -> None:
@@ -57,10 +107,10 @@ def _add_best(belief: Belief, likes: dict[tuple[str, str], float], kind: str, co
         others = [j for c, j in likes if c == name and likes[c, j] > like - NEAR]
         if len(columns) > 1 and like <= 1:
             belief.open.append(f"The {kind} of '{joint}' may be in {' or in '.join(columns)}.")
-            belief.ambiguous |= {joint} if kind == "position" else set()
+            belief.undecided |= {joint} if kind == "position" else set()
         elif len(others) > 1 and like <= 1:
             belief.open.append(f"Column '{name}' may be the {kind} of {' or of '.join(others)}.")
-            belief.ambiguous |= set(others) if kind == "position" else set()
+            belief.undecided |= set(others) if kind == "position" else set()
         else:
             sure, why = (SURE, "named so") if like >= 0.99 else (LIKELY, f"named alike ({100 * like:.0f} %)")
             found = Quantity(joint, kind, name, sure, [why])

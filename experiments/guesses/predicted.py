@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.guesses.seen import Seen
+from ident.estimation.loads import SLIP
 from ident.estimation.measurement import joint_states
 from ident.estimation.preparation import predicted_channels
 from ident.mechanism.mechanism import Mechanism
@@ -27,6 +28,11 @@ class Curves:
 
     states: Mapping[str, np.ndarray]
     levels: Mapping[str, np.ndarray]
+
+    @property
+    def size(self) -> int:
+        """Number of samples M."""
+        return len(next(iter(self.levels.values())))
 
 
 def curves(seen: Seen, positions: Iterable[str]) -> Curves:
@@ -63,3 +69,35 @@ def unexplained(measured: np.ndarray, predicted: Sequence[np.ndarray]) -> float:
     left = measured - x @ np.linalg.lstsq(x, measured, rcond=1e-8)[0]
     whole = ((measured - measured.mean(axis=0)) ** 2).sum()
     return float((left**2).sum() / whole) if whole > 0 else 1.0
+
+
+def shares_of_torques(
+    states: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray], columns: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Share of each column's variance that each joint's predicted torque leaves beside friction and an offset.
+
+    Args:
+        states: Position and both derivatives of each joint (3, M).
+        predicted: Predicted torques by joint (M,).
+        columns: Columns (M,).
+
+    Returns:
+        Shares of all columns by joint (C,).
+    """
+    if not columns:
+        return {joint: np.empty(0) for joint in states}
+    measured, out = np.stack(list(columns.values()), axis=1), {}
+    for joint, (_, dq, _) in states.items():
+        rows = np.stack([np.ones_like(dq), dq, np.tanh(dq / SLIP)], axis=1)
+        rows = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+        both = np.column_stack([predicted[joint], measured])
+        both = both - rows @ np.linalg.lstsq(rows, both, rcond=1e-8)[0]
+        x, y = both[:, 0], both[:, 1:]
+        power = np.maximum((x @ x) * (y * y).sum(axis=0), 1e-300)
+        out[joint] = 1 - (x @ y) ** 2 / power
+    return out
+
+
+def beside_friction(states: np.ndarray, predicted: np.ndarray, measured: np.ndarray) -> float:
+    """Share of the variance of a measured torque (M,) that the predicted one leaves beside friction and an offset."""
+    return float(shares_of_torques({"": states}, {"": predicted}, {"": measured})[""][0])

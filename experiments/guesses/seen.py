@@ -1,6 +1,6 @@
 """A log as it comes: how its text is laid out, its columns of numbers at common times, and what is odd about them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -40,6 +40,7 @@ class Seen:
         unread: What is wrong with columns that have no numbers, by name.
         units: What the file says of units, by column.
         holes: How many steps of time are gaps.
+        labels: Words of columns that have the same one throughout.
     """
 
     path: Path
@@ -52,6 +53,7 @@ class Seen:
     unread: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     holes: int = 0
+    labels: dict[str, str] = field(default_factory=dict)
 
     @property
     def has_gaps(self) -> bool:
@@ -180,14 +182,21 @@ def _numbers(table: Table, unread: dict[str, str]) -> dict[str, np.ndarray]:
     return numbers
 
 
+def _labels(table: Table, names: Iterable[str]) -> dict[str, str]:
+    """Words of columns that have no numbers and the same word throughout, as the names of joints in a ROS message."""
+    there = {name: {str(cell).strip() for cell in table.cells[name]} for name in names if name in table.cells}
+    return {name: next(iter(said)) for name, said in there.items() if len(said) == 1}
+
+
 def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -> Seen:
     """Columns of one table or several, interpolated at uniform times that all of them cover."""
     unread: dict[str, str] = {}
     sampled: dict[str, Sampled] = {}
-    units: dict[str, str] = {}
+    units, labels = dict[str, str](), dict[str, str]()
     holes = 0
     for table in tables:
         numbers = _numbers(table, unread)
+        labels |= _labels(table, unread)
         own = numbers.pop(clock.column if clock else "time", np.empty(0)) * (clock.columns.factor if clock else 1.0)
         if len(own) < 10:
             raise LogError(f"a log needs at least 10 samples, it has {len(own)}.")
@@ -208,7 +217,7 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
     changing = {name: x for name, x in sampled.items() if np.nanmax(x.values) > np.nanmin(x.values)}
     columns = {name: interpolated(Sampled(x.time, x.values), time) for name, x in changing.items()}
     constant = {name: float(np.nanmean(x.values)) for name, x in sampled.items() if name not in changing}
-    return Seen(path, (Layout(),), (), time, columns, constant, missing, unread, units, holes)
+    return Seen(path, (Layout(),), (), time, columns, constant, missing, unread, units, holes, labels)
 
 
 def check_same_columns(

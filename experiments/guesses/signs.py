@@ -7,10 +7,9 @@ import numpy as np
 
 from experiments.guesses.belief import Belief
 from experiments.guesses.joints import position
-from experiments.guesses.predicted import curves, prediction, unexplained
+from experiments.guesses.predicted import beside_friction, curves, prediction, unexplained
 from experiments.guesses.seen import Seen
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.loads import SLIP
 from ident.mechanism.mechanism import Mechanism
 
 BETTER, FAR_BETTER = 0.7, 0.5
@@ -133,10 +132,7 @@ def _left(
             shares.append((unexplained(total, basis), _beside_own(total, part)))
     for joint, found in belief.of("torque").items():
         if found.column in levels:
-            dq = states[joint][1]
-            rows = np.stack([np.ones_like(dq), dq, np.tanh(dq / SLIP)], axis=1)
-            own = levels[found.column] - rows @ np.linalg.lstsq(rows, levels[found.column], rcond=1e-8)[0]
-            share = unexplained(own[:, None], [predicted[joint], dq, rows[:, 2]])
+            share = beside_friction(states[joint], predicted[joint], levels[found.column])
             shares.append((share, share))
     return Left(*np.mean(shares, axis=0).tolist()) if shares else None
 

@@ -42,7 +42,7 @@ def add_unnamed(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequen
     lacking = [joint for joint in joints if joint not in belief.of("position")]
     measured = [*belief.of("torque"), *belief.groups]
     still = [joint for joint in joints if joint not in known and joint not in lacking]
-    if mechanism.prior is None or still or belief.ambiguous or not (lacking or not measured):
+    if mechanism.prior is None or still or belief.undecided or not (lacking or not measured):
         return
     free = [name for name in seen.columns if name not in belief.columns and not words(name).commanded]
     rates = _rates(seen, free)

@@ -1,7 +1,8 @@
 """What the name of a column says: the quantity, its unit, and whose it is."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 
 from ident.recordings.column import UNITS
@@ -16,11 +17,16 @@ KINDS = {
 }
 """Words of names by what the column holds."""
 
-COMMANDED = {"ref", "cmd", "des", "desired", "target", "command", "commanded", "setpoint", "goal"}
-"""Words of what was asked for rather than measured."""
+COMMANDED = {
+    *("ref", "cmd", "des", "desired", "target", "command", "commanded", "setpoint", "goal", "action"),
+    *("ext", "external", "dtau", "residual"),
+}
+"""Words of what was asked for, or estimated of something else, rather than measured of a joint."""
 
-EMPTY = {"joint", "jnt", "j", "axis", "meas", "measured", "actual", "fb", "feedback", "jointset"}
+EMPTY = {"joint", "jnt", "j", "axis", "meas", "measured", "msr", "actual", "fb", "feedback", "jointset"}
 """Words that say nothing of which joint it is."""
+
+KINDS_AND_EMPTY = set[str]().union(*KINDS.values()) | EMPTY
 
 SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
 
@@ -73,7 +79,7 @@ class Words:
         core: The words that are left: whose quantity it is.
         kind: One of `KINDS`, or "".
         unit: One of the units of `SPELLED` and `BRACKETED`, without `/s`, or "".
-        commanded: Whether it is what was asked for.
+        commanded: Whether it is what was asked for, or estimated of something else.
     """
 
     core: tuple[str, ...]
@@ -100,9 +106,11 @@ def words(name: str) -> Words:
     kinds = [kind for part in split for kind, those in KINDS.items() if part in those]
     # Of `motor_current_position` the last word says what it is; `current` is a quantity only without another.
     kind = next((kind for kind in reversed(kinds) if kind != "current" or set(kinds) == {"current"}), "")
-    spoken = set().union(*KINDS.values()) | EMPTY | COMMANDED
-    core = tuple(SIDES.get(part, part) for part in split if part not in spoken)
-    return Words(core, kind, unit, any(part in COMMANDED for part in split))
+    spoken = KINDS_AND_EMPTY | COMMANDED
+    # Franka's `q_d` and `tau_J_d` are desired.
+    after = {k for k, part in enumerate(split) if part == "d" and k and split[k - 1] in KINDS_AND_EMPTY}
+    core = tuple(SIDES.get(part, part) for k, part in enumerate(split) if part not in spoken and k not in after)
+    return Words(core, kind, unit, bool(after) or any(part in COMMANDED for part in split))
 
 
 def without_unit(name: str) -> tuple[str, str]:
@@ -132,6 +140,21 @@ def likeness(column: Words, joint: Words) -> float:
     else:
         like = 0.85 * SequenceMatcher(None, "".join(column.core), "".join(joint.core)).ratio()
     return like - (0.2 if column.commanded else 0.0)
+
+
+def shares_numbers_alone(column: Words, joint: Words) -> bool:
+    """Whether all that two names have in common is numbers, which count from zero in one and from one in another."""
+    common = set(column.core) & set(joint.core)
+    return bool(common) and all(word.isdigit() for word in common)
+
+
+def without_prefix(names: Sequence[Words]) -> list[Words]:
+    """The same without the words that all of them begin with, such as the robot's."""
+    cores = [each.core for each in names]
+    length = 0
+    while len(cores) > 1 and all(len(core) > length + 1 and core[length] == cores[0][length] for core in cores):
+        length += 1
+    return [replace(each, core=each.core[length:]) for each in names]
 
 
 def unit_of(quantity: str, said: str) -> str:

@@ -3,26 +3,35 @@
 import re
 from collections.abc import Sequence
 
-WORDS = {
-    "force": r"(?:force|grf|(?<![a-z])f)([\W_\d]*)v?[\W_]*([xyz])(?![a-z])",
-    "torque": r"(?:torque|moment|grm|(?<![a-z])[mt])([\W_\d]*)[\W_]*([xyz])(?![a-z])",
-    "point": r"(?:(?:force|grf)(?=[\W_\d]*p)|cop|point|(?<![a-z])(?=p))([\W_\d]*)p?[\W_]*([xyz])(?![a-z])",
-}
-"""What a component is called in small letters: a word, perhaps a number, an axis. OpenSim calls the components of a
-force vx, vy and vz, and those of its point of application px, py and pz."""
+_WHOSE = r"([\W_\d]*|(?:[\W_]+[a-z\d]+)+?[\W_]+)"
+_NUMBER, _AXIS = r"([\W_\d]*)", r"[\W_]*([xyz])(?![a-z])"
+
+WORDS = (
+    ("torque", rf"(?:force|grf){_WHOSE}m{_AXIS}"),
+    ("point", rf"(?:force|grf){_WHOSE}p{_AXIS}"),
+    ("force", rf"(?:force|grf){_WHOSE}v?{_AXIS}"),
+    ("force", rf"(?<![a-z])f{_NUMBER}v?{_AXIS}"),
+    ("torque", rf"(?:torque|moment|grm){_WHOSE}m?{_AXIS}"),
+    ("torque", rf"(?<![a-z])[mt]{_NUMBER}{_AXIS}"),
+    ("point", rf"(?:cop|point){_WHOSE}p?{_AXIS}"),
+    ("point", rf"(?<![a-z])(?=p){_NUMBER}p?{_AXIS}"),
+)
+"""What a component is called in small letters: a word, perhaps a number or whose it is, an axis. OpenSim calls the
+components of a force vx, vy and vz, those of its point of application px, py and pz; AddBiomechanics those of a moment
+mx, my and mz."""
 
 Component = tuple[str, str]
-"""What is measured, a key of `WORDS`, and along which axis."""
+"""What is measured, a kind of `WORDS`, and along which axis."""
 
 
 def wrench_groups(names: Sequence[str]) -> dict[str, dict[Component, str]]:
     """Columns by what the names of one wrench have in common, and by component."""
     groups: dict[str, dict[Component, str]] = {}
     for name in names:
-        for kind, pattern in WORDS.items():
+        for kind, pattern in WORDS:
             if match := re.search(pattern, name.lower()):
-                number = "".join(re.findall(r"\d+", match[1]))
-                rest = f"{name[: match.start()]}|{number}|{name[match.end() :]}"
+                whose = "_".join(re.findall(r"[a-z\d]+", match[1]))
+                rest = f"{name[: match.start()]}|{whose}|{name[match.end() :]}"
                 groups.setdefault(rest, {}).setdefault((kind, match[2]), name)
                 break
     return groups

@@ -1,0 +1,178 @@
+"""Numbered columns taken for those of joints: the alignment with which the model explains clearly more than others."""
+
+from collections.abc import Sequence
+from math import isclose, perm
+
+import numpy as np
+
+from experiments.guesses.alignments import (
+    ALPHABET,
+    LABELS,
+    MODEL,
+    Alignment,
+    Problem,
+    alignments,
+    position_families,
+)
+from experiments.guesses.belief import LIKELY, Belief, Entry, Group, Quantity
+from experiments.guesses.families import Family, families
+from experiments.guesses.predicted import curves
+from experiments.guesses.seen import Seen
+from experiments.guesses.unnamed import MOST
+from ident.mechanism.mechanism import Mechanism
+from ident.recordings.plausibility import rate_factor
+from ident.recordings.wrench import GROUND
+
+CLEAR = 0.7
+"""What the best alignment leaves unexplained, over what another one does: above it either may be right."""
+
+ENOUGH, LITTLE = 0.5, 0.1
+"""Share that the model has to explain with an alignment among several, and with the only one, or one by the joints'
+own numbers. A model may be far from its robot; but with a wrong alignment it explains next to nothing."""
+
+SAME = 0.999
+"""Correlation of columns from which on they may be two readings of one joint."""
+
+
+def add_aligned(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequence[str], held: bool) -> None:
+    """Adds positions, velocities and torques of joints without columns, from families of numbered columns.
+
+    Args:
+        belief: Where to.
+        seen: The log.
+        mechanism: The mechanism.
+        joints: Its joints with one axis.
+        held: Whether something holds the base.
+    """
+    lacking = tuple(j for j in joints if j not in belief.of("position") and j not in belief.undecided)
+    named = {name for name in seen.names if name not in belief.columns}
+    there = tuple(each for each in families(seen.names) if set(each.names) <= named)
+    fitting = [
+        each for each in position_families(there) if lacking and len(each.names) > 1 and not _is_small(each, lacking)
+    ]
+    if not fitting or mechanism.prior is None:
+        return
+    known = [found.column for found in belief.of("position").values() if found.column in seen.columns]
+    moving = [name for each in fitting for name in each.names if name in seen.columns]
+    low = curves(seen, dict.fromkeys([*known, *moving]))
+    problem = Problem(belief, seen, mechanism, lacking, low, there, held)
+    every = [way for each in fitting for way in alignments(problem, each)]
+    measured = [way for way in every if way.left is not None]
+    if measured:
+        _add_best(problem, measured)
+    elif every:
+        _add_unmeasured(problem, every)
+
+
+def _is_small(family: Family, joints: Sequence[str]) -> bool:
+    """Whether columns without names are so few that all ways to assign them are tried, and not those in a row alone."""
+    return family.template == "#" and perm(len(family.names), len(joints)) <= MOST
+
+
+def _add_best(problem: Problem, every: Sequence[Alignment]) -> None:
+    """Adds the alignment that leaves least; where it is not clearly the best, or explains little, none."""
+    every = sorted(every, key=lambda way: (way.left, way.family.is_second))
+    best = every[0]
+    twins = [way for way in every if way is not best and _is_twin(problem, best, way)]
+    if twins and (first := min([best, *twins], key=lambda way: way.family.is_second)) is not best:
+        best = first
+    others = [way for way in every if way not in (best, *twins) and dict(way.positions) != dict(best.positions)]
+    second = min((way.left or 0.0 for way in others), default=1.0)
+    left = best.left or 0.0
+    alone = not others or best.order == LABELS
+    if (alone and 1 - left >= LITTLE) or (1 - left >= ENOUGH and left <= CLEAR * second):
+        if best.family.kind == "" and any(way.positions != best.positions for way in twins):
+            _ask_twins(problem, best, twins)
+            return
+        why = f"{best.order}: with it the model explains {_percent(left)} of what is measured"
+        _add(problem, best, why + ("" if not others else f", otherwise at most {_percent(second)}"))
+        return
+    rival = f", with another one {_percent(second)}" if others else ""
+    _ask(
+        problem,
+        f"which columns of {_listed(best.family.names)} are the positions of {_listed(problem.joints)}: "
+        f"{best.order}, from {next(iter(best.positions.values()))} on, the model explains {_percent(left)} of what is "
+        f"measured{rival}",
+    )
+
+
+def _add_unmeasured(problem: Problem, every: Sequence[Alignment]) -> None:
+    """Adds the only alignment where nothing is measured to hold it against; of several none."""
+    different = {tuple(way.positions.items()): way for way in every}
+    if len(different) == 1 and every[0].family.kind == "position":
+        _add(problem, every[0], f"{every[0].order}, which nothing in the log can be held against")
+        return
+    _ask(
+        problem,
+        f"which columns of {_listed(every[0].family.names)} are the positions of {_listed(problem.joints)}: the "
+        f"log has no wrench and no torque to tell {MODEL} from {ALPHABET} or another place by",
+    )
+
+
+def _ask(problem: Problem, what: str) -> None:
+    problem.belief.open.append(f"It is open {what}.")
+    problem.belief.undecided |= set(problem.joints)
+
+
+def _ask_twins(problem: Problem, best: Alignment, twins: Sequence[Alignment]) -> None:
+    places = dict.fromkeys(_listed(tuple(way.positions.values())) for way in (best, *twins))
+    _ask(
+        problem, f"which of {' or of '.join(places)}, that are nearly the same, were measured and which were commanded"
+    )
+
+
+def _is_twin(problem: Problem, one: Alignment, other: Alignment) -> bool:
+    """Whether two alignments differ by columns only that are as good as the same."""
+    if one.positions.keys() != other.positions.keys():
+        return False
+    x, y = ([problem.seen.columns[way.positions[joint]] for joint in one.positions] for way in (one, other))
+    return all(a is b or np.corrcoef(a, b)[0, 1] > SAME for a, b in zip(x, y, strict=True))
+
+
+def _add(problem: Problem, way: Alignment, why: str) -> None:
+    """Adds what an alignment says."""
+    belief = problem.belief
+    for kind, columns in (("position", way.positions), ("torque", way.torques), ("velocity", _rates(problem, way))):
+        for joint, column in columns.items():
+            reason = why if kind == "position" else "in the place of the position"
+            found = Quantity(joint, kind, column, LIKELY, [reason])
+            belief.quantities.setdefault(found.key, found)
+    if way.wrench:
+        share = f"goes as the model predicts ({_percent(way.left or 0.0)} of the variance)"
+        parts = (("force", way.wrench[:3]), ("torque", way.wrench[3:]))
+        belief.groups[GROUND] = Group(GROUND, {key: Entry(list(names), share) for key, names in parts})
+
+
+def _rates(problem: Problem, way: Alignment) -> dict[str, str]:
+    """Columns that are the derivatives of positions, all of one family, in the same order."""
+    places = [way.family.names.index(name) for name in way.positions.values()]
+    taken = {*way.positions.values(), *way.torques.values(), *way.wrench, *problem.belief.columns}
+    for each in problem.families:
+        same = each is way.family
+        if not (same or (each.kind == "velocity" and each.is_of_joints and len(each.names) == len(way.family.names))):
+            continue
+        for first in range(-min(places), len(each.names) - max(places)) if same else (0,):
+            names = [each.names[place + first] for place in places]
+            if not set(names) & taken and _are_rates(problem.seen, list(way.positions.values()), names):
+                return dict(zip(way.positions, names, strict=True))
+    return {}
+
+
+def _are_rates(seen: Seen, positions: Sequence[str], rates: Sequence[str]) -> bool:
+    """Whether columns are the derivatives of others, in whatever unit and of whatever sign; one that rests may be."""
+    if not all(name in seen.columns for name in (*positions, *rates)):
+        return False
+    sizes = [
+        abs(rate_factor(seen.time, seen.columns[x], seen.columns[dx])) for x, dx in zip(positions, rates, strict=True)
+    ]
+    units = (1.0, 180 / np.pi, np.pi / 180)
+    return all(any(isclose(size, unit, rel_tol=0.2) for unit in units) for size in sizes)
+
+
+def _percent(left: float) -> str:
+    return f"{100 * (1 - left):.0f} %"
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names of a family, or of several joints, in short."""
+    return ", ".join(names) if len(names) < 3 else f"{names[0]} to {names[-1]}"

@@ -1,0 +1,222 @@
+"""Ways to align numbered columns with joints, and how much of wrenches and torques the model explains with each."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from experiments.guesses.belief import Belief
+from experiments.guesses.families import Family, families
+from experiments.guesses.joints import ROUND
+from experiments.guesses.predicted import Curves, beside_friction, prediction, shares_of_torques, unexplained
+from experiments.guesses.seen import Seen
+from experiments.guesses.words import unit_of, words
+from ident.estimation.equations import COMPONENTS
+from ident.mechanism.mechanism import Mechanism
+from ident.recordings.column import UNITS
+
+MODEL, ALPHABET, LABELS = "in the model's order", "in the order of the alphabet", "in the order that the log states"
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Columns of joints, one for each.
+
+    Attributes:
+        family: Where the positions are from.
+        order: What order the joints are in.
+        positions: Column of the position of each joint.
+        torques: Column of the torque of each joint, none where others tell.
+        wrench: Columns of the ground's wrench where nothing names it, force first.
+        left: Share of what is measured that the model leaves unexplained; None where nothing is measured.
+    """
+
+    family: Family
+    order: str
+    positions: Mapping[str, str]
+    torques: Mapping[str, str] = field(default_factory=dict)
+    wrench: tuple[str, ...] = ()
+    left: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What alignments are looked for in.
+
+    Attributes:
+        belief: What is believed already.
+        seen: The log.
+        mechanism: The mechanism.
+        joints: Joints without positions, in the model's order.
+        curves: Columns low-passed alike.
+        families: Families of columns that nothing was found for.
+        held: Whether something holds the base.
+    """
+
+    belief: Belief
+    seen: Seen
+    mechanism: Mechanism
+    joints: tuple[str, ...]
+    curves: Curves
+    families: tuple[Family, ...]
+    held: bool
+
+
+def position_families(there: Sequence[Family]) -> list[Family]:
+    """Families that may be positions: those that are named so, or else those of which nothing is said."""
+    own = [each for each in there if each.is_of_joints]
+    return [each for each in own if each.kind == "position"] or [each for each in own if each.kind == ""]
+
+
+def alignments(problem: Problem, family: Family) -> Iterator[Alignment]:
+    """Ways in which a family may be the positions, with the torques beside them, each with what it leaves."""
+    for order, targets, columns in ways(problem, family):
+        positions = dict(zip(targets, columns, strict=True))
+        yield from _measured(problem, Alignment(family, order, positions))
+
+
+def ways(problem: Problem, family: Family) -> Iterator[tuple[str, Sequence[str], Sequence[str]]]:
+    """Orders, joints in it, and as many columns of a family in a row."""
+    names, joints = family.names, problem.joints
+    if labelled := _labelled(problem, family):
+        yield LABELS, list(labelled), list(labelled.values())
+        return
+    for targets in _targets(joints, len(names)):
+        for order, listed in ((MODEL, targets), (ALPHABET, tuple(sorted(targets)))):
+            if order == ALPHABET and listed == targets:
+                continue
+            for first in range(len(names) - len(listed) + 1):
+                columns = names[first : first + len(listed)]
+                if all(name in problem.seen.columns for name in columns):
+                    yield order, listed, columns
+
+
+def _labelled(problem: Problem, family: Family) -> dict[str, str]:
+    """Columns by the joints that words in the log name in the same place, where these are all that are looked for."""
+    for each in families(problem.seen.labels):
+        said = {number: problem.seen.labels[name] for number, name in each.members}
+        columns = {said[number]: name for number, name in family.members if number in said}
+        if set(problem.joints) <= set(columns):
+            return {joint: columns[joint] for joint in problem.joints}
+    return {}
+
+
+def _targets(joints: Sequence[str], size: int) -> list[tuple[str, ...]]:
+    """Joints that a family of some size may be of: all, or those of a family of their own, or some in a row."""
+    if size >= len(joints):
+        return [tuple(joints)]
+    own = [each.names for each in families(joints) if len(each.names) == size]
+    return own or [tuple(joints[k : k + size]) for k in range(len(joints) - size + 1)]
+
+
+def states_of(problem: Problem, positions: Mapping[str, str], factor: float) -> dict[str, np.ndarray]:
+    """Positions and both derivatives of all joints (3, M), at rest where nothing tells of one."""
+    known = problem.belief.of("position")
+    hinges = {body.joint for body in problem.mechanism.tree.bodies if body.moves and body.turns}
+    out = {}
+    for joint in problem.mechanism.joints:
+        if joint in positions:
+            out[joint] = problem.curves.states[positions[joint]] * (factor if joint in hinges else 1.0)
+        elif joint in known and known[joint].column in problem.curves.states:
+            quantity = "hinge position" if joint in hinges else "slide position"
+            unit = UNITS[quantity].get(known[joint].unit, 1.0)
+            out[joint] = problem.curves.states[known[joint].column] * unit
+        else:
+            out[joint] = np.zeros((3, problem.curves.size))
+    return out
+
+
+def factors(problem: Problem, columns: Sequence[str]) -> list[float]:
+    """What may make positions radians: what the file or the names say, or else by their size one or both of two."""
+    said = {unit_of("hinge position", words(name).unit) or problem.seen.units.get(name, "") for name in columns} - {""}
+    if said:
+        return [UNITS["hinge position"].get(said.pop(), 1.0)]
+    largest = max(float(np.abs(problem.seen.columns[name]).max()) for name in columns)
+    return [1.0] if largest < 0.05 else [np.pi / 180] if largest > 10 * ROUND else [1.0, np.pi / 180]
+
+
+def _measured(problem: Problem, way: Alignment) -> Iterator[Alignment]:
+    """The same with each family of torques beside it, and with what the model leaves."""
+    columns = list(way.positions.values())
+    options = _torques(problem, way)
+    for factor in factors(problem, columns):
+        states = states_of(problem, way.positions, factor)
+        predicted = prediction(problem.mechanism, list(states.values()))
+        given = _given(problem, states, predicted)
+        free = [name for name in problem.curves.levels if name not in (*columns, *problem.belief.columns)]
+        table = _Table(shares_of_torques(states, predicted, {name: problem.curves.levels[name] for name in free}), free)
+        for torques in options:
+            own = [table.left(joint, name) for joint, name in torques.items()]
+            left = given + own
+            yield Alignment(way.family, way.order, way.positions, torques, (), float(np.mean(left)) if left else None)
+        for wrench in _wrenches(problem, way, given, options):
+            total = np.stack([problem.curves.levels[name] for name in wrench], axis=1)
+            there = [predicted[c] for c in COMPONENTS]
+            left = [
+                *(unexplained(total[:, [k]], [there[k]]) for k in range(6) if np.ptp(there[k]) > 1e-6),
+            ]
+            yield Alignment(way.family, way.order, way.positions, {}, wrench, float(np.mean(left)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Shares that the model leaves of columns taken for torques of joints."""
+
+    shares: Mapping[str, np.ndarray]
+    columns: Sequence[str]
+
+    def left(self, joint: str, column: str) -> float:
+        """That of one column."""
+        return float(self.shares[joint][self.columns.index(column)])
+
+
+def _torques(problem: Problem, way: Alignment) -> list[dict[str, str]]:
+    """Columns of torques that may go with positions: of the same place in families of torques, none where named."""
+    if problem.belief.of("torque"):
+        return [{}]
+    places = [way.family.names.index(name) for name in way.positions.values()]
+    out = []
+    for kind in ("torque", "current"):
+        for each in problem.families:
+            if each.kind == kind and each.is_of_joints and len(each.names) == len(way.family.names):
+                own = [each.names[place] for place in places]
+                if all(name in problem.seen.columns for name in own):
+                    out.append(dict(zip(way.positions, own, strict=True)))
+        if out:
+            return out
+    if problem.belief.groups or way.family.kind == "position":
+        return [{}]
+    # One family of everything: torques are other columns of it, in the same order.
+    n, names = len(places), way.family.names
+    first, last = min(places), max(places)
+    starts = [k for k in range(len(names) - n + 1) if k > last or k + n <= first]
+    shifted = [[names[place - first + k] for place in places] for k in starts if last - first + 1 == n]
+    return [dict(zip(way.positions, s, strict=True)) for s in shifted if all(x in problem.seen.columns for x in s)] or [
+        {}
+    ]
+
+
+def _wrenches(
+    problem: Problem, way: Alignment, given: Sequence[float], options: Sequence[Mapping[str, str]]
+) -> list[tuple[str, ...]]:
+    """Six columns in a row of a family of everything that may be the ground's wrench."""
+    if not problem.held or given or way.family.kind or problem.belief.groups:
+        return []
+    names = way.family.names
+    rows = [names[k : k + 6] for k in range(len(names) - 5)]
+    return [row for row in rows if not set(row) & set(way.positions.values()) and set(row) <= set(problem.seen.columns)]
+
+
+def _given(problem: Problem, states: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray]) -> list[float]:
+    """Shares that are left of wrenches and torques that are known by their names."""
+    levels, out = problem.curves.levels, []
+    wrench = [predicted[c] for c in COMPONENTS]
+    for key, basis in (("force", wrench[:3]), ("torque", wrench)):
+        listed = [group.entries[key].value for group in problem.belief.groups.values() if key in group.entries]
+        total = sum(np.stack([levels.get(name, 0 * wrench[0]) for name in names], axis=1) for names in listed)
+        if isinstance(total, np.ndarray) and np.ptp(total, axis=0).any():
+            out.append(unexplained(total, basis))
+    for joint, found in problem.belief.of("torque").items():
+        if found.column in levels:
+            out.append(beside_friction(states[joint], predicted[joint], levels[found.column]))
+    return out

@@ -1,0 +1,110 @@
+"""Families of names that differ by a number alone, as `actual_q_0` to `actual_q_5` do."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from experiments.guesses.words import KINDS, Words, words
+from ident.recordings.column import CURRENT, UNITS
+
+ELSEWHERE = {"tcp", "ee", "tool", "cartesian", "pose", "temperature", "temp", "voltage", "mode", "status", "error"}
+"""Words of families that are of no joint."""
+
+SECOND = {"theta", "motor", "encoder", "raw"}
+"""Words of positions before the gear or the calibration, which another family of the joints themselves precedes."""
+
+
+class Member(NamedTuple):
+    """A name of a family.
+
+    Attributes:
+        number: The number in it.
+        name: The name.
+    """
+
+    number: int
+    name: str
+
+
+@dataclass(frozen=True)
+class Family:
+    """Names that differ by a number alone.
+
+    Attributes:
+        template: What they have in common, with `#` for the number.
+        members: The names by their numbers.
+    """
+
+    template: str
+    members: tuple[Member, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names in the order of their numbers."""
+        return tuple(member.name for member in self.members)
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The numbers."""
+        return tuple(member.number for member in self.members)
+
+    @property
+    def words(self) -> Words:
+        """What the name of the first says."""
+        return words(self.names[0])
+
+    @property
+    def kind(self) -> str:
+        """The quantity, a key of `words.KINDS`, by words or unit; "" if nothing says it."""
+        said = self.words
+        if said.unit in CURRENT:
+            return "current"
+        if said.unit in UNITS["hinge torque"]:
+            return "torque"
+        if said.kind == "time":
+            # Of several columns, T1 and T2 are torques.
+            return "torque" if set(self._parts) & KINDS["time"] == {"t"} else "time"
+        return said.kind or ("position" if said.unit in ("rad", "deg") else "")
+
+    @property
+    def is_of_joints(self) -> bool:
+        """Whether no word says that it is of something else, or what was commanded."""
+        return not (set(self._parts) & ELSEWHERE) and not self.words.commanded and self.kind != "time"
+
+    @property
+    def is_second(self) -> bool:
+        """Whether its positions are those of motors rather than of joints."""
+        return bool(set(self._parts) & SECOND)
+
+    @property
+    def _parts(self) -> list[str]:
+        return [part.lower() for part in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+", self.names[0])]
+
+
+def families(names: Iterable[str]) -> list[Family]:
+    """Names in families, each in the largest that it fits into; one without a number is in none."""
+    there = list(names)
+    ways = {name: _templates(name) for name in there}
+    sizes: dict[str, int] = {}
+    for templates in ways.values():
+        for template in templates:
+            sizes[template] = sizes.get(template, 0) + 1
+    groups: dict[str, list[Member]] = {}
+    for name in there:
+        if ways[name]:
+            # Of templates with as many names the number that comes last counts.
+            template = max(reversed(ways[name]), key=sizes.__getitem__)
+            groups.setdefault(template, []).append(Member(ways[name][template], name))
+    return [Family(template, tuple(sorted(members))) for template, members in groups.items()]
+
+
+def _templates(name: str) -> dict[str, int]:
+    """The number at each place of a name by what is around it, units of quantities left out."""
+    bare = re.sub(r"\s*[\[(]\s*[^\])\d]*[\])]\s*$", "", name.lower())
+    return {f"{bare[: m.start()]}#{bare[m.end() :]}": int(m[0]) for m in re.finditer(r"\d+", bare) if len(m[0]) < 7}
+
+
+def is_shifted(columns: Sequence[int], joints: Sequence[int]) -> bool:
+    """Whether numbers of columns and of joints count from different beginnings: each has some that the other lacks."""
+    return bool(set(columns) - set(joints)) and bool(set(joints) - set(columns))

@@ -1,0 +1,69 @@
+"""Logs of ten drivers and tools: what is guessed of them is right or asked, never wrong."""
+
+from itertools import chain
+
+import pytest
+from guesses.forty_logs import logs
+
+from experiments.guesses.belief import DOUBTFUL
+from experiments.guesses.guess import believed
+from experiments.guesses.wrenches import is_doubtful
+from ident.recordings.column import CURRENT, UNITS
+from ident.recordings.plates import AUTO
+
+
+def scale(found, seen):
+    """What makes a column SI."""
+    if found.unit in CURRENT:
+        return found.gain * CURRENT[found.unit]
+    units = {unit: factor for kinds in UNITS.values() for unit, factor in kinds.items()}
+    return found.gain * units.get(found.unit or ("deg" if seen.units.get(found.column) == "deg" else ""), 1.0)
+
+
+def judged(log, folder):
+    """`right`, `asked` or `wrong`, and what it is about."""
+    seen, belief = believed(log.mechanism, [log.write(folder)])
+    said = {f"{x.joint}.{x.kind}": x for x in belief.quantities.values() if x.column and x.sure != DOUBTFUL}
+    wrong, lacking = [], [key for key, truth in log.truth.items() if truth and key not in said]
+    for key, found in said.items():
+        if log.truth.get(key) is None:
+            wrong.append(f"{key} ← {found.column}")
+            continue
+        column, factor = log.truth[key]
+        off = abs(scale(found, seen) / factor - 1)
+        if found.column != column or off > (0.3 if found.unit in CURRENT else 1e-6):
+            wrong.append(f"{key} ← {scale(found, seen):g} {found.column}, not {factor:g} {column}")
+    there = {}
+    for group in belief.groups.values():
+        if not is_doubtful(group):
+            listed = [group.entries[k].value for k in ("force", "torque", "free_moment") if k in group.entries]
+            there[tuple(chain(*listed))] = group
+    for columns, body in log.wrenches.items():
+        if columns not in there:
+            lacking.append(columns[0])
+            continue
+        entries = there.pop(columns).entries
+        on = entries["among"].value if entries.get("on") and entries["on"].value == AUTO else None
+        named = [entries[k].value for k in ("on", "body") if k in entries]
+        if (body and body not in (on or named)) or {"rpy_deg", "applied_to_link"} & entries.keys():
+            wrong.append(f"{columns[0]} is on {on or named}, turned {sorted(entries)}")
+        if any(
+            entries[k].value not in ("N", "N m", "m") for k in ("unit", "torque_unit", "point_unit") if k in entries
+        ):
+            wrong.append(f"{columns[0]} has another unit")
+    wrong += [f"a wrench of {', '.join(columns)}" for columns in there]
+    open_ones = any(log.truth[k] is None for k in log.truth)
+    return "wrong" if wrong else "asked" if lacking or open_ones else "right", wrong or lacking, belief
+
+
+@pytest.fixture(scope="module")
+def outcomes():
+    """What was judged so far, by tool."""
+    return {}
+
+
+@pytest.mark.parametrize("log", logs(), ids=lambda log: log.name)
+def test_what_is_guessed_is_right_or_asked(log, tmp_path):
+    outcome, about, belief = judged(log, tmp_path)
+    assert outcome == ("asked" if log.asked else "right"), about
+    assert outcome == "right" or belief.open
