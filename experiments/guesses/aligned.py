@@ -18,6 +18,7 @@ from experiments.guesses.belief import LIKELY, Belief, Entry, Group, Quantity
 from experiments.guesses.families import Family, families
 from experiments.guesses.predicted import curves
 from experiments.guesses.seen import Seen
+from experiments.guesses.signs import ENOUGH, LITTLE
 from experiments.guesses.unnamed import MOST
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.plausibility import rate_factor
@@ -26,9 +27,9 @@ from ident.recordings.wrench import GROUND
 CLEAR = 0.7
 """What the best alignment leaves unexplained, over what another one does: above it either may be right."""
 
-ENOUGH, LITTLE = 0.5, 0.1
-"""Share that the model has to explain with an alignment among several, and with the only one, or one by the joints'
-own numbers. A model may be far from its robot; but with a wrong alignment it explains next to nothing."""
+ENOUGH_OF_WRENCHES = 0.95
+"""Share of wrenches that the model has to explain with an alignment among several, whatever their axes are: so much
+freedom explains up to nine tenths with a wrong one."""
 
 SAME = 0.999
 """Correlation of columns from which on they may be two readings of one joint."""
@@ -71,18 +72,18 @@ def _is_small(family: Family, joints: Sequence[str]) -> bool:
 
 def _add_best(problem: Problem, every: Sequence[Alignment]) -> None:
     """Adds the alignment that leaves least; where it is not clearly the best, or explains little, none."""
-    every = sorted(every, key=lambda way: (way.left, way.family.is_second))
-    best = every[0]
-    twins = [way for way in every if way is not best and _is_twin(problem, best, way)]
-    if twins and (first := min([best, *twins], key=lambda way: way.family.is_second)) is not best:
-        best = first
-    others = [way for way in every if way not in (best, *twins) and dict(way.positions) != dict(best.positions)]
+    every = sorted(every, key=lambda way: way.left or 0.0)
+    twins = [way for way in every if _is_twin(problem, every[0], way)]
+    # What is before the gear, or the calibration, comes second to what is as good.
+    best = min(twins, key=lambda way: way.family.is_second)
+    others = [way for way in every if way not in twins]
     second = min((way.left or 0.0 for way in others), default=1.0)
     left = best.left or 0.0
+    enough = ENOUGH if best.torques or problem.belief.of("torque") else ENOUGH_OF_WRENCHES
     alone = not others or best.order == LABELS
-    if (alone and 1 - left >= LITTLE) or (1 - left >= ENOUGH and left <= CLEAR * second):
+    if (alone and 1 - left >= LITTLE) or (1 - left >= enough and left <= CLEAR * second):
         if best.family.kind == "" and any(way.positions != best.positions for way in twins):
-            _ask_twins(problem, best, twins)
+            _ask_which(problem, twins)
             return
         why = f"{best.order}: with it the model explains {_percent(left)} of what is measured"
         _add(problem, best, why + ("" if not others else f", otherwise at most {_percent(second)}"))
@@ -114,15 +115,15 @@ def _ask(problem: Problem, what: str) -> None:
     problem.belief.undecided |= set(problem.joints)
 
 
-def _ask_twins(problem: Problem, best: Alignment, twins: Sequence[Alignment]) -> None:
-    places = dict.fromkeys(_listed(tuple(way.positions.values())) for way in (best, *twins))
+def _ask_which(problem: Problem, twins: Sequence[Alignment]) -> None:
+    places = dict.fromkeys(_listed(tuple(way.positions.values())) for way in twins)
     _ask(
         problem, f"which of {' or of '.join(places)}, that are nearly the same, were measured and which were commanded"
     )
 
 
 def _is_twin(problem: Problem, one: Alignment, other: Alignment) -> bool:
-    """Whether two alignments differ by columns only that are as good as the same."""
+    """Whether two alignments differ at most by columns that are as good as the same."""
     if one.positions.keys() != other.positions.keys():
         return False
     x, y = ([problem.seen.columns[way.positions[joint]] for joint in one.positions] for way in (one, other))
@@ -132,6 +133,8 @@ def _is_twin(problem: Problem, one: Alignment, other: Alignment) -> bool:
 def _add(problem: Problem, way: Alignment, why: str) -> None:
     """Adds what an alignment says."""
     belief = problem.belief
+    if way.order != LABELS and not _has_numbers_of_joints(way):
+        belief.by_place |= set(way.positions)
     for kind, columns in (("position", way.positions), ("torque", way.torques), ("velocity", _rates(problem, way))):
         for joint, column in columns.items():
             reason = why if kind == "position" else "in the place of the position"
@@ -141,6 +144,15 @@ def _add(problem: Problem, way: Alignment, why: str) -> None:
         share = f"goes as the model predicts ({_percent(way.left or 0.0)} of the variance)"
         parts = (("force", way.wrench[:3]), ("torque", way.wrench[3:]))
         belief.groups[GROUND] = Group(GROUND, {key: Entry(list(names), share) for key, names in parts})
+
+
+def _has_numbers_of_joints(way: Alignment) -> bool:
+    """Whether columns have the joints' own numbers."""
+    own = {
+        joint: member.number for each in families(way.positions) for member in each.members for joint in [member.name]
+    }
+    there = {member.name: member.number for member in way.family.members}
+    return all(own.get(joint) == there[column] for joint, column in way.positions.items())
 
 
 def _rates(problem: Problem, way: Alignment) -> dict[str, str]:

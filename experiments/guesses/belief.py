@@ -95,9 +95,8 @@ class Belief:
         open: Sentences on what could be one thing or another, or is not to be found.
         notes: Sentences on what else was noticed.
         unused: Columns that nothing was found for.
+        by_place: Joints whose columns are believed by their place in a series alone, and by what the model explains.
         undecided: Joints whose position a sentence of `open` is about.
-        explained: Share of wrenches and torques that the model explains with these positions; None where it was not
-            asked.
     """
 
     quantities: dict[str, Quantity] = field(default_factory=dict)
@@ -106,8 +105,8 @@ class Belief:
     open: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
+    by_place: set[str] = field(default_factory=set)
     undecided: set[str] = field(default_factory=set)
-    explained: float | None = None
 
     def of(self, kind: str) -> dict[str, Quantity]:
         """What is believed of one kind, without what is doubtful, by joint."""

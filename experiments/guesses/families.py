@@ -65,7 +65,9 @@ class Family:
         if said.kind == "time":
             # Of several columns, T1 and T2 are torques.
             return "torque" if set(self._parts) & KINDS["time"] == {"t"} else "time"
-        return said.kind or ("position" if said.unit in ("rad", "deg") else "")
+        # Gazebo calls the torque of a hinge a force.
+        unsaid = "position" if said.unit in ("rad", "deg") else "torque" if "force" in self._parts else ""
+        return said.kind or unsaid
 
     @property
     def is_of_joints(self) -> bool:

@@ -1,5 +1,7 @@
 """Gains, units and signs of joint torques and motor currents, by regression on the torques that the model predicts."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from experiments.guesses.belief import DOUBTFUL, Belief, Quantity
@@ -10,6 +12,22 @@ from ident.estimation.loads import SLIP
 from ident.estimation.preparation import Prepared, predicted_channels
 from ident.judgement.torque_checks import ALIKE, SCALE
 
+_FACTORS = {"N mm": 1e-3, "kN m": 1e3}
+
+
+class Gain(NamedTuple):
+    """What makes a column the torque that the model predicts.
+
+    Attributes:
+        gain: What it is multiplied by.
+        deviation: Standard deviation of that.
+        alike: Share of the predicted torque's variance that it explains.
+    """
+
+    gain: float
+    deviation: float
+    alike: float
+
 
 def set_gains(belief: Belief, seen: Seen, log: Prepared) -> None:
     """Sets gains, units and signs of joint torques by regression on those that the model predicts."""
@@ -18,49 +36,80 @@ def set_gains(belief: Belief, seen: Seen, log: Prepared) -> None:
         return
     predicted = predicted_channels(log.mechanism, log.samples.motion, log.frame, torques=True)
     whole = slice(log.edge, len(log.samples) - log.edge)
+    motion, gains = log.samples.motion, dict[str, Gain]()
     for column, k in enumerate(felt, start=len(log.equations.channels) - len(felt)):
-        joint, motion = log.mechanism.tree.freedoms[k], log.samples.motion
-        if joint not in found:
-            continue
-        dq, ddq = motion.dq[whole, k], motion.ddq[whole, k]
-        gain, deviation, alike = _gain(log.samples.measured[whole, column], predicted[joint][whole], dq, ddq)
-        _set_gain(found[joint], gain, deviation, alike, joint_has_unit=found[joint].column in seen.units)
+        joint = log.mechanism.tree.freedoms[k]
+        if joint in found:
+            rates = motion.dq[whole, k], motion.ddq[whole, k]
+            gains[joint] = _gain(log.samples.measured[whole, column], predicted[joint][whole], *rates)
+    for joint in [joint for joint in gains if is_current(found[joint])]:
+        _set_motor_constant(found[joint], gains.pop(joint))
+    _set_units({joint: found[joint] for joint in gains}, gains, seen)
 
 
-def _set_gain(found: Quantity, gain: float, deviation: float, alike: float, *, joint_has_unit: bool) -> None:
-    """Sets what makes a column the model's torque, where they are alike."""
-    explained = f"beside friction and rotor the model explains {100 * alike:.0f} % of it"
-    said = unit_of("hinge torque", words(found.column).unit)
-    if is_current(found):
-        found.why.append(explained)
-        if alike > ALIKE:
-            found.gain = float(f"{gain:.4g}")
-            found.why.append(
-                f"{gain:.4g} ± {deviation:.1g} N m/A by the model's torque, so that masses found are "
-                "no better than it: put the data sheet's here"
+def _set_motor_constant(found: Quantity, by_model: Gain) -> None:
+    """Sets what makes a current a torque, where they are alike."""
+    found.why.append(_explained(by_model))
+    if by_model.alike > ALIKE:
+        found.gain = float(f"{by_model.gain:.4g}")
+        found.why.append(
+            f"{by_model.gain:.4g} ± {by_model.deviation:.1g} N m/A by the model's torque, so that masses found are "
+            "no better than it: put the data sheet's here"
+        )
+    else:
+        found.sure = DOUBTFUL
+
+
+def _set_units(found: dict[str, Quantity], gains: dict[str, Gain], seen: Seen) -> None:
+    """Sets units and signs of torques, and gains where nothing says the unit and no torque is the model's own.
+
+    The log was read as N m, unless the unit was there already. One program writes all torques in one unit: where some
+    are as large as the model's, one that is not is that of another body.
+    """
+    stated = {
+        j: unit_of("hinge torque", words(x.column).unit) or seen.units.get(x.column, "") for j, x in found.items()
+    }
+    for joint, x in found.items():
+        x.unit = "" if x.column in seen.units else stated[joint] or "N m"
+        x.why.append(_explained(gains[joint]))
+        if gains[joint].alike <= ALIKE:
+            x.why.append("sign and gain are not to be told")
+    alike = [joint for joint in found if gains[joint].alike > ALIKE]
+    ratios = {joint: gains[joint].gain / _FACTORS.get(found[joint].unit, 1.0) for joint in alike}
+    free = [abs(ratios[joint]) for joint in alike if not stated[joint]]
+    in_newton = any(_near(ratio) for ratio in free)
+    in_millimetres = bool(free) and not in_newton and all(_near(1e3 * ratio) for ratio in free)
+    for joint, ratio in ratios.items():
+        x, deviation = found[joint], gains[joint].deviation / _FACTORS.get(found[joint].unit, 1.0)
+        x.gain = float(np.sign(ratio))
+        if not stated[joint] and in_millimetres:
+            x.unit = "N mm"
+            x.why.append("N mm by its size")
+        elif _near(abs(ratio)):
+            x.why.append(f"the model's torque is {abs(ratio):.3g} ± {deviation:.1g} times as large")
+        elif stated[joint] or in_newton or len(free) < 2:
+            other = (
+                f"it is in {stated[joint]}" if stated[joint] else "others are in N m" if in_newton else "one is no rule"
+            )
+            x.why.append(
+                f"the model's torque is {abs(ratio):.3g} ± {deviation:.1g} times as large, but no gain is put for it "
+                f"since {other}: look at the model's bodies and at gears"
             )
         else:
-            found.sure = DOUBTFUL
-        return
-    found.unit = "" if joint_has_unit else said or "N m"
-    scale = {"N mm": 1e-3, "kN m": 1e3}.get(found.unit, 1.0)
-    # The log was read as N m, unless the unit was there already.
-    ratio = gain / scale
-    found.why.append(explained)
-    if alike <= ALIKE:
-        found.why.append("sign and gain are not to be told")
-    elif 1 / SCALE < abs(ratio) < SCALE:
-        found.gain = float(np.sign(ratio))
-        found.why.append(f"the model's torque is {ratio:.3g} ± {deviation / scale:.1g} times as large")
-    elif not said and not joint_has_unit and 1 / SCALE < abs(ratio) * 1e3 < SCALE:
-        found.unit, found.gain = "N mm", float(np.sign(ratio))
-        found.why.append("N mm by its size")
-    else:
-        found.gain = float(f"{ratio:.4g}")
-        found.why.append(f"a gain (a gear?) of {ratio:.4g} ± {deviation / scale:.1g} by the model's torque")
+            x.gain = float(f"{ratio:.4g}")
+            x.why.append(f"a gain (a gear?) of {ratio:.4g} ± {deviation:.1g} by the model's torque")
 
 
-def _gain(measured: np.ndarray, predicted: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[float, float, float]:
+def _near(ratio: float) -> bool:
+    """Whether a ratio of torques is that of one unit."""
+    return 1 / SCALE < ratio < SCALE
+
+
+def _explained(by_model: Gain) -> str:
+    return f"beside friction and rotor the model explains {100 * by_model.alike:.0f} % of it"
+
+
+def _gain(measured: np.ndarray, predicted: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> Gain:
     """What a column is to be multiplied by to be the predicted torque, its deviation, and the share explained.
 
     `predicted = gain · measured + offset + friction + rotor`, least squares (N,). Residuals that are correlated from
@@ -75,4 +124,4 @@ def _gain(measured: np.ndarray, predicted: np.ndarray, dq: np.ndarray, ddq: np.n
     own = max(float(residual @ residual), 1e-300)
     rho = float(np.clip(residual[1:] @ residual[:-1] / own, 0, 0.999))
     number = max((len(x) - rows.shape[1] - 1) * (1 - rho) / (1 + rho), 1.0)
-    return gain, float(np.sqrt(own / number / power)), gain**2 * power / other
+    return Gain(gain, float(np.sqrt(own / number / power)), gain**2 * power / other)

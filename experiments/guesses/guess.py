@@ -54,10 +54,10 @@ def believed(
     if signs:
         add_aligned(belief, log, mechanism, axes, held)
     add_numbered(belief, log, axes, components)
-    small = set_units(belief, log, kinds)
+    by_size = set_units(belief, log, kinds)
     if signs:
         add_unnamed(belief, log, mechanism, mechanism.joints, held)
-        signs = check_positions(belief, log, mechanism, kinds, small)
+        signs = check_positions(belief, log, mechanism, kinds, by_size)
     set_rates(belief, log, kinds)
     lacking = [joint for joint in mechanism.joints if not _has_position(belief, joint)]
     if absent := [joint for joint in lacking if joint not in belief.undecided]:

@@ -130,7 +130,7 @@ def set_units(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> list[str]
         kinds: Whether each joint is a `hinge` or a `slide`.
 
     Returns:
-        Joints with angles that may be radians, since they are small, or degrees.
+        Joints with angles whose size alone tells radians from degrees.
     """
     left: list[Quantity] = []
     for joint, found in belief.of("position").items():
@@ -151,7 +151,7 @@ def set_units(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> list[str]
             found.unit = unit
             found.why.append(f"{unit} since it goes to {size:.3g}" + ("" if size > limit or unit == usual else ", and "
                              f"another to {max(sizes):.3g}"))  # fmt: skip
-    return [x.joint for x in left if x.unit == "rad"]
+    return [x.joint for x in left if kinds[x.joint] == "hinge" and x.column in seen.columns]
 
 
 def set_rates(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> None:
@@ -207,6 +207,11 @@ def _factor(seen: Seen, column: str, unit: str, quantity: str) -> float:
         return UNITS[quantity][unit]
     of_file = next((u for u in UNITS[quantity] if seen.units.get(column) == "deg" and u.startswith("deg")), None)
     return UNITS[quantity][of_file] if of_file else 1.0
+
+
+def factor(seen: Seen, found: Quantity, kinds: Mapping[str, str]) -> float:
+    """The unit of what is taken for a joint's quantity as a factor to the SI's."""
+    return _factor(seen, found.column, found.unit, f"{kinds[found.joint]} {found.kind}")
 
 
 def is_current(found: Quantity) -> bool:

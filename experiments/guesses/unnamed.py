@@ -24,6 +24,9 @@ MOST = 400
 CLEAR = 0.7
 """What the best way leaves unexplained, over what the second best does: above it they are as good."""
 
+DARK = 0.5
+"""What the best way may leave unexplained at most: with wrong columns as much is explained by chance."""
+
 EXPLAINED = 0.8
 """Share of a column's variance from which on it is what the model predicts."""
 
@@ -125,7 +128,7 @@ def _add_positions(
     ways.sort()
     best, chosen = ways[0]
     second = ways[1][0] if len(ways) > 1 else 1.0
-    if best > CLEAR * second:
+    if best > CLEAR * second or best > DARK:
         belief.open.append(
             f"Which columns are the positions of {', '.join(lacking)} is open: the model explains "
             f"{100 * (1 - best):.0f} % of the others with {', '.join(chosen)}, but "

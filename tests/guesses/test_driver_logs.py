@@ -1,10 +1,14 @@
 """Logs of ten drivers and tools: what is guessed of them is right or asked, never wrong."""
 
+import re
+from collections import Counter
 from itertools import chain
+from pathlib import Path
 
 import pytest
 from guesses.forty_logs import logs
 
+import experiments
 from experiments.guesses.belief import DOUBTFUL
 from experiments.guesses.guess import believed
 from experiments.guesses.wrenches import is_doubtful
@@ -56,14 +60,19 @@ def judged(log, folder):
     return "wrong" if wrong else "asked" if lacking or open_ones else "right", wrong or lacking, belief
 
 
-@pytest.fixture(scope="module")
-def outcomes():
-    """What was judged so far, by tool."""
-    return {}
-
-
 @pytest.mark.parametrize("log", logs(), ids=lambda log: log.name)
 def test_what_is_guessed_is_right_or_asked(log, tmp_path):
     outcome, about, belief = judged(log, tmp_path)
     assert outcome == ("asked" if log.asked else "right"), about
     assert outcome == "right" or belief.open
+
+
+def test_the_table_of_the_documentation_counts_them():
+    page = Path(experiments.__file__).parents[1] / "docs" / "recordings.md"
+    if not page.exists():
+        pytest.skip("only a checkout has docs")
+    rows = re.findall(r"^\| ([^|]+?) \| (\d+) \| (\d+) \| (\d+) \|", page.read_text(encoding="utf-8"), re.MULTILINE)
+    counted = Counter((log.tool, log.asked) for log in logs())
+    tools = list(dict.fromkeys(log.tool for log in logs()))
+    expected = [(tool, str(counted[tool, False]), str(counted[tool, True]), "0") for tool in tools]
+    assert rows == [*expected, ("all", *(str(sum(int(row[k]) for row in expected)) for k in (1, 2, 3)))]
