@@ -1,6 +1,7 @@
 """Numbered columns taken for those of joints: the alignment with which the model explains clearly more than others."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isclose, perm
 
 import numpy as np
@@ -85,6 +86,7 @@ def _add_best(problem: Problem, every: Sequence[Alignment]) -> None:
         if best.family.kind == "" and any(way.positions != best.positions for way in twins):
             _ask_which(problem, twins)
             return
+        best = _with_one_family_of_torques(problem, best, twins)
         why = f"{best.order}: with it the model explains {_percent(left)} of what is measured"
         _add(problem, best, why + ("" if not others else f", otherwise at most {_percent(second)}"))
         return
@@ -95,6 +97,20 @@ def _add_best(problem: Problem, every: Sequence[Alignment]) -> None:
         f"{best.order}, from {next(iter(best.positions.values()))} on, the model explains {_percent(left)} of what is "
         f"measured{rival}",
     )
+
+
+def _with_one_family_of_torques(problem: Problem, best: Alignment, twins: Sequence[Alignment]) -> Alignment:
+    """The best alignment, without its torques where those of another family go as the model predicts as well."""
+    rivals = [way for way in twins if way.torques and dict(way.torques) != dict(best.torques)]
+    rivals = [
+        way for way in rivals if 1 - (way.left or 0.0) >= ENOUGH and CLEAR * (way.left or 0.0) <= (best.left or 0.0)
+    ]
+    if not rivals or not best.torques or best.family.kind == "":
+        return best
+    ways = dict.fromkeys(_listed(tuple(way.torques.values())) for way in (best, *rivals))
+    problem.belief.open.append(f"The torques may be those of {' or of '.join(ways)}, which the model explains alike.")
+    problem.belief.torques_undecided = True
+    return replace(best, torques={})
 
 
 def _add_unmeasured(problem: Problem, every: Sequence[Alignment]) -> None:

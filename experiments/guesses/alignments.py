@@ -15,6 +15,9 @@ from ident.estimation.equations import COMPONENTS
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.column import UNITS
 
+STILL = 1e-6
+"""Extent of a component of the wrench, N or N m, up to which the motion does not move it."""
+
 MODEL, ALPHABET, LABELS = "in the model's order", "in the order of the alphabet", "in the order that the log states"
 
 
@@ -118,9 +121,8 @@ def states_of(problem: Problem, positions: Mapping[str, str], factor: float) -> 
         if joint in positions:
             out[joint] = problem.curves.states[positions[joint]] * (factor if joint in hinges else 1.0)
         elif joint in known and known[joint].column in problem.curves.states:
-            quantity = "hinge position" if joint in hinges else "slide position"
-            unit = UNITS[quantity].get(known[joint].unit, 1.0)
-            out[joint] = problem.curves.states[known[joint].column] * unit
+            # A program has one unit for all angles.
+            out[joint] = problem.curves.states[known[joint].column] * (factor if joint in hinges else 1.0)
         else:
             out[joint] = np.zeros((3, problem.curves.size))
     return out
@@ -149,12 +151,10 @@ def _measured(problem: Problem, way: Alignment) -> Iterator[Alignment]:
             own = [table.left(joint, name) for joint, name in torques.items()]
             left = given + own
             yield Alignment(way.family, way.order, way.positions, torques, (), float(np.mean(left)) if left else None)
-        for wrench in _wrenches(problem, way, given, options):
+        there = [(k, predicted[c]) for k, c in enumerate(COMPONENTS) if np.ptp(predicted[c]) > STILL]
+        for wrench in _wrenches(problem, way, given):
             total = np.stack([problem.curves.levels[name] for name in wrench], axis=1)
-            there = [predicted[c] for c in COMPONENTS]
-            left = [
-                *(unexplained(total[:, [k]], [there[k]]) for k in range(6) if np.ptp(there[k]) > 1e-6),
-            ]
+            left = [unexplained(total[:, [k]], [x]) for k, x in there]
             yield Alignment(way.family, way.order, way.positions, {}, wrench, float(np.mean(left)))
 
 
@@ -187,18 +187,14 @@ def _torques(problem: Problem, way: Alignment) -> list[dict[str, str]]:
     if problem.belief.groups or way.family.kind == "position":
         return [{}]
     # One family of everything: torques are other columns of it, in the same order.
-    n, names = len(places), way.family.names
-    first, last = min(places), max(places)
-    starts = [k for k in range(len(names) - n + 1) if k > last or k + n <= first]
-    shifted = [[names[place - first + k] for place in places] for k in starts if last - first + 1 == n]
-    return [dict(zip(way.positions, s, strict=True)) for s in shifted if all(x in problem.seen.columns for x in s)] or [
-        {}
-    ]
+    n, names, first, last = len(places), way.family.names, min(places), max(places)
+    starts = [k for k in range(len(names) - n + 1) if k > last or k + n <= first] if last - first + 1 == n else []
+    shifted = [[names[place - first + k] for place in places] for k in starts]
+    moving = [own for own in shifted if set(own) <= set(problem.seen.columns)]
+    return [dict(zip(way.positions, own, strict=True)) for own in moving] or [{}]
 
 
-def _wrenches(
-    problem: Problem, way: Alignment, given: Sequence[float], options: Sequence[Mapping[str, str]]
-) -> list[tuple[str, ...]]:
+def _wrenches(problem: Problem, way: Alignment, given: Sequence[float]) -> list[tuple[str, ...]]:
     """Six columns in a row of a family of everything that may be the ground's wrench."""
     if not problem.held or given or way.family.kind or problem.belief.groups:
         return []

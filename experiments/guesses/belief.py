@@ -97,6 +97,7 @@ class Belief:
         unused: Columns that nothing was found for.
         by_place: Joints whose columns are believed by their place in a series alone, and by what the model explains.
         undecided: Joints whose position a sentence of `open` is about.
+        torques_undecided: Whether one is about which of several columns are the torques.
     """
 
     quantities: dict[str, Quantity] = field(default_factory=dict)
@@ -107,6 +108,7 @@ class Belief:
     unused: list[str] = field(default_factory=list)
     by_place: set[str] = field(default_factory=set)
     undecided: set[str] = field(default_factory=set)
+    torques_undecided: bool = False
 
     def of(self, kind: str) -> dict[str, Quantity]:
         """What is believed of one kind, without what is doubtful, by joint."""

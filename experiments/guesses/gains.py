@@ -88,9 +88,8 @@ def _set_units(found: dict[str, Quantity], gains: dict[str, Gain], seen: Seen) -
         elif _near(abs(ratio)):
             x.why.append(f"the model's torque is {abs(ratio):.3g} ± {deviation:.1g} times as large")
         elif stated[joint] or in_newton or len(free) < 2:
-            other = (
-                f"it is in {stated[joint]}" if stated[joint] else "others are in N m" if in_newton else "one is no rule"
-            )
+            said = f"its unit is {x.unit or 'the SI one'}" if stated[joint] else ""
+            other = said or ("others are in N m" if in_newton else "one torque is no rule")
             x.why.append(
                 f"the model's torque is {abs(ratio):.3g} ± {deviation:.1g} times as large, but no gain is put for it "
                 f"since {other}: look at the model's bodies and at gears"

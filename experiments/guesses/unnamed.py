@@ -60,7 +60,7 @@ def add_unnamed(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequen
     others = [name for name in free if name not in rates]
     if lacking and not _add_positions(belief, low, mechanism, known, lacking, candidates, others):
         return
-    if not measured:
+    if not measured and not belief.torques_undecided:
         columns = {joint: found.column for joint, found in belief.of("position").items()}
         predicted = _predicted(belief, low, mechanism, joints, columns)
         _add_measured(belief, low, predicted, [n for n in others if n not in belief.columns], joints, seen.names, held)

@@ -120,6 +120,15 @@ def test_turns_beyond_a_circle_are_radians_if_the_model_says_so(tmp_path):
         assert {x.unit for x in belief.of("position").values()} == {unit}
 
 
+def test_torques_of_two_families_that_are_as_good_are_asked_about(tmp_path):
+    robot = seven()
+    raw = replace(robot, tau=robot.tau + 1e-3 * np.ptp(robot.tau, axis=0) * np.sin(30 * robot.time)[:, None])
+    columns = stamped(robot) | states(robot, "q_{}", "", "tau_{}") | states(raw, "", "", "tau_raw_{}")
+    _, belief = believed_of(tmp_path, robot, columns)
+    assert is_complete(belief, robot.joints) and belief.of("torque") == {}
+    assert any(sentence.startswith("The torques may be those of tau_") for sentence in belief.open)
+
+
 def test_headless_commands_beside_positions_are_asked_about(tmp_path):
     robot = seven()
     block = np.hstack([robot.time[:, None], robot.q, robot.q + 1e-5, robot.tau])
