@@ -84,11 +84,11 @@ def seven(pattern="panda_joint{}", first=1, fingers=False):
 
 
 def _recorded(bodies, joints, base):
-    """A motion of ten seconds, and what it needs."""
+    """A motion of six seconds, and what it needs."""
     spec = mujoco.MjSpec.from_string(f'<mujoco><worldbody><body name="base">{bodies}</body></worldbody></mujoco>')
     model = spec.compile()
     data, n = mujoco.MjData(model), len(joints)
-    time, q, dq, ddq = wrist.motion(10.0)
+    time, q, dq, ddq = wrist.motion(6.0)
     order = np.random.default_rng(3)
     tau, ground = np.empty((len(time), n)), np.empty((len(time), 6))
     for k in range(len(time)):
