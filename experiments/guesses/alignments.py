@@ -1,7 +1,7 @@
 """Ways to align numbered columns with joints, and how much of wrenches and torques the model explains with each."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -146,28 +146,19 @@ def _measured(problem: Problem, way: Alignment) -> Iterator[Alignment]:
         predicted = prediction(problem.mechanism, list(states.values()))
         given = _given(problem, states, predicted)
         free = [name for name in problem.curves.levels if name not in (*columns, *problem.belief.columns)]
-        table = _Table(shares_of_torques(states, predicted, {name: problem.curves.levels[name] for name in free}), free)
+        shares = shares_of_torques(states, predicted, {name: problem.curves.levels[name] for name in free})
+        place = {name: k for k, name in enumerate(free)}
+        measured = []
         for torques in options:
-            own = [table.left(joint, name) for joint, name in torques.items()]
-            left = given + own
-            yield Alignment(way.family, way.order, way.positions, torques, (), float(np.mean(left)) if left else None)
+            left = given + [float(shares[joint][place[name]]) for joint, name in torques.items()]
+            measured.append(replace(way, torques=torques, left=sum(left) / len(left) if left else None))
+        # Of columns without names those that go best are the torques.
+        yield from measured if way.family.kind else [min(measured, key=lambda each: each.left or 0.0)]
         there = [(k, predicted[c]) for k, c in enumerate(COMPONENTS) if np.ptp(predicted[c]) > STILL]
         for wrench in _wrenches(problem, way, given):
             total = np.stack([problem.curves.levels[name] for name in wrench], axis=1)
             left = [unexplained(total[:, [k]], [x]) for k, x in there]
-            yield Alignment(way.family, way.order, way.positions, {}, wrench, float(np.mean(left)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Table:
-    """Shares that the model leaves of columns taken for torques of joints."""
-
-    shares: Mapping[str, np.ndarray]
-    columns: Sequence[str]
-
-    def left(self, joint: str, column: str) -> float:
-        """That of one column."""
-        return float(self.shares[joint][self.columns.index(column)])
+            yield replace(way, wrench=wrench, left=float(np.mean(left)))
 
 
 def _torques(problem: Problem, way: Alignment) -> list[dict[str, str]]:
