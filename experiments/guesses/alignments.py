@@ -154,11 +154,12 @@ def _measured(problem: Problem, way: Alignment) -> Iterator[Alignment]:
             measured.append(replace(way, torques=torques, left=sum(left) / len(left) if left else None))
         # Of columns without names those that go best are the torques.
         yield from measured if way.family.kind else [min(measured, key=lambda each: each.left or 0.0)]
-        there = [(k, predicted[c]) for k, c in enumerate(COMPONENTS) if np.ptp(predicted[c]) > STILL]
-        for wrench in _wrenches(problem, way, given):
-            total = np.stack([problem.curves.levels[name] for name in wrench], axis=1)
-            left = [unexplained(total[:, [k]], [x]) for k, x in there]
-            yield replace(way, wrench=wrench, left=float(np.mean(left)))
+        if rows := _wrenches(problem, way, given):
+            there = [k for k, c in enumerate(COMPONENTS) if np.ptp(predicted[c]) > STILL]
+            both = [predicted[COMPONENTS[k]] for k in there] + [problem.curves.levels[name] for name in free]
+            alone = 1 - np.corrcoef(both)[: len(there), len(there) :] ** 2
+            lefts = [float(np.mean([alone[i, place[row[k]]] for i, k in enumerate(there)])) for row in rows]
+            yield replace(way, wrench=rows[int(np.argmin(lefts))], left=min(lefts))
 
 
 def _torques(problem: Problem, way: Alignment) -> list[dict[str, str]]:
