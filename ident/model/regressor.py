@@ -159,11 +159,17 @@ def _regressor(
 
 def _checked_memory(out: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
     """The block behind an earlier result (columns, rows, N)."""
-    block = out.T
-    if block.shape != shape or block.dtype != float or not block.flags.c_contiguous or not block.flags.writeable:
+    block, needed = out.T, "`out` needs to be what an earlier call returned"
+    if block.shape != shape or block.dtype != float:
+        raise InputError(f"{needed}, float64 {shape[::-1]}, got {out.dtype} {out.shape}.")
+    if not block.flags.c_contiguous:
+        strides = np.empty(shape).T.strides
         raise InputError(
-            f"`out` needs to be what an earlier call returned, {shape[::-1]}, got {out.dtype} {out.shape}."
+            f"{needed}, whose samples lie next to each other in memory, strides {strides}; it has strides "
+            f"{out.strides}. np.empty({shape}).T has the right ones."
         )
+    if not block.flags.writeable:
+        raise InputError(f"{needed}, to be overwritten, but it is read-only.")
     return block
 
 

@@ -35,7 +35,7 @@ def replacing(path: Path) -> Iterator[Path]:
         os.close(handle)
         return Path(name)
 
-    with unwritten(path), claimed(path.parent, made, Path.unlink) as temporary:
+    with unwritten(path), _no_device(path), claimed(path.parent, made, Path.unlink) as temporary:
         try:
             yield temporary
             mask = os.umask(0)
@@ -44,6 +44,18 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _no_device(path: Path) -> Iterator[None]:
+    """Refuses what a file would take the place of for everybody: a device, a pipe or a folder.
+
+    Raises:
+        OSError: The path is one.
+    """
+    if path.exists() and not path.is_file():
+        raise OSError("it is no regular file")
+    yield
 
 
 @contextmanager

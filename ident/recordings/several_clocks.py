@@ -66,6 +66,12 @@ def read_streams(
         streams |= (
             _as_sampled(table, channels, notes) if gaps is None else _checked(table, clock, gaps, channels, notes)
         )
+    if not streams:
+        columns = list(dict.fromkeys(short(name) for table in tables for name in table.cells if name != TIME))
+        raise LogError(
+            "a log needs columns of joints or wrenches, and none is named or mapped as one; the file has "
+            f"{', '.join(columns[:40]) or 'no columns'}{', ...' if len(columns) > 40 else ''}."
+        )
     joints = [key for key in streams if key.endswith(".position") and key.startswith("joints.")]
     rate = max(map(rate_of, (streams[key] for key in joints or streams)))
     for key, stream in streams.items():

@@ -98,8 +98,10 @@ class Table:
         if infinite.any():
             raise self._fault(name, infinite, f"needs a finite number, got {x[infinite][0]}.")
         if missing.any() and not throughout and not gaps:
-            several = f"as are {int(missing.sum())} of {len(x)} samples of it; a filter needs all of them"
-            raise self._fault(name, missing, f"is empty or NaN, {several}: cut the log, or fill the gap.")
+            several = f"as are {int(missing.sum())} of {len(x)} samples of it{self._longest(missing)}"
+            raise self._fault(
+                name, missing, f"is empty or NaN, {several}; a filter needs all of them: cut the log, or fill the gap."
+            )
         if throughout and not missing.all():
             raise self._fault(name, ~missing, "has the first number after empty cells.")
         if large.any():
@@ -120,6 +122,15 @@ class Table:
     def _fault(self, name: str, wrong: np.ndarray, what: str) -> LogError:
         """What is wrong with the first such sample of a column."""
         return LogError(f"{self.row(int(wrong.argmax()))}, column '{name}' {what}")
+
+    def _longest(self, missing: np.ndarray) -> str:
+        """Where the longest run of missing samples is, "" if each is alone."""
+        edges = np.flatnonzero(np.diff([False, *missing, False]))
+        first, after = edges[::2], edges[1::2]
+        k = int((after - first).argmax())
+        if after[k] - first[k] < 2:
+            return ""
+        return f", {int(after[k] - first[k])} in a row from {self.row(first[k])} to {self.row(after[k] - 1)}"
 
     def channels(self) -> dict[str, np.ndarray]:
         """All columns, those of a vector together, in whatever order they stand (N,) or (N, d)."""

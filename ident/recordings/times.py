@@ -104,11 +104,13 @@ class Clock:
                 f"{table.row(kept[i + 1])}. {AS_MEASURED}"
             )
         elif number:
-            i = int(gaps.argmax())
+            i = int(steps.argmax())
+            others = f"; it is the longest of {number} gaps" if number > 1 else ""
             raise LogError(
-                f"{table.row(kept[i + 1])}, column '{name}' comes {steps[i]:g} s after the sample before where steps "
-                f"are {self.step:g} s; a filter over a gap of {number} invents data: cut the log there, or say that "
-                "samples may be missing (--gaps), for the joint estimate."
+                f"{table.row(kept[i + 1])}, column '{name}' has a gap of {steps[i]:g} s, from "
+                f"{self.start + time[i]:g} s to {self.start + time[i + 1]:g} s, where steps are {self.step:g} s{others}. A filter would "
+                "invent what is missing: cut the log there, or say that samples may be missing (--gaps), for the joint "
+                "estimate."
             )
 
     def _are_gaps(self, steps: np.ndarray) -> np.ndarray:

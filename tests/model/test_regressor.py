@@ -13,6 +13,7 @@ from mechanisms import (
     tilted_axis,
 )
 
+from ident.errors import InputError
 from ident.geometry.se3 import coAd
 from ident.mechanism.body import BASE, Body, ball_twist, free_joint
 from ident.mechanism.mechanism import Mechanism
@@ -117,9 +118,25 @@ def test_memory_is_used_again(samples):
     found = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, out=memory)
     assert np.shares_memory(found, memory)
     np.testing.assert_array_equal(found, expected)
-    for wrong in (memory[:2], memory.copy(order="C"), memory.astype(np.float32)):
-        with pytest.raises(ValueError, match="what an earlier call returned"):
+
+
+def test_memory_that_cannot_be_used_again_is_refused_with_what_differs():
+    rng = np.random.default_rng(0)
+    tree = double_pendulum()
+    states = random_states(rng, tree, 70)
+    memory = regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY)
+    read_only = memory[:]
+    read_only.flags.writeable = False
+    for wrong, what in (
+        (memory[:2], r"float64 \(70, 6, 30\), got float64 \(2, 6, 30\)"),
+        (memory.astype(np.float32), r"got float32 \(70, 6, 30\)"),
+        (memory.copy(order="C"), r"strides \(8, 560, 3360\); it has strides \(1440, 240, 8\)"),
+        (read_only, "it is read-only"),
+    ):
+        with pytest.raises(InputError, match="what an earlier call returned.*" + what):
             regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, out=wrong)
+    right = np.empty((30, 6, 70)).T
+    np.testing.assert_array_equal(regressor.base_wrench_regressor(tree, *states, gravity=GRAVITY, out=right), memory)
 
 
 def test_parallel_axes_leave_the_force_along_them_empty():

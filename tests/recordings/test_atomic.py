@@ -59,3 +59,15 @@ def test_of_nested_blocks_the_outermost_names_the_place_and_the_innermost_the_re
         unwritten(Path("file")),
     ):
         raise OSError("encoder error -2")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_what_is_no_regular_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    for path in (tmp_path / "pipe.csv", tmp_path / "folder.csv"):
+        before = path.stat()
+        with pytest.raises(OSError, match=rf"^'{path}' could not be written \(it is no regular file\) and is as it was"):
+            write(path, "new")
+        assert path.stat() == before
+    assert len(list(tmp_path.iterdir())) == 2

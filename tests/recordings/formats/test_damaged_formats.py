@@ -250,3 +250,12 @@ def test_c3d_files_that_are_refused(tmp_path):
     data[8:10] = (60000).to_bytes(2, "little")
     path.write_bytes(data)
     assert "it ends before the 60000 frames that its header promises" in refusal(path, mapping)
+
+
+def test_a_file_without_wrenches_is_refused_where_there_are_no_joints(tmp_path):
+    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    path = tmp_path / "log.c3d"
+    write_c3d(path, 100.0, {"KNEE": np.stack([T, T, T], axis=1)})
+    hand = Mechanism(Tree((Body("hand", -1, np.eye(4), np.zeros(6)),)), np.array([0, 0, -9.81]))
+    with pytest.raises(LogError, match="columns of joints or wrenches, and none is .* the file has KNEE.x, KNEE.y, KNEE.z"):
+        read_log(path, hand)
