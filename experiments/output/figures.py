@@ -214,7 +214,7 @@ def parameter_symbol(name: str) -> str:
     """A parameter's name as the paper sets it, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
     match = PARAMETER.fullmatch(name)
     if match is None:
-        return name
+        return escape.label(name)
     mass, moment, axes, inertia = match.groups()
     if axes:
         return f"$I_{{{axes},{inertia}}}$"

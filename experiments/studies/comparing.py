@@ -1,7 +1,7 @@
 """Results of `identify` side by side: whether their parameters agree, and what was done otherwise."""
 
-import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.studies.result_files import estimate_of, provenance_of
 from ident.errors import InputError
 from ident.judgement.comparison import Comparison
 
@@ -43,7 +44,8 @@ class Result:
     @property
     def logs(self) -> Mapping[str, str]:
         """Files that were fitted, by the sums of their contents."""
-        return {log["sha256"]: log["file"] for log in self.provenance["recording"]["logs"]}
+        several = [log.get("files") or [log] for log in self.provenance["recording"]["logs"]]
+        return {"+".join(each["sha256"] for each in log): "+".join(each["file"] for each in log) for log in several}
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -84,24 +86,8 @@ def read_results(folders: Sequence[Path]) -> list[Result]:
     if len(set(names)) < len(names):
         names = list(map(str, folders))
     return [
-        Result(name, _content(folder / "estimate.json", _ESTIMATE), _content(folder / "provenance.json", _PROVENANCE))
-        for name, folder in zip(names, folders, strict=True)
+        Result(name, estimate_of(folder), provenance_of(folder)) for name, folder in zip(names, folders, strict=True)
     ]
-
-
-_ESTIMATE = ("columns", "values", "covariance", "std_setup", "regrouping", "bodies", "held_out", "setup", "verdict")
-_PROVENANCE = ("options", "recording", "versions", "git_commit")
-
-
-def _content(path: Path, needed: Sequence[str]) -> Mapping[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"'{path.parent}' needs to hold results of identify, but {path.name}: {error}.") from None
-    missing = [key for key in needed if not isinstance(content, dict) or key not in content]
-    if missing or ("recording" in needed and "logs" not in content["recording"]):
-        raise InputError(f"'{path}' needs to be of identify, but it lacks {', '.join(missing) or 'its logs'}.")
-    return content
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,9 +126,22 @@ class Difference:
 
     @cached_property
     def comparison(self) -> Comparison:
-        """The difference from noise that the two do not share."""
+        """The difference from noise that the two do not share.
+
+        Raises:
+            InputError: The sum of their covariances is singular.
+        """
         (a, A, _), (b, B, _) = (result.at(self.names) for result in (self.first, self.second))
-        return Comparison(self.names, a - b, A + B, tuple(self.first.bodies))
+        comparison = Comparison(self.names, a - b, A + B, tuple(self.first.bodies))
+        chi2 = np.nan
+        with suppress(np.linalg.LinAlgError):
+            chi2 = comparison.chi2
+        if not 0 <= chi2 < np.inf:
+            raise InputError(
+                f"Differences of '{self.first.name}' and '{self.second.name}' need a covariance, but the sum of theirs "
+                "is singular."
+            )
+        return comparison
 
     @cached_property
     def std_setup(self) -> np.ndarray:

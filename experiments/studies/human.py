@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -196,8 +197,14 @@ class Study:
             return fit.shares[k][0]
         if (k, seconds) not in self._begun:
             begun = beginning(fit.pieces[k], seconds)
-            part = linearised(joint.measurement, begun, fit.coefficients[k], theta=fit.theta, noise=fit.noise)
-            self._begun[k, seconds] = part.schur
+            self._begun[k, seconds] = np.zeros_like(fit.shares[k][0])
+            if not len(begun.when):
+                return self._begun[k, seconds]
+            # A trajectory through too few samples to be determined tells nothing.
+            with suppress(np.linalg.LinAlgError):
+                coefficients = fit.coefficients[k][: begun.spline.size]
+                part = linearised(joint.measurement, begun, coefficients, theta=fit.theta, noise=fit.noise)
+                self._begun[k, seconds] = part.schur
         return self._begun[k, seconds]
 
     @cached_property
@@ -207,11 +214,25 @@ class Study:
 
 
 def beginning(piece: Piece, seconds: float) -> Piece:
-    """A piece of which the first seconds were recorded, counted from the beginning of its recording."""
+    """What a piece has of the first seconds of its recording, and the trajectory as far as that.
+
+    What a trajectory does where nothing was recorded is hardly determined, and its equations may then have no solution.
+    """
     q, *_ = piece.states
     there, felt = (x < piece.origin + seconds for x in (piece.time, piece.when))
-    states = np.where(there[:, None], q, np.nan), None, None
-    return replace(piece, states=states, measured=np.where(felt[:, None], piece.measured, np.nan))
+    last = max((float(x[-1]) for x in (piece.time[there], piece.when[felt]) if len(x)), default=piece.spline.start)
+    # An interval more, as channels may be late.
+    intervals = int((last - piece.spline.start) / piece.spline.step) + 2
+    return replace(
+        piece,
+        spline=replace(piece.spline, intervals=min(intervals, piece.spline.intervals)),
+        time=piece.time[there],
+        states=(q[there], None, None),
+        when=piece.when[felt],
+        measured=piece.measured[felt],
+        wrenches=piece.wrenches[felt],
+        slack=None if piece.slack is None else piece.slack[felt],
+    )
 
 
 def least_squares_from_prior(estimate: Estimate) -> np.ndarray:

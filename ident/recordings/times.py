@@ -106,9 +106,10 @@ class Clock:
         elif number:
             i = int(steps.argmax())
             others = f"; it is the longest of {number} gaps" if number > 1 else ""
+            start, end = self.start + time[i : i + 2]
             raise LogError(
-                f"{table.row(kept[i + 1])}, column '{name}' has a gap of {steps[i]:g} s, from "
-                f"{self.start + time[i]:g} s to {self.start + time[i + 1]:g} s, where steps are {self.step:g} s{others}. A filter would "
+                f"{table.row(kept[i + 1])}, column '{name}' has a gap of {steps[i]:g} s, from {start:g} s "
+                f"to {end:g} s, where steps are {self.step:g} s{others}. A filter would "
                 "invent what is missing: cut the log there, or say that samples may be missing (--gaps), for the joint "
                 "estimate."
             )

@@ -494,10 +494,16 @@ def test_pieces_of_a_log_put_together_are_the_whole(tmp_path, suffix, samples):
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        ({"time": T + (T >= 0.2) * 0.02}, "row 22, column 'time' has a gap of 0.03 s, from 0.19 s to 0.22 s, where steps are 0.01 s. A filter"),
+        (
+            {"time": T + (T >= 0.2) * 0.02},
+            "row 22, column 'time' has a gap of 0.03 s, from 0.19 s to 0.22 s",
+        ),
         ({"time": T - (T >= 0.2) * 0.02}, "row 22, column 'time' goes back in time by 0.01 s"),
         ({"time": T - (T >= 0.2) * 0.01}, "row 22, column 'time' repeats the time of the sample before, but not its"),
-        ({"q_hip": np.where(T < 0.2, Q[:, 1], np.nan)}, "row 22, column 'q_hip' is empty or NaN, as are 10 of 11 samples of it, 10 in a row from row 22 to row 31;"),
+        (
+            {"q_hip": np.where(T < 0.2, Q[:, 1], np.nan)},
+            "row 22, column 'q_hip' is empty or NaN, as are 10 .*, 10 in a row from row 22 to row 31;",
+        ),
         ({"ground_fz": np.where(T < 0.2, np.nan, 1)}, "row 22, column 'ground_fz' has the first number after empty"),
     ],
 )

@@ -11,6 +11,7 @@ from scipy import stats
 from experiments import compare
 from experiments.output import compare_report
 from experiments.studies.comparing import Difference, read_results
+from ident.errors import InputError
 
 NAMES = ("m1", "m2rz2", "Ixx2")
 COVARIANCE = np.diag([0.01, 0.04, 0.09]) + 0.005
@@ -133,3 +134,78 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, 
     out = [] if "--out" in given else ["--out", str(tmp_path / "out")]
     assert message in refusal(compare.main, [*given, *out], capsys)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_log_in_several_files_is_one(tmp_path):
+    folders = [result(tmp_path / name, [1.0, 2.0, 3.0], log=name) for name in "ab"]
+    origin = json.loads((folders[0] / "provenance.json").read_text())
+    several = [{"file": f"{name}.mot", "sha256": name * 64} for name in ("angles", "forces")]
+    origin["recording"]["logs"] = [{"files": several, "samples": 9}]
+    (folders[0] / "provenance.json").write_text(json.dumps(origin))
+    first, second = read_results(folders)
+    assert list(first.logs.values()) == ["angles.mot+forces.mot"] and list(second.logs.values()) == ["b.csv"]
+    assert Difference(first, second).settings["logs"] == ("angles.mot+forces.mot", "b.csv")
+
+
+def entries(content, way=()):
+    """Ways to all entries of a JSON object, those of lists by their first entry."""
+    pairs = (
+        content.items() if isinstance(content, dict) else enumerate(content[:1]) if isinstance(content, list) else ()
+    )
+    for key, value in pairs:
+        yield (*way, key)
+        yield from entries(value, (*way, key))
+
+
+WRONG = (None, True, -1, 1e300, float("nan"), "$x", "\ud800", [], [[]], {}, {"a": 1}, {"ratio": "x"})
+
+
+@pytest.mark.parametrize("name", ["estimate", "provenance"])
+def test_every_entry_may_be_wrong_in_every_way(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(compare_report, "figure", lambda *_: None)
+    folders = [result(tmp_path / each, [1.0, 2.0, 3.0], log=each) for each in "ab"]
+    file = folders[1] / f"{name}.json"
+    right, refused = file.read_text(), 0
+    for way in entries(json.loads(right)):
+        for value in WRONG:
+            content = json.loads(right)
+            *outer, last = way
+            place = content
+            for key in outer:
+                place = place[key]
+            place[last] = value
+            file.write_text(json.dumps(content))
+            try:
+                compared = read_results(folders)
+                assert compare_report.text(compare_report.results(compared, {}), compared)
+            except InputError as error:
+                assert "\n" not in str(error)
+                refused += 1
+    assert refused > 100
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "message"),
+    [
+        ("values", [1.0, 2.0], "its 'values' has not 4 finite numbers, one for each of its 'columns'"),
+        ("std_setup", [1.0, 2.0, 3.0, -1.0], "its 'std_setup' has a negative number"),
+        ("regrouping", {"m7": "m7"}, "its 'regrouping' has parameters that are not among its 'columns'"),
+        ("covariance", np.diag([1.0, 0, 1, 1]).tolist(), "its 'covariance' has a variance that is not positive"),
+        ("covariance", (np.eye(4) + 2 * np.eye(4)[::-1]).tolist(), "its 'covariance' is not symmetric and positive"),
+        ("setup", [{"name": "x"}], "an entry of its 'setup' lacks text"),
+        ("held_out", {"Fx": 3}, "its 'held_out' have an entry that is no JSON object"),
+    ],
+)
+def test_a_wrong_entry_is_named(tmp_path, capsys, entry, value, message):
+    folders = [result(tmp_path / each, [1.0, 2.0, 3.0], log=each) for each in "ab"]
+    content = json.loads((folders[1] / "estimate.json").read_text())
+    (folders[1] / "estimate.json").write_text(json.dumps(content | {entry: value}))
+    said = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
+    assert f"estimate.json' needs to be of identify, but {message}" in said
+
+
+def test_covariances_that_are_singular_together_are_refused(tmp_path, capsys):
+    one = np.ones((3, 3))
+    folders = [result(tmp_path / each, [1.0, 2.0, 3.0], log=each, covariance=one) for each in "ab"]
+    said = refusal(compare.main, [*map(str, folders), "--out", str(tmp_path / "out")], capsys)
+    assert "Differences of 'a' and 'b' need a covariance, but the sum of theirs is singular" in said

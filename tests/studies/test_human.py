@@ -12,6 +12,8 @@ from pages import replayed
 
 from experiments.human import main
 from experiments.studies import human
+from experiments.studies.person_recordings import Laboratory
+from ident.estimation.piece import linearised
 
 
 @pytest.fixture
@@ -72,3 +74,34 @@ def test_what_cannot_be_simulated_is_refused(tmp_path, capsys):
     for option, value in (("--noise", "40"), ("--from", "films"), ("--seconds", "1"), ("--activities", "sleeping")):
         said = refusal(main, [option, value, "--out", str(tmp_path / "out")], capsys)
         assert value in said
+
+
+def of_the_first_test():
+    laboratory = Laboratory(0.2, 0.0, rate=50.0, rail=True)
+    return persons.study(2.0, laboratory=laboratory, activities=("squats", "arm swings"))
+
+
+def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured():
+    found = of_the_first_test()
+    joint, fit = found.estimate.joint, found.estimate.joint.fit
+    told = np.diag(found._covariance([1.2, 1.2]))
+    for k, piece in enumerate(fit.pieces):
+        there, felt = (x < piece.origin + 1.2 for x in (piece.time, piece.when))
+        states = np.where(there[:, None], piece.states[0], np.nan), None, None
+        unmeasured = replace(piece, states=states, measured=np.where(felt[:, None], piece.measured, np.nan))
+        whole = linearised(joint.measurement, unmeasured, fit.coefficients[k], theta=fit.theta, noise=fit.noise)
+        found._begun[k, 1.2] = whole.schur
+        assert human.beginning(piece, 1.2).spline.intervals < piece.spline.intervals
+    np.testing.assert_allclose(told, np.diag(found._covariance([1.2, 1.2])), rtol=1e-3)
+
+
+@pytest.mark.parametrize("seconds", [1e-6, 0.02, 0.05])
+def test_a_beginning_of_hardly_any_samples_tells_little(seconds):
+    found = of_the_first_test()
+    known, told = (np.diag(found._covariance([each] * 2)) for each in (0.0, seconds))
+    assert (told <= known * (1 + 1e-6)).all()
+
+
+def test_a_piece_that_begins_later_tells_nothing():
+    share = of_the_first_test()._share(0, -1.0)
+    assert share.shape == (len(share), len(share)) and not share.any()

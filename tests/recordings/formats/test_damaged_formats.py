@@ -257,5 +257,5 @@ def test_a_file_without_wrenches_is_refused_where_there_are_no_joints(tmp_path):
     path = tmp_path / "log.c3d"
     write_c3d(path, 100.0, {"KNEE": np.stack([T, T, T], axis=1)})
     hand = Mechanism(Tree((Body("hand", -1, np.eye(4), np.zeros(6)),)), np.array([0, 0, -9.81]))
-    with pytest.raises(LogError, match="columns of joints or wrenches, and none is .* the file has KNEE.x, KNEE.y, KNEE.z"):
+    with pytest.raises(LogError, match=r"columns of joints or wrenches, and none is .*has KNEE\.x, KNEE\.y"):
         read_log(path, hand)
