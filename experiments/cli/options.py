@@ -19,6 +19,7 @@ import scenes
 from experiments.cli.defaults import FORMATS, JOINT_TRIALS, REDRAWN
 from experiments.cli.print_options import add_print, style_of
 from experiments.runs.environment import end_at_once, environment, seldom_collected, unsaid
+from experiments.runs.signals import ENDING, GRACE, ended_after
 from ident.errors import InputError
 
 Study = Callable[[argparse.Namespace], None]
@@ -230,13 +231,13 @@ def add_size(parser: argparse.ArgumentParser) -> None:
         "--max-size",
         type=whole_number(1, 1_000_000),
         metavar="MB",
-        help="memory that an npz file may take at once, by default that of a million samples of sixty channels; a "
-        "small one can unpack to more than there is",
+        help="memory that a log, or a piece of one that is read in pieces, may take, by default that of a million "
+        "samples of sixty channels; a small file can unpack to more than there is",
     )
 
 
 def size_limit(args: argparse.Namespace) -> int:
-    """Bytes that an npz file may take in memory."""
+    """Bytes that a log may take in memory."""
     from ident.recordings.npz import LIMIT
 
     return LIMIT if args.max_size is None else 1_000_000 * args.max_size
@@ -268,7 +269,8 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
     parser = make_parser()
     options = parser.parse_args(argv)
     told = environment(unsaid(film=getattr(options, "film", False)))
-    with told, seldom_collected(), _interruptible_once() as asked, _notes_printed_once():
+    interrupted = f"{parser.prog}: interrupted; every file is whole."
+    with told, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
         try:
             with _its_consequences(asked), style_of(options):
                 study(options)
@@ -276,7 +278,7 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
             print(f"{parser.prog}: error: {error}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
-            print(f"{parser.prog}: interrupted; every file is whole.", file=sys.stderr)
+            print(interrupted, file=sys.stderr)
             return 130
         except Exception as error:
             error.add_note(_request(f"{parser.prog} {shlex.join(sys.argv[1:] if argv is None else argv)}"))
@@ -325,28 +327,29 @@ def _notes_printed_once() -> Iterator[None]:
 
 
 @contextmanager
-def _interruptible_once() -> Iterator[threading.Event]:
+def _interruptible_once(message: str) -> Iterator[threading.Event]:
     """Makes the first Ctrl-C or request to terminate end a block, and later ones wait until it has cleaned up.
 
-    What it yields is set by the first.
+    What it yields is set by the first. A block that does not end then is ended together with the process, which prints
+    a message before.
     """
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield asked
         return
-    signals = (signal.SIGINT, signal.SIGTERM)
 
     def interrupt(*_: object) -> None:
-        for number in signals:
+        for number in ENDING:
             signal.signal(number, signal.SIG_IGN)
         asked.set()
         raise KeyboardInterrupt
 
-    before = [signal.signal(number, interrupt) for number in signals]
+    before = [signal.signal(number, interrupt) for number in ENDING]
     try:
-        yield asked
+        with ended_after(GRACE, message):
+            yield asked
     finally:
-        for number, handler in zip(signals, before, strict=True):
+        for number, handler in zip(ENDING, before, strict=True):
             signal.signal(number, handler)
 
 

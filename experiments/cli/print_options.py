@@ -61,8 +61,8 @@ def style_of(args: argparse.Namespace) -> Iterator[None]:
     """Draws figures as wide as the page's column, in the author's style, for the duration of a block.
 
     Raises:
-        InputError: The style file does not exist, or says what matplotlib does not know; or a table or figure is given
-            two captions.
+        InputError: The style file does not exist, says what matplotlib does not know, or makes figures that cannot be
+            drawn; or a table or figure is given two captions.
     """
     if "page_columns" not in args:
         yield
@@ -72,6 +72,10 @@ def style_of(args: argparse.Namespace) -> Iterator[None]:
     from experiments.output.figures import author_style
 
     with author_style(args.style, args.page_columns):
+        if args.style is not None:
+            from experiments.output.style_trial import try_style
+
+            try_style(args.style)
         yield
 
 

@@ -83,7 +83,8 @@ def author_style(path: Path | None, columns: int) -> Iterator[None]:
             if unknown := [name for name in settings if name and name not in mpl.rcParams]:
                 raise KeyError(unknown[0])
             given |= mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
-        except (OSError, ValueError, KeyError) as error:
+        # Matplotlib's checks of values raise errors of all classes.
+        except Exception as error:
             reason = f"'{error.args[0]}' is no setting" if isinstance(error, KeyError) else str(error)
             raise InputError(f"--style needs a style file of matplotlib's, but '{path}': {reason}.") from None
     before, page = _AUTHORS.set(given), _PAGE.set(columns)
@@ -245,7 +246,8 @@ def drawn(figure: Figure, extension: str) -> bytes:
         # where writing fails, matplotlib's backends raise errors that do not tell of the disk.
         file = io.BytesIO()
         # Backends of vectors leave 72 behind.
-        figure.dpi = mpl.rcParams["savefig.dpi"]
+        dpi = mpl.rcParams["savefig.dpi"]
+        figure.dpi = mpl.rcParams["figure.dpi"] if dpi == "figure" else dpi
         canvas = pixels if extension == "png" else get_registered_canvas_class(extension)(figure)
         getattr(canvas, f"print_{extension}")(file, **_WRITTEN[extension])
         figure.set_canvas(pixels)

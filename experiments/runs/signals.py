@@ -1,8 +1,65 @@
-"""Ctrl-C and requests to terminate, at moments when they would tear something apart."""
+"""Ctrl-C and requests to terminate: held back, before there is anything to clean up, and where nothing obeys them."""
 
+import multiprocessing
+import os
 import signal
+import socket
+import sys
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+
+GRACE = 1.5
+"""Seconds that a command has to clean up when it is asked to end."""
+
+ENDING = (signal.SIGINT, signal.SIGTERM)
+"""What asks a command to end."""
+
+
+def end_silently() -> None:
+    """Lets Ctrl-C end this process without a traceback, as long as all that it does is to import."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@contextmanager
+def ended_after(seconds: float, message: str) -> Iterator[None]:
+    """Ends this process and those that it has started if a block goes on for so long after it was asked to end.
+
+    Libraries that compute for minutes, or swallow what is raised in the middle of their calls, would go on. Files that
+    are not whole yet have names of their own, and the next run removes them. For the main thread.
+
+    Args:
+        seconds: How long it may go on.
+        message: What is printed then.
+    """
+    here, there = socket.socketpair()
+    there.setblocking(False)
+    done = threading.Event()
+
+    def watch() -> None:
+        # Python's own handlers wait for the main thread; these bytes do not.
+        asked = False
+        while not asked and (numbers := here.recv(16)):
+            asked = any(number in numbers for number in ENDING)
+        if asked and not done.wait(seconds):
+            for process in multiprocessing.active_children():
+                process.kill()
+            with suppress(OSError, ValueError):
+                print(message, file=sys.stderr, flush=True)
+            os._exit(130)
+
+    before = signal.set_wakeup_fd(there.fileno(), warn_on_full_buffer=False)
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        signal.set_wakeup_fd(before)
+        there.close()
+        watcher.join()
+        here.close()
 
 
 @contextmanager

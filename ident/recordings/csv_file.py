@@ -15,11 +15,15 @@ import numpy as np
 from ident.errors import LogError
 from ident.recordings.npz import LIMIT
 from ident.recordings.table import METADATA, Memory, Table, is_number, short, vector_columns
-from ident.recordings.text_file import opened_text
+from ident.recordings.text_block import Block
+from ident.recordings.text_file import Text, opened_text
 
 DELIMITERS = ";\t,"
 """What may stand between cells: the first of them that the header has, or else spaces. Unless it is the comma, decimals
 may have it."""
+
+BLOCK = 4096
+"""Rows that are text in memory at a time."""
 
 Line = tuple[int, str]
 """A line of a file with its number, from 1."""
@@ -78,13 +82,15 @@ def csv_pieces(
     """
     layout = layout or Layout()
     with opened_text(path, limit) as text:
-        for table in tables_of_lines(lines_of(text, layout.skip), samples, overlap=overlap, header=layout.header):
+        for table in tables_of_lines(text, lines_of(text, layout.skip), samples, overlap=overlap, header=layout.header):
             yield table
             text.begin_piece()
 
 
-def tables_of_lines(lines: Iterator[Line], samples: int, *, overlap: int = 0, header: bool = True) -> Iterator[Table]:
-    """Tables of at most so many rows of text at a time; arguments as for `csv_pieces`."""
+def tables_of_lines(
+    text: Text, lines: Iterator[Line], samples: int, *, overlap: int = 0, header: bool = True
+) -> Iterator[Table]:
+    """Tables of at most so many rows of a text at a time; arguments as for `csv_pieces`."""
     metadata: dict[str, Any] = {}
     for first, line in lines:
         if not line.startswith("#"):
@@ -96,22 +102,30 @@ def tables_of_lines(lines: Iterator[Line], samples: int, *, overlap: int = 0, he
     cells = next(_rows([(first, line)], delimiter))
     names = _header(first, cells) if header else [str(k + 1) for k in range(len(cells))]
     lines = lines if header else chain([(first, line)], lines)
-    memory, block = Memory(), list[Line]()
-    while new := list(islice(lines, samples)):
-        block = [*block[len(block) - overlap :], *new]
-        columns = zip(names, _cells(block, names, delimiter), strict=True)
-        named = {name: column for name, column in columns if name}
-        yield Table(named, [row for row, _ in block], "row", metadata, memory, delimiter != ",")
+    memory, kept = Memory(), list[Block]()
+    while True:
+        blocks, size, left = [*kept], sum(block.size for block in kept), samples
+        while left and (new := list(islice(lines, min(left, BLOCK)))):
+            columns = zip(names, _cells(new, names, delimiter), strict=True)
+            named = {name: column for name, column in columns if name}
+            blocks.append(Block.of([row for row, _ in new], named, memory, delimiter != ","))
+            size, left = size + blocks[-1].size, left - len(new)
+            text.check_size(size)
+        if left == samples:
+            return
+        piece = Block.joined(blocks)
+        yield Table(piece.cells, piece.rows, "row", metadata, memory, delimiter != ",")
+        kept = [piece.last(overlap)] if overlap else []
 
 
-def lines_of(stream: Iterable[str], skip: int = 0) -> Iterator[Line]:
+def lines_of(text: Text, skip: int = 0) -> Iterator[Line]:
     """Lines of a text that hold anything, after so many that are left out.
 
     Raises:
         LogError: The text is not in UTF-8.
     """
     try:
-        for number, line in enumerate(stream, start=1):
+        for number, line in enumerate(text.whole_lines(), start=1):
             if number > skip and line.strip(' "\n' + DELIMITERS):
                 yield number, line
     except UnicodeDecodeError as error:

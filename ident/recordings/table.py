@@ -36,10 +36,12 @@ class Memory:
     Attributes:
         missing: Whether a column read so far is empty throughout, by its name.
         separators: A column by each decimal separator found so far.
+        marks: Decimal separators in the cells of columns, by name, of text that is numbers by now.
     """
 
     missing: dict[str, bool] = field(default_factory=dict)
     separators: dict[str, str] = field(default_factory=dict)
+    marks: dict[str, set[str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Table:
     """
 
     cells: Mapping[str, Sequence[str] | np.ndarray]
-    rows: Sequence[int]
+    rows: Sequence[int] | np.ndarray
     word: str
     metadata: Mapping[str, Any] = field(default_factory=dict)
     memory: Memory = field(default_factory=Memory)
@@ -143,7 +145,9 @@ class Table:
     def _check_separators(self, name: str, cells: Sequence[str] | np.ndarray) -> None:
         """Refuses decimal commas where others are points; columns of numbers had points, if they are no integers."""
         known = self.memory.separators
-        if isinstance(cells, np.ndarray):
+        if name in self.memory.marks:
+            marks = "".join(sorted(self.memory.marks[name]))
+        elif isinstance(cells, np.ndarray):
             marks = "." if (np.abs(np.modf(cells)[0]) > 0).any() else ""
         else:
             marks = "".join(mark for mark in ",." if any(mark in cell for cell in cells))
@@ -157,9 +161,7 @@ class Table:
 
     def _number(self, name: str, i: int, cell: str) -> float:
         try:
-            if "_" in cell:
-                raise ValueError
-            return float((cell.replace(",", ".") if self.decimal_comma else cell) or "nan")
+            return number_of(cell, self.decimal_comma)
         except ValueError:
             raise LogError(f"{self.row(i)}, column '{name}' needs a number, got '{short(cell)}'.") from None
 
@@ -194,6 +196,17 @@ def in_pieces(table: Table, samples: int, overlap: int) -> Iterator[Table]:
         piece = slice(max(0, first - overlap), first + samples)
         cells = {name: x[piece] for name, x in table.cells.items()}
         yield replace(table, cells=cells, rows=table.rows[piece])
+
+
+def number_of(cell: str, decimal_comma: bool) -> float:
+    """The number in a cell, NaN in an empty one.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if "_" in cell:
+        raise ValueError(cell)
+    return float((cell.replace(",", ".") if decimal_comma else cell) or "nan")
 
 
 def is_number(cell: str) -> bool:

@@ -6,10 +6,14 @@ import io
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 
 from ident.errors import LogError
 from ident.recordings.npz import LIMIT, check_size
+
+LONGEST = 4_000_000
+"""Characters of the longest line, enough for a hundred thousand columns, or for what a file says of itself in JSON."""
 
 
 class _Counted(io.RawIOBase):
@@ -32,10 +36,30 @@ class _Counted(io.RawIOBase):
 class Text(io.TextIOWrapper):
     """Lines of a text that is read in pieces."""
 
+    path: Path
+    limit: int
+
     def begin_piece(self) -> None:
         """Begins to count anew what a piece takes."""
         if isinstance(counted := getattr(self.buffer, "raw", None), _Counted):
             counted.count = 0
+
+    def check_size(self, size: int) -> None:
+        """Refuses so many bytes in memory if they are above the limit, as `npz.check_size`."""
+        check_size(self.path, size, self.limit)
+
+    def whole_lines(self) -> Iterator[str]:
+        """Its lines.
+
+        Raises:
+            LogError: One is longer than any row of a log.
+        """
+        for number in count(1):
+            if not (line := self.readline(LONGEST + 1)):
+                return
+            if len(line) > LONGEST:
+                raise LogError(f"row {number} is longer than {LONGEST} characters, which no row of a log is.")
+            yield line
 
 
 @contextmanager
@@ -51,15 +75,17 @@ def opened_text(path: Path, limit: int = LIMIT) -> Iterator[Text]:
     """
     if path.suffix.lower() != ".gz":
         with path.open("rb") as stream:
-            yield _text(stream)
+            yield _text(stream, path, limit)
         return
     try:
         with gzip.open(path) as packed:
-            yield _text(io.BufferedReader(_Counted(packed, path, limit)))
+            yield _text(io.BufferedReader(_Counted(packed, path, limit)), path, limit)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise LogError(f"the file needs to be packed by gzip, whole and undamaged ({error}).") from None
 
 
-def _text(buffer: io.BufferedReader) -> Text:
+def _text(buffer: io.BufferedReader, path: Path, limit: int) -> Text:
     utf16 = buffer.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-    return Text(buffer, encoding="utf-16" if utf16 else "utf-8-sig")
+    text = Text(buffer, encoding="utf-16" if utf16 else "utf-8-sig")
+    text.path, text.limit = path, limit
+    return text

@@ -1,11 +1,14 @@
 import argparse
+import os
 import re
 import signal
 import subprocess
 import sys
+import time
 import traceback
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -110,3 +113,57 @@ def test_an_option_that_is_no_number_is_named():
         options.fixed([["knee", "high"]])
     with pytest.raises(argparse.ArgumentTypeError, match="needs a whole number of at least 1, got 'x'"):
         options.whole_number(1)("x")
+
+
+IGNORES = """
+import sys, time
+from experiments import mechanism
+from experiments.cli import options
+
+def study(_):
+    running = False
+    while True:
+        try:
+            if not running:
+                running = True
+                print("running", file=sys.stderr, flush=True)
+            time.sleep(60)
+        except KeyboardInterrupt:
+            pass
+
+sys.exit(options.run(study, mechanism.parser, []))
+"""
+"""A command that swallows what a request to end raises, as libraries do in calls back."""
+
+COMPUTES = IGNORES.replace("time.sleep(60)", "sum(np.linalg.eigvalsh(A)[0] for _ in range(99))").replace(
+    "import sys, time", "import sys\nimport numpy as np\nA = np.eye(1500) + 1e-3"
+)
+"""One in which Python's own handlers have to wait for a library."""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals to processes are POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("script", [IGNORES, COMPUTES], ids=["swallowed", "computing"])
+def test_a_request_to_end_is_obeyed_within_two_seconds(script, number):
+    with subprocess.Popen([sys.executable, "-c", script], stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr.readline() == "running\n"
+        process.send_signal(number)
+        start = time.monotonic()
+        assert process.wait(timeout=30) == 130
+        took = time.monotonic() - start
+        assert process.stderr.read() == f"{COMMAND}: interrupted; every file is whole.\n"
+    assert took < 2.5
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals to processes are POSIX")
+def test_ctrl_c_during_imports_leaves_no_traceback(tmp_path):
+    slow = "import sys, time\nprint('importing', file=sys.stderr, flush=True)\ntime.sleep(60)\n"
+    (tmp_path / "scenes.py").write_text(slow)
+    path = os.pathsep.join([str(tmp_path), str(Path(options.__file__).parents[2])])
+    command = [sys.executable, "-m", "experiments.mechanism", "--help"]
+    here = {"cwd": tmp_path, "env": os.environ | {"PYTHONPATH": path}}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **here) as process:
+        assert process.stderr.readline() == "importing\n"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=30) == -signal.SIGINT
+        assert process.stderr.read() == ""

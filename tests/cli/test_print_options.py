@@ -1,6 +1,7 @@
 """The options of authors: every command that writes tables or figures has them, and refuses bad ones at once; choices
 of what does not come out, which only shows in the end, lose no results."""
 
+import argparse
 import re
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from experiments.cli import print_options
 from experiments.cli.command import COMMANDS
 from experiments.output import human_report, index, study_report
 from experiments.studies import mechanism as drawn
+from ident.errors import InputError
 
 PAGE = {"page_columns", "style"}
 CHOICES = PAGE | {"caption", "parameters"}
@@ -43,6 +45,38 @@ def options(command):
 def test_every_command_that_prints_lets_authors_choose(name):
     found = options(COMMANDS[name]) & CHOICES
     assert found == (set() if name in WITHOUT else PAGE if name == "paper" else CHOICES)
+
+
+DREADFUL = {
+    "no height": ("figure.figsize: 3, 0", "figure.figsize needs to be above 0 and at most 100 inches, got [3.0, 0.0]"),
+    "a field": ("figure.figsize: 1e6, 1e6", "figure.figsize needs to be above 0"),
+    "no pixels": ("savefig.dpi: 0", "savefig.dpi needs to be positive"),
+    "too many": ("figure.dpi: 1e7", "figure.dpi needs to be positive and give at most 1e+08 pixels"),
+    "huge letters": ("font.size: 1e9", "font.size needs to be at most 500, got 1e+09"),
+    "no number": ("xtick.major.size: nan", "xtick.major.size needs to be at most 500, got nan"),
+    "no colours": ("axes.prop_cycle: cycler('color', [])", "integer modulo by zero"),
+    "no such map": ("image.cmap: none such", "image.cmap"),
+    "margins": ("axes.xmargin: -0.7", "needs a style file of matplotlib's, but"),
+    "inside out": ("figure.subplot.left: 2", "left cannot be >= right"),
+    "effects": ("path.effects: [1]", "in which figures can be drawn, but"),
+    "bytes": ("font.size: \x00", "needs a style file of matplotlib's, but"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), DREADFUL.values(), ids=DREADFUL)
+def test_a_style_in_which_nothing_can_be_drawn_is_refused_before_the_work(text, message, tmp_path):
+    (style := tmp_path / "mine.mplstyle").write_text(text, encoding="utf-8")
+    given = argparse.Namespace(style=style, page_columns=2)
+    with pytest.raises(InputError) as raised, print_options.style_of(given):
+        pass
+    assert "--style needs a style file of matplotlib's" in str(raised.value) and "\n" not in str(raised.value)
+    assert message in str(raised.value) or text.startswith("image")
+
+
+def test_a_style_may_leave_pixels_to_the_figure(tmp_path):
+    (style := tmp_path / "mine.mplstyle").write_text("savefig.dpi: figure\nfigure.dpi: 50\nfont.size: 5\n")
+    with print_options.style_of(argparse.Namespace(style=style, page_columns=2)):
+        pass
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in WITHOUT])

@@ -1,4 +1,4 @@
-"""Runs `identify` and `stream` on damaged input in one process, and counts how the cases end.
+"""Runs commands on damaged input in one process, and counts how the cases end.
 
 Case k is the same for the same seed, whatever ran before. An interrupted run goes on where it stopped; a case that took
 the process with it counts as dead. Ends with 1 unless every case was refused in a sentence or accepted.

@@ -18,15 +18,16 @@ from unittest import mock
 
 import numpy as np
 
-from experiments import identify, stream
+from experiments import angles, compare, excite, human, identify, payload, stream
 from experiments.cli import options
 from experiments.output import figures
 from experiments.runs import workers
 from ident.errors import InputError
 
-from .corpus import LOGS, MODELS, PAIR, STREAMED, write_corpus
-from .damage import NAMES, Rng, any_of, damaged
+from .corpus import write_corpus
+from .damage import any_of
 from .here import Here
+from .maker import Maker
 from .undrawn import not_drawn
 
 OURS = tuple(Path(figures.__file__).parents[2] / name for name in ("experiments", "ident", "scenes", "sim", "tests"))
@@ -41,7 +42,19 @@ HANG = 30
 DRAWN = 40
 """Every so many cases draw their figures, which takes longer than all the rest."""
 
-COMMANDS = (identify, stream)
+COMMANDS = (identify, identify, stream, stream, compare, angles, payload, human, excite)
+"""The commands, some more often than others."""
+
+ARGUMENTS = {
+    angles: Maker.angles,
+    compare: Maker.compare,
+    excite: Maker.excite,
+    human: Maker.human,
+    identify: Maker.identify,
+    payload: Maker.payload,
+    stream: Maker.stream,
+}
+"""What makes the arguments of each."""
 
 DRAW = figures.drawn
 """The function that draws them."""
@@ -102,10 +115,11 @@ class Runner:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
         wrong = frozenset(
-            any_of(rng, ("model", "log", "log", "columns", "options")) for _ in range(any_of(rng, (1, 1, 1, 2)))
+            any_of(rng, ("model", "log", "log", "columns", "options", "style"))
+            for _ in range(any_of(rng, (1, 1, 1, 2)))
         )
-        maker, command = _Maker(self._corpus, folder, rng, wrong), any_of(rng, COMMANDS)
-        arguments = maker.identify() if command is identify else maker.stream()
+        maker, command = Maker(self._corpus, folder, rng, wrong), any_of(rng, COMMANDS)
+        arguments = ARGUMENTS[command](maker)
         arguments += ["--out", str(folder / "out")]
         draw = DRAW if case % DRAWN == 0 else not_drawn
         out, err = StringIO(), StringIO()
@@ -164,88 +178,3 @@ def _place(error: Exception) -> str:
 
 def _hang(*_: object) -> None:
     raise Hang
-
-
-@dataclass(frozen=True, eq=False)
-class _Maker:
-    """Makes the arguments of one case, in which one or two things are wrong: `model`, `log`, `columns` or `options`."""
-
-    corpus: Path
-    folder: Path
-    rng: Rng
-    wrong: frozenset[str]
-
-    def identify(self) -> list[str]:
-        """Arguments of `identify`."""
-        name = any_of(self.rng, list(MODELS))
-        mapping = self.file("columns", f"{name}.toml")
-        files = [
-            self.file("model", any_of(self.rng, MODELS[name])),
-            self.log(name),
-        ]
-        right = {
-            "--base": ["base"],
-            "--columns": [mapping],
-            "--cutoff": ["auto", "20"],
-            "--holdout": ["0.4", "0.05"],
-            "--held-out": [self.file("log", f"{name}.csv", "other.csv")],
-            "--no-offsets": [],
-            "--estimator": ["ordinary", "weighted", "joint"],
-            "--prior": ["auto", "on", "off"],
-            "--own": ["offset", "delay"],
-        }
-        wrong = {
-            "--base": ["link1", "link2", "world", "$", ""],
-            "--columns": ["absent.toml", files[0], "."],
-            "--cutoff": ["0", "nan", "49", "1e-9", "1e9", "x"],
-            "--holdout": ["0.9", "2", "nan"],
-            "--held-out": [files[0], files[1], "absent.csv", "."],
-            "--drive": ["viscous", "coulomb", "rotor", "stribeck", "x"],
-            "--ignore": ["grip", "x", "$"],
-            "--name": ["..", "a/b", "", "$", "\u202e", "x" * 300],
-        }
-        always = ("--base", "--columns") if "columns" in self.wrong or name == "pad" else ("--base",)
-        return [*files, *self.options(right, wrong, always)]
-
-    def stream(self) -> list[str]:
-        """Arguments of `stream`."""
-        name, number = any_of(self.rng, list(MODELS)), int(any_of(self.rng, (1, 1, 2)))
-        files = [self.file("model", any_of(self.rng, MODELS[name]))]
-        files += [self.file("log", f"{name}.{any_of(self.rng, STREAMED)}") for _ in range(number)]
-        right = {"--base": ["base"], "--contact": ["contact"], "--piece": ["7", "50", "100000"]}
-        wrong = {
-            "--base": ["link1", "link2", "$", ""],
-            "--columns": [self.file("columns", f"{name}.toml"), "absent.toml", files[0], "."],
-            "--contact": ["ground", "x", "$"],
-            "--without": ["contact", "x"],
-            "--ignore": ["grip", "$"],
-            "--piece": ["0", "x", "1"],
-        }
-        return [*files, *self.options(right, wrong, ("--base", *(["--contact"] if name == "pad" else [])))]
-
-    def log(self, name: str) -> str:
-        """A log in any of the formats, perhaps in two files."""
-        ending = any_of(self.rng, LOGS)
-        names = [file.format(name) for file in PAIR] if ending == "pair" else [f"{name}.{ending}"]
-        return "+".join(self.file("log", each) for each in names)
-
-    def file(self, what: str, name: str, new: str | None = None) -> str:
-        """A copy of a file of the corpus, damaged if it is to be wrong; now and then it has a strange name then."""
-        data, path = (self.corpus / name).read_bytes(), self.folder / (new or name)
-        if what in self.wrong:
-            for _ in range(int(any_of(self.rng, (1, 1, 1, 2, 3)))):
-                data = damaged(data, path.suffix, self.rng) or b" "
-            if self.rng.random() < 0.05:
-                strange = any_of(self.rng, [n for n in NAMES if "/" not in n and "\0" not in n])
-                path = path.with_name(f"{strange[:20]}{path.suffix}")
-        path.write_bytes(data)
-        return str(path)
-
-    def options(self, right: dict[str, list[str]], wrong: dict[str, list[str]], always: Sequence[str]) -> list[str]:
-        """Some options with right values, or one of them, if options are to be wrong, with a wrong one."""
-        chosen = {option: right[option] for option in right if option in always or self.rng.random() < 0.15}
-        if "options" in self.wrong:
-            option = any_of(self.rng, list(wrong))
-            chosen[option] = wrong[option]
-        pairs = ([option, *([any_of(self.rng, values)] if values else [])] for option, values in chosen.items())
-        return [argument for pair in pairs for argument in pair]

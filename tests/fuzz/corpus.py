@@ -3,12 +3,14 @@
 from importlib.util import find_spec
 from pathlib import Path
 
-from written_formats import write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
+from written_formats import write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
 
 import scenes
 from ident.recordings.recording import Recording
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
+
+from .other_files import write_other_files
 
 URDF = """<?xml version="1.0" encoding="utf-8"?>
 <robot name="arm">
@@ -52,7 +54,7 @@ applied_to_link = false
 MODELS = {"plain": ("plain.xml", "arm.urdf"), "pad": ("pad.xml",)}
 """Models that explain each log."""
 
-FORMATS = {"parquet": "pyarrow", "c3d": "ezc3d"}
+FORMATS = {"parquet": "pyarrow", "c3d": "ezc3d", "bag": "rosbags", "mcap": "rosbags"}
 """Formats that need a package of an extra."""
 
 OFTEN = ("csv", "npz", "pair", "mot")
@@ -79,6 +81,7 @@ def write_corpus(folder: Path) -> None:
             recording.save(folder / f"{name}.{ending}")
         _write_others(folder, name, recording)
     (folder / "arm.urdf").write_text(URDF, encoding="utf-8")
+    write_other_files(folder)
 
 
 def _write_others(folder: Path, name: str, recording: Recording) -> None:
@@ -100,3 +103,9 @@ def _write_others(folder: Path, name: str, recording: Recording) -> None:
         write_parquet(folder / f"{name}.parquet", angles | forces)
     if "c3d" in LOGS:
         write_c3d(folder / f"{name}.c3d", recording.rate, labels, recording.wrench("ground").values, list(joints))
+    if "bag" in LOGS:
+        states = {joint: [(float(x), 0.0, 0.0) for x in positions] for joint, positions in joints.items()}
+        topics = {"/joints": (recording.time, states), "/ground": (recording.time, recording.wrench("ground").values)}
+        write_bag(folder / f"{name}.bag", topics)
+        write_bag(folder / f"{name}_mcap", topics)
+        (folder / f"{name}.mcap").write_bytes(next((folder / f"{name}_mcap").glob("*.mcap")).read_bytes())

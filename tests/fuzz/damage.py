@@ -2,11 +2,13 @@
 
 import copy
 import io
+import json
 import re
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from xml.etree import ElementTree
 
+import matplotlib as mpl
 import numpy as np
 
 Rng = np.random.Generator
@@ -67,7 +69,9 @@ def damaged(data: bytes, ending: str, rng: Rng) -> bytes:
         ".toml": (*[_text] * 6, _encoding, _bytes),
         ".npz": (*[_arrays] * 4, _archive, _bytes),
         **dict.fromkeys((".mot", ".sto", ".trc"), (*[_text] * 6, _encoding, _bytes)),
-        **dict.fromkeys((".mat", ".parquet", ".c3d"), (_bytes,)),
+        **dict.fromkeys((".mat", ".parquet", ".c3d", ".bag", ".mcap"), (_bytes,)),
+        ".json": (*[_entry] * 6, _text, _encoding, _bytes),
+        ".mplstyle": (*[_setting] * 6, _text, _encoding, _bytes),
     }
     return any_of(rng, kinds[ending])(data, rng)
 
@@ -169,6 +173,40 @@ def _columns(data: bytes, rng: Rng) -> bytes:
             new = [str(any_of(rng, NUMBERS))] * len(cells)
         rows[1:] = [[*row[:k], x, *row[k + 1 :]] for row, x in zip(rows[1:], new, strict=True)]
     return "\n".join([*lines[:first], *map(",".join, rows), ""]).encode("utf-8", "replace")
+
+
+def _entry(data: bytes, rng: Rng) -> bytes:
+    """An entry of a JSON file left out, or with another value, perhaps that of another entry."""
+    try:
+        content = json.loads(data)
+        data.decode("utf-8")
+    except (ValueError, RecursionError):
+        return _bytes(data, rng)
+    ways = list(_ways(content))
+    if not ways:
+        return data
+    (place, key), (other, its) = (any_of(rng, ways) for _ in range(2))
+    if rng.integers(4) == 0:
+        del place[key]
+    else:
+        numbers = (None, True, -1, 0, 1e300, float("nan"), 10**400, "", "$x_", "\ud800", [], {}, [[]])
+        place[key] = any_of(rng, [*numbers, copy.deepcopy(other[its])])
+    return json.dumps(content).encode()
+
+
+def _ways(content: object) -> Iterator[tuple[object, object]]:
+    """Where all entries of a JSON value are."""
+    pairs = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in list(pairs):
+        yield content, key
+        yield from _ways(value)
+
+
+def _setting(data: bytes, rng: Rng) -> bytes:
+    """A style file with one more setting, of any value."""
+    name = any_of(rng, sorted(name for name in mpl.rcParams if not name.startswith(("backend", "webagg", "animation"))))
+    values = (*NUMBERS[:9], *NAMES[3:12], "True", "None", "none", "serif", "3, 0", "-1, 2", "C99", "xx-large", "1e5")
+    return data + f"\n{name}: {any_of(rng, values)}\n".encode()
 
 
 def _damaged_numbers(rng: Rng) -> Callable[[np.ndarray], np.ndarray]:

@@ -17,6 +17,9 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 UNITLESS = ("std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float64")
 """Types of messages that have numbers of any unit; all others are in SI units by definition."""
 
+MESSAGE = 1000
+"""Bytes that a message takes in memory besides those it was sent as, until its numbers are in columns."""
+
 Message = tuple[int, Any]
 """Time in ns, and what was sent then."""
 
@@ -46,7 +49,7 @@ def tables(path: Path, limit: int) -> list[Table]:
         sent: dict[tuple[str, str], list[Message]] = defaultdict(list)
         size = 0
         for connection, written, data in reader.messages(connections=used):
-            size += len(data)
+            size += len(data) + MESSAGE
             check_size(path, size, limit)
             sent[connection.topic, connection.msgtype].append((written, read(data, connection.msgtype)))
         return _tables(sent)

@@ -1,5 +1,6 @@
 """MATLAB's `.mat` files up to version 7: arrays with the same number of samples, also those in structures."""
 
+import math
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.recordings.formats.reading import undamaged
-from ident.recordings.npz import check_size
+from ident.recordings.npz import NUMBER, check_size
 from ident.recordings.table import Table, vector_columns
 
 COMPRESSED = 15
@@ -24,7 +25,7 @@ def tables(path: Path, limit: int) -> list[Table]:
     Raises:
         LogError: The file is damaged, too large, of version 7.3, or has no such array.
     """
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     with undamaged("a MATLAB file"):
         with path.open("rb") as stream:
@@ -32,6 +33,8 @@ def tables(path: Path, limit: int) -> list[Table]:
         if head.startswith((b"MATLAB 7.3", b"\x89HDF")):
             raise LogError("MATLAB files of version 7.3 are not read; save it in MATLAB with save(NAME, '-v7').")
         check_size(path, sum(_sizes(path)), limit)
+        # Numbers that are small or whole take less in the file than they do then.
+        check_size(path, sum(NUMBER * math.prod(shape) for _, shape, _ in whosmat(path)), limit)
         arrays = dict(_arrays("", loadmat(path, simplify_cells=True)))
     samples = max((max(x.shape) for x in arrays.values()), default=0)
     cells: dict[str, np.ndarray] = {}

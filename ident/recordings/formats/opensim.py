@@ -23,7 +23,7 @@ def tables(path: Path, limit: int) -> list[Table]:
     with opened_text(path, limit) as text:
         lines = lines_of(text)
         header = _header(lines)
-        found = list(tables_of_lines(lines, sys.maxsize))
+        found = list(tables_of_lines(text, lines, sys.maxsize))
     if not found:
         raise LogError("the file has no rows after its header, which names the columns.")
     (table,) = found

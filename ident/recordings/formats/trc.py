@@ -11,7 +11,8 @@ Cells are between tabs, the labels over three columns each:
     2  0.01  1.6  2.6  3.6
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +22,18 @@ from ident.recordings.column import UNITS
 from ident.recordings.csv_file import lines_of
 from ident.recordings.formats.reading import checked_rate
 from ident.recordings.markers import Markers
+from ident.recordings.npz import NUMBER
 from ident.recordings.table import Table, short
-from ident.recordings.text_file import opened_text
+from ident.recordings.text_file import Text, opened_text
 
 NEEDED = ("DataRate", "NumFrames", "NumMarkers", "Units")
 """Entries of the header that the positions cannot do without."""
 
 LENGTHS: Mapping[str, float] = {**UNITS["length"], "meters": 1.0, "centimeters": 1e-2, "millimeters": 1e-3}
 """Units of length that headers state, as factors to the metre."""
+
+ARRAY = 120
+"""Bytes that an array takes besides its numbers."""
 
 Row = tuple[int, list[str]]
 """Cells of a row, with its number from 1."""
@@ -52,7 +57,12 @@ def markers(path: Path, limit: int) -> Markers:
         LogError: The header is incomplete or contradicts the rows, or a row is malformed.
     """
     with opened_text(path, limit) as text:
-        rows = [(number, [cell.strip() for cell in line.split("\t")]) for number, line in lines_of(text)]
+        lines = ((number, [cell.strip() for cell in line.split("\t")]) for number, line in lines_of(text))
+        return _markers(list(islice(lines, 5)), lines, text)
+
+
+def _markers(rows: list[Row], others: Iterator[Row], text: Text) -> Markers:
+    """Markers from the first five rows of a file and the others, which are text in memory one at a time."""
     if len(rows) < 5 or rows[0][1][0] != "PathFileType":
         raise LogError("a .trc file begins with PathFileType, and has four more rows before its frames; this has not.")
     header = dict(zip(rows[1][1], rows[2][1], strict=False))
@@ -63,12 +73,15 @@ def markers(path: Path, limit: int) -> Markers:
         raise LogError(f"the markers' Units need to be one of {', '.join(LENGTHS)}; got {short(header['Units'])}.")
     labels = _labels(rows[3])
     # Some files leave out the row of axes.
-    frames = rows[4 if rows[4][1][0].isdecimal() else 5 :]
+    columns = 2 + 3 * len(labels)
+    frames: list[np.ndarray] = []
+    for row in chain(rows[4:] if rows[4][1][0].isdecimal() else [], others):
+        frames.append(np.array(_frame(row, columns)))
+        text.check_size(len(frames) * (NUMBER * columns + ARRAY))
     for key, count in (("NumFrames", len(frames)), ("NumMarkers", len(labels))):
         if header[key] != str(count):
             raise LogError(f"the header promises {short(header[key])} as {key}, the file has {count}.")
-    columns = 2 + 3 * len(labels)
-    table = np.reshape([_frame(row, columns) for row in frames], (len(frames), columns))
+    table = np.reshape(frames, (len(frames), columns))
     x = table[:, 2:].reshape(len(frames), len(labels), 3)
     x[(x == 0).all(axis=2)] = np.nan
     found = Markers(table[:, 1], labels, LENGTHS[header["Units"]] * x)
