@@ -164,7 +164,9 @@ def test_files_that_cannot_be_put_together(tmp_path):
 
 def test_holes_need_gaps_and_faults_name_the_file(tmp_path):
     log = pair(tmp_path, second=holes(forces()))
-    with pytest.raises(LogError, match=r"wrench\.csv row 10\d, column 'time' comes 0\.244 s after .*--gaps"):
+    with pytest.raises(
+        LogError, match=r"wrench\.csv row 10\d, column 'time' has a gap of 0\.244 s, from 0\.396 s to .*--gaps"
+    ):
         read_log(log, arm())
     found = read_log(log, arm(), gaps=True)
     assert len(found.streams["ground_force"].time) == len(forces()["time"]) - 60
