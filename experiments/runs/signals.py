@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 GRACE = 1.5
-"""Seconds that a command has to clean up when it is asked to end."""
+"""Seconds that a command has to clean up when it is asked to terminate."""
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
 """What asks a command to end."""
@@ -24,10 +24,11 @@ def end_silently() -> None:
 
 @contextmanager
 def ended_after(seconds: float, message: str) -> Iterator[None]:
-    """Ends this process and those that it has started if a block goes on for so long after it was asked to end.
+    """Ends this process and those that it has started if a block goes on for so long after a request to terminate.
 
     Libraries that compute for minutes, or swallow what is raised in the middle of their calls, would go on. Files that
-    are not whole yet have names of their own, and the next run removes them. For the main thread.
+    are not whole yet have names of their own, and the next run removes them. Ctrl-C has all the time that it takes: an
+    estimate that it interrupts is still reported. For the main thread.
 
     Args:
         seconds: How long it may go on.
@@ -41,7 +42,7 @@ def ended_after(seconds: float, message: str) -> Iterator[None]:
         # Python's own handlers wait for the main thread; these bytes do not.
         asked = False
         while not asked and (numbers := here.recv(16)):
-            asked = any(number in numbers for number in ENDING)
+            asked = signal.SIGTERM in numbers
         if asked and not done.wait(seconds):
             for process in multiprocessing.active_children():
                 process.kill()
