@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> None:
         raise InputError("Samples may be missing (--gaps) for the joint estimate only: a filter would invent them.")
     out = own_model.folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
+    read |= {"filters": args.estimator != "joint"}
     read |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
     read |= {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args), "packages": args.packages}
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))

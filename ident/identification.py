@@ -83,8 +83,9 @@ def identify(
     """
     if estimator == "joint" and cutoff is not None:
         raise InputError(NO_CUTOFF)
+    options: dict[str, Any] = {"cutoff": cutoff, "drive": drive}
     logs, judges = (
-        [prepared(mechanism, each, cutoff=cutoff, drive=drive) for each in _recordings(where, given)]
+        [prepared(mechanism, each, filters=estimator != "joint", **options) for each in _recordings(where, given)]
         for where, given in (("recording", recording), ("held_out", held_out))
     )
     return identified(

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from recorded_faults import JOINTS, PENDULUM, angles_and_wrench, faulty, wrench_of
+from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, shortened, wrench_of
 
 import ident
 from ident.errors import ExcitationError
@@ -39,3 +39,25 @@ def test_equations_that_are_singular_are_solved_with_what_is_known():
         return known
 
     assert _known_enough(estimate, None, {"mass": 0.2}) == {"mass": 0.2}
+
+
+def test_a_joint_estimate_of_a_short_recording_needs_no_cut_off():
+    estimate = ident.identify(PENDULUM, shortened(RECORDING, 49))
+    assert abs(estimate.psi[0] - TRUTH[0]) < 3 * estimate.std_setup[0]
+
+
+@pytest.mark.parametrize(
+    ("samples", "message"), [(30, "^30 samples, .* are too few for 13"), (5, "needs more than 9 samples, got 5")]
+)
+def test_a_recording_that_is_too_short_is_called_that(samples, message):
+    with pytest.raises(ident.InputError, match=message):
+        ident.identify(PENDULUM, shortened(RECORDING, samples))
+
+
+def test_joints_that_rest_need_no_cut_off():
+    """What is refused is the motion, not its filter."""
+    still = angles_and_wrench(RECORDING.time, np.zeros_like(ANGLES), WRENCH)
+    with pytest.raises(ExcitationError, match="the recorded motion excites"):
+        ident.identify(PENDULUM, still)
+    with pytest.raises(ident.InputError, match="state a cut-off in Hz"):
+        ident.identify(PENDULUM, still, estimator="weighted")

@@ -25,10 +25,13 @@ from ident.parameters.base_parameters import BaseParameters, structural_base_par
 from ident.parameters.structure import Sensors
 from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
-from ident.recordings.smoothing import chosen_cutoff, low_pass, settling, smoothed
+from ident.recordings.smoothing import PADDING, chosen_cutoff, low_pass, settling, smoothed
 from ident.recordings.suggestion import suggested_mapping
 from ident.recordings.table import BASE
 from ident.recordings.wrench import GROUND
+
+USUAL = 0.1
+"""Cut-off of a first look at motions whose own cannot be chosen, over the sampling rate."""
 
 
 class LeftOut(NamedTuple):
@@ -122,6 +125,7 @@ def prepared(
     cutoff: str | float | None = None,
     drive: Sequence[str] = (),
     name: str = "The recording",
+    filters: bool = True,
 ) -> Prepared:
     """Makes a recording ready to be fitted.
 
@@ -131,6 +135,8 @@ def prepared(
         cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities and accelerations.
         drive: Friction and rotor columns for joint torques.
         name: What messages call the recording.
+        filters: Whether the estimator fits what is low-passed. The joint estimate does not: where no cut-off can be
+            chosen, its first look at a motion takes a usual one.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
@@ -142,7 +148,7 @@ def prepared(
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
     notes += repairs.rests(recording, mechanism.tree)
-    cutoff = _cutoff(recording, mechanism.joints, cutoff)
+    cutoff = _cutoff(recording, mechanism.joints, cutoff, filters)
     motion = _motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
     torques = recording.torques(tree.joints)
@@ -250,13 +256,21 @@ def _has_rates(recording: Recording, joints: Sequence[str]) -> bool:
     )
 
 
-def _cutoff(recording: Recording, joints: Sequence[str], cutoff: str | float | None) -> float | None:
+def _cutoff(recording: Recording, joints: Sequence[str], cutoff: str | float | None, filters: bool) -> float | None:
     if cutoff is None and _has_rates(recording, joints):
         return None
     if cutoff is None or cutoff == "auto":
         if not joints:
             raise InputError("Nothing moves on this base: name another one (--base), or a cut-off in Hz (--cutoff).")
-        return chosen_cutoff(coordinates(recording, joints), recording.rate)
+        try:
+            return chosen_cutoff(coordinates(recording, joints), recording.rate)
+        except InputError:
+            if filters:
+                raise
+            if (samples := len(recording.time)) <= PADDING:
+                message = f"An identification needs more than {PADDING} samples, got {samples}."
+                raise InputError(message) from None
+            return USUAL * recording.rate
     try:
         value = float(cutoff)
     except ValueError:

@@ -68,10 +68,10 @@ def identify_payload(
         places.append(place)
         recordings[number], notes = renamed, notes + [note for note in more if note not in notes]
     massless = replace(part, prior=np.zeros(10 * len(part.bodies)))
-    ready = [prepared(massless, each) for each in recordings]
+    ready = [prepared(massless, each, filters=False) for each in recordings]
     found = weighing(ready[0], sensor, recordings[0].sensors[GROUND])
     part = replace(part, prior=likely(part, found, places[0]))
-    ready = [prepared(part, each) for each in recordings]
+    ready = [prepared(part, each, filters=False) for each in recordings]
     told = {"origin": 0.0, **recordings[0].setup, **checked_deviations("setup", {} if setup is None else setup, PRIORS)}
     estimate = identified(ready, offsets=offsets, holdout=holdout, setup=told, known=known(part), report=report)
     # The body that was weighed stands for the model, which therefore is no rival.
