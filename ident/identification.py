@@ -11,6 +11,7 @@ import numpy as np
 from ident.arguments import check_holdout, checked_deviations, checked_names
 from ident.errors import ExcitationError, InputError
 from ident.estimate import Estimate, HeldOut
+from ident.estimation import repairs
 from ident.estimation.accumulator import accumulate, triangle_of
 from ident.estimation.angles_alone import LARGEST_END, UNSETTLED
 from ident.estimation.corrected import as_fit, corrected
@@ -424,9 +425,17 @@ def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared
             f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
             f"{holdout:.0%} held out, are too few for {len(first.names)} parameters.{_lost(logs)}"
         )
-    fitted = list(zip(logs, whole, strict=True))
+    fitted = [(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
     to_judge = [(log, _settled(log, end) if alone else end) for log, end in zip(judges or logs, ends, strict=True)]
     return _Divided(fitted, to_judge, bool(judges))
+
+
+def _with_rests(log: Prepared, part: slice) -> Prepared:
+    """The same with notes on joints that rest in what is fitted, and move later."""
+    sentences = [] if part.start >= part.stop else repairs.rests(log.recording, log.mechanism.tree, part)
+    whole = {note.partition(" rests at ")[0] for note in log.notes}
+    more = [f"In what is fitted, {x}" for x in sentences if x.partition(" rests at ")[0] not in whole]
+    return replace(log, notes=(*log.notes, *more)) if more else log
 
 
 def _lost(logs: Sequence[Prepared]) -> str:

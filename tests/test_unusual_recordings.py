@@ -6,6 +6,7 @@ from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, 
 
 import ident
 from ident.errors import ExcitationError
+from ident.estimation.setup import PRIORS
 from ident.identification import _known_enough
 
 RECORDING = faulty(0)
@@ -61,3 +62,14 @@ def test_joints_that_rest_need_no_cut_off():
         ident.identify(PENDULUM, still)
     with pytest.raises(ident.InputError, match="state a cut-off in Hz"):
         ident.identify(PENDULUM, still, estimator="weighted")
+
+
+def test_a_joint_that_rests_in_what_is_fitted_alone_is_noted():
+    recording = shortened(RECORDING, 300)
+    angles = ANGLES[:300].copy()
+    angles[:200, 1] = 0.25
+    recording = angles_and_wrench(recording.time, angles, WRENCH[:300])
+    estimate = ident.identify(PENDULUM, recording, setup=dict.fromkeys(PRIORS, 0))
+    sentence = f"'{JOINTS[1]}' rests at 0.25 and is held there."
+    assert f"In what is fitted, {sentence}" in estimate.prepared.notes
+    assert sentence not in estimate.prepared.notes

@@ -126,9 +126,11 @@ def constants(recording: Recording, tree: Tree, part: slice = slice(None)) -> di
     return {name: float(x[0]) + 0.0 for name, x in columns.items() if _optional(name, tree) and np.ptp(x) == 0}
 
 
-def rests(recording: Recording, tree: Tree) -> list[str]:
-    """Sentences on the coordinates of hinges and slides that rest over the whole recording."""
-    every = {name: recording.as_measured(name).columns[:, 0] for name in _positions(tree)}
+def rests(recording: Recording, tree: Tree, part: slice = slice(None)) -> list[str]:
+    """Sentences on the coordinates of hinges and slides that rest in a part of a recording, by default in all of it."""
+    first, last = recording.time[part][[0, -1]]
+    sampled = {name: recording.as_measured(name) for name in _positions(tree)}
+    every = {name: x.columns[(x.time >= first) & (x.time <= last), 0] for name, x in sampled.items()}
     every = {name: x for name, x in every.items() if np.isfinite(x).any()}
     largest = max((float(np.nanmax(x) - np.nanmin(x)) for x in every.values()), default=0.0)
     return [
