@@ -10,6 +10,7 @@ import pytest
 import experiments
 import scenes
 import sim
+from experiments import columns, identify
 from experiments.cli.command import COMMANDS
 from sim.motion.excitation import DOUBLE_PENDULUM
 
@@ -39,14 +40,19 @@ SAID = {
 def test_examples_run(page, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes").symlink_to(Path(scenes.__file__).parent)
-    (tmp_path / "arm.xml").symlink_to(Path(scenes.__file__).parent / "double_pendulum.xml")
-    sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM).save("run.csv")
+    if page != "README.md":
+        (tmp_path / "arm.xml").symlink_to(Path(scenes.__file__).parent / "double_pendulum.xml")
+        sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM).save("run.csv")
     for code in blocks("python")[page]:
         if "viewer" not in code:
             exec(compile(code, page, "exec"), {})
     assert re.search(SAID.get(page, ""), capsys.readouterr().out, re.DOTALL)
     if page == "README.md":
-        assert len(sim.mechanism("arm_identified.xml", base="base").bodies) == 3
+        assert len(sim.mechanism("identified.xml", base="base").bodies) == 3
+        guess, fit = (shlex.split(line, comments=True)[3:] for line in blocks("sh")[page][-1].splitlines())
+        columns.main(guess)
+        args = identify.parser().parse_args(fit)
+        assert all(Path(path).exists() for path in (args.model, *args.logs, args.columns))
 
 
 def shell_blocks():
