@@ -14,7 +14,7 @@ from pages import PENDULUM, identified, replayed
 import scenes
 from experiments.output import replay as replays
 from experiments.output.identify_replay import place
-from experiments.output.page import Said, write_report
+from experiments.output.page import Said, _environment, write_report
 from experiments.output.parameter_words import in_words, regrouped_in_words
 from experiments.output.replay import Replay, ellipsoid, evenly, every_nth
 from experiments.output.report import Table
@@ -168,6 +168,14 @@ def test_parameters_in_words():
     assert regrouped_in_words(base, 0, arm) == (
         "mass of base, in which are also counted: the mass of link1; the mass of link2"
     )
+
+
+def test_how_many_samples_are_drawn_is_said_in_english():
+    template = _environment().get_template("replay.html").make_module({"prose": str})
+    names = "frames", "arrows", "axes", "estimated", "curves", "channels", "spans", "parameters", "remark"
+    shown = dict.fromkeys(names, ())
+    for every, said in ((1, False), (2, True)):
+        assert ("One sample in 2 is drawn." in template.moving(shown | {"every": every})) == said
 
 
 def test_samples_are_thinned_evenly():
