@@ -70,6 +70,6 @@ def test_a_joint_that_rests_in_what_is_fitted_alone_is_noted():
     angles[:200, 1] = 0.25
     recording = angles_and_wrench(recording.time, angles, WRENCH[:300])
     estimate = ident.identify(PENDULUM, recording, setup=dict.fromkeys(PRIORS, 0))
-    sentence = f"'{JOINTS[1]}' rests at 0.25 and is held there."
+    sentence = f"'{JOINTS[1]}' rests at 0.25."
     assert f"In what is fitted, {sentence}" in estimate.prepared.notes
     assert sentence not in estimate.prepared.notes

@@ -134,7 +134,7 @@ def rests(recording: Recording, tree: Tree, part: slice = slice(None)) -> list[s
     every = {name: x for name, x in every.items() if np.isfinite(x).any()}
     largest = max((float(np.nanmax(x) - np.nanmin(x)) for x in every.values()), default=0.0)
     return [
-        f"'{name.removesuffix('_position')}' rests at {np.nanmedian(x):.4g} and is held there."
+        f"'{name.removesuffix('_position')}' rests at {np.nanmedian(x):.4g}."
         for name, x in every.items()
         if largest and at_rest(x, largest)
     ]

@@ -86,14 +86,14 @@ def test_a_walkers_forearms_rest():
         warnings.simplefilter("ignore", ModelNote)
         walker = prepare(folder / "subject4.osim", Path(log), columns=folder / "columns.toml", fix=fix)
     rests = [note for note in walker.notes if "rests" in note]
-    assert rests == ["'pro_sup_r' rests at 2.09 and is held there.", "'pro_sup_l' rests at 2.09 and is held there."]
+    assert rests == ["'pro_sup_r' rests at 2.09.", "'pro_sup_l' rests at 2.09."]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_joint_at_rest_is_held_where_it_is(seed):
     """Its angle is one number, without noise."""
     estimate = ident.identify(PENDULUM, recorded(seed, speed=1.5, rests=0.7, noise=1))
-    assert estimate.prepared.notes == ("'joint2' rests at 0.7 and is held there.",)
+    assert estimate.prepared.notes == ("'joint2' rests at 0.7.",)
     fit = estimate.joint.fit
     assert fit.status == "converged" and not estimate.joint.search.incredible
     for c in fit.coefficients:

@@ -77,7 +77,8 @@ def told(tmp_path_factory):
 
 
 SENTENCE = (
-    r"From ([\d.]+) to ([\d.]+) s something that is not measured carries up to (\d+)% of the weight, as on '(\w+)'"
+    r"(?:Log \d: )?From ([\d.]+) to ([\d.]+) s something that is not measured carries up to (\d+)% of the weight, "
+    r"as on '(\w+)'"
 )
 
 
