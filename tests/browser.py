@@ -69,7 +69,8 @@ class Browser:
         self.call(f"element/{self.element(selector)}/value", text=keys)
 
     def drag(self, selector, start, end):
-        """Drags the mouse within it, between distances from its centre in pixels."""
+        """Drags the mouse within it, between distances from its centre in pixels, once it is in sight."""
+        self.run(f"document.querySelector({json.dumps(selector)}).scrollIntoView({{block: 'center'}})")
         origin = {ELEMENT: self.element(selector)}
         move = {"type": "pointerMove", "duration": 50, "origin": origin}
         actions = [
