@@ -20,13 +20,10 @@ from experiments.guesses.families import Family, families
 from experiments.guesses.predicted import curves
 from experiments.guesses.seen import Seen
 from experiments.guesses.signs import ENOUGH, LITTLE
-from experiments.guesses.unnamed import MOST
+from experiments.guesses.unnamed import CLEAR, MOST
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.plausibility import rate_factor
 from ident.recordings.wrench import GROUND
-
-CLEAR = 0.7
-"""What the best alignment leaves unexplained, over what another one does: above it either may be right."""
 
 ENOUGH_OF_WRENCHES = 0.95
 """Share of wrenches that the model has to explain with an alignment among several, whatever their axes are: so much
@@ -67,7 +64,7 @@ def add_aligned(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequen
 
 
 def _is_small(family: Family, joints: Sequence[str]) -> bool:
-    """Whether columns without names are so few that all ways to assign them are tried, and not those in a row alone."""
+    """True where columns without names are few enough to try all assignments, not only those in a row."""
     return family.template == "#" and perm(len(family.names), len(joints)) <= MOST
 
 
@@ -139,7 +136,7 @@ def _ask_which(problem: Problem, twins: Sequence[Alignment]) -> None:
 
 
 def _is_twin(problem: Problem, one: Alignment, other: Alignment) -> bool:
-    """Whether two alignments differ at most by columns that are as good as the same."""
+    """True where two alignments are equal, or differ by columns whose values are nearly the same."""
     if one.positions.keys() != other.positions.keys():
         return False
     x, y = ([problem.seen.columns[way.positions[joint]] for joint in one.positions] for way in (one, other))
@@ -163,7 +160,7 @@ def _add(problem: Problem, way: Alignment, why: str) -> None:
 
 
 def _has_numbers_of_joints(way: Alignment) -> bool:
-    """Whether columns have the joints' own numbers."""
+    """True where columns have the joints' own numbers."""
     own = {
         joint: member.number for each in families(way.positions) for member in each.members for joint in [member.name]
     }
@@ -187,7 +184,7 @@ def _rates(problem: Problem, way: Alignment) -> dict[str, str]:
 
 
 def _are_rates(seen: Seen, positions: Sequence[str], rates: Sequence[str]) -> bool:
-    """Whether columns are the derivatives of others, in whatever unit and of whatever sign; one that rests may be."""
+    """True where columns may be the derivatives of others, in any unit and of either sign; resting ones pass."""
     if not all(name in seen.columns for name in (*positions, *rates)):
         return False
     sizes = [

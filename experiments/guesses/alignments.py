@@ -44,7 +44,7 @@ class Alignment:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What alignments are looked for in.
+    """Inputs of the search for alignments.
 
     Attributes:
         belief: What is believed already.
@@ -129,7 +129,7 @@ def states_of(problem: Problem, positions: Mapping[str, str], factor: float) -> 
 
 
 def factors(problem: Problem, columns: Sequence[str]) -> list[float]:
-    """What may make positions radians: what the file or the names say, or else by their size one or both of two."""
+    """Candidate factors from positions to radians, by the unit that file or names state, or else by their size."""
     said = {unit_of("hinge position", words(name).unit) or problem.seen.units.get(name, "") for name in columns} - {""}
     if said:
         return [UNITS["hinge position"].get(said.pop(), 1.0)]

@@ -39,7 +39,7 @@ class Quantity:
 
     @property
     def value(self) -> Any:
-        """What a mapping says of it."""
+        """Entry of a mapping for it."""
         more = ({"unit": self.unit} if self.unit else {}) | (
             {"gain": self.gain} if self.gain != 1 or self.unit in CURRENT else {}
         )

@@ -43,7 +43,7 @@ class Clock:
 
     @property
     def entry(self) -> dict[str, Any]:
-        """What a mapping says of it."""
+        """Entry of a mapping for it."""
         return {"rate": self.rate} if self.rate else {"column": self.column, "unit": self.unit}
 
 

@@ -22,7 +22,7 @@ MOST = 400
 """Ways to assign columns to joints that are tried."""
 
 CLEAR = 0.7
-"""What the best way leaves unexplained, over what the second best does: above it they are as good."""
+"""Unexplained share of the best way over that of another one, above which either may be right."""
 
 DARK = 0.5
 """What the best way may leave unexplained at most: with wrong columns as much is explained by chance."""

@@ -241,13 +241,12 @@ class Stages:
     def searched(self, estimate: Joint) -> Joint:
         """The estimate with faults of the set-up, if these are to be looked for, and with intervals that hold."""
         estimate = self._with_weighted_prior(self._scattered(estimate))
-        scattered = estimate
         if not self.search or estimate.search.incredible or len(estimate.fit.pieces) < 2:
-            return scattered
+            return estimate
         refit = self._refit_of(estimate)
         groups, scatter = _groups(self.measurement, self.names), partial(with_scatter, estimate.measurement)
-        first = with_long_delays(scattered.search, refit, estimate.measurement, self.is_setup)
-        first = first if first is scattered.search else replace(first, fit=scatter(first.fit))
+        first = with_long_delays(estimate.search, refit, estimate.measurement, self.is_setup)
+        first = first if first is estimate.search else replace(first, fit=scatter(first.fit))
         search = searched(first, refit, self.is_setup, groups, scatter)
         left = search if search.incredible else without_idle_delays(search, refit)
         return replace(estimate, search=left if left is search else replace(left, fit=scatter(left.fit)))
