@@ -109,19 +109,33 @@ def _squares(
     return (np.where(clear, error, 0.0) ** 2).sum(axis=0), clear.sum(axis=0)
 
 
-def gains(fit: JointFit, candidate: int) -> np.ndarray:
+def gains(fit: JointFit, candidate: int, held: np.ndarray | None = None) -> np.ndarray:
     """Decrease of each piece's predicted cost once a parameter is fitted as well (K,).
 
     Args:
         fit: The estimate, in which the parameter is held.
         candidate: Its index.
+        held: The pieces' `costs` with it held (K,), where several candidates share them.
 
     Raises:
         ExcitationError: Pieces do not determine the parameters without one.
     """
     more = fit.free.copy()
     more[candidate] = True
-    return np.array([_cost(fit, k, fit.free) - _cost(fit, k, more) for k in range(len(fit.shares))])
+    return (costs(fit, fit.free) if held is None else held) - costs(fit, more)
+
+
+def costs(fit: JointFit, free: np.ndarray) -> np.ndarray:
+    """Predicted costs of the pieces with some parameters fitted, less those at the estimate (K,).
+
+    Args:
+        fit: The estimate.
+        free: Mask of these parameters (p,).
+
+    Raises:
+        ExcitationError: Pieces do not determine the parameters without one.
+    """
+    return np.array([_cost(fit, k, free) for k in range(len(fit.shares))])
 
 
 def _cost(fit: JointFit, k: int, free: np.ndarray) -> float:

@@ -1,6 +1,6 @@
 """What of the set-up is not as stated: set-up parameters are fitted one by one, the most significant first."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +8,7 @@ from scipy import special
 
 from ident.errors import ExcitationError
 from ident.estimation.joint import JointFit, Start
-from ident.estimation.left_out import clearly_better, gains
+from ident.estimation.left_out import clearly_better, costs, gains
 from ident.tolerances import SIGNIFICANT
 
 MOST_FOUND = 10
@@ -90,7 +90,7 @@ def searched(
             break
         values, spread = fitted.scores(np.eye(len(candidates))[left])
         likely = (np.abs(values) > NEGLIGIBLE * known[left]) & (np.abs(values / spread) > PROMISING)
-        likely[likely] = [_predicts(fitted, k) for k in left[likely].tolist()]
+        likely[likely] = _predict(fitted, left[likely].tolist())
         if not likely.any():
             break
         # By what each explains: while none is fitted, their effects pass for noise and make all as significant.
@@ -116,12 +116,20 @@ def searched(
     return replace(first, fit=fitted, deviations=tuple(deviations))
 
 
-def _predicts(fitted: JointFit, candidate: int) -> bool:
-    """True where pieces that are left out are predicted better with a parameter than with it held."""
+def _predict(fitted: JointFit, candidates: Sequence[int]) -> list[bool]:
+    """True for parameters with which pieces that are left out are predicted better than with them held."""
     try:
-        return clearly_better(gains(fitted, candidate))
+        held = costs(fitted, fitted.free)
     except ExcitationError:
-        return False
+        return [False] * len(candidates)
+
+    def better(candidate: int) -> bool:
+        try:
+            return clearly_better(gains(fitted, candidate, held))
+        except ExcitationError:
+            return False
+
+    return [better(candidate) for candidate in candidates]
 
 
 def _together(fitted: JointFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:
