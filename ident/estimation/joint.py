@@ -1,8 +1,9 @@
 """Trajectory, parameters, set-up and noise of a recording at once.
 
-minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + κ Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
+minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
 
-over spline coefficients c and parameters θ by Gauss-Newton steps. After each of them noise and smoothness follow by
+over spline coefficients c and parameters θ by Gauss-Newton steps, θ with what its marginal likelihood adds
+(`ident.estimation.marginal_likelihood`). After each of them noise and smoothness follow by
 restricted maximum likelihood (`ident.estimation.restricted_likelihood`). Ordered by time the curvature is banded, but
 for a border of θ; pieces share θ alone, so that their Schur complements add.
 """
@@ -18,6 +19,7 @@ import numpy as np
 from scipy import linalg
 
 from ident.errors import ExcitationError
+from ident.estimation.marginal_likelihood import pull
 from ident.estimation.piece import Linearised, Misfit, Noise, Piece, Predictor, linearised, misfit
 from ident.estimation.restricted_likelihood import TINIEST, Stride, hastened, renewed
 
@@ -34,11 +36,20 @@ SETTLED_EXPLORING = 0.005
 NEAR = 0.1
 """Steps of θ, in its standard deviations, from which it is smoothness that is waited for."""
 
+DRIFTED, DRIFTED_NOISE = 0.5, 0.1
+"""Change of θ, in its standard deviations, and of a logarithm of the noise's, from which what the marginal likelihood
+adds is found anew."""
+
+DRAWN = 2000
+"""Samples of random trajectories that tell what the marginal likelihood adds, to a tenth of a standard deviation."""
+
+
 COLOURED = 3
-"""Round from which noise that was white at the start may be correlated: while the fit is bad all residuals are."""
+"""Round from which noise that was white at the start may be correlated, or where θ rests before: while the fit is bad
+all residuals are."""
 
 SMOOTHEST = 1e7
-"""Largest κ λ over `h⁶ rate / σ²`: then samples of some fifteen knots are averaged. With ten times as much rounding may
+"""Largest λ over `h⁶ rate / σ²`: then samples of some fifteen knots are averaged. With ten times as much rounding may
 turn steps of coordinates that rest around."""
 
 CYCLE = 0.5
@@ -85,11 +96,27 @@ class Start:
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness.
         coefficients: Spline coefficients of every piece (size, n).
+        marginal: What θ's marginal likelihood adds, None for not known yet.
     """
 
     theta: np.ndarray
     noise: Noise
     coefficients: Sequence[np.ndarray]
+    marginal: "Marginal | None" = None
+
+
+class Marginal(NamedTuple):
+    """What the marginal likelihood of θ adds to the gradient.
+
+    Attributes:
+        pulls: Of every piece, to be subtracted from its right side (p,).
+        theta: Parameters that they were found for (p,).
+        noise: Noise that they were found with.
+    """
+
+    pulls: Sequence[np.ndarray]
+    theta: np.ndarray
+    noise: Noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +138,7 @@ class JointFit:
         scatters: Covariance of every piece's right side under the noise that is really there (p, p); None for that of
             the working model, which is its precision.
         bounded: Parameters that are held at a bound (p,), None for none.
+        marginal: What the marginal likelihood of θ adds; the shares have it.
     """
 
     names: Sequence[str]
@@ -126,6 +154,12 @@ class JointFit:
     status: str
     scatters: Sequence[np.ndarray] | None = None
     bounded: np.ndarray | None = None
+    marginal: Marginal | None = None
+
+    @property
+    def end(self) -> Start:
+        """Where it ended, for another fit of the same pieces to begin."""
+        return Start(self.theta, self.noise, self.coefficients, self.marginal)
 
     @property
     def counted(self) -> np.ndarray:
@@ -231,21 +265,26 @@ def fit(
     problem = _Problem(shared, pieces, prior, free, names or measurement.names, selections or every, run)
     at, trace, status, stalled = start, list[float](), "stopped", 0
     fitted = np.flatnonzero(free)
-    before, stride = np.zeros_like(start.theta), None
-    white = COLOURED if coloured and not start.noise.channels_rho.any() else 0
+    before, stride, back = np.zeros_like(start.theta), None, False
+    was_coloured, now_coloured = False, bool(start.noise.channels_rho.any())
     parts = problem.linearised(at, fitted)
     try:
         for round_ in range(rounds):
-            step, root = problem.step(at, parts)
+            root = problem.root(parts)
+            if not explore and problem.drifted(at, root):
+                at = replace(at, marginal=problem.marginal(at, midway=back))
+            step = problem.step(at, parts, root)
             moves = [part.step - part.by_theta @ step[fitted] for part in parts]
             trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
             moved, misfits = problem.lower(at, step, moves, parts)
-            noise = renewed(at.noise, parts, misfits, coloured=coloured and round_ >= white)
+            was_coloured = now_coloured
+            now_coloured = coloured and (was_coloured or round_ >= COLOURED or trace[-1] < NEAR)
+            noise = renewed(at.noise, parts, misfits, coloured=now_coloured)
             last, stride = stride, Stride(np.log(at.noise.jerk), np.log(noise.jerk / at.noise.jerk))
             jerk = hastened(last, stride) if trace[-1] < NEAR else noise.jerk
             noise = replace(noise, jerk=np.minimum(jerk, problem.smoothest(noise)))
             noise = replace(noise, **{name: getattr(at.noise, name) for name in kept})
-            quiet = round_ >= white + coloured and _quiet(pieces, at, trace[-1], moves, noise)
+            quiet = (was_coloured or not coloured) and _quiet(pieces, at, trace[-1], moves, noise)
             quiet = quiet or (explore and round_ > 0 and _found(noise, at.noise))
             stalled = 0 if moved is not at else stalled + 1
             back = _leads_back(step[free], before[free], problem.precision(parts))
@@ -261,7 +300,10 @@ def fit(
     # Of what was held as well: it shows by how much that would go if it were not.
     unasked = not len(free) or (explore and status != "interrupted")
     last = [] if unasked else problem.linearised(at, np.arange(len(free)))
-    shares = [(part.schur, part.gradient) for part in last]
+    shares = [
+        (part.schur, part.gradient - pulled)
+        for part, pulled in zip(last, problem.spread(at.marginal), strict=not unasked)
+    ]
     return JointFit(
         problem.names,
         problem.selections,
@@ -274,6 +316,7 @@ def fit(
         pieces,
         tuple(trace),
         status,
+        marginal=at.marginal,
     )
 
 
@@ -322,17 +365,18 @@ class _Problem:
         """Parameters of each piece."""
         return [theta[own] for own in self.selections]
 
-    def step(self, at: Start, parts: Sequence[Linearised]) -> tuple[np.ndarray, np.ndarray]:
-        """A Gauss-Newton step of θ (p,), and a root of the covariance of what is fitted (k, k)."""
-        free, prior = self.free, self.prior
-        pull = -prior.precision @ (at.theta - prior.mean)
-        precision = self.precision(parts)
-        gradient = sum((part.gradient for part in parts), start=pull[free])
-        names = [name for name, fitted in zip(self.names, free, strict=True) if fitted]
-        root = root_of_inverse(precision, names)
+    def root(self, parts: Sequence[Linearised]) -> np.ndarray:
+        """A root of the covariance of what is fitted (k, k)."""
+        names = [name for name, fitted in zip(self.names, self.free, strict=True) if fitted]
+        return root_of_inverse(self.precision(parts), names)
+
+    def step(self, at: Start, parts: Sequence[Linearised], root: np.ndarray) -> np.ndarray:
+        """A Gauss-Newton step of θ (p,), by a root of the covariance of what is fitted (k, k)."""
+        pulled = -self.prior.precision @ (at.theta - self.prior.mean) - sum(self.spread(at.marginal))
+        gradient = sum((part.gradient for part in parts), start=pulled[self.free])
         step = np.zeros_like(at.theta)
-        step[free] = root @ (root.T @ gradient)
-        return step, root
+        step[self.free] = root @ (root.T @ gradient)
+        return step
 
     def precision(self, parts: Sequence[Linearised]) -> np.ndarray:
         """Precision of what is fitted, the prior's included (k, k)."""
@@ -341,18 +385,18 @@ class _Problem:
     def smoothest(self, noise: Noise) -> np.ndarray:
         """The largest λ with which the equations can be solved (n,): coordinates that rest ask for infinite ones."""
         scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in self.pieces]
-        return SMOOTHEST * min(scales) / (noise.share * noise.states[0] ** 2)
+        return SMOOTHEST * min(scales) / noise.states[0] ** 2
 
     def lower(
         self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray], parts: Sequence[Linearised]
     ) -> tuple[Start, list[Misfit]]:
         """Where a step leads that lowers the cost: the whole, or a half of it as often as needed; here if none does."""
-        before = self._whole(parts, at.theta)
+        before = self._whole(parts, at)
         size = 1.0
         while size >= SMALLEST_STEP:
             moved = _moved(at, size, step, moves)
             misfits = self._misfits(moved)
-            if self._whole(misfits, moved.theta) <= before * (1 + 1e-12):
+            if self._whole(misfits, moved) <= before * (1 + 1e-12):
                 return moved, misfits
             size /= 2
         return at, self._misfits(at)
@@ -362,10 +406,41 @@ class _Problem:
         work = partial(_misfit, self.measurement, at.noise)
         return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta)))
 
-    def _whole(self, parts: Sequence[Misfit | Linearised], theta: np.ndarray) -> float:
-        """The cost of all pieces and of θ (p,)."""
-        off = theta - self.prior.mean
-        return sum(each.cost for each in parts) + float(off @ self.prior.precision @ off)
+    def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
+        """The cost of all pieces and of θ."""
+        off = at.theta - self.prior.mean
+        of_theta = off @ self.prior.precision @ off + 2 * off @ sum(self.spread(at.marginal))
+        return sum(each.cost for each in parts) + float(of_theta)
+
+    def drifted(self, at: Start, root: np.ndarray) -> bool:
+        """True where θ and the noise have left those for which its marginal likelihood was found, or none was.
+
+        Args:
+            at: Where they are.
+            root: A root of the covariance of what is fitted (k, k).
+        """
+        if not len(self.free) or not len(at.noise.channels):
+            return False
+        if at.marginal is None or at.noise.change(at.marginal.noise) > DRIFTED_NOISE:
+            return True
+        moved = np.abs(at.theta - at.marginal.theta)[self.free] / np.linalg.norm(root, axis=1)
+        return bool(moved.max(initial=0) > DRIFTED)
+
+    def marginal(self, at: Start, *, midway: bool) -> Marginal:
+        """What the marginal likelihood of θ adds, or midway between that and what it was taken to add before."""
+        draws = -(-DRAWN // sum(len(piece.when) for piece in self.pieces))
+        work = partial(pull, self.measurement, at.noise, draws)
+        pulls = self.run(work, self.pieces, at.coefficients, self._own(at.theta), range(len(self.pieces)))
+        if midway and at.marginal is not None:
+            pulls = [(new + old) / 2 for new, old in zip(pulls, at.marginal.pulls, strict=True)]
+        return Marginal(list(pulls), at.theta, at.noise)
+
+    def spread(self, marginal: Marginal | None) -> list[np.ndarray]:
+        """What it adds of every piece, zero where that is not known (p,)."""
+        out = [np.zeros(len(self.free)) for _ in self.pieces]
+        for whole, own, pulled in zip(out, self.selections, marginal.pulls if marginal else (), strict=False):
+            whole[own] = pulled
+        return out
 
 
 def _misfit(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import ExcitationError
 from ident.estimation.from_angles import FromAngles, unexplained_anew
-from ident.estimation.joint import JointFit, Start
+from ident.estimation.joint import JointFit
 from ident.estimation.measurement import Measurement
 from ident.estimation.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
 
@@ -60,7 +60,7 @@ def without_idle_delays(search: Search, refit: Refit) -> Search:
     if not idle or fit.status == "interrupted":
         return search
     held = np.isin(np.arange(len(fit.theta)), [each.index for each in idle])
-    start = Start(np.where(held, 0.0, fit.theta), fit.noise, fit.coefficients)
+    start = replace(fit.end, theta=np.where(held, 0.0, fit.theta))
     kept = tuple(each for each in search.deviations if each not in idle)
     return replace(search, fit=refit(start, fit.free & ~held, SEARCH_ROUNDS), deviations=kept)
 
@@ -68,7 +68,7 @@ def without_idle_delays(search: Search, refit: Refit) -> Search:
 def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
     """The same with a delay, if channels' noise is smaller with it."""
     fit, own = search.fit, np.arange(len(search.fit.theta)) == at
-    start = Start(np.where(own, delay, fit.theta), fit.noise, fit.coefficients)
+    start = replace(fit.end, theta=np.where(own, delay, fit.theta))
     try:
         late = refit(start, fit.free | own, SEARCH_ROUNDS)
     except ExcitationError:

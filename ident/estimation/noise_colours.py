@@ -17,7 +17,6 @@ from scipy import signal
 from ident.estimation.joint import JointFit, embedded, inverse_of_precision
 from ident.estimation.piece import Predictor
 from ident.estimation.response import Response, Stream, response
-from ident.estimation.spline import LOCAL, ORDER
 
 SHORTEST, LONGEST, FACTOR = 2.0, 2.0, 3.0
 """Shortest correlation time in samples, how many of the longest ones a piece lasts, and ratio of neighbouring ones."""
@@ -133,7 +132,7 @@ class _Draws:
         for k, here in zip(self.chosen, self.responses, strict=True):
             noise = [self._noise(rng, stream) for stream in here.streams]
             c, theta = here.adjoint([stream.weights(x) for stream, x in zip(here.streams, noise, strict=True)])
-            c[:, -DRAWS:] -= self._penalty_of_motions(rng, k)
+            c[:, -DRAWS:] -= fit.pieces[k].spline.penalty_scores(rng, fit.noise.jerk, DRAWS)
             right[fit.selections[k]] += theta - here.follows.T @ c
             pulls.append(c)
             drawn.append(noise)
@@ -157,18 +156,6 @@ class _Draws:
         out = np.zeros((N, s, 2, b, DRAWS))
         out[:, :, _kind(stream)] = u.transpose(1, 2, 0, 3) * stream.std[:, None, None]
         return np.concatenate([out.reshape(N, s, -1), np.zeros((N, s, DRAWS))], axis=2)
-
-    def _penalty_of_motions(self, rng: np.random.Generator, k: int) -> np.ndarray:
-        """Gradient of the penalty at random motions of a piece's prior: white jerk, summed up (size n, draws)."""
-        spline, noise = self.fit.pieces[k].spline, self.fit.noise
-        jerk = rng.normal(size=(spline.size, len(noise.jerk), DRAWS))
-        c = jerk * np.sqrt(spline.step**5 / noise.jerk)[:, None]
-        for _ in range(ORDER):
-            c = np.cumsum(c, axis=0)
-        windows, pull = c[np.arange(spline.intervals)[:, None] + np.arange(LOCAL)], np.zeros_like(c)
-        for i, own in enumerate(np.einsum("ab,sbnd->asnd", spline.penalty, windows, optimize=True)):
-            pull[i : i + spline.intervals] += own
-        return (pull * noise.stiffness[:, None]).reshape(-1, DRAWS)
 
     def spectra(self, which: int, left: Sequence[Sequence[np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Power of residuals in bands (B, s), what is left of draws (B, s, draws), and numbers of frequencies (B,)."""

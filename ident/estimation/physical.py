@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimation.equations import Equations
-from ident.estimation.joint import JointFit, Start, inverse_of_precision
+from ident.estimation.joint import JointFit, inverse_of_precision
 from ident.estimation.setup_search import Refit
 from ident.parameters.consistency import consistent_parameters
 
@@ -47,7 +47,7 @@ def physical_fit(fit: JointFit, refit: Refit, equations: Equations, rounds: int)
         )
         step = np.abs(bodies.psi - held.theta[:rank]) / np.sqrt(np.diag(inverse)[:rank])
         theta = np.r_[bodies.psi, held.theta[rank:]]
-        held = refit(Start(theta, held.noise, held.coefficients), fit.free & ~is_psi, rounds)
+        held = refit(replace(held.end, theta=theta), fit.free & ~is_psi, rounds)
         if step.max() < RESTS or held.status == "interrupted":
             break
     return replace(held, free=fit.free & (held.free | is_psi), trace=(*fit.trace, *held.trace))

@@ -13,11 +13,6 @@ from ident.estimation.rows import ChannelRows, Factors, StateRows
 from ident.estimation.spline import ORDER, Local, Spline
 from ident.estimation.whitening import Innovations, Sums, innovations
 
-UNDERSMOOTHED = 0.1
-"""Part κ of the likeliest λ that a trajectory is smoothed by where there are channels. With all of it the trajectory
-that is best together with θ is a little small, and θ too large by much of its deviation where noise is slow or strong;
-less costs θ hardly anything (Rice, Statist. Probab. Lett. 4, 1986), but with much less what rests seems to move."""
-
 
 @dataclass(frozen=True, eq=False)
 class Piece:
@@ -90,16 +85,6 @@ class Noise:
     floor_channels: np.ndarray
     alike: tuple[int, ...] = ()
 
-    @property
-    def share(self) -> float:
-        """Part κ of λ that is taken: all of it where there are no channels."""
-        return UNDERSMOOTHED if len(self.channels) else 1.0
-
-    @property
-    def stiffness(self) -> np.ndarray:
-        """What the squared jerk of each coordinate costs, κ λ (n,)."""
-        return self.share * self.jerk
-
     def change(self, before: "Noise") -> float:
         """Largest change of the logarithm of a standard deviation, or of ρ."""
         logs = [np.abs(np.log(getattr(self, k) / getattr(before, k))) for k in ("states", "channels")]
@@ -145,7 +130,7 @@ class Linearised(NamedTuple):
         step: Step of the coefficients at fixed θ (size n,).
         by_theta: How it changes with a step of θ, `step - by_theta @ δθ` (size n, p).
         taken: These shares of innovations and of their halves, for halves zero where ρ is (3, s).
-        held: `tr(H⁻¹ κ λ_j P_j)` of the jerk's penalties (n,).
+        held: `tr(H⁻¹ λ_j P_j)` of the jerk's penalties (n,).
     """
 
     cost: float
@@ -248,7 +233,7 @@ def linearised(
         step=eliminated.step,
         by_theta=eliminated.by_theta,
         taken=np.concatenate([*taken, *(each.rows.taken(posterior) for each in equations.channels)], axis=1),
-        held=noise.stiffness * curvature,
+        held=noise.jerk * curvature,
     )
 
 
@@ -314,13 +299,13 @@ def normal_equations(
         each.rows.add_to(arrow)
     for rows in state_rows.values():
         rows.add_to(arrow)
-    arrow.add_penalty(noise.stiffness, coefficients)
+    arrow.add_penalty(noise.jerk, coefficients)
     return NormalEquations(arrow.eliminated(), channels, state_rows, states)
 
 
 def _cost(every: Iterable[Innovations], noise: Noise, bends: np.ndarray) -> float:
     """What is minimised of a piece, by what is new in all its streams and by how its trajectory bends (n,)."""
-    return sum(new.cost for new in every) + float(noise.stiffness @ bends)
+    return sum(new.cost for new in every) + float(noise.jerk @ bends)
 
 
 def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np.ndarray:

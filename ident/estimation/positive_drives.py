@@ -31,7 +31,7 @@ def with_positive(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarr
     while rounds and (gains := _gains(fit, untried & ~fit.free)).any():
         best = np.arange(len(drives)) == np.argmax(gains)
         untried &= ~best
-        fit = _bounded(solve, drives, Start(fit.theta, fit.noise, fit.coefficients), fit.free | best, rounds)
+        fit = _bounded(solve, drives, fit.end, fit.free | best, rounds)
     return replace(fit, bounded=drives & ~fit.free)
 
 
@@ -40,7 +40,7 @@ def _bounded(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, r
     fit = solve(begin, free=free, rounds=rounds)
     while fit.status != "interrupted" and (negative := drives & fit.free & (fit.theta < 0)).any():
         theta = np.where(negative, 0.0, fit.theta)
-        fit = solve(Start(theta, fit.noise, fit.coefficients), free=fit.free & ~negative, rounds=rounds)
+        fit = solve(replace(fit.end, theta=theta), free=fit.free & ~negative, rounds=rounds)
     return fit
 
 

@@ -46,8 +46,15 @@ class Weights:
         z = x.copy()
         z[1:] -= rho[1:] * x[:-1]
         z *= scale**2
+        return self._transposed(z)
+
+    def scores(self, u: np.ndarray) -> np.ndarray:
+        """Weighted noise, as weights take it to be, of independent normal deviates u (N, s, k)."""
+        return self._transposed(self.scale[..., None] * u)
+
+    def _transposed(self, z: np.ndarray) -> np.ndarray:
         out = z.copy()
-        out[:-1] -= rho[1:] * z[1:]
+        out[:-1] -= self.rho[1:, :, None] * z[1:]
         return out
 
 

@@ -1,8 +1,8 @@
 """Noise and smoothness by restricted maximum likelihood: one update for each step of the parameters.
 
-    σ_m² <- ‖r_m‖² / (N_m - tr(H⁻¹ H_m)),      λ_j <- (rank P - κ λ_j tr(H⁻¹ P_j)) / c_jᵀ P c_j
+    σ_m² <- ‖r_m‖² / (N_m - tr(H⁻¹ H_m)),      λ_j <- (rank P - λ_j tr(H⁻¹ P_j)) / c_jᵀ P c_j
 
-H_m and κ λ_j P_j are the parts of the curvature H that a stream of measurements and the jerk's penalty make (Wood and
+H_m and λ_j P_j are the parts of the curvature H that a stream of measurements and the jerk's penalty make (Wood and
 Fasiolo, Biometrics 73, 2017, doi:10.1111/biom.12666). Each stream's noise is of one size, and may be correlated as
 `x_k = ρ x_k-1 + u_k`. Then sums r_k + r_k-1 and differences r_k - r_k-1 are uncorrelated, and have variances of their
 own, v± = 2 σ² (1 ± ρ), which follow by the same update; the trajectory takes more of sums:

@@ -104,7 +104,7 @@ def searched(
         theta[found.index] += values[best]
         free = fitted.free | (np.arange(len(theta)) == found.index)
         try:
-            tried = scattered(refit(Start(theta, fitted.noise, fitted.coefficients), free, SEARCH_ROUNDS))
+            tried = scattered(refit(replace(fitted.end, theta=theta), free, SEARCH_ROUNDS))
         except ExcitationError:
             return replace(first, incredible=True)
         if not abs(tried.theta[found.index]) > threshold * np.sqrt(tried.covariance[found.index, found.index]):

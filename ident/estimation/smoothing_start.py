@@ -141,7 +141,7 @@ def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Exec
             executor=executor,
             rounds=rounds,
         )
-        begin = Start(fit.theta, fit.noise, fit.coefficients)
+        begin = fit.end
     return begin
 
 

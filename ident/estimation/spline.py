@@ -130,3 +130,11 @@ class Spline:
     def squared_jerk(self, coefficients: np.ndarray) -> np.ndarray:
         """`∫ x⃛² dt` of splines with coefficients (size, n): (n,)."""
         return ((self.penalty_root @ self.windows(coefficients)) ** 2).sum(axis=(0, 1))
+
+    def penalty_scores(self, rng: np.random.Generator, jerk: np.ndarray, draws: int) -> np.ndarray:
+        """Random gradients of penalties `λ_j ∫ x⃛² dt` at motions of their prior, covariance `λ_j P` (size n, draws)."""
+        out = np.zeros((self.size, len(jerk), draws))
+        u = rng.normal(size=(self.intervals, len(self.penalty_root), len(jerk), draws))
+        for k, own in enumerate(np.einsum("ra,srjd->asjd", self.penalty_root, u)):
+            out[k : k + self.intervals] += own
+        return (out * np.sqrt(jerk)[:, None]).reshape(-1, draws)

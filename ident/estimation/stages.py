@@ -218,7 +218,7 @@ class Stages:
     def _refitted(self, estimate: Joint, *, coloured: bool, rounds: int = joint.ROUNDS) -> Joint:
         fit = estimate.fit
         rounds = 0 if fit.status == "interrupted" else rounds
-        at = Start(fit.theta, fit.noise, fit.coefficients)
+        at = fit.end
         refit = self._refit_of(replace(estimate, coloured=coloured))
         again = refit(at, fit.free, rounds)
         again = replace(again, status="interrupted") if not rounds else again
@@ -234,7 +234,7 @@ class Stages:
             rates = [speeds(self.measurement, *x) for x in zip(pieces, alone.coefficients, theta, strict=True)]
             pieces = estimate.reversals.opened(pieces, rates)
         begun = replace(estimate.fit, pieces=pieces, selections=selected, coefficients=alone.coefficients)
-        begun = replace(begun, theta=np.where(begun.free | ~self.is_setup, begun.theta, self.prior.mean))
+        begun = replace(begun, marginal=None, theta=np.where(begun.free | ~self.is_setup, begun.theta, self.prior.mean))
         begun = replace(begun, free=begun.free | self._is_drive)
         return self._refitted(replace(estimate.with_fit(begun), counts=counts), coloured=estimate.coloured)
 

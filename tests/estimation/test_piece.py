@@ -102,7 +102,7 @@ class Problem:
         P = np.zeros((spline.size, spline.size))
         for k in range(spline.intervals):
             P[k : k + LOCAL, k : k + LOCAL] += spline.penalty
-        return np.kron(P, np.diag(self.noise.stiffness)), np.kron(P, np.eye(n))
+        return np.kron(P, np.diag(self.noise.jerk)), np.kron(P, np.eye(n))
 
 
 @cache
@@ -196,7 +196,7 @@ def test_what_streams_take_is_what_they_add_to_the_curvature(seed):
     close(found.taken, np.insert(taken, [2 * n] * n, 0, axis=1))
     for j in range(n):
         mine = np.pad(np.arange(size) % n == j, (0, len(own.theta)))
-        part = own.noise.stiffness[j] * plain * np.outer(mine, mine)[:size, :size]
+        part = own.noise.jerk[j] * plain * np.outer(mine, mine)[:size, :size]
         close(found.held[j], np.trace(covariance[:size, :size] @ part))
     alone = own.linearised
     close(alone.taken[0, :n], ((J[0, :n, :, :size] @ inverse) * J[0, :n, :, :size]).sum(axis=(1, 2)))

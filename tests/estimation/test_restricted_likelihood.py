@@ -116,7 +116,7 @@ def twice_lost(piece, sigma, rho):
         J[number + k, interval[k] : interval[k] + LOCAL] = basis[2, k]
     J[number:, -2:] = piece.wrenches[:, 0, :2]
     for k in range(spline.intervals):
-        S[k : k + LOCAL, k : k + LOCAL] += noise_of(sigma, rho).stiffness * spline.penalty
+        S[k : k + LOCAL, k : k + LOCAL] += noise_of(sigma, rho).jerk * spline.penalty
     y = np.concatenate([piece.states[0][:, 0], piece.measured[:, 0]])
     runs = np.split(np.arange(number), np.flatnonzero(np.diff(interval) > 1) + 1)
     # The channel's noise is white and given.
@@ -165,7 +165,7 @@ def turned(rng, rho, sigma, inertia=2.0, number=300):
 
 @pytest.mark.parametrize(("rho", "sigma"), [(0.0, 0.1), (0.9, 0.02)])
 def test_smoothness_takes_nothing_of_the_motion_that_matters(rho, sigma, monkeypatch):
-    """With all of the likeliest λ one in two or fewer of these intervals hold, and θ is three deviations too large."""
+    """θ without its marginal likelihood is two to four deviations too large, and half of the intervals hold."""
     monkeypatch.setattr(
         joint, "renewed", lambda noise, *at, **how: replace(noise, jerk=renewed(noise, *at, **how).jerk)
     )
