@@ -16,8 +16,9 @@ from experiments.studies.person_recordings import SENSORS, Laboratory, humanoid,
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.accumulator import accumulate
-from ident.estimation.joint import Report, inverse_of_precision
+from ident.estimation.joint import Report
 from ident.estimation.piece import Piece, linearised
+from ident.estimation.precision import inverse_of_precision
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import joined
 from ident.identification import identified

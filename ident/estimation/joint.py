@@ -3,24 +3,24 @@
 minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
 
 over spline coefficients c and parameters θ by Gauss-Newton steps, θ with what its marginal likelihood adds
-(`ident.estimation.marginal_likelihood`). After each of them noise and smoothness follow by
-restricted maximum likelihood (`ident.estimation.restricted_likelihood`). Ordered by time the curvature is banded, but
-for a border of θ; pieces share θ alone, so that their Schur complements add.
+(`ident.estimation.marginal_likelihood`). After each of them noise and smoothness follow by restricted maximum
+likelihood (`ident.estimation.restricted_likelihood`). Ordered by time the curvature is banded, but for a border of θ;
+pieces share θ alone, so that their Schur complements add.
 """
 
 import pickle
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
-from typing import Any, NamedTuple, cast
+from functools import lru_cache, partial
+from typing import Any, cast
 
 import numpy as np
-from scipy import linalg
 
-from ident.errors import ExcitationError
+from ident.estimation.joint_fit import JointFit, Marginal, Prior, Start
 from ident.estimation.marginal_likelihood import pull
 from ident.estimation.piece import Linearised, Misfit, Noise, Piece, Predictor, linearised, misfit
+from ident.estimation.precision import root_of_inverse
 from ident.estimation.restricted_likelihood import TINIEST, Stride, hastened, renewed
 
 ROUNDS = 60
@@ -43,6 +43,8 @@ adds is found anew."""
 DRAWN = 2000
 """Samples of random trajectories that tell what the marginal likelihood adds, to a tenth of a standard deviation."""
 
+FARTHEST = 1.0
+"""Step of θ, in its standard deviations, that a change of what it adds may ask for at once: it is no straight line."""
 
 COLOURED = 3
 """Round from which noise that was white at the start may be correlated, or where θ rests before: while the fit is bad
@@ -58,167 +60,8 @@ CYCLE = 0.5
 SMALLEST_STEP = 1 / 64
 """Part of a step; where that does not lower the cost none does."""
 
-LEAST_SCATTER = 0.05
-"""Least variance over that of the working model, in any direction: where noise is found to be less it is by chance."""
-
 Report = Callable[[int, float], None]
 """Is called with every round and its largest step of θ, in standard deviations."""
-
-
-class Prior(NamedTuple):
-    """What is known of θ beforehand.
-
-    Attributes:
-        mean: Mean (p,).
-        precision: Precision as it counts in the fit, zero where nothing is known (p, p).
-        weight: How many times over it counts there: residuals that are slow tell less than a fit takes them for.
-    """
-
-    mean: np.ndarray
-    precision: np.ndarray
-    weight: float = 1.0
-
-    @property
-    def known(self) -> np.ndarray:
-        """Precision as it is known (p, p)."""
-        return self.precision / self.weight
-
-    def weighted(self, weight: float) -> "Prior":
-        """The same with another weight."""
-        return Prior(self.mean, weight * self.known, weight)
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """Where an iteration begins.
-
-    Attributes:
-        theta: Parameters (p,).
-        noise: Standard deviations, correlation and smoothness.
-        coefficients: Spline coefficients of every piece (size, n).
-        marginal: What θ's marginal likelihood adds, None for not known yet.
-    """
-
-    theta: np.ndarray
-    noise: Noise
-    coefficients: Sequence[np.ndarray]
-    marginal: "Marginal | None" = None
-
-
-class Marginal(NamedTuple):
-    """What the marginal likelihood of θ adds to the gradient.
-
-    Attributes:
-        pulls: Of every piece, to be subtracted from its right side (p,).
-        theta: Parameters that they were found for (p,).
-        noise: Noise that they were found with.
-    """
-
-    pulls: Sequence[np.ndarray]
-    theta: np.ndarray
-    noise: Noise
-
-
-@dataclass(frozen=True, eq=False)
-class JointFit:
-    """Trajectory, parameters and noise.
-
-    Attributes:
-        names: Names of θ.
-        selections: Which entries of θ each piece has.
-        prior: What was known of θ beforehand.
-        theta: Parameters θ = [ψ, drives, offsets, set-up] (p,).
-        shares: Precision of θ and its right side of every piece, trajectory eliminated: (p, p) and (p,).
-        free: Which parameters were fitted (p,).
-        noise: Standard deviations, correlation and smoothness.
-        coefficients: Spline coefficients of every piece (size, n).
-        pieces: What was measured.
-        trace: Largest step of θ in standard deviations of every round.
-        status: `converged`, `stopped` after so many rounds, `stuck` where no step lowers the cost, or `interrupted`.
-        scatters: Covariance of every piece's right side under the noise that is really there (p, p); None for that of
-            the working model, which is its precision.
-        bounded: Parameters that are held at a bound (p,), None for none.
-        marginal: What the marginal likelihood of θ adds; the shares have it.
-    """
-
-    names: Sequence[str]
-    selections: Sequence[np.ndarray]
-    prior: Prior
-    theta: np.ndarray
-    shares: Sequence[tuple[np.ndarray, np.ndarray]]
-    free: np.ndarray
-    noise: Noise
-    coefficients: Sequence[np.ndarray]
-    pieces: Sequence[Piece]
-    trace: tuple[float, ...]
-    status: str
-    scatters: Sequence[np.ndarray] | None = None
-    bounded: np.ndarray | None = None
-    marginal: Marginal | None = None
-
-    @property
-    def end(self) -> Start:
-        """Where it ended, for another fit of the same pieces to begin."""
-        return Start(self.theta, self.noise, self.coefficients, self.marginal)
-
-    @property
-    def counted(self) -> np.ndarray:
-        """Mask of what counts as fitted: also what is held at a bound (p,)."""
-        return self.free if self.bounded is None else self.free | self.bounded
-
-    @property
-    def scatter_shares(self) -> Sequence[np.ndarray]:
-        """Covariance of every piece's right side, by the working model where no other is known (p, p) each."""
-        return [schur for schur, _ in self.shares] if self.scatters is None else self.scatters
-
-    @cached_property
-    def scatter(self) -> np.ndarray:
-        """Covariance of the gradient, the priors' included (p, p)."""
-        return sum(self.scatter_shares, start=self.prior.weight * self.prior.precision)
-
-    @cached_property
-    def precision(self) -> np.ndarray:
-        """Precision of θ, priors included (p, p)."""
-        return sum((schur for schur, _ in self.shares), start=self.prior.precision)
-
-    @cached_property
-    def gradient(self) -> np.ndarray:
-        """Right side of the equations at θ, zero for what was fitted (p,)."""
-        pull = -self.prior.precision @ (self.theta - self.prior.mean)
-        return sum((right for _, right in self.shares), start=pull)
-
-    @cached_property
-    def covariance(self) -> np.ndarray:
-        """Covariance of θ from the noise, zero for what was not fitted (p, p).
-
-        What is held at a bound counts as fitted: what trades with it is known no better for that.
-        """
-        taken = self.counted
-        own = np.ix_(taken, taken)
-        names = [name for name, one in zip(self.names, taken, strict=True) if one]
-        return embedded(sandwich(self.precision[own], self.scatter[own], names), taken)
-
-    def scores(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far θ would go in directions that were not fitted, the others refitted, and the standard deviations.
-
-        Args:
-            directions: Directions, one in each row, zero in what was fitted (k, p).
-
-        Returns:
-            Distances and their standard deviations, infinite where nothing tells (k,).
-        """
-        free = self.free
-        inside = inverse_of_precision(self.precision[np.ix_(free, free)])
-        across = directions @ self.precision
-        regressed = across[:, free] @ inside
-        curvature = ((across - regressed @ self.precision[free]) * directions).sum(axis=1)
-        pull = directions @ self.gradient - regressed @ self.gradient[free]
-        told = curvature > 0
-        curvature = np.where(told, curvature, 1.0)
-        alone = directions.copy()
-        alone[:, free] -= regressed
-        variance = np.maximum(((alone @ self.scatter) * alone).sum(axis=1), LEAST_SCATTER * curvature)
-        return np.where(told, pull / curvature, 0.0), np.where(told, np.sqrt(variance) / curvature, np.inf)
 
 
 def fit(
@@ -272,7 +115,7 @@ def fit(
         for round_ in range(rounds):
             root = problem.root(parts)
             if not explore and problem.drifted(at, root):
-                at = replace(at, marginal=problem.marginal(at, midway=back))
+                at = replace(at, marginal=problem.marginal(at, root, part=0.5 if back else 1.0))
             step = problem.step(at, parts, root)
             moves = [part.step - part.by_theta @ step[fitted] for part in parts]
             trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
@@ -301,8 +144,7 @@ def fit(
     unasked = not len(free) or (explore and status != "interrupted")
     last = [] if unasked else problem.linearised(at, np.arange(len(free)))
     shares = [
-        (part.schur, part.gradient - pulled)
-        for part, pulled in zip(last, problem.spread(at.marginal), strict=not unasked)
+        (part.schur, part.gradient - pulled) for part, pulled in zip(last, problem.spread(at.pulls), strict=not unasked)
     ]
     return JointFit(
         problem.names,
@@ -372,7 +214,7 @@ class _Problem:
 
     def step(self, at: Start, parts: Sequence[Linearised], root: np.ndarray) -> np.ndarray:
         """A Gauss-Newton step of θ (p,), by a root of the covariance of what is fitted (k, k)."""
-        pulled = -self.prior.precision @ (at.theta - self.prior.mean) - sum(self.spread(at.marginal))
+        pulled = -self.prior.precision @ (at.theta - self.prior.mean) - sum(self.spread(at.pulls))
         gradient = sum((part.gradient for part in parts), start=pulled[self.free])
         step = np.zeros_like(at.theta)
         step[self.free] = root @ (root.T @ gradient)
@@ -409,7 +251,7 @@ class _Problem:
     def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
         """The cost of all pieces and of θ."""
         off = at.theta - self.prior.mean
-        of_theta = off @ self.prior.precision @ off + 2 * off @ sum(self.spread(at.marginal))
+        of_theta = off @ self.prior.precision @ off + 2 * off @ sum(self.spread(at.pulls))
         return sum(each.cost for each in parts) + float(of_theta)
 
     def drifted(self, at: Start, root: np.ndarray) -> bool:
@@ -421,24 +263,34 @@ class _Problem:
         """
         if not len(self.free) or not len(at.noise.channels):
             return False
-        if at.marginal is None or at.noise.change(at.marginal.noise) > DRIFTED_NOISE:
+        if at.marginal is None or not at.marginal.whole or at.noise.change(at.marginal.noise) > DRIFTED_NOISE:
             return True
         moved = np.abs(at.theta - at.marginal.theta)[self.free] / np.linalg.norm(root, axis=1)
         return bool(moved.max(initial=0) > DRIFTED)
 
-    def marginal(self, at: Start, *, midway: bool) -> Marginal:
-        """What the marginal likelihood of θ adds, or midway between that and what it was taken to add before."""
+    def marginal(self, at: Start, root: np.ndarray, part: float) -> Marginal:
+        """What the marginal likelihood of θ adds.
+
+        Args:
+            at: Where.
+            root: A root of the covariance of what is fitted (k, k).
+            part: Part of the way there from what it was taken to add before; less of it where θ would move far.
+        """
         draws = -(-DRAWN // sum(len(piece.when) for piece in self.pieces))
         work = partial(pull, self.measurement, at.noise, draws)
         pulls = self.run(work, self.pieces, at.coefficients, self._own(at.theta), range(len(self.pieces)))
-        if midway and at.marginal is not None:
-            pulls = [(new + old) / 2 for new, old in zip(pulls, at.marginal.pulls, strict=True)]
-        return Marginal(list(pulls), at.theta, at.noise)
+        old = at.pulls or [np.zeros(len(own)) for own in self.selections]
+        changes = [new - was for new, was in zip(pulls, old, strict=True)]
+        change = np.sum(self.spread(changes), axis=0)[self.free]
+        far = np.abs(root @ (root.T @ change)) / np.linalg.norm(root, axis=1)
+        part *= min(1.0, FARTHEST / max(far.max(initial=0), TINIEST))
+        pulls = [was + part * each for was, each in zip(old, changes, strict=True)]
+        return Marginal(pulls, at.theta, at.noise, part == 1)
 
-    def spread(self, marginal: Marginal | None) -> list[np.ndarray]:
-        """What it adds of every piece, zero where that is not known (p,)."""
+    def spread(self, pulls: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Every piece's pulls where its parameters stand in θ, zero where there are none yet (p,)."""
         out = [np.zeros(len(self.free)) for _ in self.pieces]
-        for whole, own, pulled in zip(out, self.selections, marginal.pulls if marginal else (), strict=False):
+        for whole, own, pulled in zip(out, self.selections, pulls, strict=False):
             whole[own] = pulled
         return out
 
@@ -496,46 +348,3 @@ def _leads_back(step: np.ndarray, before: np.ndarray, precision: np.ndarray) -> 
     Noise midway between the two, of which each is that of the other's parameters, ends such a cycle.
     """
     return bool(step @ precision @ before < -CYCLE * (before @ precision @ before) < 0)
-
-
-def inverse_of_precision(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
-    """Inverse of a precision matrix.
-
-    Raises:
-        ExcitationError: It is not positive definite; the error has the names.
-    """
-    root = root_of_inverse(precision, names)
-    return root @ root.T
-
-
-def sandwich(precision: np.ndarray, scatter: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
-    """Covariance `P⁻¹ M P⁻¹` by a precision P and the scatter M of the right side (k, k).
-
-    Raises:
-        ExcitationError: The precision is not positive definite; the error has the names.
-    """
-    root = root_of_inverse(precision, names)
-    values, vectors = np.linalg.eigh(root.T @ scatter @ root)
-    wider = root @ vectors * np.sqrt(np.maximum(values, LEAST_SCATTER))
-    return np.asarray(wider @ wider.T)
-
-
-def root_of_inverse(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
-    """A root R of the inverse of a precision matrix, R Rᵀ; the matrix is brought to unit diagonal first.
-
-    Raises:
-        ExcitationError: It is not positive definite; the error has the names.
-    """
-    scale = np.sqrt(np.maximum(np.diag(precision), TINIEST))
-    try:
-        factor = linalg.cholesky(precision / np.outer(scale, scale))
-    except linalg.LinAlgError:
-        raise ExcitationError("The recording does not determine all parameters.", tuple(names)) from None
-    return np.asarray(linalg.solve_triangular(factor, np.eye(len(scale)))) / scale[:, None]
-
-
-def embedded(matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """A matrix over some entries of θ, zero elsewhere (p, p)."""
-    out = np.zeros((len(free), len(free)))
-    out[np.ix_(free, free)] = matrix
-    return out

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arguments import checked_names
-from ident.estimation import joint
 from ident.estimation.equations import Equations
-from ident.estimation.joint import Prior, Report
+from ident.estimation.joint import Report
+from ident.estimation.joint_fit import Prior
 from ident.estimation.joint_result import Joint
 from ident.estimation.measurement import Measurement
+from ident.estimation.precision import inverse_of_precision
 from ident.estimation.preparation import Prepared
 from ident.estimation.setup import setup_parameters
 from ident.estimation.stages import Stages
@@ -122,5 +123,5 @@ def _prior(measurement: Measurement, names: Sequence[str], known: Mapping[str, f
         mean[: parameters.rank] = parameters.regroup(mechanism.known)
         beforehand = known_covariance(mechanism, parameters, known)
         # A plain inverse may be asymmetric by more than its smallest eigenvalue.
-        precision[: parameters.rank, : parameters.rank] = joint.inverse_of_precision(beforehand)
+        precision[: parameters.rank, : parameters.rank] = inverse_of_precision(beforehand)
     return Prior(mean, precision)

@@ -7,9 +7,10 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from ident.estimation.joint import JointFit, inverse_of_precision
+from ident.estimation.joint_fit import JointFit
 from ident.estimation.measurement import Measurement
 from ident.estimation.piece import Piece
+from ident.estimation.precision import inverse_of_precision
 from ident.estimation.reversals import Reversals
 from ident.estimation.setup_search import Search
 

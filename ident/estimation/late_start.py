@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import ExcitationError
 from ident.estimation.from_angles import FromAngles, unexplained_anew
-from ident.estimation.joint import JointFit
+from ident.estimation.joint_fit import JointFit
 from ident.estimation.measurement import Measurement
 from ident.estimation.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
 

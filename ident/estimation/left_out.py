@@ -14,9 +14,10 @@ import numpy as np
 from ident.errors import ExcitationError
 from ident.estimation.angles_alone import smoothed
 from ident.estimation.from_angles import without_zeros
-from ident.estimation.joint import JointFit, inverse_of_precision
+from ident.estimation.joint_fit import JointFit
 from ident.estimation.measurement import Measurement
 from ident.estimation.piece import Piece, channel_times, predicted
+from ident.estimation.precision import inverse_of_precision
 from ident.recordings.sampled import Sampled
 from ident.tolerances import UNEXPLAINED
 

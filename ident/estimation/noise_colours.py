@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import signal
 
-from ident.estimation.joint import JointFit, embedded, inverse_of_precision
+from ident.estimation.joint_fit import JointFit
 from ident.estimation.piece import Predictor
+from ident.estimation.precision import embedded, inverse_of_precision
 from ident.estimation.response import Response, Stream, response
 
 SHORTEST, LONGEST, FACTOR = 2.0, 2.0, 3.0

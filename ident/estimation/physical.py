@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimation.equations import Equations
-from ident.estimation.joint import JointFit, inverse_of_precision
+from ident.estimation.joint_fit import JointFit
+from ident.estimation.precision import inverse_of_precision
 from ident.estimation.setup_search import Refit
 from ident.parameters.consistency import consistent_parameters
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.estimation.joint import JointFit, Start
+from ident.estimation.joint_fit import JointFit, Start
 
 Solve = Callable[..., JointFit]
 """Fits from a start, the parameters of a mask `free` (p,) alone, in at most so many `rounds`."""

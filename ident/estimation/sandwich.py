@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import signal
 
-from ident.estimation.joint import JointFit
+from ident.estimation.joint_fit import JointFit
 from ident.estimation.noise_colours import NoiseColours, noise_colours
 from ident.estimation.piece import Predictor
 from ident.estimation.response import response

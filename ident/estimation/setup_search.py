@@ -7,7 +7,7 @@ import numpy as np
 from scipy import special
 
 from ident.errors import ExcitationError
-from ident.estimation.joint import JointFit, Start
+from ident.estimation.joint_fit import JointFit, Start
 from ident.estimation.left_out import clearly_better, costs, gains
 from ident.tolerances import SIGNIFICANT
 

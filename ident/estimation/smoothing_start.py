@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimation import joint
-from ident.estimation.joint import Start
+from ident.estimation.joint_fit import Prior, Start
 from ident.estimation.least_noise import least_noise, rounding
 from ident.estimation.measurement import Measurement
 from ident.estimation.piece import Noise, Piece, channel_times
@@ -134,7 +134,7 @@ def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Exec
             _Coordinates(),
             bare,
             begin,
-            prior=joint.Prior(none, np.zeros((0, 0))),
+            prior=Prior(none, np.zeros((0, 0))),
             free=np.zeros(0, bool),
             coloured=False,
             kept=kept,

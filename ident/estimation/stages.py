@@ -17,7 +17,8 @@ import numpy as np
 
 from ident.errors import ExcitationError, InputError
 from ident.estimation import joint
-from ident.estimation.joint import Prior, Report, Start
+from ident.estimation.joint import Report
+from ident.estimation.joint_fit import Prior, Start
 from ident.estimation.joint_result import Joint, is_drive, is_setup
 from ident.estimation.late_start import with_long_delays, without_idle_delays
 from ident.estimation.left_out import prediction_errors, preferred

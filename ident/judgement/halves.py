@@ -9,8 +9,8 @@ import numpy as np
 
 from ident.errors import ExcitationError
 from ident.estimation import left_out
-from ident.estimation.joint import embedded, inverse_of_precision, sandwich
 from ident.estimation.joint_result import Joint
+from ident.estimation.precision import embedded, inverse_of_precision, sandwich
 
 DISAGREE = 2.0
 """Root mean square z of the differences between halves from which standard deviations are too small."""

@@ -9,7 +9,7 @@ import pytest
 from recorded_faults import PENDULUM, faulty
 
 import ident
-from ident.estimation.joint import Prior
+from ident.estimation.joint_fit import Prior
 from ident.estimation.late_start import likely_delay
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import prepared

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
-from ident.estimation.joint import JointFit, Prior
+from ident.estimation.joint_fit import JointFit, Prior
 from ident.estimation.joint_result import Joint
 from ident.estimation.left_out import clearly_better, gains, preferred, without
 from ident.estimation.piece import Noise

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from ident.estimation.joint import JointFit, Prior, Start
+from ident.estimation.joint_fit import JointFit, Prior, Start
 from ident.estimation.piece import Noise
 from ident.estimation.positive_drives import with_positive
 

@@ -8,7 +8,8 @@ from scipy.linalg import block_diag
 from scipy.optimize import minimize
 
 from ident.estimation import joint, whitening
-from ident.estimation.joint import COLOURED, Prior, Start, fit
+from ident.estimation.joint import COLOURED, fit
+from ident.estimation.joint_fit import Prior, Start
 from ident.estimation.piece import Noise, Piece, linearised, misfit
 from ident.estimation.restricted_likelihood import MOST_CORRELATED, Stride, hastened, renewed
 from ident.estimation.smoothing_start import smoothed

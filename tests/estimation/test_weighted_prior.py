@@ -8,7 +8,7 @@ import pytest
 import ident
 from experiments.studies.noise_conditions import CONDITIONS, SUBJECTS
 from experiments.studies.noisy_recordings import noisy_recording
-from ident.estimation.joint import Prior
+from ident.estimation.joint_fit import Prior
 from ident.parameters.prior import known_covariance
 
 
