@@ -106,60 +106,86 @@ def fit(
     run = map if executor is None else executor.map
     shared = measurement if executor is None else cast(Predictor, _Sent(measurement))
     problem = _Problem(shared, pieces, prior, free, names or measurement.names, selections or every, run)
-    at, trace, status, stalled = start, list[float](), "stopped", 0
-    fitted = np.flatnonzero(free)
-    before, stride, back = np.zeros_like(start.theta), None, False
-    was_coloured, now_coloured = False, bool(start.noise.channels_rho.any())
-    parts = problem.linearised(at, fitted)
-    try:
-        for round_ in range(rounds):
-            root = problem.root(parts)
-            if not explore and problem.drifted(at, root):
-                at = replace(at, marginal=problem.marginal(at, root, part=0.5 if back else 1.0))
-            step = problem.step(at, parts, root)
-            moves = [part.step - part.by_theta @ step[fitted] for part in parts]
-            trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
-            moved, misfits = problem.lower(at, step, moves, parts)
-            was_coloured = now_coloured
-            now_coloured = coloured and (was_coloured or round_ >= COLOURED or trace[-1] < NEAR)
-            noise = renewed(at.noise, parts, misfits, coloured=now_coloured)
-            last, stride = stride, Stride(np.log(at.noise.jerk), np.log(noise.jerk / at.noise.jerk))
-            jerk = hastened(last, stride) if trace[-1] < NEAR else noise.jerk
-            noise = replace(noise, jerk=np.minimum(jerk, problem.smoothest(noise)))
-            noise = replace(noise, **{name: getattr(at.noise, name) for name in kept})
-            quiet = (was_coloured or not coloured) and _quiet(pieces, at, trace[-1], moves, noise)
-            quiet = quiet or (explore and round_ > 0 and _found(noise, at.noise))
-            stalled = 0 if moved is not at else stalled + 1
-            back = _leads_back(step[free], before[free], problem.precision(parts))
-            at, before = replace(moved, noise=noise.midway(at.noise) if back else noise), step
-            if quiet or stalled > 1:
-                status = "converged" if quiet else "stuck"
-                break
-            if report:
-                report(round_, trace[-1])
-            parts = problem.linearised(at, fitted, root)
-    except KeyboardInterrupt:
-        status = "interrupted"
+    iteration = _Iteration(problem, coloured, kept, explore, start)
+    status = iteration.ended(rounds, report)
+    at = iteration.at
     # Of what was held as well: it shows by how much that would go if it were not.
     unasked = not len(free) or (explore and status != "interrupted")
     last = [] if unasked else problem.linearised(at, np.arange(len(free)))
-    shares = [
-        (part.schur, part.gradient - pulled) for part, pulled in zip(last, problem.spread(at.pulls), strict=not unasked)
-    ]
+    pulls = problem.spread(at.pulls)[: len(last)]
     return JointFit(
         problem.names,
         problem.selections,
         prior,
         at.theta,
-        shares,
+        [(part.schur, part.gradient - pulled) for part, pulled in zip(last, pulls, strict=True)],
         free,
         at.noise,
         at.coefficients,
         pieces,
-        tuple(trace),
+        tuple(iteration.trace),
         status,
         marginal=at.marginal,
     )
+
+
+class _Iteration:
+    """Gauss-Newton steps of trajectory and parameters, and what they remember of each other.
+
+    Attributes:
+        at: Where it is.
+        trace: Largest step of θ in standard deviations of every round.
+    """
+
+    def __init__(self, problem: "_Problem", coloured: bool, kept: Collection[str], explore: bool, start: Start) -> None:
+        self.at, self.trace = start, list[float]()
+        self._problem, self._coloured, self._kept, self._explore = problem, coloured, kept, explore
+        self._was_coloured, self._now_coloured = False, bool(start.noise.channels_rho.any())
+        self._step, self._stride = np.zeros_like(start.theta), cast("Stride | None", None)
+        self._leads_back, self._stalled = False, 0
+
+    def ended(self, rounds: int, report: Report | None) -> str:
+        """Goes on until it ends, and returns why, as `JointFit.status` has it."""
+        fitted, root = np.flatnonzero(self._problem.free), None
+        try:
+            for _ in range(rounds):
+                parts = self._problem.linearised(self.at, fitted, root)
+                root = self._problem.root(parts)
+                quiet = self._round(parts, root)
+                if quiet or self._stalled > 1:
+                    return "converged" if quiet else "stuck"
+                if report:
+                    report(len(self.trace) - 1, self.trace[-1])
+        except KeyboardInterrupt:
+            return "interrupted"
+        return "stopped"
+
+    def _round(self, parts: Sequence[Linearised], root: np.ndarray) -> bool:
+        """Takes one step, and returns whether nothing moves any more that matters."""
+        problem, free, at = self._problem, self._problem.free, self.at
+        if not self._explore and problem.drifted(at, root):
+            at = replace(at, marginal=problem.marginal(at, root, part=0.5 if self._leads_back else 1.0))
+        step = problem.step(at, parts, root)
+        moves = [part.step - part.by_theta @ step[free] for part in parts]
+        self.trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
+        moved, misfits = problem.lower(at, step, moves, parts)
+        noise = self._noise(at.noise, parts, misfits)
+        self._stalled = 0 if moved is not at else self._stalled + 1
+        self._leads_back = _leads_back(step[free], self._step[free], problem.precision(parts))
+        self.at, self._step = replace(moved, noise=noise.midway(at.noise) if self._leads_back else noise), step
+        if self._explore and len(self.trace) > 1 and _found(noise, at.noise):
+            return True
+        return (self._was_coloured or not self._coloured) and _quiet(problem.pieces, at, self.trace[-1], moves, noise)
+
+    def _noise(self, before: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> Noise:
+        """The noise after a step, its smoothness hastened where it is that which is waited for."""
+        near, self._was_coloured = self.trace[-1] < NEAR, self._now_coloured
+        self._now_coloured = self._coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
+        noise = renewed(before, parts, misfits, coloured=self._now_coloured)
+        last, self._stride = self._stride, Stride(np.log(before.jerk), np.log(noise.jerk / before.jerk))
+        jerk = hastened(last, self._stride) if near else noise.jerk
+        noise = replace(noise, jerk=np.minimum(jerk, self._problem.smoothest(noise)))
+        return replace(noise, **{name: getattr(before, name) for name in self._kept})
 
 
 class _Sent:
