@@ -164,6 +164,7 @@ CONDITIONS: Mapping[str, Condition] = {
     "trapezoids_100": _on_a_plate("trapezoids, 100 Hz", "trapezoids", 100, 10),
     "trapezoids_500": _on_a_plate("trapezoids, 500 Hz", "trapezoids", 500, 10),
     "trapezoids_1000": _on_a_plate("trapezoids, 1000 Hz", "trapezoids", 1000, 10),
+    "trapezoids_1000_strong": _on_a_plate("trapezoids, 1000 Hz, wrench ×10", "trapezoids", 1000, 10, wrench_scale=10),
     "flicker": _on_a_plate("white and 1/f, 12 s", "sinusoids", 100, 12, drift="flicker"),
     "random_walk": _on_a_plate("white and walk, 12 s", "sinusoids", 100, 12, drift="walk"),
     "quantised": Condition("pendulum", "steps of 0.3 N", steps=(ENCODER, 0.3, 0.03), options=OPEN),

@@ -33,7 +33,7 @@ def shortened(name):
     """A condition with as many samples as its meaning needs, for a test that has to be quick."""
     condition = NEW[name]
     most = {"rubs_sinusoids_200": 500, "rubs_trapezoids_100": 250, "rubs_trapezoids_500": 500}
-    most |= {"trapezoids_500": 600, "trapezoids_1000": 600, "random_walk": 250}
+    most |= {"trapezoids_500": 600, "trapezoids_1000": 600, "trapezoids_1000_strong": 600, "random_walk": 250}
     return replace(condition, samples=min(most.get(name, 400), condition.length))
 
 
