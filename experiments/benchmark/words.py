@@ -23,7 +23,8 @@ def readme_block(results: Results) -> str:
     tasks = [f"*{task}*: {what}" for task, what in identification.TASKS.items()]
     return "\n".join(
         [
-            f"Measured on {machine(results)}. Times of the loop over times of ours{brackets}:\n",
+            f"Measured on {machine(results)}. Times of the loop over times of ours{brackets}, "
+            "and what the loop takes a sample:\n",
             table_overview(results).markdown(),
             *(f"- {line}." for line in (*tasks, EMPTY, *findings(results), *missed(results))),
             "",

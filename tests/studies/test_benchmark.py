@@ -68,6 +68,14 @@ def test_results_are_shown_without_anything_to_compare_with(results):
             shown(alone)
 
 
+@pytest.mark.parametrize(("numpy", "shown"), [(2e-3, "20.0 (10.0) of 20 µs"), (None, "20.0 of 20 µs")])
+def test_what_the_peer_takes_stands_beside_each_ratio(numpy, shown):
+    task = next(iter(identification.TASKS))
+    row = {"task": task, "mechanism": "tree", "bodies": 8, "samples": 1000, "ours": 1e-3, "theirs": 2e-2, "ratio": 20.0}
+    table = tables.table_overview({"comparisons": [row | {"numpy": numpy}]})
+    assert table.rows[0][:4] == ("tree", "8", "1,000", shown)
+
+
 def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_measured(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(sections, "measured", lambda effort: pytest.fail("measured first"))
     (tmp_path / "file").touch()
