@@ -39,8 +39,9 @@ _WRITTEN: dict[str, dict[str, Any]] = {
 """How files of each format are written: without a date; pixels in half of the time, up to an eighth larger."""
 
 
-WIDTHS = {1: (4.77, 4.77), 2: (3.5, 7.16)}
-"""Width in inches of a column and of the text, of pages with one column (LaTeX's article) and with two (IEEE's)."""
+WIDTHS = {1: (4.77, 4.77), 2: (3.486, 7.139)}
+"""Width in inches of a column and of the text, of pages with one column (LaTeX's article) and with two (IEEEtran's, 252
+and 516 pt of TeX's, 72.27 to the inch)."""
 
 _PAGE: ContextVar[int] = ContextVar("_PAGE", default=2)
 """Columns of the page that figures are drawn for."""

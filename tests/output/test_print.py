@@ -149,7 +149,8 @@ def studies():
 def compiled(folder, layout, names):
     """Compiles everything in a folder; what the log complains of."""
     columns = "twocolumn" if layout.columns == 2 else "onecolumn"
-    size = r"\usepackage[textwidth=7.16in,columnsep=0.16in]{geometry}" if layout.columns == 2 else ""
+    # As IEEEtran's, which not every TeX has.
+    size = r"\usepackage[textwidth=516pt,columnsep=12pt,textheight=696pt]{geometry}" if layout.columns == 2 else ""
     body = "\n".join(rf"\input{{{name}}}\clearpage" for name in names)
     (folder / "all.tex").write_text(
         rf"\documentclass[10pt,{columns}]{{article}}{size}\usepackage[T1]{{fontenc}}\usepackage{{lmodern}}"
@@ -159,7 +160,9 @@ def compiled(folder, layout, names):
     command = ["latexmk", "-pdf", "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
     assert done.returncode == 0, done.stdout[-3000:]
-    return re.findall(r"(?:Overfull|Missing character|undefined).*", (folder / "all.log").read_text(errors="replace"))
+    return re.findall(
+        r"(?:Overfull|Float too large|Missing character|undefined).*", (folder / "all.log").read_text(errors="replace")
+    )
 
 
 @pytest.mark.skipif(bool(MISSING), reason=f"LaTeX is not complete here: {', '.join(MISSING)} is missing")

@@ -14,6 +14,7 @@ from commands import refusal
 from experiments import misaligned
 from experiments.cli import defaults
 from experiments.output import study_figures
+from experiments.output.figures import WIDTHS
 from experiments.studies import fitting, paper, study_file
 from experiments.studies.fitting import joint_fit
 from experiments.studies.simulated import study as study_of
@@ -200,7 +201,7 @@ def test_another_seed_or_tilt_gives_other_tables(results, tmp_path):
 
 def test_figures_show_what_their_captions_say(study):
     figure, magnitudes = (study_figures.figure(study, name) for name in ("figure_2", "figure_3"))
-    assert figure.get_figwidth() == 3.5
+    assert figure.get_figwidth() == WIDTHS[2][0]
     assert len(figure.axes) == 6
     for component, ax in enumerate(figure.axes):
         lines = {line.get_label(): line for line in ax.get_lines()}
