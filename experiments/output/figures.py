@@ -106,14 +106,26 @@ def text_width() -> float:
     return WIDTHS[_PAGE.get()][1]
 
 
+INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
+"""Colours of curves, in the order of those of pages: black, red and blue as the paper's, then those left."""
+
+
 @dataclass(frozen=True)
 class Line:
-    """How one wrench is drawn."""
+    """How one wrench is drawn: as a curve, or without a style as dots at every other sample from `first` on."""
 
     color: str
     width: float = 0.8
     style: str = "-"
-    alpha: float = 1.0
+    first: int = 0
+
+    def draw(self, ax: Axes, x: np.ndarray, y: np.ndarray, label: str) -> None:
+        """Draws values over an abscissa, both (N,)."""
+        if self.style:
+            ax.plot(x, y, self.style, color=self.color, lw=self.width, label=label)
+        else:
+            own = slice(self.first % 2, None, 2)
+            ax.plot(x[own], y[own], "o", color=self.color, ms=self.width, mew=0, label=label)
 
 
 def wrench_panels(
@@ -143,8 +155,7 @@ def wrench_panels(
         axes = figure.subplots(3, 2, sharex=True)
         for component, ax in enumerate(axes.T.flat):
             for label, (wrench, line) in wrenches.items():
-                style = {"ls": line.style, "color": line.color, "lw": line.width, "alpha": line.alpha}
-                ax.plot(x, wrench[:, component], label=label, **style)
+                line.draw(ax, x, wrench[:, component], label)
             variable, unit = SYMBOLS[component]
             ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
             _tidy(ax, x)
@@ -161,6 +172,7 @@ def wrench_panels(
         legend = figure.legend(handles, labels, loc="outside upper center", ncols=columns)
         for handle in legend.get_lines():
             handle.set_linewidth(max(handle.get_linewidth(), 0.8))
+            handle.set_markersize(max(handle.get_markersize(), 2))
     return figure
 
 

@@ -289,7 +289,7 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
             fmt="o",
             ms=2.5,
             lw=0.8,
-            color="C0",
+            color="C1",
             label="Estimate, 95 % with set-up",
         )
         ax.plot(prior / size, place, "|", color="black", ms=7, label="Model")

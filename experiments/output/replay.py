@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.output.escape import visible
+from experiments.output.figures import INKS
 from ident.geometry.inertia import pseudo_inertia
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -40,6 +41,7 @@ class Replay:
         channels: Name and unit of each channel.
         drawn: Indices of the samples whose channels are drawn (M,), as of `every_nth`.
         curves: The channels at those, by what they are (M, C).
+        inks: Their colours, as places in `figures.INKS`; by default in that order.
         estimate: φ of the bodies as estimated (10 b,), None where nothing was.
         told: How many of ten parameters the recording tells of each body (b,).
         spans: Spans of time to shade, s.
@@ -56,6 +58,7 @@ class Replay:
     channels: Sequence[tuple[str, str]]
     drawn: np.ndarray
     curves: Mapping[str, np.ndarray]
+    inks: Sequence[int] = ()
     estimate: np.ndarray | None = None
     told: np.ndarray | None = None
     spans: Sequence[tuple[float, float]] = ()
@@ -91,6 +94,7 @@ class Replay:
             "every": int(self.drawn[1] - self.drawn[0]) if len(self.drawn) > 1 else 1,
             "channels": [(visible(name), unit) for name, unit in self.channels],
             "curves": list(self.curves),
+            "inks": [k % len(INKS) for k in self.inks or range(len(self.curves))],
             "values": [_short(values.T) for values in self.curves.values()],
             "spans": _short(np.array(self.spans)),
             "shaded": self.shaded,

@@ -1,7 +1,8 @@
 """Figures of a simulated study, as its file describes them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,16 +11,17 @@ from experiments.output import figures
 from experiments.output.study_tables import wrench_error
 from experiments.studies.simulated import Study
 
-TRUE_LINE = figures.Line("black", width=1.6)
-"""The truth lies below all else, so thick that it shows on both sides."""
+TRUE_WIDTH = 1.6
+"""Width of the truth in points, which lies below all else and shows on both sides."""
 
-LINES = tuple(
-    figures.Line(*each) for each in (("C1", 0.8, "-"), ("C0", 0.8, "--"), ("C2", 0.8, ":"), ("C3", 0.8, "-."))
-)
-"""Everything else differs by its strokes too, for print without colours."""
+STROKES = ("-", "--", ":", "-.")
+"""Strokes of everything else, for print without colours."""
 
 WINDOW = 25
 """Samples that a running mean of errors takes, a quarter of a second."""
+
+DOTS = 0.7
+"""Diameter of the dots of single samples, in points."""
 
 LOWEST = 0.001
 """Share of a panel's largest error from which errors are shown."""
@@ -36,12 +38,33 @@ def figure(study: Study, name: str) -> Figure:
 
 def wrenches(study: Study, curves: Mapping[str, str]) -> Figure:
     """Wrenches over time: the true and the measured total one, the ground's, and those that models predict."""
-    drawn = {label: wrench(study, what) for label, what in curves.items()}
-    others = iter(LINES * len(curves))
-    lines = {label: TRUE_LINE if what == "true" else next(others) for label, what in curves.items()}
-    return figures.wrench_panels(
-        study.recording.time, {k: (drawn[k], lines[k]) for k in curves}, "Time (s)", shaded=episodes(study)
-    )
+    colors, strokes = inks(curves.values()), cycle(STROKES)
+    drawn = {}
+    for label, what in curves.items():
+        color = figures.INKS[colors[what]]
+        line = figures.Line(color, TRUE_WIDTH) if what == "true" else figures.Line(color, style=next(strokes))
+        drawn[label] = wrench(study, what), line
+    return figures.wrench_panels(study.recording.time, drawn, "Time (s)", shaded=episodes(study))
+
+
+def inks(curves: Iterable[str]) -> dict[str, int]:
+    """Places in `figures.INKS` of the wrenches in a figure, as the paper colours them.
+
+    The ground's wrench is red beside the true total one in blue and a recovered one in black (Figure 4); without the
+    ground's the true one is black, and the models' are red and blue (Figure 2).
+    """
+    shown = list(dict.fromkeys(curves))
+    own = {"ground": 1, "true": 2} if "ground" in shown else {"true": 0}
+    free = cycle([k for k in range(len(figures.INKS)) if k not in own.values()])
+    return {what: own[what] if what in own else next(free) for what in shown}
+
+
+def page_inks(study: Study, curves: Iterable[str]) -> list[int]:
+    """Colours of wrenches on the study's page: those of its first figure of wrenches, or others that are free."""
+    entries = (entry["curves"].values() for entry in study.file.figures.values() if entry["kind"] == "wrenches")
+    wanted = list(curves)
+    found = inks([*next(entries, ()), *wanted])
+    return [found[what] for what in wanted]
 
 
 def wrench(study: Study, what: str) -> np.ndarray:
@@ -53,16 +76,16 @@ def wrench(study: Study, what: str) -> np.ndarray:
 
 
 def wrench_errors(study: Study, curves: Mapping[str, str]) -> Figure:
-    """Absolute errors of the recovered wrenches over samples, faint, and their running root mean squares.
+    """Absolute errors of the recovered wrenches over samples, as dots, and their running root mean squares.
 
-    Where models err alike, as joint noise makes them, samples hide one another; their means show through each other's
+    Where models err alike, as joint noise makes them, their dots take turns, and their means show through each other's
     strokes.
     """
     errors = {label: wrench_error(study, model) for label, model in curves.items()}
-    lines = dict(zip(curves, LINES * len(curves), strict=False))
+    lines = dict(zip(curves, other_lines(curves.values()), strict=True))
     samples = {
-        label: (np.abs(error), figures.Line(lines[label].color, width=0.3, alpha=0.35))
-        for label, error in errors.items()
+        label: (np.abs(error), replace(lines[label], style="", width=DOTS, first=k))
+        for k, (label, error) in enumerate(errors.items())
     }
     # The first lies lowest and has to be the widest.
     widths = np.linspace(1.6, 0.8, len(curves))
@@ -76,6 +99,13 @@ def wrench_errors(study: Study, curves: Mapping[str, str]) -> Figure:
     )
 
 
+def other_lines(curves: Iterable[str]) -> list[figures.Line]:
+    """Lines of what is drawn without the truth, each with a colour and a stroke of its own."""
+    drawn, strokes = list(curves), cycle(STROKES)
+    colors = inks(drawn)
+    return [figures.Line(figures.INKS[colors[what]], style=next(strokes)) for what in drawn]
+
+
 def running_rms(x: np.ndarray) -> np.ndarray:
     """Root mean square of up to `WINDOW` samples around each (N, 6)."""
     sums = np.concatenate([np.zeros((1, 6)), np.cumsum(x**2, axis=0)])
@@ -87,9 +117,10 @@ def running_rms(x: np.ndarray) -> np.ndarray:
 def residuals(study: Study, curves: Mapping[str, str]) -> Figure:
     """Measured total wrench less what models predict of it, over time."""
     shown = {label: study.total(model).values - study.fit(model).predicted for label, model in curves.items()}
-    lines = LINES if len(curves) > 1 else (figures.Line("black"),)
-    thin = (replace(line, width=0.4) for line in lines * len(curves))
-    drawn = {label: (wrench, line) for (label, wrench), line in zip(shown.items(), thin, strict=False)}
+    lines = other_lines(curves.values()) if len(curves) > 1 else [figures.Line("black")]
+    drawn = {
+        label: (wrench, replace(line, width=0.4)) for (label, wrench), line in zip(shown.items(), lines, strict=True)
+    }
     return figures.wrench_panels(study.recording.time, drawn, "Time (s)", symbol=r"\Delta {}", shaded=episodes(study))
 
 
@@ -98,7 +129,7 @@ def contacts(study: Study) -> Figure:
     taken = {
         name: study.problem.total(study.recording, {name}).values - study.measured.values for name in study.known.sites
     }
-    drawn = {name.capitalize(): (x, line) for (name, x), line in zip(taken.items(), LINES * len(taken), strict=False)}
+    drawn = {name.capitalize(): (x, line) for (name, x), line in zip(taken.items(), other_lines(taken), strict=True)}
     return figures.wrench_panels(study.recording.time, drawn, "Time (s)", shaded=episodes(study))
 
 

@@ -158,6 +158,7 @@ def replay(study: Study) -> Replay:
         channels=list(zip(study_tables.CHANNELS, study_tables.UNITS, strict=True)),
         drawn=drawn,
         curves={label: study_figures.wrench(study, what)[drawn] for label, what in curves.items()},
+        inks=study_figures.page_inks(study, curves.values()),
         remark="Torques are about the origin of the base frame; models are fitted to the wrenches that they know.",
     )
 

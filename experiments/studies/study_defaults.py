@@ -11,7 +11,7 @@ ERRORS = "RMS errors of the recovered wrench, and their ratio to the s.d. of the
 EPISODES = "Contacts: shares of the samples in which each touches, and touches alone, number of episodes, peak force"
 """Captions of tables."""
 
-DRAWN_ERRORS = "Absolute error of the recovered wrench against the true, noise-free one, faint, and its running RMS."
+DRAWN_ERRORS = "Absolute error of the recovered wrench, every other sample of each model, and its running RMS."
 RESIDUALS = "Measured total wrench less the predicted one."
 CONTACTS = "Measured wrenches in the base frame that the links exert on what touches them."
 """Captions of figures."""
@@ -28,7 +28,7 @@ def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entri
     figures: Entries = {
         "wrenches": {"caption": "", "curves": {"True": "true", **own}},
         "wrench errors": {"caption": DRAWN_ERRORS, "curves": own},
-        "residuals": {"caption": RESIDUALS, "curves": {"Measured - predicted": main} if main else own},
+        "residuals": {"caption": RESIDUALS, "curves": {"Measured − predicted": main} if main else own},
         "contacts": {"caption": CONTACTS},
     }
     return tables, figures

@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import refusal
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 from truth import told
 
 import scenes
 from experiments import multicontact
 from experiments.output import study_figures, study_report, study_tables
+from experiments.output.figures import INKS
 from experiments.studies import paper
 from experiments.studies.fitting import fit
 from experiments.studies.simulated import Problem, study
@@ -182,12 +185,34 @@ def test_figures_show_what_their_captions_say(result):
     residuals = study_figures.figure(result, "figure_5").axes
     for component, ax in enumerate(study_figures.figure(result, "figure_4").axes):
         k = component // 2 + 3 * (component % 2)
-        lines = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
+        curves = {line.get_label(): line for line in ax.get_lines()}
+        colors = {label: line.get_color() for label, line in curves.items()}
+        assert colors == {"Ground, measured": "C1", "Total, true": "C0", "Recovered": "black"}
+        # What is recovered lies dashed on the wider truth.
+        assert curves["Total, true"].get_linewidth() > curves["Recovered"].get_linewidth()
+        assert curves["Recovered"].get_linestyle() == "--"
+        lines = {label: line.get_ydata() for label, line in curves.items()}
         np.testing.assert_array_equal(lines["Ground, measured"], result.recording.wrench("ground").values[:, k])
         np.testing.assert_array_equal(lines["Total, true"], result.true.values[:, k])
         np.testing.assert_array_equal(lines["Recovered"], result.fit("contact").predicted[:, k])
         error = residuals[component].get_lines()[0].get_ydata()
         np.testing.assert_array_equal(error, (result.measured.values - result.fit("contact").predicted)[:, k])
+
+
+def test_the_page_has_the_colours_of_figure_4(result):
+    shown = study_report.replay(result).to_page()
+    colors = dict(zip(shown["curves"], (INKS[k] for k in shown["inks"]), strict=True))
+    assert (colors["true"], colors["with all contacts"]) == ("C0", "black")
+    assert len(set(colors.values())) == len(colors)
+
+
+@pytest.mark.parametrize("name", ["figure_4", "figure_5"])
+def test_minus_signs_are_minus_signs(result, name):
+    figure = study_figures.figure(result, name)
+    FigureCanvasAgg(figure).draw()
+    texts = [text.get_text() for text in figure.findobj(Text)]
+    assert any("\N{MINUS SIGN}" in text for text in texts)
+    assert not [text for text in texts if "-" in text.replace("$", "")]
 
 
 def test_two_contacts_touch_at_the_same_time():

@@ -75,7 +75,7 @@ figures = { figure_a = { kind = "wrenches" }, figure_b = { kind = "residuals" } 
     own = {"Plain": "plain", "True axes": "true_axes"}
     assert file.figures["figure_a"]["curves"] == {"True": "true"} | own and file.figures["figure_b"]["curves"] == own
     main = study_entries.read(written(tmp_path, 'main = "true_axes"' + text))
-    assert main.figures["figure_b"]["curves"] == {"Measured - predicted": "true_axes"}
+    assert main.figures["figure_b"]["curves"] == {"Measured − predicted": "true_axes"}
 
 
 def test_models_whose_names_are_alike_in_words_are_all_drawn(tmp_path):

@@ -86,7 +86,7 @@ class Charts {
         else context.moveTo(across(t), down(y));
         drawing = y !== null;
       });
-      context.strokeStyle = curvePaint(canvas, k);
+      context.strokeStyle = inkOf(canvas, this.data.inks[k]);
       context.setLineDash(DASHES[k % DASHES.length]);
       context.lineWidth = k ? 1.3 : 2;
       context.stroke();
@@ -151,4 +151,4 @@ function steps(low, high, number) {
 
 const shortly = (x) => String(Number(x.toPrecision(6))).replace("-", "\u2212");
 
-const curvePaint = (element, k) => getComputedStyle(element).getPropertyValue(`--curve${k % 7}`).trim();
+const inkOf = (element, k) => getComputedStyle(element).getPropertyValue(`--curve${k}`).trim();
