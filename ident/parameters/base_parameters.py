@@ -98,7 +98,7 @@ class BaseParameters:
         return phi[..., list(self.kept)] + phi[..., list(self.dependent)] @ self.beta.T
 
     def expressions(self, digits: int = 6) -> tuple[str, ...]:
-        """Base parameters as readable sums, `m2rz2 + 0.425 m3`.
+        """Base parameters as readable sums, `m2rz2 + 0.425 m3`, without coefficients that are rounding.
 
         Args:
             digits: Significant digits of the coefficients.
@@ -106,7 +106,7 @@ class BaseParameters:
         others = [self.parameters[d] for d in self.dependent]
         return tuple(
             "".join([name, *(_term(c, other, digits) for c, other in zip(row, others, strict=True) if c != 0)])
-            for name, row in zip(self.names, self.beta, strict=True)
+            for name, row in zip(self.names, map(_without_rounding, self.beta), strict=True)
         )
 
 
@@ -326,6 +326,13 @@ def _basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first:
             f"{', '.join(names[k] for k in first)}."
         )
     return chosen
+
+
+def _without_rounding(row: np.ndarray) -> np.ndarray:
+    """Coefficients of a base parameter, zero below `DEPENDENT` of the largest, its own 1; exact ones stay."""
+    if row.dtype == object:
+        return row
+    return np.where(abs(row) < DEPENDENT * abs(row).max(initial=1.0), 0, row)
 
 
 def _term(coefficient: float, name: str, digits: int) -> str:

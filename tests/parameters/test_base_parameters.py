@@ -189,3 +189,12 @@ def test_pinned_columns_that_make_up_the_others_only_roughly_are_refused():
     assert find_base_parameters(Y, "pqr").names == ("p", "r")
     with pytest.raises(ValueError, match="so nearly dependent"):
         find_base_parameters(Y, "pqr", kept="pq")
+
+
+def test_expressions_leave_out_rounding_and_nothing_else():
+    base = base_of(double_pendulum())
+    noisy = replace(base, beta=base.beta + 2e-16)
+    assert noisy.expressions(4) == replace(base, beta=np.where(abs(base.beta) < 1e-12, 0, base.beta)).expressions(4)
+    small = np.zeros_like(base.beta)
+    small[0, 0] = 1e-6
+    assert f"{base.names[0]} + 1e-06 {base.parameters[base.dependent[0]]}" in replace(base, beta=small).expressions()
