@@ -15,6 +15,8 @@ from ident.geometry.inertia import body_index
 from ident.judgement.finding import Finding
 from ident.parameters.prior import KNOWN, parameters_told
 
+LEFT_OUT = " None are drawn where samples were left out."
+
 
 def replay(result: Estimate) -> Replay:
     """The first recording of an estimate, with what the estimate and its rivals predict of it."""
@@ -27,6 +29,8 @@ def replay(result: Estimate) -> Replay:
     }
     drawn = every_nth(len(time), len(result.channels) * (1 + len(fits)))
     motion = samples.motion[drawn]
+    used = np.isin(drawn, log.taken(slice(None)))[:, None]
+    predicted = {name: np.where(used, fit.predicted(motion), np.nan) for name, fit in fits.items()}
     included = result.joint is not None and bool(result.joint.known)
     known = {**KNOWN, **log.recording.known}
     return Replay(
@@ -35,12 +39,12 @@ def replay(result: Estimate) -> Replay:
         motion=samples.motion,
         channels=[(channel, channel_unit(result, channel)) for channel in result.channels],
         drawn=drawn,
-        curves={"measured": samples.measured[drawn]} | {name: fit.predicted(motion) for name, fit in fits.items()},
+        curves={"measured": samples.measured[drawn]} | predicted,
         estimate=result.consistent().phi,
         told=parameters_told(arm, result.base, result.covariance, known, included=included),
         spans=[(time[part.stop], time[-1])] if part.stop < len(time) - log.edge else [],
         shaded="held out, and only predicted",
-        remark="All predictions take the set-up as it was found.",
+        remark="All predictions take the set-up as it was found." + LEFT_OUT * (not used.all()),
         parameters=[_parameter(result, k) for k in range(len(result.names))],
         findings=[place(finding, result) for finding in result.findings],
     )
