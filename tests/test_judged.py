@@ -6,7 +6,7 @@ import swinging
 from recorded_faults import PENDULUM, TRUTH, faulty, shortened
 
 import ident
-from experiments.output.identify_report import held_out_figure
+from experiments.output.identify_figures import held_out_figure
 from ident.estimation.angles_alone import LARGEST_END, UNSETTLED
 from ident.estimation.preparation import prepared
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.output import figures, report
+from experiments.output import figures, report, row_panels
 from experiments.output.layout import PAPER, Layout
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
@@ -99,20 +99,19 @@ def figure(found: Difference, layout: Layout = PAPER) -> Figure:
     std = np.sqrt(np.diag(found.comparison.covariance))[shown]
     z, wider = found.comparison.z[shown], HALF_WIDTH * found.std_setup[shown] / std
     with figures.paper_style():
-        drawn = Figure(figsize=(figures.column_width(), 0.9 + 0.16 * len(shown)))
-        ax, place = drawn.subplots(), np.arange(len(shown))
-        ax.axvline(0, color="0.6", lw=0.6)
-        ax.errorbar(z, place, xerr=wider, fmt="none", lw=0.6, color="0.6", label="Noise and set-up, 95 %")
-        ax.errorbar(z, place, xerr=HALF_WIDTH, fmt="o", ms=2.5, lw=1.2, color="C0", label="Noise, 95 %")
-        ax.set_yticks(place, [figures.named_symbol(found.names[k], found.first.bodies) for k in shown])
-        ax.invert_yaxis()
-        ax.set_xscale("symlog", linthresh=LINEAR)
+        labels = [figures.named_symbol(found.names[k], found.first.bodies) for k in shown]
+        drawn, panels = row_panels.row_panels(labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
-        ax.set_xticks([*-powers[::-1], 0, *powers])
-        ax.minorticks_off()
-        ax.set_xlabel("Difference in its standard deviations from noise")
-        drawn.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        for ax, rows in panels:
+            ax.axvline(0, color="0.6", lw=0.6)
+            grey: dict[str, Any] = {"fmt": "none", "lw": 0.6, "color": "0.6"}
+            ax.errorbar(z[rows], rows, xerr=wider[rows], label="Noise and set-up, 95 %", **grey)
+            ax.errorbar(z[rows], rows, xerr=HALF_WIDTH, fmt="o", ms=2.5, lw=1.2, color="C0", label="Noise, 95 %")
+            ax.set_xscale("symlog", linthresh=LINEAR)
+            ax.set_xticks([*-powers[::-1], 0, *powers])
+            ax.minorticks_off()
+        drawn.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return drawn
 
 

@@ -43,6 +43,12 @@ WIDTHS = {1: (4.77, 4.77), 2: (3.486, 7.139)}
 """Width in inches of a column and of the text, of pages with one column (LaTeX's article) and with two (IEEEtran's, 252
 and 516 pt of TeX's, 72.27 to the inch)."""
 
+HEIGHTS = {1: 6.7, 2: 8.6}
+"""Inches that figures of those pages may be high, caption below."""
+
+VISIBLE = 0.012
+"""Share of a panel's width that can be seen and told from nothing, about a point."""
+
 _PAGE: ContextVar[int] = ContextVar("_PAGE", default=2)
 """Columns of the page that figures are drawn for."""
 
@@ -110,6 +116,16 @@ INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
 """Colours of curves, in the order of those of pages: black, red and blue as the paper's, then those left."""
 
 
+def page_columns() -> int:
+    """Columns of the page that figures are drawn for."""
+    return _PAGE.get()
+
+
+def text_height() -> float:
+    """Height of the page's text in inches, less room for a caption."""
+    return HEIGHTS[_PAGE.get()]
+
+
 @dataclass(frozen=True)
 class Line:
     """How one wrench is drawn: as a curve, or without a style as dots at every other sample from `first` on."""
@@ -162,7 +178,7 @@ def wrench_panels(
             if lowest is not None:
                 _logarithmic(ax, [wrench[:, component] for wrench, _ in wrenches.values()], lowest)
             for label, when in (shaded or {}).items():
-                for k, (start, end) in enumerate(_spans(x, when)):
+                for k, (start, end) in enumerate(spans(x, when)):
                     ax.axvspan(start, end, color="0.87", lw=0, zorder=0, label=label if k == 0 else None)
         for ax in axes[-1]:
             ax.set_xlabel(xlabel, labelpad=2)
@@ -199,10 +215,19 @@ def align_ylabels(axes: Iterable[Axes]) -> None:
             ax.yaxis.set_label_coords(0, 0.5, transform=ax.transAxes + left)
 
 
-def _spans(x: np.ndarray, when: np.ndarray) -> np.ndarray:
+def spans(x: np.ndarray, when: np.ndarray) -> np.ndarray:
     """First and last abscissae of the episodes in which something holds (k, 2)."""
     edges = np.flatnonzero(np.diff([False, *when, False]))
     return np.stack([x[edges[::2]], x[edges[1::2] - 1]], axis=1)
+
+
+def visible_spans(found: np.ndarray, shown: float) -> np.ndarray:
+    """Spans in order (k, 2), as wide as can be seen of an abscissa `shown` long, and one where they nearly touch."""
+    least = VISIBLE * shown
+    spare = np.maximum(least - np.diff(found, axis=1), 0) / 2
+    wide = found + np.hstack([-spare, spare])
+    apart = np.flatnonzero(wide[1:, 0] - wide[:-1, 1] > least) + 1
+    return np.array([[run[0, 0], run[-1, 1]] for run in np.split(wide, apart)])
 
 
 def _tidy(ax: Axes, x: np.ndarray) -> None:

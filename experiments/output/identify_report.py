@@ -5,29 +5,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import mlab
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from matplotlib.ticker import NullFormatter
 
-from experiments.output import escape, figures, report
+from experiments.output import report
+from experiments.output.identify_figures import (
+    held_out_caption,
+    held_out_figure,
+    parameters_caption,
+    parameters_figure,
+    spectra_figure,
+)
 from experiments.output.identify_replay import channel_unit, replay
 from experiments.output.layout import PAPER, Layout, unit_of
 from experiments.output.page import PAGE, Said, filmed, write_report
 from experiments.output.results import Results
-from experiments.studies.errors import HALF_WIDTH
 from ident.estimate import Estimate
-from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import PARAMETERS, with_bodies
 from ident.parameters.base_parameters import separating_sensors
 from ident.recordings.several_files import name_of
 from ident.tolerances import DRIVE
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
-
-LEFT_OPEN: dict[str, Any] = {"color": "0.85", "lw": 0, "zorder": 0, "label": "Torques left open"}
-"""How spans are drawn in which joints are so slow that friction leaves their torques open."""
 
 OUTPUTS = (*report.OUTPUTS, PAGE, "estimate.json", "model.xml", "model.urdf", "model.osim")
 
@@ -181,132 +178,6 @@ def text(result: Estimate) -> str:
     )
 
 
-def held_out_figure(result: Estimate) -> Figure:
-    """Measured and predicted channels on the held-out part."""
-    held = result.held_out
-    # Nothing is drawn from one recording to the next, nor across a gap.
-    breaks = held.starts[1:]
-    time, measured, predicted = (
-        np.insert(x, breaks, np.nan, axis=0)
-        for x in (held.time, held.samples.measured, held.samples.measured - held.residual)
-    )
-    with figures.paper_style():
-        figure, axes = _panels(result)
-        for k, ax in enumerate(axes):
-            ax.plot(time, measured[:, k], color="black", lw=1.2, label="Measured")
-            ax.plot(time, predicted[:, k], color="C1", ls="--", lw=0.8, label="Predicted")
-            if result.near_reversals[:, k].any():
-                slow = np.insert(result.near_reversals[:, k].astype(float), breaks, 0)
-                ax.fill_between(time, 0, 1, where=slow > 0, transform=ax.get_xaxis_transform(), **LEFT_OPEN)
-            ax.set_ylabel(_label(result, k), labelpad=2)
-            ax.margins(x=0)
-        _finish(figure, axes, "Time (s)", [Patch(**LEFT_OPEN)] if result.near_reversals.any() else [])
-    return figure
-
-
-def _held_out_caption(result: Estimate) -> str:
-    caption = "Measured and predicted channels on the held-out part."
-    if result.near_reversals.any():
-        caption += " Grey: joints so slow that friction leaves their torques open."
-    return caption
-
-
-def spectra_figure(result: Estimate) -> Figure:
-    """Spectra of the measured channels and of their residuals on the held-out part, as far as the filter lets."""
-    held, prepared = result.held_out, result.prepared
-    highest = (
-        prepared.recording.rate / 2
-        if prepared.cutoff is None
-        else min(3 * prepared.cutoff, prepared.recording.rate / 2)
-    )
-    with figures.paper_style():
-        figure, axes = _panels(result)
-        for k, ax in enumerate(axes):
-            for x, color, label in (
-                (held.samples.measured, "black", "Measured"),
-                (held.residual, "C1", "Residual"),
-            ):
-                frequency, amplitude = amplitude_spectrum(x[:, k], prepared.recording.rate)
-                shown = (frequency > 0) & (frequency <= highest)
-                ax.loglog(frequency[shown], np.maximum(amplitude[shown], 1e-12), color=color, lw=0.8, label=label)
-            ax.set_ylabel(_label(result, k, "/√Hz"), labelpad=2)
-            ax.xaxis.set_minor_formatter(NullFormatter())
-            ax.margins(x=0)
-        _finish(figure, axes, "Frequency (Hz)")
-    return figure
-
-
-def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies in Hz and amplitude spectral density of a signal (N,), by Welch's method."""
-    # As scipy.signal.welch, which takes half a second to import.
-    length = min(len(x), 512)
-    window = np.hanning(length + 1)[:-1]
-    power, frequency = mlab.psd(x, length, rate, detrend="mean", window=window, noverlap=length // 2)
-    return np.asarray(frequency), np.sqrt(power)
-
-
-def _panels(result: Estimate) -> tuple[Figure, list[Axes]]:
-    """A figure with a panel for each channel, from top to bottom and then from left to right."""
-    count = len(result.channels)
-    rows = -(-count // 2)
-    figure = Figure(figsize=(figures.column_width(), 0.7 + 0.9 * rows))
-    grid = figure.subplots(rows, 2, sharex=True, squeeze=False)
-    axes = list(grid.T.flat)
-    for ax in axes[count:]:
-        ax.set_axis_off()
-    return figure, axes[:count]
-
-
-def _finish(figure: Figure, axes: list[Axes], xlabel: str, extra: Sequence[Patch] = ()) -> None:
-    """Labels axes and makes the legend, with patches behind the first panel's own entries."""
-    rows = -(-len(axes) // 2)
-    for ax in {axes[min(rows, len(axes)) - 1], axes[-1]}:
-        ax.set_xlabel(xlabel, labelpad=2)
-        ax.tick_params(labelbottom=True)
-    figures.align_ylabels(axes)
-    # Whichever panel has them, spans have one entry.
-    lines = [line for line in axes[0].lines if not str(line.get_label()).startswith("_")]
-    figure.legend(handles=[*lines, *extra], loc="outside upper center", ncols=2 + len(extra))
-
-
-def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
-    """Base parameters with 95 % intervals, set-up included, beside the model's own, each over the largest of these."""
-    arm = result.prepared.mechanism
-    shown = [k for k, name in enumerate(result.base.names) if layout.shows(name, arm.bodies)]
-    value, std = result.psi[shown], result.std_setup[shown]
-    prior = result.base.regroup(arm.known)[shown]
-    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), HALF_WIDTH * std)
-    size = np.where(size > 0, size, 1)
-    with figures.paper_style():
-        figure = Figure(figsize=(figures.column_width(), 0.8 + 0.16 * len(shown)))
-        ax = figure.subplots()
-        place = np.arange(len(shown))
-        ax.axvline(0, color="0.8", lw=0.6)
-        ax.errorbar(
-            value / size,
-            place,
-            xerr=HALF_WIDTH * std / size,
-            fmt="o",
-            ms=2.5,
-            lw=0.8,
-            color="C1",
-            label="Estimate, 95 % with set-up",
-        )
-        ax.plot(prior / size, place, "|", color="black", ms=7, label="Model")
-        ax.set_yticks(place, [figures.named_symbol(result.base.names[k], arm.bodies) for k in shown])
-        ax.invert_yaxis()
-        ax.set_xlabel("Value over the largest of estimate, model and half-width")
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    return figure
-
-
-def _label(result: Estimate, k: int, per: str = "") -> str:
-    """Symbol or joint of a channel, and its unit; `per` what the unit is divided by."""
-    channel = result.channels[k]
-    shown = f"${channel[0]}_{channel[1]}$ " if channel in COMPONENTS else f"{escape.label(channel)}\n"
-    return f"{shown}({channel_unit(result, channel)}{per})"
-
-
 def results(result: Estimate, provenance: dict[str, Any], layout: Layout = PAPER) -> Results:
     """All tables, figures and numbers."""
     return Results(
@@ -316,11 +187,8 @@ def results(result: Estimate, provenance: dict[str, Any], layout: Layout = PAPER
             "table_full_parameters": full_table(result),
         },
         figures={
-            "figure_held_out": (held_out_figure(result), _held_out_caption(result)),
-            "figure_parameters": (
-                parameters_figure(result, layout),
-                "Base parameters with 95 % intervals that include what is open of the set-up, and the model's own.",
-            ),
+            "figure_held_out": (held_out_figure(result), held_out_caption(result)),
+            "figure_parameters": (parameters_figure(result, layout), parameters_caption(result, layout)),
             "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
         },
         numbers={"estimate": result.to_dict(), "provenance": provenance},

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.output import identify_report, report
+from experiments.output import identify_figures, identify_report, report
 from experiments.output.layout import PAPER, Layout, offset_unit
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
@@ -199,7 +199,7 @@ class PayloadReport:
             Why the layout is not kept to, in a sentence, else nothing.
         """
         payload, formats = self.payload, ("pdf", "png")
-        held_out = identify_report.held_out_figure(payload.estimate)
+        held_out = identify_figures.held_out_figure(payload.estimate)
         shown = Results(
             tables={
                 "table_payload": self.table(),

@@ -4,10 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.output.identify_report import held_out_figure, parameters_figure
+from experiments.output import figures, row_panels
+from experiments.output.identify_figures import held_out_figure, parameters_caption, parameters_figure
+from experiments.output.identify_replay import replay
+from experiments.output.layout import Layout
+from ident.estimation.preparation import LeftOut
 
 
 @pytest.fixture(scope="module")
@@ -39,3 +44,75 @@ def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
     figure = held_out_figure(slow)
     assert labels(figure) == ["Measured", "Predicted", "Torques left open"]
     assert sum(len(axes.collections) for axes in figure.axes) == 1
+
+
+def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
+    slow = replace(estimate)
+    time = slow.held_out.time
+    mask = np.zeros(slow.held_out.residual.shape, bool)
+    # One sample alone, and three that are nearer to each other than a line is wide.
+    mask[[20, 60, 62, 64], 0] = True
+    vars(slow)["near_reversals"] = mask
+    first = held_out_figure(slow).axes[0]
+    (bars,) = first.collections
+    edges = np.array([path.get_extents().intervalx for path in bars.get_paths()])
+    least = figures.VISIBLE * np.ptp(time)
+    assert len(edges) == 2 and (np.diff(edges) >= 0.999 * least).all()
+    np.testing.assert_allclose(edges.mean(axis=1), time[[20, 62]], atol=1e-9)
+    # Lines of the grid would look like spans.
+    assert not any(line.get_visible() for line in first.get_xgridlines())
+
+
+def test_the_page_and_the_figures_have_the_same_colours(estimate):
+    shown = replay(estimate).to_page()
+    inks = dict(zip(shown["curves"], (figures.INKS[k] for k in shown["inks"]), strict=True))
+    drawn = {line.get_label().lower(): line.get_color() for line in held_out_figure(estimate).axes[0].lines}
+    assert drawn == {name: inks[name] for name in ("measured", "predicted")}
+    (bars,) = parameters_figure(estimate).axes[0].collections
+    assert to_hex(bars.get_color()[0]) == to_hex(cycle_color(inks["predicted"]))
+
+
+def cycle_color(name):
+    with figures.paper_style():
+        return to_hex(name)
+
+
+def test_many_parameters_stand_in_panels_over_the_page(estimate, monkeypatch):
+    monkeypatch.setattr(row_panels, "COLUMN_ROWS", 5)
+    figure = parameters_figure(estimate)
+    assert figure.get_figwidth() == figures.WIDTHS[2][1] and len(figure.axes) == 3
+    labels = [text.get_text() for ax in figure.axes for text in ax.get_yticklabels()]
+    symbols = [figures.named_symbol(name, PENDULUM.bodies) for name in estimate.base.names]
+    assert labels == symbols
+    heights = {tuple(np.ptp(ax.get_ylim(), keepdims=True).round(9)) for ax in figure.axes}
+    assert len(heights) == 1 and figure.axes[1].get_ylim()[1] < figure.axes[1].get_yticks()[0]
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_no_figure_is_higher_than_a_page(estimate, monkeypatch, columns):
+    with figures.author_style(None, columns):
+        most = row_panels.most_rows()
+        figure, _ = row_panels.row_panels(["x"] * most, "")
+        assert most > 60 and figure.get_figheight() <= figures.HEIGHTS[columns]
+        # Of more parameters than fit the narrowest intervals are shown, and the caption says so.
+        monkeypatch.setattr(row_panels, "most_rows", lambda: 4)
+        (axes,) = parameters_figure(estimate).axes
+        size = np.maximum(abs(estimate.psi), abs(estimate.base.regroup(PENDULUM.known)))
+        best = sorted(np.argsort(estimate.std_setup / size)[:4])
+        labels = [text.get_text() for text in axes.get_yticklabels()]
+        assert labels == [figures.named_symbol(estimate.base.names[k], PENDULUM.bodies) for k in best]
+        assert "Of 13 the 4 with the narrowest intervals" in parameters_caption(estimate)
+    assert "narrowest" not in parameters_caption(estimate, Layout(parameters=("m1",)))
+
+
+def test_the_page_predicts_nothing_where_samples_were_left_out(estimate):
+    (log, part), *_ = estimate.logs
+    start, end = log.recording.time[[50, 90]]
+    less = replace(log, left_out=(LeftOut(start, end, ""),))
+    less = replace(estimate, logs=((less, part), *estimate.logs[1:]))
+    for shown, left in ((replay(estimate), 0), (replay(less), 41)):
+        inside = (log.recording.time >= start) & (log.recording.time <= end)
+        for name, values in shown.curves.items():
+            gone = np.isnan(values).all(axis=1)
+            assert gone.sum() == (0 if name == "measured" else left) and not (gone & ~inside[shown.drawn]).any()
+        assert ("left out" in shown.remark) == bool(left)

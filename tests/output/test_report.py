@@ -11,7 +11,7 @@ import pytest
 from mechanisms import random_tree
 from scipy import signal
 
-from experiments.output import identify_report, report
+from experiments.output import identify_figures, report
 from ident.recordings.atomic import PARTIAL, replacing
 
 TABLE = report.Table(
@@ -43,7 +43,7 @@ def test_axes_of_joint_torques_have_units():
     tree = random_tree(np.random.default_rng(0), 12, kinds=("revolute", "prismatic", "ball"))
     prepared = SimpleNamespace(mechanism=SimpleNamespace(tree=tree))
     result = SimpleNamespace(prepared=prepared, channels=("Mz", *tree.freedoms))
-    labels = [identify_report._label(result, k, "/√Hz") for k in range(len(tree.freedoms) + 1)]
+    labels = [identify_figures._label(result, k, "/√Hz") for k in range(len(tree.freedoms) + 1)]
     units = ["N m" if body.twist[3:].any() else "N" for body in tree.bodies for _ in body.motions.T]
     assert {*units} == {"N", "N m"} and any(name.endswith(".z") for name in tree.freedoms)
     expected = [f"{name}\n({unit}/√Hz)" for name, unit in zip(tree.freedoms, units, strict=True)]
@@ -325,7 +325,7 @@ def test_names_are_no_formulas_of_spreadsheets(name):
 @pytest.mark.parametrize("samples", [100, 511, 1777])
 def test_spectra_are_welchs(samples):
     x = np.random.default_rng(0).normal(size=samples).cumsum()
-    frequency, amplitude = identify_report.amplitude_spectrum(x, 50.0)
+    frequency, amplitude = identify_figures.amplitude_spectrum(x, 50.0)
     expected = signal.welch(x, 50.0, nperseg=min(samples, 512))
     np.testing.assert_array_equal(frequency, expected[0])
     np.testing.assert_allclose(amplitude**2, expected[1], atol=1e-12 * expected[1].max())
