@@ -4,10 +4,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
+from math import ceil
 from typing import TYPE_CHECKING
 
 from experiments.output import escape
-from experiments.output.figures import PARAMETER, WIDTHS, parameter_symbol
+from experiments.output.figures import HEIGHTS, PARAMETER, WIDTHS, parameter_symbol
 from experiments.output.layout import Layout
 from ident.geometry.inertia import body_of_parameter
 
@@ -17,21 +18,22 @@ if TYPE_CHECKING:
 PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
 """LaTeX packages that the tables need, all of TeX Live's latexextra and science collections."""
 
-ROWS = 45
-"""Rows of a table that fit a page; a longer one is continued in another."""
+AROUND = 60.0
+"""Height of a table's heads, rules and notes, about, in pt."""
 
 
 @dataclass(frozen=True)
 class _Size:
-    """A size of letters: how LaTeX calls it, and about how wide a letter is and the gap of two columns, in pt."""
+    """A size of letters: what LaTeX calls it, and about the widths of letters and gaps and the height of lines, pt."""
 
     command: str
     letter: float
     gap: float
+    line: float
 
 
-NORMAL = _Size(r"\footnotesize", 4.4, 12.0)
-SMALL = _Size(r"\scriptsize\setlength{\tabcolsep}{3pt}", 3.9, 6.0)
+NORMAL = _Size(r"\footnotesize", 4.4, 12.0, 9.6)
+SMALL = _Size(r"\scriptsize\setlength{\tabcolsep}{3pt}", 3.9, 6.0, 8.1)
 
 NARROW = 10
 """Letters that a line of a head has at most, if its words let it."""
@@ -132,8 +134,8 @@ def tex(table: "Table", label: str, layout: Layout) -> str:
     size = NORMAL if needed <= room else SMALL
     floats: list[str] = []
     for part in _parts(columns, 1 + (len(table.headings()) > len(table.columns)), size, room):
-        for first in range(0, max(len(table.rows), 1), ROWS):
-            rows = [replace(column, cells=column.cells[first : first + ROWS]) for column in part]
+        for page in _pages(part, size, room, 72.27 * HEIGHTS[layout.columns]):
+            rows = [replace(column, cells=column.cells[page]) for column in part]
             continued = r" \emph{(continued)}" if floats else ""
             name = f"\\label{{tab:{label}}}" if label and not floats else ""
             same = "\\addtocounter{table}{-1}\n" if floats else ""
@@ -153,7 +155,28 @@ def _parts(columns: Sequence[_Column], keys: int, size: _Size, room: float) -> l
         if len(parts[-1]) > keys and sum(each.width(size) for each in (*parts[-1], column)) > room:
             parts.append(list(first))
         parts[-1].append(column)
-    return parts
+    return parts if len(parts) == 1 else [_with_cells(part, keys) for part in parts]
+
+
+def _with_cells(columns: Sequence[_Column], keys: int) -> list[_Column]:
+    """A set of the columns without the rows in which it holds nothing but the first ones."""
+    kept = [k for k in range(len(columns[0].cells)) if any(column.cells[k] for column in columns[keys:])]
+    return [replace(column, cells=[column.cells[k] for k in kept]) for column in columns]
+
+
+def _pages(columns: Sequence[_Column], size: _Size, room: float, height: float) -> list[slice]:
+    """Rows that stand together on a page so high, in pt, by the lines that their longest cells break into."""
+    most = (height - AROUND) / size.line
+    long = [column for column in columns if column.long]
+    left = room - sum(column.width(size) for column in columns if not column.long)
+    letters = max(left / max(len(long), 1) - size.gap, LONG * size.letter) / size.letter
+    starts, used = [0], 0
+    for row in range(len(columns[0].cells)):
+        lines = max([1, *(ceil(_letters(column.cells[row]) / letters) for column in long)])
+        if used and used + lines > most:
+            starts, used = [*starts, row], 0
+        used += lines
+    return [slice(start, end) for start, end in pairwise([*starts, len(columns[0].cells)])]
 
 
 def figure(name: str, caption: str, width: float, layout: Layout) -> str:
