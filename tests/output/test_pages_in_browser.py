@@ -115,6 +115,51 @@ def test_nothing_goes_wrong_or_out_and_the_page_fits(page_of, window, name, widt
     assert shade == ("rgb(22, 24, 27)" if dark else "rgb(255, 255, 255)")
 
 
+def test_figures_are_dark_where_the_page_is(page, window):
+    filters = "return [...document.images].map((image) => getComputedStyle(image).filter)"
+    window.open(page)
+    assert set(window.run(filters)) == {"none"}
+    window.open(page, dark=True)
+    assert all("invert(1)" in found for found in window.run(filters))
+
+
+def test_paper_is_white_whatever_the_screen_is(page, window):
+    window.open(page)
+    light = window.run(CHART, 0)
+    window.open(page, dark=True)
+    dark = window.run(CHART, 0)
+    window.run("dispatchEvent(new Event('beforeprint'))")
+    assert window.run(CHART, 0) == light != dark
+    window.run("dispatchEvent(new Event('afterprint'))")
+    assert window.run(CHART, 0) == dark
+
+
+def test_printed_drawings_keep_their_proportions_and_have_a_legend(page, window):
+    window.open(page)
+    window.devtools("Emulation.setEmulatedMedia", media="print")
+    try:
+        window.devtools("Emulation.setDeviceMetricsOverride", width=700, height=900, deviceScaleFactor=1, mobile=False)
+        stretched = """return [...document.querySelectorAll("canvas")].map((canvas) => {
+          const { width, height } = getComputedStyle(canvas);
+          return parseFloat(width) / parseFloat(height) / (canvas.width / canvas.height); })"""
+        window.run("dispatchEvent(new Event('beforeprint'))")
+        assert window.run(stretched) == pytest.approx([1] * 7, rel=0.02)
+        legend = "return [...document.querySelectorAll('.curve')].filter((each) => each.offsetHeight).length"
+        assert window.run(legend) == 3
+        assert window.run("return document.querySelector('.files').offsetHeight") == 0
+    finally:
+        window.devtools("Emulation.setEmulatedMedia", media="")
+
+
+@pytest.mark.parametrize("name", ["identify", "paper"])
+def test_wide_tables_take_the_width_of_the_window(page_of, window, name):
+    window.open(page_of(name), width=1400)
+    tables = "[...document.querySelectorAll('table')].map((table) => table.parentElement)"
+    assert window.run(f"return {tables}.some((each) => each.clientWidth > document.body.clientWidth)")
+    assert window.run(f"return {tables}.filter((each) => each.scrollWidth > each.clientWidth).length") == 0
+    assert window.run("return document.documentElement.scrollWidth <= innerWidth")
+
+
 @pytest.mark.skipif(not AXE, reason="MULTICONTACT_AXE names no axe.min.js, of the npm package axe-core")
 @pytest.mark.parametrize(("width", "dark"), [(400, True), (1200, False)])
 @pytest.mark.parametrize("name", every_page.COMMANDS)

@@ -14,6 +14,13 @@ class Replay {
     const again = () => this.draw();
     window.addEventListener("resize", again);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
+    // Paper is white, whatever the screen is.
+    for (const [event, printing] of [["beforeprint", true], ["afterprint", false]]) {
+      window.addEventListener(event, () => {
+        document.documentElement.classList.toggle("printing", printing);
+        again();
+      });
+    }
   }
 
   controls() {
