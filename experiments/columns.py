@@ -12,6 +12,7 @@ def run(args: argparse.Namespace) -> None:
     """Looks at the logs, prints what is believed of them, and writes it as a mapping."""
     from experiments.guesses.guess import believed, is_complete, write_mapping
     from experiments.guesses.written import table
+    from experiments.output.terminal import wrapped
     from ident.recordings.several_files import files_of
     from sim.models.mechanism import mechanism
 
@@ -27,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     lines += [""] * bool(belief.open or belief.notes)
     lines += [f"Open: {sentence}" for sentence in belief.open] + [f"Note: {sentence}" for sentence in belief.notes]
     lines += [f"Nothing was found for {', '.join(belief.unused)}."] if belief.unused else []
-    print("\n".join(lines))
+    print(wrapped("\n".join(lines)))
     then = "then" if is_complete(belief, arm.joints) else "then, when every joint has a position"
     print(f"\nCorrect {out}; {then}:\n{_identify(args, out, gaps=log.has_gaps)}")
 

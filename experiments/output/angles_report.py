@@ -12,6 +12,7 @@ from experiments.output import figures, report
 from experiments.output.layout import PAPER, Layout
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
+from experiments.output.terminal import wrapped
 from ident.recordings.atomic import save_arrays
 from sim.markers.scaled_file import write_scaled
 from sim.markers.trial_fit import Postures
@@ -191,4 +192,4 @@ def text(found: "Angles") -> str:
     """What is printed."""
     tables = [markers_table(found.postures), joints_table(found.postures)]
     tables += [scale_table(found)] if found.scaling is not None else []
-    return "\n".join([*(table.text() for table in tables), *lines(found)])
+    return wrapped("\n".join([*(table.text() for table in tables), *lines(found)]))

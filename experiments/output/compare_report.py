@@ -12,6 +12,7 @@ from experiments.output import figures, report, row_panels
 from experiments.output.layout import PAPER, Layout
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
+from experiments.output.terminal import wrapped
 from experiments.studies.comparing import Difference, Result
 from experiments.studies.errors import HALF_WIDTH
 
@@ -158,7 +159,7 @@ def numbers(pairs: Sequence[Difference]) -> dict[str, Any]:
 
 def text(shown: Results, compared: Sequence[Result]) -> str:
     """What the terminal shows."""
-    return "\n".join([*(table.text() for table in shown.tables.values()), *sentences(compared)])
+    return wrapped("\n".join([*(table.text() for table in shown.tables.values()), *sentences(compared)]))
 
 
 def sentences(compared: Sequence[Result]) -> list[str]:

@@ -18,6 +18,7 @@ from experiments.output.identify_replay import channel_unit, replay
 from experiments.output.layout import PAPER, Layout, unit_of
 from experiments.output.page import PAGE, Said, filmed, write_report
 from experiments.output.results import Results
+from experiments.output.terminal import wrapped
 from ident.estimate import Estimate
 from ident.geometry.inertia import PARAMETERS, with_bodies
 from ident.parameters.base_parameters import separating_sensors
@@ -165,17 +166,16 @@ def data_lines(result: Estimate) -> list[str]:
 
 def text(result: Estimate) -> str:
     """What the terminal shows."""
-    return "\n".join(
-        [
-            "The recording",
-            *(f"  {line}" for line in data_lines(result)),
-            "",
-            parameters_table(result).text(),
-            quality_table(result).text(),
-            f"Verdict: {result.verdict()}",
-            *(finding.line for finding in result.findings),
-        ]
-    )
+    lines = [
+        "The recording",
+        *(f"  {line}" for line in data_lines(result)),
+        "",
+        parameters_table(result).text(),
+        quality_table(result).text(),
+        f"Verdict: {result.verdict()}",
+        *(finding.line for finding in result.findings),
+    ]
+    return wrapped("\n".join(lines))
 
 
 def results(result: Estimate, provenance: dict[str, Any], layout: Layout = PAPER) -> Results:

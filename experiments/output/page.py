@@ -17,6 +17,7 @@ from experiments.output import escape, figures, report
 from experiments.output.page_symbols import pieces
 from experiments.output.replay import Replay
 from experiments.output.results import Results
+from experiments.output.terminal import wrapped
 from ident.errors import InputError
 from ident.recordings.atomic import replacing
 
@@ -109,7 +110,8 @@ def conclude(args: argparse.Namespace, found: Results, said: Said, origin: dict[
     with report.results_folder(args.out, stale=report.OUTPUTS) as folder:
         said, missing = filmed(getattr(args, "film", False), folder, said)
         refused = write_results(args, folder, written, args.formats, said)
-    print("\n".join([*(table.text() for table in written.tables.values()), *filter(None, [said.verdict]), *said.lines]))
+    shown = [*(table.text() for table in written.tables.values()), *filter(None, [said.verdict]), *said.lines]
+    print(wrapped("\n".join(shown)))
     print(f"Everything is in {args.out}; open {PAGE}.")
     complain(missing, refused)
     return written

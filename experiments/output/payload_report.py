@@ -11,6 +11,7 @@ from experiments.output import identify_figures, identify_report, report
 from experiments.output.layout import PAPER, Layout, offset_unit
 from experiments.output.page import PAGE, Said, write_report
 from experiments.output.results import Results
+from experiments.output.terminal import wrapped
 from experiments.studies.errors import HALF_WIDTH
 from ident.geometry.inertia import symmetric
 from ident.payload.payload import Payload
@@ -181,7 +182,8 @@ class PayloadReport:
         payload = self.payload
         tables = [self.table().text(), self.sensor_table().text()]
         verdict = [f"Verdict: {payload.verdict()}", *(finding.line for finding in payload.findings)]
-        return "\n".join([*self.lines(), "", *tables, self.forms_text(), *verdict])
+        # Forms are to be copied.
+        return "\n".join([wrapped("\n".join([*self.lines(), "", *tables])), self.forms_text(), *map(wrapped, verdict)])
 
     def write(
         self, folder: Path, model: Path, logs: Sequence[Path], provenance: dict[str, Any], layout: Layout = PAPER

@@ -19,7 +19,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any
 
-from experiments.output import escape, print_table
+from experiments.output import escape, print_table, terminal
 from experiments.output.layout import PAPER, Layout, unit_of
 from experiments.runs.signals import held_back
 from ident.errors import InputError
@@ -103,15 +103,10 @@ class Table:
         if (filled := self.filled()) is not self:
             return filled.text()
         kept = [k for k in range(len(self.headings())) if not (k == 1 and self._units())]
-        lines = [[line[k] for k in kept] for line in (self.headings(), *self.texts())]
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        numeric = [self.numeric()[k] for k in kept]
-        rows = (
-            "  ".join(c.rjust(w) if n else c.ljust(w) for c, w, n in zip(row, widths, numeric, strict=True))
-            for row in lines
-        )
-        note = [f"* {self.footnote}"] if self.footnote else []
-        return "\n".join([self.title, *(row.rstrip() for row in rows), *note, ""])
+        heads, *rows = ([line[k] for k in kept] for line in (self.headings(), *self.texts()))
+        lines = terminal.table(heads, rows, [self.numeric()[k] for k in kept])
+        note = [terminal.wrapped(f"* {self.footnote}")] if self.footnote else []
+        return "\n".join([terminal.wrapped(self.title), *lines, *note, ""])
 
     def write(self, folder: Path, name: str, layout: Layout = PAPER) -> None:
         """Writes `name.csv`, `name.md` and `name.tex` into a folder."""

@@ -13,6 +13,7 @@ from experiments.output.page import Said
 from experiments.output.replay import Replay, every_nth
 from experiments.output.results import Results
 from experiments.output.study_tables import touches
+from experiments.output.terminal import wrapped
 from experiments.studies import monte_carlo
 from experiments.studies.simulated import Study, simulated
 from experiments.studies.study_file import StudyFile
@@ -76,7 +77,7 @@ def joint_summary(study: Study) -> dict[str, float | None]:
 
 def text(study: Study) -> str:
     """What the terminal shows."""
-    return "\n".join([*(study_tables.table(study, name).text() for name in study.file.tables), *lines(study)])
+    return wrapped("\n".join([*(study_tables.table(study, name).text() for name in study.file.tables), *lines(study)]))
 
 
 def lines(study: Study) -> list[str]:

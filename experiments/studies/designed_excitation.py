@@ -12,6 +12,7 @@ from experiments.output import report
 from experiments.output.excite_report import figure, recording, table_deviations, table_limits, table_quality
 from experiments.output.page import PAGE, Said, complain, write_results
 from experiments.output.results import Results
+from experiments.output.terminal import wrapped
 from experiments.studies import criteria, excitation, paper
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
@@ -117,7 +118,7 @@ def run(args: argparse.Namespace) -> None:
     refused = _write(args, problem, results, lines, time, trajectory)
     for table in tables.values():
         print(table.text())
-    print("\n".join(lines))
+    print(wrapped("\n".join(lines)))
     print(f"Everything is in {args.out}; open {PAGE}.")
     complain(refused)
 

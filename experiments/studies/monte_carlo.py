@@ -18,6 +18,7 @@ from experiments.output import figures, report
 from experiments.output.layout import PAPER, Layout
 from experiments.output.page import PAGE, Said, filmed, write_report
 from experiments.output.results import Results
+from experiments.output.terminal import wrapped
 from experiments.runs.workers import worker_pool
 from experiments.studies.errors import Errors
 from experiments.studies.fitting import ESTIMATORS
@@ -182,7 +183,8 @@ def _run(
         print(results.tables[f"monte_carlo_{model}"].text())
         biased = np.flatnonzero(np.abs(d.mean) > 4 * d.std / np.sqrt(len(d.errors)))
         if len(biased):
-            print("Biased beyond chance: " + ", ".join(f"{d.names[k]} by {d.mean[k]:+.3f}" for k in biased) + "\n")
+            named = ", ".join(f"{d.names[k]} by {d.mean[k]:+.3f}" for k in biased)
+            print(wrapped(f"Biased beyond chance: {named}\n"))
     print(
         "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
         "regressor (errors in variables); its predicted standard deviations know the wrenches' noise only and do not\n"

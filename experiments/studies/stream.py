@@ -24,6 +24,7 @@ from experiments.output import report
 from experiments.output.layout import offset_unit, unit_of
 from experiments.output.page import PAGE, Said, complain, write_results
 from experiments.output.results import Results
+from experiments.output.terminal import wrapped
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import WorkerPool, worker_pool
 from experiments.studies.one_pass import Judged, Passed, Seen, judged, separated, with_offsets
@@ -272,7 +273,7 @@ def run(args: argparse.Namespace) -> None:
             numbers = {"estimate": estimated, "provenance": origin}
             written = Results({"base_parameters": table(estimate)}, numbers=numbers)
             refused = write_results(args, folder, written, (), _said(args, estimate, judgement, reading.notes))
-    print("\n".join([text(estimate, judgement), *reading.notes]))
+    print(wrapped("\n".join([text(estimate, judgement), *reading.notes])))
     print(f"Everything is in {args.out}; open {PAGE}.")
     complain(refused)
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from experiments.output import report
+from experiments.output.terminal import wrapped
 from experiments.symbols import codegen, symbolic
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
@@ -44,11 +45,11 @@ def run(args: argparse.Namespace) -> None:
     print(table.text())
     if not model.exact:
         print(f"The coefficients are decimals, because {model.reason}.")
-    print(f"Not seen at all: {', '.join(model.regrouping.unseen) or 'nothing'}.")
+    print(wrapped(f"Not seen at all: {', '.join(model.regrouping.unseen) or 'nothing'}."))
     if model.regrouping.remark:
-        print(model.regrouping.remark)
+        print(wrapped(model.regrouping.remark))
     for what, gained in separating_sensors(Mechanism(symbolic.with_values(tree, lengths), STANDARD_GRAVITY)).items():
-        print(f"Seen apart besides, {what}: {', '.join(gained) or 'nothing'}.")
+        print(wrapped(f"Seen apart besides, {what}: {', '.join(gained) or 'nothing'}."))
     print(f"LaTeX, Python and C are in {out}.")
 
 

@@ -62,7 +62,7 @@ def test_the_papers_excitation_is_improved_within_its_limits(tmp_path, capsys):
     assert excite.main(["double_pendulum", "--starts", "3", "--iterations", "30", *own]) == 0
     tex = (tmp_path / "table_deviations.tex").read_text(encoding="utf-8")
     assert r"\emph{link2}" in tex and r"\emph{link1}" not in tex
-    printed = capsys.readouterr().out
+    printed = " ".join(capsys.readouterr().out.split())
     assert "geometric mean before, the paper's excitation: 1.15e-03; after: " in printed
     assert "Condition number before: 38.2; after: " in printed
     files = {path.name for path in tmp_path.iterdir()}

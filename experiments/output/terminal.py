@@ -1,0 +1,126 @@
+"""Text in a terminal, whose lines are never longer than `WIDTH`: sentences, and tables with aligned columns."""
+
+import re
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+WIDTH = 120
+"""Columns of a terminal that lines fill at most."""
+
+GAP = 2
+"""Spaces between the columns of a table."""
+
+NARROW, LONG = 10, 20
+"""Letters that a head has at least in a line, and that a cell has before it may break into lines."""
+
+
+def wrapped(text: str) -> str:
+    """A text whose long lines break between words, indented below what follows their dashes."""
+    return "\n".join(_broken(line) for line in text.split("\n"))
+
+
+def _broken(line: str) -> str:
+    if len(line) <= WIDTH:
+        return line
+    lead = re.match(r" *(- )?", line)
+    indent = " " * (len(lead[0]) if lead else 0)
+    return "\n".join(_lines(line, WIDTH, indent))
+
+
+def _lines(text: str, width: int, indent: str = "") -> list[str]:
+    """Lines of a text no wider than this, if its words let it."""
+    broken = textwrap.wrap(
+        text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
+    )
+    return broken or [""]
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column of texts below a head, numbers to the right."""
+
+    head: str
+    cells: Sequence[str]
+    numeric: bool
+
+    @property
+    def natural(self) -> int:
+        """Width with everything in one line."""
+        return max(len(self.head), self.widest)
+
+    @property
+    def widest(self) -> int:
+        """Width of the cells, each in one line."""
+        return max(map(len, self.cells), default=0)
+
+    @property
+    def least(self) -> int:
+        """Width with a head of several lines, and cells of several where they are long."""
+        words = max(map(len, self.head.split()), default=0)
+        cells = self.widest if self.numeric else min(self.widest, LONG)
+        return max(cells, words, min(len(self.head), NARROW))
+
+    def block(self, text: str, width: int) -> list[str]:
+        """Lines of the head or of a cell, a number and the parameter behind it together."""
+        joined = re.sub(r"(?<=\d) (?=[A-Za-z])|(?<=[-+]) ", "\N{NO-BREAK SPACE}", text)
+        lines = [line.replace("\N{NO-BREAK SPACE}", " ") for line in _lines(joined, width)]
+        return [line.rjust(width) if self.numeric else line.ljust(width) for line in lines]
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool]) -> list[str]:
+    """Lines of a table; heads and long cells break, and columns that still do not fit stand below the others.
+
+    Args:
+        headings: Heads of the c columns.
+        rows: Cells in words (r, c).
+        numeric: Whether each column holds numbers.
+    """
+    cells = list(zip(*rows, strict=True)) or [()] * len(headings)
+    columns = [_Column(*each) for each in zip(headings, cells, numeric, strict=True)]
+    if _total([column.natural for column in columns]) <= WIDTH:
+        return _drawn(columns, [column.natural for column in columns])
+    lines: list[str] = []
+    for part in _parts(columns):
+        lines += [*[""] * bool(lines), *_drawn(part, _widths(part), skip=bool(lines))]
+    return lines
+
+
+def _total(widths: Sequence[int]) -> int:
+    return sum(widths) + GAP * (len(widths) - 1)
+
+
+def _parts(columns: Sequence[_Column]) -> list[list[_Column]]:
+    """The columns in sets that fit, each beginning with the first."""
+    parts = [[columns[0]]]
+    for column in columns[1:]:
+        if len(parts[-1]) > 1 and _total([each.least for each in (*parts[-1], column)]) > WIDTH:
+            parts.append([columns[0]])
+        parts[-1].append(column)
+    return parts
+
+
+def _widths(columns: Sequence[_Column]) -> list[int]:
+    """Widths of columns: what each needs at least; what is left of the line goes to cells, and then to heads."""
+    widths = [column.least for column in columns]
+    for wanted in ([column.widest for column in columns], [column.natural for column in columns]):
+        for k, width in enumerate(wanted):
+            widths[k] += max(0, min(width - widths[k], WIDTH - _total(widths)))
+    return widths
+
+
+def _drawn(columns: Sequence[_Column], widths: Sequence[int], *, skip: bool = False) -> list[str]:
+    """Lines of the heads, from below, and of all rows, or of those with more than a first cell."""
+    heads = [column.block(column.head, width) for column, width in zip(columns, widths, strict=True)]
+    highest = max(map(len, heads))
+    blocks = [[[" " * w] * (highest - len(head)) + head for head, w in zip(heads, widths, strict=True)]]
+    for row in zip(*(column.cells for column in columns), strict=True):
+        if skip and not any(row[1:]):
+            continue
+        blocks.append([c.block(cell, w) for c, cell, w in zip(columns, row, widths, strict=True)])
+    lines = []
+    for block in blocks:
+        for k in range(max(map(len, block))):
+            line = (cell[k] if k < len(cell) else " " * w for cell, w in zip(block, widths, strict=True))
+            lines.append((" " * GAP).join(line).rstrip())
+    return lines
