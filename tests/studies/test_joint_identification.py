@@ -90,7 +90,7 @@ def test_what_cannot_be_told_is_in_the_second_interval(tmp_path, fault):
 def test_a_forgotten_base_is_named(tmp_path, capsys):
     estimate = by_command(tmp_path, [faulty()])
     assert estimate["verdict"].startswith("Do not use it as it is")
-    assert "--base is probably 'base', not what it is now" in capsys.readouterr().out
+    assert "--base is probably 'base', not what it is now" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.usefixtures("undrawn")
