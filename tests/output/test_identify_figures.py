@@ -9,7 +9,7 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
 from experiments.output import figures, row_panels
-from experiments.output.identify_figures import held_out_figure, parameters_caption, parameters_figure
+from experiments.output.identify_figures import held_out_caption, held_out_figure, parameters_caption, parameters_figure
 from experiments.output.identify_replay import replay
 from experiments.output.layout import Layout
 from ident.estimation.preparation import LeftOut
@@ -44,6 +44,12 @@ def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
     figure = held_out_figure(slow)
     assert labels(figure) == ["Measured", "Predicted", "Torques left open"]
     assert sum(len(axes.collections) for axes in figure.axes) == 1
+
+
+def test_the_caption_says_how_dense_knots_are_where_there_are_any(estimate):
+    said = f"a knot every {1e3 * estimate.joint.step:.3g} ms"
+    assert said in held_out_caption(estimate)
+    assert "knot" not in held_out_caption(replace(estimate, joint=None))
 
 
 def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
