@@ -15,16 +15,13 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.precision import inverse_of_precision
 from ident.estimation.preparation import Prepared
 from ident.estimation.setup import setup_parameters
-from ident.estimation.stages import Stages
+from ident.estimation.stages import KNOTS_PER_SAMPLE, Stages
 from ident.estimation.trajectory_pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
 from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 
 FINEST = 0.005
 """Smallest distance of knots, s: no drive's torque is known to change faster."""
-
-KNOTS_PER_SAMPLE = 2.0
-"""Samples between knots at least."""
 
 ENOUGH = 10_000
 """Samples that noise, knots and set-up are found from first: what they say is hardly told better by more."""

@@ -70,6 +70,7 @@ def searched(
     candidates: np.ndarray,
     groups: Mapping[str, np.ndarray],
     scattered: Callable[[JointFit], JointFit],
+    least: np.ndarray | float = 0.0,
 ) -> Search:
     """Frees set-up parameters as long as one is significant and predicts pieces better that are left out.
 
@@ -79,17 +80,19 @@ def searched(
         candidates: Which parameters are of the set-up (p,).
         groups: Directions in which several change alike, by what they are (p,) each.
         scattered: Gives a fit the covariance under the noise that is really there.
+        least: Sizes below which parameters are not believed (p,), besides those not worth a word.
     """
     fitted, deviations = first.fit, list(first.deviations)
     # All candidates together raise a false alarm as rarely as one test does.
     threshold = -float(special.ndtri(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
     known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.known), 1e-300))
+    least = np.maximum(NEGLIGIBLE * known, least)
     while len(deviations) < MOST_FOUND and fitted.status != "interrupted":
         left = np.flatnonzero(candidates & ~fitted.free)
         if not len(left):
             break
         values, spread = fitted.scores(np.eye(len(candidates))[left])
-        likely = (np.abs(values) > NEGLIGIBLE * known[left]) & (np.abs(values / spread) > PROMISING)
+        likely = (np.abs(values) > least[left]) & (np.abs(values / spread) > PROMISING)
         likely[likely] = _predict(fitted, left[likely].tolist())
         if not likely.any():
             break
@@ -97,9 +100,9 @@ def searched(
         working = replace(fitted, scatters=None)
         z = np.where(likely, np.abs(values / working.scores(np.eye(len(candidates))[left])[1]), 0.0)
         best = int(np.argmax(z))
-        least = np.sqrt(max(z[best] ** 2 - max(ALIKE, ALIKE_SHARE * z[best] ** 2), PROMISING**2))
-        alike = sorted((k for k in np.flatnonzero(z > least) if k != best), key=lambda k: -z[k])
-        found = Deviation(int(left[best]), tuple(left[alike].tolist()), _together(working, groups, least))
+        close = np.sqrt(max(z[best] ** 2 - max(ALIKE, ALIKE_SHARE * z[best] ** 2), PROMISING**2))
+        alike = sorted((k for k in np.flatnonzero(z > close) if k != best), key=lambda k: -z[k])
+        found = Deviation(int(left[best]), tuple(left[alike].tolist()), _together(working, groups, close))
         theta = fitted.theta.copy()
         theta[found.index] += values[best]
         free = fitted.free | (np.arange(len(theta)) == found.index)

@@ -53,6 +53,13 @@ WEIGHED = 20
 OVERRATED = 2.0
 """Variance of the recordings' gradient over that of the working model from which a prior counts more beside them."""
 
+KNOTS_PER_SAMPLE, ROUNDING = 2.0, 1e-6
+"""Samples from one knot to the next at least, and how exactly that is met."""
+
+UNFOLLOWED = 0.125
+"""Shift in time, over the distance of knots, that jumps of a motion pass for which knots cannot follow: moves with
+trapezoidal velocities at 100 Hz, all else exact, made clocks of a twentieth believed."""
+
 LEAST_PIECES, SHORTEST = 6, 2.0
 """Pieces that all recordings are cut into together at least, as some are predicted from the others, unless pieces would
 be shorter, s: at a cut accelerations follow from one side alone."""
@@ -248,9 +255,19 @@ class Stages:
         groups, scatter = _groups(self.measurement, self.names), partial(with_scatter, estimate.measurement)
         first = with_long_delays(estimate.search, refit, estimate.measurement, self.is_setup)
         first = first if first is estimate.search else replace(first, fit=scatter(first.fit))
-        search = searched(first, refit, self.is_setup, groups, scatter)
+        search = searched(first, refit, self.is_setup, groups, scatter, self._unfollowed(estimate))
         left = search if search.incredible else without_idle_delays(search, refit)
         return replace(estimate, search=left if left is search else replace(left, fit=scatter(left.fit)))
+
+    def _unfollowed(self, estimate: Joint) -> np.ndarray:
+        """Sizes of delays and clocks that jumps between knots pass for, where samples let these be no denser (p,)."""
+        pieces, out = estimate.fit.pieces, np.zeros(len(self.names))
+        between = min(float(np.median(np.diff(piece.when))) for piece in pieces)
+        if estimate.step <= KNOTS_PER_SAMPLE * between * (1 + ROUNDING):
+            half = max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2
+            sizes = {"delay": UNFOLLOWED * estimate.step, "clock": UNFOLLOWED * estimate.step / half}
+            out += [sizes.get(name.partition("(")[0], 0.0) for name in self.names]
+        return out
 
     def _scattered(self, estimate: Joint) -> Joint:
         if estimate.fit.status == "interrupted":
