@@ -106,16 +106,30 @@ class Tree:
     @cached_property
     def floats(self) -> bool:
         """Whether the joints of one body, the only one on the base, let it move in all six directions."""
+        own = [self.screws[i][:, : self.bodies[i].freedoms] for i in self.root]
+        screws = np.hstack([np.zeros((6, 0)), *own])
+        return screws.shape[1] >= 6 and bool(np.linalg.matrix_rank(screws.astype(float)) == 6)
+
+    @cached_property
+    def root(self) -> tuple[int, ...]:
+        """Indices of the only body on the base and, before it, of the massless links to it; none of several bodies."""
         chain, parent = list[int](), BASE
         while not chain or self.bodies[parent].massless:
             on_it = [i for i, body in enumerate(self.bodies) if body.parent == parent]
             if len(on_it) != 1:
-                return False
+                return ()
             chain, parent = chain + on_it, on_it[0]
-        # Where no axes happen to be parallel.
-        poses = self.poses(np.linspace(0.3, 0.9, sum(body.coordinates for body in self.bodies)))
-        screws = np.hstack([se3.Ad(poses[i]) @ self.bodies[i].motions[:, : self.bodies[i].freedoms] for i in chain])
-        return screws.shape[1] >= 6 and bool(np.linalg.matrix_rank(screws.astype(float)) == 6)
+        return tuple(chain)
+
+    @cached_property
+    def generic_poses(self) -> np.ndarray:
+        """Poses of the bodies in a posture in which no axes happen to be parallel (b, 4, 4)."""
+        return self.poses(np.linspace(0.3, 0.9, sum(body.coordinates for body in self.bodies)))
+
+    @cached_property
+    def screws(self) -> tuple[np.ndarray, ...]:
+        """Motion subspaces of the bodies' joints in that posture, in the base frame (6, 0), (6, 1) or (6, 3) each."""
+        return tuple(se3.Ad(T) @ body.motions for T, body in zip(self.generic_poses, self.bodies, strict=True))
 
     def carried(self, i: int) -> tuple[int, ...]:
         """Indices of body i and of all bodies on it."""
