@@ -112,6 +112,7 @@ def _correlation(rho: np.ndarray, growth: np.ndarray, linked: np.ndarray) -> np.
         linked: How many samples follow another one (…).
     """
     sums, differences = growth[0] * (1 + rho), growth[1] * (1 - rho)
-    new = (sums - differences) / (sums + differences)
+    # Of what leaves nothing, both are zero.
+    new = (sums - differences) / np.maximum(sums + differences, TINIEST)
     white = new < np.where(rho == 0, CHANCE, WHITE_AGAIN) / np.sqrt(np.maximum(linked, 1))
     return np.where(white, 0.0, np.clip(new, 0, MOST_CORRELATED))

@@ -197,6 +197,14 @@ def test_correlation_is_capped():
     assert new.states_rho[0, 0] == MOST_CORRELATED
 
 
+def test_coordinates_that_are_exact_have_no_correlation():
+    piece = recording(np.random.default_rng(1), 0.9)
+    piece.states[0][:] = 0
+    with np.errstate(all="raise"):
+        new = unmoved(piece, noise_of(SIGMA, 0.5), 0.0)
+    assert new.states_rho[0, 0] == 0 and new.states[0, 0] == 0
+
+
 def test_outliers_hide_a_part_of_the_correlation_at_most():
     rng, found = np.random.default_rng(50), []
     for outliers in (0.0, 0.02):
