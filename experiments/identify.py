@@ -36,7 +36,8 @@ def run(args: argparse.Namespace) -> None:
     out = own_model.folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     read |= {"filters": args.estimator != "joint"}
-    read |= {"drive": tuple(args.drive), "ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
+    read |= {"drive": tuple(args.drive), "leave_out": tuple(args.leave_out)}
+    read |= {"ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
     read |= {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args), "packages": args.packages}
     logs, judges = ([prepare(args.model, log, **read) for log in several] for several in (args.logs, args.held_out))
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "own": tuple(args.own)}
@@ -135,6 +136,14 @@ def parser() -> argparse.ArgumentParser:
     otherwise = " of the joint estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
+    out.add_argument(
+        "--leave-out",
+        nargs="*",
+        default=[],
+        metavar="CHANNEL",
+        help="channels that are neither fitted nor judged: Fx to Mz of the total wrench, joints for their torques; as "
+        "Fz Mx My, which a model that moves in a plane across z cannot explain",
+    )
     return out
 
 

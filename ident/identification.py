@@ -57,6 +57,7 @@ def identify(
     estimator: str = "joint",
     cutoff: str | float | None = None,
     drive: Sequence[str] = (),
+    leave_out: Sequence[str] = (),
     offsets: bool = True,
     holdout: float = HOLDOUT,
     held_out: Recording | Sequence[Recording] = (),
@@ -76,6 +77,8 @@ def identify(
         cutoff: Of least squares the cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities
             and accelerations. The joint estimate has none, and takes joint coordinates alone.
         drive: Columns of friction and rotor inertia for joint torques: `viscous`, `coulomb`, `rotor`, `stribeck`.
+        leave_out: Channels that are neither fitted nor judged, as `Fz`, `Mx` and `My` of a model that moves in a plane
+            across z; of joint torques the joints' names.
         held_out: Other recordings to judge by.
 
     Raises:
@@ -84,7 +87,7 @@ def identify(
     """
     if estimator == "joint" and cutoff is not None:
         raise InputError(NO_CUTOFF)
-    options: dict[str, Any] = {"cutoff": cutoff, "drive": drive}
+    options: dict[str, Any] = {"cutoff": cutoff, "drive": drive, "leave_out": leave_out}
     logs, judges = (
         [prepared(mechanism, each, filters=estimator != "joint", **options) for each in _recordings(where, given)]
         for where, given in (("recording", recording), ("held_out", held_out))

@@ -27,6 +27,7 @@ def prepare(
     cutoff: str | float | None = None,
     filters: bool = True,
     drive: Sequence[str] = (),
+    leave_out: Sequence[str] = (),
     ignore: Sequence[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
     limit: int = LIMIT,
@@ -41,7 +42,7 @@ def prepare(
         log_path: A file that `read_log` reads; of a .trc file the markers become angles first.
         base: Body whose frame is {0}, by default the world.
         columns: Mapping of the log's columns.
-        cutoff: As for `prepared`, also `filters`.
+        cutoff: As for `prepared`, also `filters` and `leave_out`.
         drive: Friction and rotor columns for joint torques.
         ignore: Equality constraints and tendons to leave out.
         fix: Joints that do not move and are not in the log, as for `tree_from_model`.
@@ -61,7 +62,7 @@ def prepare(
     log = replace(log, notes=(*said, *log.notes))
     if person is not None:
         log = replace(log, notes=(*log.notes, _of_person(arm, person)))
-    ready = prepared(arm, log, cutoff=cutoff, filters=filters, drive=drive, name=str(log_path))
+    ready = prepared(arm, log, cutoff=cutoff, filters=filters, drive=drive, leave_out=leave_out, name=str(log_path))
     felt = [arm.tree.joints[k] for k in ready.equations.torques]
     if isinstance(arm.source, Origin):
         check_torques(arm.source.model, mechanism_bodies(arm.source.model, base), ignore, felt)

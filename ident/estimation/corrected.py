@@ -43,8 +43,8 @@ def corrected(
     motion = joined([measurement.motion(x) for x in states])
     channels = [piece_channels(measurement, piece, x, theta) for (piece, _), x in zip(places, states, strict=True)]
     measured = np.concatenate(channels) + estimate.offsets_beside_first(which or 0)
-    if measurement.frame is None and motion.base is not None and measurement.components:
-        # Without a ground the channels are in the world's axes; those of equations are in the base's.
+    if measurement.in_world_axes and motion.base is not None:
+        # Those of equations are in the base's axes.
         in_base = measured[:, :6].reshape(-1, 2, 3) @ motion.base.T[:, :3, :3]
         measured = np.hstack([in_base.reshape(-1, 6), measured[:, 6:]])
     samples = Samples(motion, measured)

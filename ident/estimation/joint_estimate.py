@@ -81,11 +81,7 @@ def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, f
     contacts = {name: recording.sensors[name] for name in recording.wrenches if name != GROUND}
     plates = dict.fromkeys(sensor.plate or name for name, sensor in contacts.items())
     held = GROUND in recording.wrenches
-    seen = (
-        np.isfinite(prepared.wrench).all(axis=0)
-        if held
-        else np.arange(6) < len(equations.channels) - len(equations.torques)
-    )
+    seen = np.isfinite(prepared.wrench).all(axis=0)
     return Measurement(
         equations,
         prepared.frame if held else None,

@@ -41,7 +41,7 @@ class Measurement:
     Attributes:
         equations: Channels and columns.
         frame: Pose of the ground sensor's frame in the base frame (4, 4); None where nothing holds the base: then all
-            wrenches together are written in the world's axes, about the base frame's origin, and are zero.
+            wrenches together are about the base frame's origin, and are zero.
         components: Components of the wrench that are channels.
         contacts: Sensors of the other wrenches by name.
         setup: Set-up parameters.
@@ -55,6 +55,14 @@ class Measurement:
     contacts: dict[str, Sensor]
     setup: tuple[SetupParameter, ...]
     moving: bool = False
+
+    @property
+    def in_world_axes(self) -> bool:
+        """Whether the wrench is written in the world's axes, where its noise is: without a ground, and if it is whole.
+
+        Of one that is not, components have been left out in the axes of the base, and stay in them.
+        """
+        return self.frame is None and len(self.components) == len(COMPONENTS)
 
     @property
     def tree(self) -> Tree:
@@ -282,8 +290,10 @@ class Measurement:
         """The measured components of the wrench that is left for the ground."""
         if not self.components:
             return np.zeros(0)
-        if self.frame is None:
+        if self.in_world_axes:
             return np.concatenate([base[:3, :3] @ total[:3], base[:3, :3] @ total[3:]])
+        if self.frame is None:
+            return total[list(self.components)]
         to_sensor = coAd(inverse(self.displacement(GROUND, theta))) @ coAd(inverse(self.frame))
         return (to_sensor @ total)[list(self.components)]
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
+from ident.arguments import checked_names
 from ident.errors import InputError, LogError
 from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
@@ -124,6 +125,7 @@ def prepared(
     *,
     cutoff: str | float | None = None,
     drive: Sequence[str] = (),
+    leave_out: Sequence[str] = (),
     name: str = "The recording",
     filters: bool = True,
 ) -> Prepared:
@@ -134,6 +136,8 @@ def prepared(
         recording: The recording.
         cutoff: Cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities and accelerations.
         drive: Friction and rotor columns for joint torques.
+        leave_out: Channels that are not fitted, though they may be measured: components of the total wrench in the
+            ground sensor's axes, without a ground in those of the base, or joint torques by the joints' names.
         name: What messages call the recording.
         filters: Whether the estimator fits what is low-passed. The joint estimate does not: where no cut-off can be
             chosen, its first look at a motion takes a usual one.
@@ -142,20 +146,26 @@ def prepared(
         InputError: Something is missing or does not fit; the message names it.
     """
     tree, rate, drive = mechanism.tree, recording.rate, drive_kinds(drive)
+    leave_out = checked_names("leave_out", leave_out, (*COMPONENTS, *tree.freedoms))
+    recording = repairs.without_channels(recording, tree, leave_out)
     steps = repairs.steps(recording, tree)
     recording, clipped = repairs.without_clipped(recording, mechanism)
     recording, notes = repairs.without_spikes(recording, mechanism.joints)
     constant = repairs.constants(recording, tree)
     recording = repairs.without_channels(recording, tree, constant)
+    notes += [f"Left out, as asked for: {', '.join(leave_out)}."] * bool(leave_out)
     notes += repairs.rests(recording, mechanism.tree)
     cutoff = _cutoff(recording, mechanism.joints, cutoff, filters)
     motion = _motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
+    wrench = np.where(np.isin(COMPONENTS, leave_out), np.nan, wrench)
     torques = recording.torques(tree.joints)
     torques = torques if torques is None or cutoff is None else low_pass(torques, rate, cutoff)
     channels = _channels(mechanism, frame, wrench, torques)
     if drive and not channels.torques:
         notes.append(f"The log has no joint torques for the drive columns {', '.join(drive)}.")
+    if not channels.names and leave_out and (recording.wrenches or torques is not None):
+        raise LogError(f"{name} has nothing to fit: all that it measures is left out, {', '.join(leave_out)}.")
     if not channels.names and constant:
         raise LogError(f"Every measured channel of {name} is constant ({', '.join(constant)}); nothing is to fit.")
     if not channels.names:

@@ -167,6 +167,8 @@ def _frames(prepared: Prepared, predicted: np.ndarray) -> dict[str, FrameCheck]:
     wrenches, base = prepared.recording.wrenches, motion.base_poses
     # Only contacts are on bodies.
     poses = prepared.mechanism.tree.poses(motion.q if set(wrenches) - {GROUND} else motion.q[:0])
+    # Without a ground contacts are whole, and components of the total are missing because they were left out.
+    kept = np.isfinite(prepared.wrench).all(axis=0) | (GROUND in wrenches)
     checks = {}
     for name in wrenches:
         wrench = prepared.recording.wrench(name)
@@ -177,10 +179,13 @@ def _frames(prepared: Prepared, predicted: np.ndarray) -> dict[str, FrameCheck]:
             continue
         pose = pose_in_base(wrench, poses[:, names.index(str(wrench.body))], base)
         in_frame = coAd(inverse(prepared.frame)) @ coAd(pose)
-        others = prepared.wrench - (in_frame @ wrench.on_mechanism[..., None])[..., 0]
-        if np.isfinite(others).all():
-            missing = (np.linalg.inv(in_frame) @ (predicted - others)[..., None])[..., 0]
-            checks[name] = diagnosis.check_frame(wrench.on_mechanism, missing, wrench.pose[:3, :3])
+        felt = (in_frame @ wrench.on_mechanism[..., None])[..., 0]
+        missing = np.where(kept, predicted - (prepared.wrench - felt), 0)
+        if np.isfinite(missing).all():
+            back = np.linalg.inv(in_frame)
+            own = wrench.on_mechanism if kept.all() else (back @ np.where(kept, felt, 0)[..., None])[..., 0]
+            missing = (back @ missing[..., None])[..., 0]
+            checks[name] = diagnosis.check_frame(own, missing, wrench.pose[:3, :3])
     return checks
 
 
@@ -189,7 +194,7 @@ def _contact(prepared: Prepared, residual: np.ndarray, part: slice) -> ContactCh
     if not known.any():
         return None
     if not known.all():
-        raise NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not measured here")
+        raise NotCheckedError(f"it shows in {', '.join(np.array(COMPONENTS)[~known])}, not fitted here")
     tree, q = prepared.mechanism.tree, prepared.samples.motion.q[prepared.taken(part)]
     in_base = (coAd(prepared.frame) @ residual[:, :6, None])[..., 0]
     # Noise is no contact that was left out: it may seem to be a force on any body, one with a sensor among them.

@@ -80,6 +80,14 @@ def test_where_nothing_holds_the_base_wrenches_are_in_the_worlds_axes():
     np.testing.assert_allclose(free, turned, atol=1e-12 * abs(turned).max())
 
 
+def test_where_nothing_holds_the_base_what_is_left_of_a_wrench_is_in_the_bases_axes():
+    rng = np.random.default_rng(0)
+    m = random_measurement(rng, moving=True, setup=False, contacts=1, components=(0, 1, 5))
+    states, wrenches, theta = random_inputs(rng, m)
+    held, free = (replace(m, frame=frame).values(states, wrenches, theta) for frame in (np.eye(4), None))
+    np.testing.assert_allclose(free, held, atol=1e-12 * abs(held).max())
+
+
 def with_plate(m):
     """The same with its first contact resting in the world."""
     name, hand = next(iter(m.contacts.items()))
