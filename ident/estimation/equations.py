@@ -9,6 +9,7 @@ import numpy as np
 from ident.errors import InputError
 from ident.estimation.samples import Samples, check_samples, whitened
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.plane import out_of_plane
 from ident.model.compiled import zeros
 from ident.model.regressor import chunk, drive_columns, drive_names, program_inputs, regressor_program
 from ident.model.tape import Program
@@ -18,6 +19,11 @@ from ident.tolerances import DRIVE
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Names of a wrench's components."""
+
+
+def channels_out_of_plane(mechanism: Mechanism, frame: np.ndarray | None = None) -> tuple[str, ...]:
+    """Names of the components that motion in a plane cannot explain, as for `out_of_plane`; by default at the base."""
+    return tuple(COMPONENTS[k] for k in out_of_plane(mechanism, np.eye(4) if frame is None else frame))
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from ident.judgement.fit_findings import (
     slow_residual_findings,
     stuck_findings,
 )
+from ident.judgement.plane_findings import plane_findings
 from ident.judgement.sensor_findings import clipped_findings, resolution_findings
 from ident.judgement.torque_findings import bound_findings, friction_findings, reversal_findings, torque_findings
 from ident.judgement.weighing import common_gain_findings, mass_by_setup_findings
@@ -115,6 +116,7 @@ def findings(result: "Estimate") -> list[Finding]:
         *friction_findings(result),
         *bound_findings(result),
         *reversal_findings(result),
+        *plane_findings(result),
         *quality_findings(_ratios(result), "held-out"),
         *setup_remarks(result),
         *course_findings(result),

@@ -1,0 +1,103 @@
+"""A model in a plane and a person who sways: what she is told to leave out, and what comes of it when she does."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+import sagittal_walker
+from commands import refusal
+
+import ident
+from experiments import identify
+
+SAYS = (
+    "The model moves in the plane normal to z; how the mechanism sways out of it, which Fz, Mx, My show, it cannot "
+    "explain: --leave-out Fz Mx My leaves them out."
+)
+
+
+@cache
+def estimate(leave_out=(), **options):
+    return ident.identify(sagittal_walker.mechanism(), sagittal_walker.recording(**options), leave_out=leave_out)
+
+
+def copied(text):
+    """What follows an option in a sentence."""
+    return tuple(text.partition("--leave-out ")[2].partition(" leaves")[0].split())
+
+
+def plane(result):
+    return [finding for finding in result.findings if "moves in the plane" in finding.text]
+
+
+def test_what_the_model_cannot_explain_is_named_with_the_option_that_leaves_it_out():
+    (finding,) = plane(estimate())
+    assert finding.text == SAYS and not finding.doubt
+    assert copied(finding.text) == finding.place.channels == sagittal_walker.SIDEWAYS
+    assert not estimate().verdict().startswith("Usable")
+
+
+def test_without_it_the_estimate_is_right_usable_and_the_same_however_she_sways():
+    left_out = copied(plane(estimate())[0].text)
+    without, upright = (estimate(left_out, sway=sway) for sway in (1.0, 0.0))
+    assert without.channels == ("Fx", "Fy", "Mz") and not plane(without)
+    assert without.verdict().startswith("Usable: ") and without.held_out.ratio.max() < 0.1
+    z = (without.psi - without.base.regroup(sagittal_walker.mechanism().known)) / without.std
+    assert len(z) == 16 and np.sqrt(np.mean(z**2)) < 1.5 and np.abs(z).max() < 4
+    np.testing.assert_allclose(without.psi, upright.psi, rtol=1e-6)
+    np.testing.assert_allclose(without.std, upright.std, rtol=1e-4)
+    assert "Left out, as asked for: Fz, Mx, My." in without.prepared.notes
+
+
+@pytest.mark.parametrize("estimator", ["weighted", "ordinary"])
+def test_least_squares_leave_it_out_as_well(estimator):
+    options = {"leave_out": sagittal_walker.SIDEWAYS, "estimator": estimator}
+    person = sagittal_walker.mechanism()
+    found = [ident.identify(person, sagittal_walker.recording(exact=True, sway=sway), **options) for sway in (0.0, 1.0)]
+    np.testing.assert_allclose(found[0].psi, found[1].psi, rtol=1e-9)
+    truth = found[0].base.regroup(person.known)
+    np.testing.assert_allclose(found[0].psi, truth, atol=2e-3 * np.abs(truth).max())
+
+
+def test_signs_of_plates_are_still_held_against_the_model():
+    """A plate whose signs are turned is found in the channels that are left."""
+    person, recording = sagittal_walker.mechanism(), sagittal_walker.recording()
+    values = {name: -x if name in ("right_force", "right_torque") else x for name, x in recording.measured.items()}
+    turned = ident.Recording(recording.time, values, sensors=recording.sensors, held=False)
+    found = ident.identify(person, turned, leave_out=sagittal_walker.SIDEWAYS)
+    (finding,) = (each for each in found.findings if "the opposite sign" in each.text)
+    assert finding.place.wrenches == ("right",) and not found.verdict().startswith("Usable")
+
+
+def files(folder):
+    """A model, and a log of angles and of two plates' forces and moments about the origin."""
+    recording = sagittal_walker.recording()
+    table = {"time": recording.time}
+    for name, x in recording.measured.items():
+        table |= {f"{name}.{axis}": x[:, k] for k, axis in enumerate("xyz")} if x.ndim == 2 else {name: x}
+    np.savetxt(
+        folder / "log.csv", np.column_stack(list(table.values())), delimiter=",", header=",".join(table), comments=""
+    )
+    (folder / "person.xml").write_text(sagittal_walker.text(), encoding="utf-8")
+    mapping = "[base]\nheld = false\n"
+    for name, body in sagittal_walker.STANDS.items():
+        mapping += f'[wrenches.{name}]\nframe = "world"\non = "{body}"\n'
+        for kind in ("force", "torque"):
+            mapping += f"{kind} = {[f'{name}_{kind}.{axis}' for axis in 'xyz']}\n"
+    (folder / "columns.toml").write_text(mapping, encoding="utf-8")
+    return [str(folder / "person.xml"), str(folder / "log.csv")]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_option_of_the_command(tmp_path, capsys):
+    given = [*files(tmp_path), "--columns", str(tmp_path / "columns.toml"), "--out", str(tmp_path), "--name", "out"]
+    message = refusal(identify.main, [*given, "--leave-out", "Fz", "sideways"], capsys)
+    assert "leave_out needs a list out of Fx, Fy, Fz, Mx, My, Mz, tx, " in message and "got sideways." in message
+    message = refusal(identify.main, [*given, "--leave-out", "Fx", "Fy", "Fz", "Mx", "My", "Mz"], capsys)
+    assert "log.csv has nothing to fit: all that it measures is left out, Fx, Fy, Fz, Mx, My, Mz." in message
+    assert identify.main([*given, "--leave-out", *sagittal_walker.SIDEWAYS]) == 0
+    said = capsys.readouterr().out
+    found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    assert list(found["held_out"]) == ["Fx", "Fy", "Mz"] and found["verdict"].startswith("Usable")
+    assert "Left out, as asked for: Fz, Mx, My." in said and SAYS not in said
