@@ -2,6 +2,7 @@
 
 import argparse
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 from experiments.cli import options
@@ -13,6 +14,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.guesses.guess import believed, is_complete, write_mapping
     from experiments.guesses.written import table
     from experiments.output.terminal import wrapped
+    from ident.estimation.equations import channels_out_of_plane
     from ident.recordings.several_files import files_of
     from sim.models.mechanism import mechanism
 
@@ -30,10 +32,11 @@ def run(args: argparse.Namespace) -> None:
     lines += [f"Nothing was found for {', '.join(belief.unused)}."] if belief.unused else []
     print(wrapped("\n".join(lines)))
     then = "then" if is_complete(belief, arm.joints) else "then, when every joint has a position"
-    print(f"\nCorrect {out}; {then}:\n{_identify(args, out, gaps=log.has_gaps)}")
+    sideways = channels_out_of_plane(arm) if belief.groups else ()
+    print(f"\nCorrect {out}; {then}:\n{_identify(args, out, sideways, gaps=log.has_gaps)}")
 
 
-def _identify(args: argparse.Namespace, columns: Path, *, gaps: bool) -> str:
+def _identify(args: argparse.Namespace, columns: Path, left_out: Sequence[str], *, gaps: bool) -> str:
     """The command that comes next."""
     words = ["python", "-m", "experiments.identify", str(args.model), *map(str, args.logs), "--columns", str(columns)]
     words += ["--base", args.base] if args.base else []
@@ -41,6 +44,7 @@ def _identify(args: argparse.Namespace, columns: Path, *, gaps: bool) -> str:
     words += ["--packages", *map(str, args.packages)] if args.packages else []
     for joint in args.fix:
         words += ["--fix", *joint]
+    words += ["--leave-out", *left_out] if left_out else []
     return shlex.join([*words, "--gaps"] if gaps else words)
 
 

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from experiments.guesses.aligned import add_aligned
-from experiments.guesses.belief import Belief
+from experiments.guesses.belief import Belief, Entry, Group
 from experiments.guesses.checked import check_wrenches_and_torques
 from experiments.guesses.joints import add_named, add_numbered, is_named_after, set_rates, set_units
-from experiments.guesses.orientations import add_orientations
+from experiments.guesses.orientations import BASE, add_orientations
 from experiments.guesses.seen import Seen, check_same_columns, seen
 from experiments.guesses.signs import check_positions
 from experiments.guesses.unnamed import add_unnamed
@@ -16,10 +16,12 @@ from experiments.guesses.wrenches import add_wrenches
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.plane import plane_normal
 from ident.recordings.atomic import replacing
 from ident.recordings.column import KINDS
 from ident.recordings.mapping import joint_kinds
 from ident.recordings.npz import LIMIT
+from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import wrench_groups
 
 
@@ -59,6 +61,9 @@ def believed(
         add_unnamed(belief, log, mechanism, mechanism.joints, held)
         signs = check_positions(belief, log, mechanism, kinds, by_size)
     set_rates(belief, log, kinds)
+    if held and belief.groups and GROUND not in belief.groups and plane_normal(mechanism) is not None:
+        of_base = belief.poses.setdefault(BASE, Group(BASE, {}))
+        of_base.entries["held"] = Entry(False, "the model's joints move it freely in a plane")
     lacking = [joint for joint in mechanism.joints if not _has_position(belief, joint)]
     if absent := [joint for joint in lacking if joint not in belief.undecided]:
         belief.open.append(_absent(absent))

@@ -9,6 +9,7 @@ from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
 from experiments.guesses.seen import Seen
 from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.plane import plane_normal
 from ident.recordings.column import CURRENT
 from ident.recordings.plates import AUTO
 from ident.recordings.wrench import GROUND
@@ -60,7 +61,7 @@ def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool) -
         if site:
             _mount(group, mechanism)
         elif not is_ground:
-            _place(belief, group, mechanism, held)
+            _place(belief, group, mechanism, held and plane_normal(mechanism) is None)
         elif "point" in group.entries:
             group.entries["frame"] = Entry("world", "a point of application rests in the world")
         belief.groups[group.name] = group

@@ -13,7 +13,7 @@ from ident.recordings.csv_file import Layout
 from ident.recordings.several_files import name_of
 
 ORDER = (
-    *("frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
+    *("held", "frame", "position", "rpy_deg", "body", "on", "among", "applied_to_link"),
     *("force", "quaternion", "unit", "point", "point_unit", "free_moment", "torque", "torque_unit"),
 )
 """Order of the lines of a wrench."""

@@ -13,6 +13,7 @@ from experiments.cli.print_options import layout_of
 from experiments.output import angles_report, report
 from experiments.output.page import PAGE, complain
 from ident.errors import InputError
+from ident.estimation.equations import channels_out_of_plane
 from ident.recordings.marker_files import read_markers
 from ident.recordings.markers import Markers
 from ident.recordings.recording import Recording
@@ -22,6 +23,7 @@ from sim.markers.recording import recording
 from sim.markers.settings import Settings, read_settings
 from sim.markers.swaps import Swap, swaps
 from sim.markers.trial_fit import Postures, check_fit, fit_trial
+from sim.models.mechanism import mechanism
 from sim.models.opensim.mechanism import is_opensim
 
 
@@ -76,8 +78,10 @@ def _identify(args: argparse.Namespace, found: Angles) -> str:
         log,
         *(["--base", found.base] if found.base else []),
     ]
-    still = [word for fixed in args.fix for word in ("--fix", *fixed)]
-    return shlex.join([*words, *still, *(word for name in found.postures.undetermined for word in ("--fix", name))])
+    words += [word for fixed in args.fix for word in ("--fix", *fixed)]
+    words += [word for name in found.postures.undetermined for word in ("--fix", name)]
+    sideways = () if found.base else channels_out_of_plane(mechanism(args.model, fix=options.fixed(args.fix)))
+    return shlex.join([*words, *(["--leave-out", *sideways] if sideways else [])])
 
 
 def study(args: argparse.Namespace) -> Angles:

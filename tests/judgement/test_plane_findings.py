@@ -9,7 +9,7 @@ import sagittal_walker
 from commands import refusal
 
 import ident
-from experiments import identify
+from experiments import columns, identify
 
 SAYS = (
     "The model moves in the plane normal to z; how the mechanism sways out of it, which Fz, Mx, My show, it cannot "
@@ -101,3 +101,13 @@ def test_the_option_of_the_command(tmp_path, capsys):
     found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     assert list(found["held_out"]) == ["Fx", "Fy", "Mz"] and found["verdict"].startswith("Usable")
     assert "Left out, as asked for: Fz, Mx, My." in said and SAYS not in said
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_columns_prints_a_command_that_can_be_copied(tmp_path, capsys):
+    assert columns.main([*files(tmp_path), "--out", str(tmp_path / "guessed.toml")]) == 0
+    *_, command = capsys.readouterr().out.splitlines()
+    assert command.endswith(" --leave-out Fz Mx My")
+    assert identify.main([*command.split()[3:], "--out", str(tmp_path), "--name", "out"]) == 0
+    found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
+    assert list(found["held_out"]) == ["Fx", "Fy", "Mz"] and found["verdict"].startswith("Usable")

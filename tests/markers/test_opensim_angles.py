@@ -54,5 +54,6 @@ def test_angles_of_an_opensim_model_and_the_command_that_comes_next(folder, tmp_
         assert np.sqrt(np.mean(z**2)) < 1.3
     said = capsys.readouterr().out
     assert f"python -m experiments.identify {folder / 'leg.osim'} {tmp_path / 'out' / 'angles.csv'}+PLATES" in said
+    assert "+PLATES.mot --leave-out Fz Mx My\n" in said
     message = refusal(main, [*given, "--scale"], capsys)
     assert "--scale needs an MJCF or URDF model; let OpenSim's Scale Tool" in message
