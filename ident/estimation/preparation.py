@@ -158,7 +158,8 @@ def prepared(
     cutoff = _cutoff(recording, mechanism.joints, cutoff, filters)
     motion = _motion(mechanism, recording, cutoff)
     frame, wrench = _wrench(tree, recording, motion, cutoff, notes)
-    wrench = np.where(np.isin(COMPONENTS, leave_out), np.nan, wrench)
+    constant |= _constant_together(recording, wrench)
+    wrench = np.where(np.isin(COMPONENTS, (*constant, *leave_out)), np.nan, wrench)
     torques = recording.torques(tree.joints)
     torques = torques if torques is None or cutoff is None else low_pass(torques, rate, cutoff)
     channels = _channels(mechanism, frame, wrench, torques)
@@ -329,6 +330,16 @@ def _wrench(
         notes.append(f"Nothing holds the base: {', '.join(wrenches)} make up the total wrench alone (Eq. 3).")
     total = recording.total_wrench(tree, motion=motion)
     return total.frame, total.values if cutoff is None else low_pass(total.values, recording.rate, cutoff)
+
+
+def _constant_together(recording: Recording, wrench: np.ndarray) -> dict[str, float]:
+    """Components of a total wrench (N, 6) that contacts alone make up, and that never change, with their values.
+
+    Where all are zero nothing touches the mechanism, which flies: that tells of its motion.
+    """
+    if GROUND in recording.wrenches or not wrench.any():
+        return {}
+    return {name: float(x[0]) + 0.0 for name, x in zip(COMPONENTS, wrench.T, strict=True) if np.ptp(x) == 0}
 
 
 class Filtered(NamedTuple):
