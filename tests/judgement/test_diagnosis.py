@@ -51,6 +51,15 @@ def test_a_transposed_frame_is_recognised():
     assert check.error_turned < 1e-12
 
 
+@pytest.mark.parametrize(("left", "suspicious"), [(0.45, True), (0.55, False), (0.95, False)])
+def test_another_sign_or_frame_has_to_be_twice_as_good(left, suspicious):
+    """What a rough model predicts of a right wrench may be a little better turned."""
+    assert diagnosis.FrameCheck(-1, np.eye(3), 1.0, left).suspicious == suspicious
+    assert diagnosis.FrameCheck(1, diagnosis.right_angled_rotations()[1], 1.0, left).suspicious == suspicious
+    assert diagnosis.BaseCheck("link", 1.0, left).suspicious == suspicious
+    assert not diagnosis.FrameCheck(1, np.eye(3), 1.0, left).suspicious
+
+
 def test_missing_channels_do_not_hide_a_sign():
     partial = WRENCH.copy()
     partial[:, [0, 1, 5]] = np.nan

@@ -73,6 +73,16 @@ def test_nothing_is_found_where_a_recording_ends_in_motion(seed, first, last):
     assert not unmeasured_contacts(prepared(PENDULUM, cut))
 
 
+def test_nothing_is_found_where_as_much_is_too_much_elsewhere():
+    """A contact only pushes: what errs to both sides is the model, or a sensor."""
+    pushed, pulled = (wrench_of(leaning([span], FORCE)) for span in ((1, 2.5), (6, 7)))
+    right = faulty()
+    both = pushed - 0.7 * (pulled - wrench_of(right))
+    q = right.of_joints(JOINTS, "position")
+    assert len(unmeasured_contacts(prepared(PENDULUM, angles_and_wrench(right.time, q, pushed)))) == 1
+    assert not unmeasured_contacts(prepared(PENDULUM, angles_and_wrench(right.time, q, both)))
+
+
 def test_nothing_is_found_where_the_weight_is_not_measured():
     recording = leaning([(1, 2.5)], FORCE)
     wrench = wrench_of(recording)

@@ -1,4 +1,4 @@
-"""Contacts that may be left out: doubted, but for those that are measured, whose noise looks the same."""
+"""Contacts that may be left out, whose noise those that are measured look like, and what the weight says."""
 
 from types import SimpleNamespace
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from recorded_faults import PENDULUM
 
+from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import ContactCheck
-from ident.judgement.wrench_findings import contact_findings
+from ident.judgement.wrench_findings import contact_findings, weight_findings
 from ident.mechanism.motion import Motion
 from ident.recordings.wrench import Sensor
 
@@ -23,3 +24,18 @@ def test_a_contact_left_out_is_on_a_body_and_is_not_measured(measured_on, distan
         prepared=SimpleNamespace(recording=recording, mechanism=PENDULUM, samples=SimpleNamespace(motion=motion)),
     )
     assert [finding.doubt for finding in contact_findings(result)] == [True] * doubted
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("off", "doubts"), [(0.04, []), (0.06, [False]), (0.28, [False]), (0.32, [True])])
+def test_a_mechanism_may_weigh_a_little_more_or_less_than_its_model(sign, off, doubts):
+    """Above 5 % it is worth a remark, above 30 % it is another mechanism."""
+    found = list(weight_findings(Weight(50 * (1 + sign * off), 50, 0.0)))
+    assert [finding.doubt for finding in found] == doubts
+
+
+@pytest.mark.parametrize("drift", [0.015, 0.025, -0.015, -0.025])
+def test_the_weight_may_not_drift_either_way(drift):
+    found = list(weight_findings(Weight(50, 50, 50 * drift)))
+    assert [finding.doubt for finding in found] == [True] * (abs(drift) > 0.02)
+    assert all(f"{50 * drift:+.2f} kg" in finding.text for finding in found)

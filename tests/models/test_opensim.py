@@ -3,12 +3,14 @@
 import json
 import re
 import warnings
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 from mechanisms import random_phi
+from numpy.polynomial import Polynomial
 from opensim_files import (
     Joint,
     constant,
@@ -26,7 +28,7 @@ import sim
 from ident.errors import InputError, ModelError
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from sim.models.notes import ModelNote
-from sim.models.opensim.functions import CLOSE
+from sim.models.opensim.functions import CLOSE, curve
 
 DATA = Path(__file__).parents[1] / "data" / "opensim"
 ROTATIONS = [("", np.eye(3)[k], constant(0)) for k in range(3)]
@@ -121,6 +123,18 @@ def knee(tmp_path, functions, limits=(-2.0, 0.1), **options):
     ]
     phi = dict(zip(("thigh", "shin"), random_phi(np.random.default_rng(0), 2).reshape(-1, 10), strict=True))
     return written(tmp_path, document(joints, phi, **options))
+
+
+@pytest.mark.parametrize("kind", ["SimmSpline", "NaturalCubicSpline"])
+def test_a_spline_through_points_of_a_cubic_is_that_cubic_and_straight_beyond(kind):
+    cubic, x = Polynomial([0.3, -0.2, 0.5, 0.7]), np.array([-1, -0.6, 0.1, 0.4, 1.3])
+    rows = "".join(f"<{tag}>{' '.join(map(str, values))}</{tag}>" for tag, values in (("x", x), ("y", cubic(x))))
+    spline = curve(ET.fromstring(f"<{kind}>{rows}</{kind}>"))
+    inside = np.linspace(x[0], x[-1], 40)
+    np.testing.assert_allclose(spline.evaluated(inside), cubic(inside), atol=1e-12)
+    for end, beyond in ((x[0], -0.5), (x[-1], 0.5)):
+        straight = cubic(end) + cubic.deriv()(end) * beyond
+        np.testing.assert_allclose(spline.evaluated(np.array([end + beyond])), straight, rtol=1e-12)
 
 
 def test_tables_become_polynomials_and_the_distance_is_told(tmp_path):

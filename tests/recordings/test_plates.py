@@ -246,6 +246,10 @@ def stepping():
             who[name][during] = body
             force[during] = [30, -20, 600] + 20 * rng.normal(size=(during.sum(), 3))
             point[during] = places[body][during, :3, 3] * [1, 1, 0] + 0.03 * rng.normal(size=(during.sum(), 3))
+            # A foot that lands hardly presses yet, and its centre of pressure is anywhere: here, far beyond the other.
+            first, other = during.argmax(), places[{"foot_l": "foot_r", "foot_r": "foot_l"}[body]]
+            force[first] = [0, 0, 45]
+            point[first] += 30 * (other - places[body])[first, :3, 3] * [1, 1, 0]
         empty = who[name] == ""
         point[empty] *= rng.choice([1, np.nan, np.inf, 1e12], p=[0.7, 0.1, 0.1, 0.1], size=(empty.sum(), 1))
         columns |= named(name, "F", force) | named(name, "p", point) | {f"{name}_T": rng.normal(size=len(time))}
@@ -281,6 +285,24 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
     assert "By its force, on 'right' is foot_l from 0.40 to 1.09 s, foot_r from 1.30 to 2.39 s" in told
     assert "on 'left' is foot_r from 0.00 to 0.89 s." in told
     assert "nor is its point of application used" in told and "at most 40 N" in told
+
+
+@pytest.mark.parametrize(("stated", "expected"), [("", 20.0), ("threshold = 7", 7.0)])
+def test_a_force_that_carries_nobody_counts_as_nothing_beside_a_centre_of_pressure(tmp_path, stated, expected):
+    """Without another word up to 20 N, with moments about an origin up to none."""
+    rng = np.random.default_rng(2)
+    direction = rng.normal(size=(len(walker.motion()[0]), 3))
+    size = rng.uniform(0, 2 * expected, len(direction))
+    force = direction * (size / np.linalg.norm(direction, axis=1))[:, None]
+    columns = named("right", "F", force) | named("right", "p", rng.normal(size=force.shape)) | {"right_T": size}
+    text = f'[wrenches.right]\nforce = {listed("right", "F")}\nframe = "world"\non = "foot_r"\n'
+    point = f'point = {listed("right", "p")}\nfree_moment = ["", "", "right_T"]\n'
+    log, mapping = written(tmp_path, [(columns, text + point + stated)])
+    counted = ident.read_log(log, walker.mechanism(), mapping)
+    np.testing.assert_array_equal(counted["right_force"].any(axis=1), size > expected)
+    np.testing.assert_array_equal(counted["right_torque"].any(axis=1), size > expected)
+    log, mapping = written(tmp_path, [(columns, text + f'torque = {listed("right", "p")}\n')])
+    assert ident.read_log(log, walker.mechanism(), mapping)["right_force"].any(axis=1).all()
 
 
 def test_a_point_that_is_missing_under_a_load_is_named(tmp_path):
@@ -327,6 +349,7 @@ BAD = {
     "no rectangle": (ON + "corners = [[0,0,0], [1,0,0], [1,1,0], [0,1.1,0]]", "needs the corners of a rectangle"),
     "crossed": (ON + "corners = [[0,0,0], [1,1,0], [1,0,0], [0,1,0]]", "needs the corners of a rectangle"),
     "sheared": (ON + "corners = [[0,0,0], [1,0,0], [1.3,1,0], [0.3,1,0]]", "needs the corners of a rectangle"),
+    "tapered": (ON + "corners = [[1,1,0], [-1,1,0], [-1.1,-1,0], [1.1,-1,0]]", "needs the corners of a rectangle"),
     "a point": (ON + "corners = [[0,0,0], [0,0,0], [0,0,0], [0,0,0]]", "needs the corners of a rectangle"),
     "not of norm 1": (
         ON + "position = [0, 0, 0]\nquaternion = [1, 1, 0, 0]",
