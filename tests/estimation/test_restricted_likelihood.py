@@ -1,6 +1,7 @@
 """Updates of the noise against the restricted likelihood itself, dense, and its maximum."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy.optimize import minimize
 from ident.estimation import joint, whitening
 from ident.estimation.joint import COLOURED, fit
 from ident.estimation.joint_fit import Prior, Start
-from ident.estimation.piece import Noise, Piece, linearised, misfit
+from ident.estimation.piece import Misfit, Noise, Piece, linearised, misfit
 from ident.estimation.restricted_likelihood import MOST_CORRELATED, Stride, hastened, renewed
 from ident.estimation.smoothing_start import smoothed
 from ident.estimation.spline import LOCAL, Spline
@@ -216,6 +217,25 @@ def test_outliers_hide_a_part_of_the_correlation_at_most():
     assert abs(having[1] - without[1]) < 0.3
     assert having[0] < 1.7 * without[0]
     assert having[2] < 0.3
+
+
+def without_residuals(rho, floor=0.3):
+    """Noise that follows where nothing is left of the measurements, and the trajectory takes all of the rank."""
+    noise = replace(noise_of(SIGMA, 0.0), channels_rho=np.array([rho]), floor_channels=np.array([floor]))
+    streams, one = np.zeros((3, 4)), np.ones(1)
+    part = SimpleNamespace(taken=streams, held=100 * one)
+    return renewed(noise, [part], [Misfit(0.0, streams, streams + 50, 2 * one, 100 * one)], coloured=False)
+
+
+def test_the_floor_of_a_channels_noise_is_higher_where_that_is_correlated():
+    """There the model is not quite right, and no residual says how much of the channel the trajectory took."""
+    assert without_residuals(0.0).channels == pytest.approx(0.3)
+    halfway, wholly = (without_residuals(rho).channels[0] / 0.3 for rho in (0.5, 1.0))
+    assert 10 < wholly < 20 and halfway - 1 == pytest.approx((wholly - 1) / 4)
+
+
+def test_smoothness_stays_above_nothing_where_the_trajectory_takes_all():
+    assert 1e-4 < without_residuals(0.0).jerk[0] < 1e-3
 
 
 def test_the_change_of_noise_is_the_largest_of_its_parts():

@@ -301,7 +301,7 @@ def test_a_force_that_carries_nobody_counts_as_nothing_beside_a_centre_of_pressu
     counted = ident.read_log(log, walker.mechanism(), mapping)
     np.testing.assert_array_equal(counted["right_force"].any(axis=1), size > expected)
     np.testing.assert_array_equal(counted["right_torque"].any(axis=1), size > expected)
-    log, mapping = written(tmp_path, [(columns, text + f'torque = {listed("right", "p")}\n')])
+    log, mapping = written(tmp_path, [(columns, text + f"torque = {listed('right', 'p')}\n")])
     assert ident.read_log(log, walker.mechanism(), mapping)["right_force"].any(axis=1).all()
 
 

@@ -1,0 +1,90 @@
+"""Friction that is likely but was not fitted: what noise is not taken for, and when it is worth a word."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import signal
+from test_torque_checks import arm, log
+
+import ident
+from ident.judgement.fit_findings import model_error_findings
+from ident.judgement.torque_checks import friction_shares
+from ident.judgement.torque_findings import friction_findings
+
+
+@cache
+def fitted():
+    return ident.identify(arm(), log(seconds=6, rate=50), estimator="weighted", cutoff=8.0)
+
+
+def shares_of(residual):
+    """Shares where the torques are what the fit says, and a residual (N, 7)."""
+    fit, samples = fitted().fit, fitted().prepared.samples
+    right = samples.measured - fit.residual(samples)
+    return np.array(list(friction_shares(fit, replace(samples, measured=right + residual)).values()))
+
+
+@pytest.mark.parametrize(("rho", "most"), [(0.0, 0.01), (0.9, 0.06)])
+def test_noise_is_not_taken_for_friction(rho, most):
+    """Of what two columns explain of noise by chance as much is taken away, more of noise that is correlated."""
+    rng, size = np.random.default_rng(0), fitted().prepared.samples.measured.shape
+    shares = np.concatenate(
+        [shares_of(signal.lfilter([1], [1, -rho], rng.normal(size=size), axis=0)) for _ in range(6)]
+    )
+    assert 0.35 < np.mean(shares == 0) < 0.75
+    assert shares.mean() < most
+
+
+def test_friction_is_taken_for_friction():
+    """Four fifths of a residual's variance in the first joint, of which inertias take a part first."""
+    dq = fitted().prepared.samples.motion.dq
+    rubs = np.sign(dq) / np.sign(dq).std(axis=0)
+    residual = np.random.default_rng(1).normal(size=dq.shape)
+    residual[:, 0] += 2 * rubs[:, 0]
+    shares = shares_of(residual)
+    assert 0.6 < shares[0] < 0.8 and shares[1:].max() < 0.1
+
+
+def estimate(share, ratio, drives=()):
+    """An estimate of two torques, with a share of the second's residual that friction would take away."""
+    channels = ("joint1", "joint2")
+    return SimpleNamespace(
+        fit=SimpleNamespace(equations=SimpleNamespace(drives=drives)),
+        channels=channels,
+        held_out=SimpleNamespace(ratio=np.array([ratio, ratio])),
+        friction={"joint1": 0.0, "joint2": share},
+        model_error=np.array([0.0, share]),
+        joint=SimpleNamespace(),
+    )
+
+
+@pytest.mark.parametrize(
+    ("share", "ratio", "worth_it"), [(0.25, 0.025, True), (0.15, 0.025, False), (0.25, 0.015, False)]
+)
+def test_friction_is_worth_a_word_where_it_explains_much_of_something(share, ratio, worth_it):
+    """A residual of a hundredth of the signal may go with the velocity without harm."""
+    (found,) = list(friction_findings(estimate(share, ratio))) or [None]
+    assert (found is not None) == worth_it
+    if found:
+        assert found.doubt and found.place.channels == ("joint2",)
+        assert f"joint2 ({share:.0%})" in found.text and found.text.endswith("--drive viscous coulomb.")
+
+
+@pytest.mark.parametrize(
+    ("share", "ratio", "worth_it"), [(0.55, 0.025, True), (0.45, 0.025, False), (0.55, 0.015, False)]
+)
+def test_a_model_is_not_quite_right_where_the_motion_explains_most_of_something(share, ratio, worth_it):
+    found = list(model_error_findings(estimate(share, ratio)))
+    assert [(each.doubt, each.place.channels) for each in found] == [(True, ("joint2",))] * worth_it
+
+
+def test_of_friction_that_is_fitted_nothing_is_said_but_that_at_low_velocity():
+    drives = tuple(f"{column}({joint})" for column in ("Fv", "Fc") for joint in ("joint1", "joint2"))
+    (found,) = friction_findings(estimate(0.3, 0.1, drives))
+    assert not found.doubt and found.text.endswith("--drive viscous coulomb stribeck.")
+    smeared = estimate(0.3, 0.1, drives)
+    smeared.joint = None
+    assert not list(friction_findings(smeared))

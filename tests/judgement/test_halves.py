@@ -1,0 +1,129 @@
+"""Parts of the data against each other: one parameter that each part tells by itself, by the weights of a mean."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from recorded_faults import PENDULUM, faulty, shortened
+
+import ident
+from ident import identification
+from ident.estimation.setup import PRIORS
+from ident.judgement.fit_findings import halves_findings
+from ident.judgement.halves import LEAST_ADDED, disagreement, disagreements
+
+
+def joint(told, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
+    """A joint estimate of one parameter, of which each piece says `told` with a precision.
+
+    Args:
+        told: What each piece says (k,).
+        precision: Its precision (k,).
+        known: Precision of what is known beforehand; `mean` what that says.
+        counts: Pieces of each recording, all of one if not given.
+        scatter: Variance of each piece's right side, its precision if not given (k,).
+    """
+    told, precision = np.array(told, float), np.array(precision, float)
+    scatter = precision if scatter is None else np.array(scatter, float)
+    counts = counts or (len(told),)
+    theta = (precision @ told + known * mean) / (precision.sum() + known)
+    starts = np.cumsum([0, *counts])
+    each = lambda x: np.array([[x]])  # noqa: E731
+    fit = SimpleNamespace(
+        theta=np.array([theta]),
+        gradient=np.array([precision @ (told - theta) + known * (mean - theta)]),
+        free=np.array([True]),
+        counted=np.array([True]),
+        bounded=None,
+        shares=[(each(P), np.array([P * (x - theta)])) for P, x in zip(precision, told, strict=True)],
+        scatter_shares=[each(K) for K in scatter],
+        prior=SimpleNamespace(precision=each(known), mean=np.array([mean]), weight=1.0),
+        precision=each(precision.sum() + known),
+        scatter=each(scatter.sum() + known),
+        covariance=each((scatter.sum() + known) / (precision.sum() + known) ** 2),
+    )
+    return SimpleNamespace(
+        fit=fit,
+        counts=counts,
+        measurement=SimpleNamespace(equations=SimpleNamespace(parameters=SimpleNamespace(rank=1))),
+        pieces_of=lambda which: slice(starts[which], starts[which + 1]),
+    )
+
+
+def mean_and_variance(told, precision, known, mean):
+    """Of one half, with half of what is known."""
+    told, precision = np.array(told, float), np.array(precision, float)
+    whole = precision.sum() + known / 2
+    return (precision @ told + known * mean / 2) / whole, 1 / whole
+
+
+@pytest.mark.parametrize("known", [0.0, 30.0])
+def test_halves_of_one_recording_are_compared_with_half_of_what_is_known_each(known):
+    told, precision = [1.0, 1.2, 0.4, 0.5], [10, 20, 5, 8]
+    z = disagreement(joint(told, precision, known=known, mean=0.3))
+    (a, va), (b, vb) = (mean_and_variance(told[k], precision[k], known, 0.3) for k in (slice(0, 2), slice(2, 4)))
+    assert z == pytest.approx(abs(a - b) / np.sqrt(va + vb))
+
+
+def test_halves_of_several_recordings_are_recordings():
+    """One of three against two."""
+    told, precision = [1.0, 0.2, 0.4, 0.5], [10, 20, 5, 8]
+    z = disagreement(joint(told, precision, counts=(1, 2, 1)))
+    (a, va), (b, vb) = (mean_and_variance(told[k], precision[k], 0, 0) for k in (slice(0, 1), slice(1, 4)))
+    assert z == pytest.approx(abs(a - b) / np.sqrt(va + vb))
+
+
+def test_noise_that_is_really_more_makes_halves_agree():
+    """Their variances are those of a sandwich: with four times the scatter half as many standard deviations."""
+    told, precision = [1.0, 0.2], np.array([10.0, 20])
+    assert disagreement(joint(told, precision, scatter=4 * precision)) == pytest.approx(
+        disagreement(joint(told, precision)) / 2
+    )
+
+
+def test_a_half_that_tells_nothing_disagrees_with_nobody():
+    assert disagreement(joint([1.0, 0.0], [10, 0])) is None
+    assert disagreement(joint([1.0, 0.0], [10, 0], known=1.0)) is not None
+
+
+def test_each_recording_is_compared_with_the_others():
+    """`θ_k - θ` has the variance 1 / (P - P_k) - 1 / P where noise is as supposed; of two there is one difference."""
+    told, precision = np.array([1.0, 1.1, 0.9, 3.0]), np.array([10.0, 20, 5, 8])
+    z = disagreements(joint(told, precision, counts=(1, 1, 1, 1)))
+    theta = precision @ told / precision.sum()
+    for k in range(4):
+        rest = np.delete(precision, k)
+        other = rest @ np.delete(told, k) / rest.sum()
+        assert z[k] == pytest.approx(abs(other - theta) / np.sqrt(1 / rest.sum() - 1 / precision.sum()))
+    assert np.argmax(z) == 3
+    assert disagreements(joint(told, precision, counts=(2, 2))) == ()
+
+
+def test_what_adds_nothing_does_not_differ_by_rounding():
+    """A recording counts as if it added a hundredth of the variance."""
+    told, precision = [1.0, 1.1, 0.9], [10.0, 20, 1e-9]
+    whole = joint(told, precision, counts=(1, 1, 1))
+    other = np.average(told[:2], weights=precision[:2])
+    moved = abs(other - whole.fit.theta[0])
+    assert disagreements(whole)[2] == pytest.approx(moved / np.sqrt(LEAST_ADDED / np.sum(precision)))
+    assert LEAST_ADDED < 0.02
+
+
+@pytest.mark.parametrize(("z", "doubts"), [(1.8, []), (2.2, [False]), (3.8, [False]), (4.2, [True])])
+def test_recordings_disagree_from_two_deviations_and_it_is_a_doubt_from_four(z, doubts):
+    result = SimpleNamespace(widening=1.0, disagreements=(0.5, z, 0.7))
+    found = list(halves_findings(result))
+    assert [finding.doubt for finding in found] == doubts
+    assert all(f"of log 2 ({z:.1f})." in finding.text for finding in found)
+
+
+def test_intervals_that_were_widened_are_a_remark():
+    (found,) = halves_findings(SimpleNamespace(widening=2.3, disagreement=2.3, disagreements=()))
+    assert not found.doubt and "differ by 2.3 of their standard deviations" in found.text
+
+
+@pytest.mark.parametrize(("z", "widening"), [(None, 1), (1.9, 1), (2.1, 2.1)])
+def test_intervals_are_as_much_wider_as_halves_differ_by_more_than_two_deviations(monkeypatch, z, widening):
+    monkeypatch.setattr(identification, "disagreement", lambda joint: z)
+    estimate = ident.identify(PENDULUM, shortened(faulty(), 150), setup=dict.fromkeys(PRIORS, 0.0))
+    assert (estimate.widening, estimate.disagreement) == (widening, z)
