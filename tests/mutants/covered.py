@@ -1,0 +1,129 @@
+"""Which tests execute a line: gathered once with `coverage`, and again where code or tests have changed."""
+
+import ast
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+
+LEFT_OUT = ("output", "docs", "cli", "runs", "simulation", "motion", "models", "test_fuzz.py", "test_mutants.py")
+"""What of the tests is about other things, and slow."""
+
+SECONDS = "MUTANTS_SECONDS"
+"""Variable of the environment that holds the file of what passing tests take."""
+
+
+class Covered:
+    """Lines that tests execute, and what each test takes.
+
+    Args:
+        repository: The repository's folder.
+        folder: Where what is gathered is kept.
+        copy: A copy of the repository to run tests in.
+    """
+
+    def __init__(self, repository: Path, folder: Path, copy: Path) -> None:
+        self.repository, self.folder = repository, folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self._file, kept = folder.resolve() / "coverage", folder / "gathered.json"
+        known = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+        code = _digest(sorted((repository / "ident").rglob("*.py")))
+        if known.get("code") != code:
+            self._file.unlink(missing_ok=True)
+            known = {"code": code, "files": {}, "seconds": {}}
+        now = {str(file.relative_to(repository)): _digest([file]) for file in test_files(repository)}
+        stale = [file for file, digest in now.items() if known["files"].get(file) != digest]
+        fresh = set(now) - set(stale)
+        self.seconds: dict[str, float] = {k: x for k, x in known["seconds"].items() if k.partition("::")[0] in fresh}
+        if stale:
+            self.seconds |= self._gathered(stale, copy)
+            kept.write_text(json.dumps({"code": code, "files": now, "seconds": self.seconds}), encoding="utf-8")
+
+    def _gathered(self, files: Sequence[str], copy: Path) -> dict[str, float]:
+        """What each passing test of some files takes, s; the lines they execute go into the file of coverage."""
+        seconds = self.folder.resolve() / "seconds.json"
+        command = [sys.executable, "-m", "coverage", "run", "--append", "--source", "ident"]
+        command += ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "tests.mutants.contexts", *files]
+        subprocess.run(
+            command, cwd=copy, env=environment(copy) | {"COVERAGE_FILE": str(self._file), SECONDS: str(seconds)}
+        )
+        return json.loads(seconds.read_text(encoding="utf-8"))
+
+    @cached_property
+    def _lines(self) -> dict[str, dict[int, list[str]]]:
+        """Tests by file and line; files from the repository's folder."""
+        # To say which faults there are takes no more than Python.
+        from coverage import CoverageData
+
+        data = CoverageData(str(self._file))
+        data.read()
+        out: dict[str, dict[int, list[str]]] = {}
+        for file in data.measured_files():
+            # Copies have different folders.
+            name = "ident/" + Path(file).as_posix().rpartition("/ident/")[2]
+            lines = out.setdefault(name, {})
+            for line, tests in data.contexts_by_lineno(file).items():
+                lines.setdefault(line, []).extend(tests)
+        return out
+
+    def tests(self, path: str, line: int) -> list[str]:
+        """Tests that execute a line, the quickest first; of what imports execute, those of what it defines.
+
+        Studies come last, whose tests share simulations that take longer than they.
+        """
+        text = (self.repository / path).read_text(encoding="utf-8")
+        body = _body(ast.parse(text), line)
+        found = self._of_lines({path: body}) if body else self._of_names(path, text.splitlines()[line - 1])
+        found = found or self._of_lines({path: self._lines.get(path, {})})
+        return sorted(found, key=lambda test: (test.startswith("tests/studies/"), self.seconds[test]))
+
+    def _of_lines(self, places: Mapping[str, Iterable[int]]) -> set[str]:
+        every = (self._lines.get(path, {}).get(line, ()) for path, lines in places.items() for line in lines)
+        return {test for tests in every for test in tests if test in self.seconds}
+
+    def _of_names(self, path: str, row: str) -> set[str]:
+        """Tests that execute lines with what a row assigns, in its own file or else in others."""
+        names = re.match(r"\s*([\w, ]+?)\s*[:=]", row)
+        words = re.findall(r"\w+", names[1]) if names else []
+        if not words:
+            return set()
+        pattern, places = re.compile(rf"\b({'|'.join(words)})\b"), dict[str, list[int]]()
+        for file in sorted((self.repository / "ident").rglob("*.py")):
+            rows = file.read_text(encoding="utf-8").splitlines()
+            places[str(file.relative_to(self.repository))] = [k for k, x in enumerate(rows, 1) if pattern.search(x)]
+        # Other files may give another thing the same name.
+        return self._of_lines({path: places[path]}) or self._of_lines(places)
+
+
+def _body(tree: ast.AST, line: int) -> list[int]:
+    """A line within a function, or all lines of the function whose defaults it has; none of what imports execute."""
+    out: list[int] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and node.lineno <= line <= (node.end_lineno or 0):
+            first = node.body[0].lineno
+            out = [line] if line >= first else list(range(first, (node.end_lineno or first) + 1))
+    return out
+
+
+def test_files(repository: Path) -> list[Path]:
+    """Test files that are not about other things."""
+    files = sorted((repository / "tests").rglob("test_*.py"))
+    return [file for file in files if file.relative_to(repository).parts[1] not in LEFT_OUT]
+
+
+def environment(copy: Path) -> dict[str, str]:
+    """Variables with which Python imports a copy, and takes one core."""
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    # To compile all modules for each fault would take most of the time.
+    others = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+    path = os.pathsep.join([str(copy), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return others | threads | {"PYTHONPATH": path}
+
+
+def _digest(files: Sequence[Path]) -> str:
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()

@@ -1,0 +1,79 @@
+"""Runs of tests on a copy of the repository that has a fault."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from importlib.util import cache_from_source
+from pathlib import Path
+
+from .covered import Covered, environment
+from .drawn import Mutant
+
+COPIED = ("ident", "sim", "experiments", "scenes", "tests", "docs", "pyproject.toml", "README.md", "constraints.txt")
+"""What tests need of the repository."""
+
+STAGES = 6.0, 25.0
+"""Seconds that the tests of one fault take together at first, and if it survives those; slower ones are left out."""
+
+PATIENCE = 20.0, 3.0
+"""Seconds until tests count as hanging, and more of them for each second that the tests take without a fault."""
+
+
+def copied(repository: Path, to: Path) -> Path:
+    """A copy of what tests need."""
+    for name in COPIED:
+        source = repository / name
+        if source.is_dir():
+            shutil.copytree(source, to / name, ignore=shutil.ignore_patterns("__pycache__"))
+        elif source.exists():
+            shutil.copy(source, to / name)
+    return to
+
+
+def trial(copy: Path, covered: Covered, mutant: Mutant) -> str:
+    """How tests that execute the line of a fault end with it, the quickest first."""
+    tests, survived = covered.tests(mutant.path, mutant.line), 0
+    for most in STAGES:
+        chosen, seconds = list[str](), 0.0
+        while tests and seconds < most:
+            seconds += covered.seconds[tests[0]]
+            chosen.append(tests.pop(0))
+        if chosen and (ending := outcome(copy, mutant, _by_file(mutant, chosen), seconds)):
+            return f"killed: {ending}"
+        survived += len(chosen)
+    return f"survived: {survived} tests" if survived else "survived: no test executes it"
+
+
+def _by_file(mutant: Mutant, tests: Sequence[str]) -> list[str]:
+    """Tests of the room first, those of one file together, which may share what is costly to make."""
+    room = f"tests/{Path(mutant.path).parts[1]}/"
+    return sorted(tests, key=lambda test: (not test.startswith(room), test.partition("::")[0]))
+
+
+def outcome(copy: Path, mutant: Mutant, tests: Sequence[str], seconds: float) -> str:
+    """The test that fails with a fault in a copy, or what else happens; nothing where all pass.
+
+    Args:
+        copy: The copy.
+        mutant: The fault.
+        tests: The tests.
+        seconds: What they take without the fault.
+    """
+    file = copy / mutant.path
+    source = file.read_text(encoding="utf-8")
+    file.write_text(mutant.applied(source), encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", *tests]
+    most = PATIENCE[0] + PATIENCE[1] * seconds
+    try:
+        run = subprocess.run(command, cwd=copy, env=environment(copy), capture_output=True, text=True, timeout=most)
+    except subprocess.TimeoutExpired:
+        return "tests hang"
+    finally:
+        file.write_text(source, encoding="utf-8")
+        # All else stays compiled; of this file another fault of the same length may follow within a second.
+        Path(cache_from_source(str(file))).unlink(missing_ok=True)
+    if run.returncode == 0:
+        return ""
+    failed = [row for row in run.stdout.splitlines() if row.startswith(("FAILED", "ERROR"))]
+    return failed[0].split()[1] if failed else f"pytest ends with {run.returncode}"
