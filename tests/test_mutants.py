@@ -120,7 +120,7 @@ def test_a_trial_ends_by_what_tests_say_and_leaves_the_copy_as_it_was(tmp_path, 
         (tmp_path / "repository" / name).write_text(text, encoding="utf-8")
     copy = trials.copied(tmp_path / "repository", tmp_path / "copy")
     known = SimpleNamespace(tests=lambda path, line: tests.copy(), seconds=dict.fromkeys(tests, 1.0))
-    assert trials.trial(copy, known, FAULT) == ending
+    assert trials.trial(copy, known, FAULT, 10.0) == ending
     assert (copy / "ident/room.py").read_text(encoding="utf-8") == source
 
 

@@ -11,7 +11,7 @@ from recorded_faults import PENDULUM, angles_and_wrench, faulty, wrench_of
 
 import ident
 import sim
-from ident.estimation.filtered import filtered_least_squares
+from ident.estimation.filtered import _Sums, filtered_least_squares
 from ident.estimation.preparation import prepared
 
 NOTHING = np.zeros(13), np.zeros((13, 13))
@@ -96,3 +96,20 @@ def test_samples_near_reversals_are_left_alone(monkeypatch):
         error = log.recording.torques(arm().tree.joints)[judged] - found.predicted[0]
         errors.append(np.sqrt((error[moving] ** 2).mean()))
     assert errors[0] < 0.8 * errors[1]
+
+
+def test_signals_and_residuals_of_sums_are_those_of_their_samples():
+    """Of `[Y | low-passed | raw]`, in two parts, a channel being raw more than what is low-passed of it."""
+    rng = np.random.default_rng(0)
+    Y, low, x = rng.normal(size=(2, 50, 3)), rng.normal(size=(2, 50)) + 3, np.array([1.0, -2, 0.5])
+    raw = low + 2 * rng.normal(size=(2, 50))
+    stacked = np.concatenate([Y, low[..., None], raw[..., None]], axis=2)
+
+    def sums(part):
+        rows = stacked[:, part]
+        return _Sums(rows.transpose(0, 2, 1) @ rows, np.full(2, rows.shape[1]), rows[..., -1].sum(axis=1))
+
+    both = sums(slice(0, 20)) + sums(slice(20, None))
+    np.testing.assert_allclose(both.signal, raw.std(axis=1))
+    np.testing.assert_allclose(both.residual(x, -1), np.sqrt(((raw - Y @ x) ** 2).mean(axis=1)))
+    np.testing.assert_allclose(both.residual(x, -2), np.sqrt(((low - Y @ x) ** 2).mean(axis=1)))

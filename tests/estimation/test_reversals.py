@@ -8,7 +8,7 @@ import scenes
 from experiments.studies.noise_conditions import CONDITIONS
 from experiments.studies.noise_truth import drives, truth
 from experiments.studies.noisy_recordings import SUBJECTS, noisy_recording, true_bodies
-from ident.estimation.reversals import _law
+from ident.estimation.reversals import Reversals, _law
 
 
 def rubbing(rng, slip, *, stuck=0.0, samples=4000):
@@ -32,6 +32,15 @@ def test_torques_at_rest_are_open_where_they_are_anything():
     assert 0.015 <= law.velocity <= 0.04
     free = _law(rubbing(np.random.default_rng(1), 0.003)[1], rubbing(np.random.default_rng(1), 0.003)[0])
     assert free.size < 0.1
+
+
+def test_slack_fades_over_its_velocity_either_way():
+    """As a bell curve: one deviation is v0. A channel without friction has none."""
+    reversals = Reversals(np.array([2.0, 0.0]), np.array([0.1, 1.0]), np.zeros(2))
+    speed = np.array([0, 0.1, -0.1, 0.2, 1.0])
+    slack = reversals.slack(np.stack([speed, speed], axis=1))
+    np.testing.assert_allclose(slack[:, 0], 2 * np.exp([0, -0.5, -0.5, -2, -50]))
+    assert not slack[:, 1].any()
 
 
 @pytest.mark.parametrize("name", ["rubs_sinusoids_200", "rubs_trapezoids_100"])

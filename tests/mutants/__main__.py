@@ -31,6 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--number", type=int, default=200, help="number of faults")
     parser.add_argument("--seed", type=int, default=0, help="seed of their choice")
     parser.add_argument("--workers", type=int, default=1, help="faults that are tried at once")
+    parser.add_argument(
+        "--seconds", type=float, default=25.0, help="what tests of one may take; slower ones are left out"
+    )
     parser.add_argument("--only", type=int, nargs="+", metavar="K", help="try these of the drawn ones alone")
     parser.add_argument("--least", type=float, default=0.85, help="share that has to be killed")
     parser.add_argument("--out", type=Path, default=Path("results/mutants"), help="folder of what tests execute")
@@ -41,14 +44,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     every = [mutant for path in files for mutant in mutants_of(path, _text(path))]
     mutants = dict(enumerate(drawn(every, options.number, options.seed)))
     chosen = {k: mutants[k] for k in options.only or mutants if k in mutants}
-    endings = tried(chosen, options.out, options.workers)
+    endings = tried(chosen, options.out, options.workers, options.seconds)
     print(table(chosen, endings))
     killed = sum(ending.startswith("killed") for ending in endings.values())
     print(f"{killed} of {len(endings)} killed: {killed / max(len(endings), 1):.0%}")
     return 0 if killed >= options.least * len(endings) else 1
 
 
-def tried(mutants: dict[int, Mutant], out: Path, workers: int) -> dict[int, str]:
+def tried(mutants: dict[int, Mutant], out: Path, workers: int, seconds: float) -> dict[int, str]:
     """How tests end with each fault."""
     with tempfile.TemporaryDirectory() as folder:
         copies = SimpleQueue[Path]()
@@ -61,7 +64,7 @@ def tried(mutants: dict[int, Mutant], out: Path, workers: int) -> dict[int, str]
         def tried_on_a_copy(item: tuple[int, Mutant]) -> tuple[int, str]:
             copy = copies.get()
             try:
-                return item[0], trial(copy, covered, item[1])
+                return item[0], trial(copy, covered, item[1], seconds)
             finally:
                 copies.put(copy)
 

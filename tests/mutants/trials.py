@@ -13,8 +13,8 @@ from .drawn import Mutant
 COPIED = ("ident", "sim", "experiments", "scenes", "tests", "docs", "pyproject.toml", "README.md", "constraints.txt")
 """What tests need of the repository."""
 
-STAGES = 6.0, 25.0
-"""Seconds that the tests of one fault take together at first, and if it survives those; slower ones are left out."""
+FIRST = 6.0
+"""Seconds that the tests take together that meet a fault at first; most faults meet no others."""
 
 PATIENCE = 20.0, 3.0
 """Seconds until tests count as hanging, and more of them for each second that the tests take without a fault."""
@@ -31,10 +31,10 @@ def copied(repository: Path, to: Path) -> Path:
     return to
 
 
-def trial(copy: Path, covered: Covered, mutant: Mutant) -> str:
-    """How tests that execute the line of a fault end with it, the quickest first."""
+def trial(copy: Path, covered: Covered, mutant: Mutant, budget: float) -> str:
+    """How tests that execute the line of a fault end with it, the quickest that together take so many seconds."""
     tests, survived = covered.tests(mutant.path, mutant.line), 0
-    for most in STAGES:
+    for most in (FIRST, budget):
         chosen, seconds = list[str](), 0.0
         while tests and seconds < most:
             seconds += covered.seconds[tests[0]]
