@@ -10,6 +10,7 @@ from scipy import signal
 from test_torque_checks import arm, log
 
 import ident
+from ident.judgement import torque_findings
 from ident.judgement.fit_findings import model_error_findings
 from ident.judgement.torque_checks import friction_shares
 from ident.judgement.torque_findings import friction_findings
@@ -88,3 +89,32 @@ def test_of_friction_that_is_fitted_nothing_is_said_but_that_at_low_velocity():
     smeared = estimate(0.3, 0.1, drives)
     smeared.joint = None
     assert not list(friction_findings(smeared))
+
+
+def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4):
+    """Findings on the second of two torques, whose joint rubs, with a noise of 0.5 N m."""
+    monkeypatch.setattr(torque_findings, "rubbing", lambda measurement: {1: 1})
+    result = estimate(0.0, 0.1)
+    found = SimpleNamespace(size=np.array([0, size]), velocity=np.array([1, 0.05]), slip=np.array([0, slip]))
+    result.joint = SimpleNamespace(
+        reversals=found,
+        measurement=SimpleNamespace(tree=SimpleNamespace(freedoms=("joint1", "joint2"))),
+        fit=SimpleNamespace(noise=SimpleNamespace(channels=np.array([0.5, 0.5]))),
+    )
+    result.moving_ratio = np.array([np.nan, moving])
+    return list(torque_findings.reversal_findings(result))
+
+
+def test_slack_at_rest_is_a_remark_where_it_is_more_than_noise(monkeypatch):
+    (found,) = reversals(monkeypatch)
+    assert not found.doubt and found.place.joints == ("joint2",)
+    assert "below about joint2 0.05." in found.text and found.text.endswith("these samples: joint2 0.4.")
+    assert not reversals(monkeypatch, size=0.4)
+    (found,) = reversals(monkeypatch, moving=np.nan)
+    assert found.text.endswith("these samples: there are no others.")
+
+
+def test_friction_that_does_not_jump_is_a_remark(monkeypatch):
+    (found,) = reversals(monkeypatch, size=0.0, slip=0.05)
+    assert not found.doubt and found.place.joints == ("joint2",) and "(m/s): joint2 0.05;" in found.text
+    assert not reversals(monkeypatch, size=0.0, slip=0.01)

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_faults import PENDULUM
+from recorded_faults import JOINTS, PENDULUM, angles_and_wrench, faulty, wrench_of
 
+import ident
 from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import ContactCheck
 from ident.judgement.wrench_findings import contact_findings, weight_findings
@@ -39,3 +40,16 @@ def test_the_weight_may_not_drift_either_way(drift):
     found = list(weight_findings(Weight(50, 50, 50 * drift)))
     assert [finding.doubt for finding in found] == [True] * (abs(drift) > 0.02)
     assert all(f"{50 * drift:+.2f} kg" in finding.text for finding in found)
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.1, -0.1])
+def test_a_drifting_sensor_is_weighed(drift):
+    """By so much of the model's mass over the recording, of which the fit sees a part."""
+    right = faulty()
+    wrench = wrench_of(right)
+    wrench[:, 2] += drift * PENDULUM.mass * 9.81 * (right.time - right.time.mean()) / np.ptp(right.time)
+    recording = angles_and_wrench(right.time, right.of_joints(JOINTS, "position"), wrench)
+    estimate = ident.identify(PENDULUM, recording, estimator="weighted", cutoff=8.0)
+    weight, part = estimate.checks.weight, estimate.prepared.recording.time[estimate.prepared.taken(estimate.part)]
+    assert weight.drift / PENDULUM.mass == pytest.approx(drift * np.ptp(part) / np.ptp(right.time), abs=0.01)
+    assert weight.measured == pytest.approx(PENDULUM.mass, rel=0.02) and weight.model == PENDULUM.mass
