@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from ident.estimation import setup_search
-from ident.estimation.joint import Start
 from ident.estimation.setup_search import MOST_FOUND, Search, searched
 
 
@@ -26,7 +25,7 @@ class Independent:
 
     @property
     def end(self):
-        return Start(self.theta, self.noise, self.coefficients)
+        return setup_search.Start(self.theta, self.noise, self.coefficients)
 
     @property
     def covariance(self):
@@ -103,6 +102,8 @@ def test_what_explains_as_much_is_named_beside_it():
     groups = {"second and third": np.array([0, 1, 1, 0]), "third and fourth": np.array([0, 0, 1, 1])}
     first = found([1.0, 0.95, 0.5, 0.0], 0.1, groups).deviations[0]
     assert (first.index, first.alternatives, first.together) == (0, (1,), ("second and third",))
+    # Of a χ² of 10 000 a tenth less is as much: 9216, not 8100.
+    assert found([1.0, 0.96, 0.9], 0.01).deviations[0].alternatives == (1,)
 
 
 def test_so_many_faults_are_fitted_and_no_more():
