@@ -6,7 +6,7 @@ import pytest
 from measurements import random_measurement
 
 from ident.estimation.piece import Noise, Piece
-from ident.estimation.smoothing_start import smoothed, start
+from ident.estimation.smoothing_start import _interpolated, smoothed, start
 from ident.estimation.spline import Spline
 
 SIGMA = np.array([0.01, 0.2])
@@ -42,6 +42,16 @@ def test_smoothing_finds_the_noise_and_beats_the_samples(seed, missing):
     difference = np.gradient(own.states[0], own.time, axis=0)
     wrong = np.sqrt(np.nanmean((difference - velocity)[inner] ** 2, axis=0))
     assert (np.sqrt(np.mean((x[1] - velocity)[inner] ** 2, axis=0)) < 0.1 * wrong).all()
+
+
+def test_smoothing_begins_at_the_samples():
+    """Where they are on a straight line the first curve is that line; what is missing lies between."""
+    own = piece(np.random.default_rng(0))
+    line = np.stack([3 - 2 * own.time, 0.5 * own.time], axis=1)
+    lost = line.copy()
+    lost[300:320, 0] = np.nan
+    first = own.spline.evaluate(_interpolated(replace(own, states=(lost, None, None))), own.time)[0]
+    np.testing.assert_allclose(first[30:-30], line[30:-30], atol=1e-9)
 
 
 def test_pieces_share_their_noise_and_known_noise_is_kept():
