@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from recorded_faults import PENDULUM, faulty, shortened
 from scipy.spatial.transform import Rotation
 from swinging import JOINTS, NOISE, identified, motion, pendulum, sampled, streams, ticks, z_of
 
 import ident
 from ident.estimation.joint_estimate import joint_estimate
 from ident.estimation.preparation import prepared
+from ident.estimation.setup import PRIORS
 from ident.estimation.trajectory_pieces import coordinates
 from ident.recordings.wrench import Sensor, transform_wrench
 
@@ -111,3 +113,13 @@ def test_a_coordinate_that_is_away_for_too_long_is_one_sentence():
     own["joint2_position"][1][2:480] = np.nan
     with pytest.raises(ident.InputError, match=r"Coordinate 2 needs at least 3 samples from 0 to 4.71 s, it has 2; "):
         identified(own)
+
+
+@pytest.mark.parametrize(
+    ("samples", "counts"), [([943], (4,)), ([943, 943], (3, 3)), ([943, 250], (3, 1)), ([300], (2,))]
+)
+def test_recordings_are_cut_into_six_pieces_of_two_seconds_or_more(samples, counts):
+    """All together; one by itself into two at least, so that one is predicted from the other."""
+    logs = [shortened(faulty(k), number) for k, number in enumerate(samples)]
+    estimate = ident.identify(PENDULUM, logs, holdout=0, setup=dict.fromkeys(PRIORS, 0.0))
+    assert estimate.joint.counts == counts
