@@ -4,9 +4,12 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_states
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
+from ident.geometry.se3 import inverse, pose
 from ident.judgement import diagnosis
+from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
+from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.despike import despiked
 from ident.recordings.wrench import transform_wrench
@@ -58,6 +61,22 @@ def test_another_sign_or_frame_has_to_be_twice_as_good(left, suspicious):
     assert diagnosis.FrameCheck(1, diagnosis.right_angled_rotations()[1], 1.0, left).suspicious == suspicious
     assert diagnosis.BaseCheck("link", 1.0, left).suspicious == suspicious
     assert not diagnosis.FrameCheck(1, np.eye(3), 1.0, left).suspicious
+
+
+def test_a_wrench_may_be_in_the_frame_of_any_body_that_rests():
+    """Also of one on another that does; none of what a joint moves."""
+    turned_by = [[0.3, -0.2, 0.1], [-0.5, 0.4, 0.9], [0.2, 0.2, -0.7], [1.0, 0.1, 0.3]]
+    homes = [pose(Rotation.from_euler("xyz", angles).as_matrix(), np.array(angles)) for angles in turned_by]
+    turns = {"link": (np.eye(6)[5], "turn")}
+    names = ("table", "plate", "link", "tool")
+    tree = Tree(tuple(Body(name, k - 1, homes[k], *turns.get(name, (np.zeros(6),))) for k, name in enumerate(names)))
+    poses = tree.poses(np.zeros((1, 1)))[0]
+    predicted = 10 * RNG.normal(size=(50, 6))
+    for T, name in zip(poses, names, strict=True):
+        measured = transform_wrench(inverse(T), predicted)
+        check = diagnosis.check_base(tree, np.zeros(1), np.eye(4), measured, predicted)
+        assert check.suspicious == (name in ("table", "plate"))
+        assert not check.suspicious or (check.body == name and check.error_there < 1e-9)
 
 
 def test_missing_channels_do_not_hide_a_sign():

@@ -14,7 +14,7 @@ import sim
 from ident.estimation.preparation import prepared
 from ident.estimation.setup import PRIORS
 from ident.judgement.body_findings import rotor_findings
-from ident.judgement.torque_checks import FRICTION, torque_checks
+from ident.judgement.torque_checks import FRICTION, _mounted, torque_checks
 
 HAND = {"mass": 0.7, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0, 0, 0)}
 NO_HAND = {"mass": 1e-9, "com": (0, 0, 0), "inertia": (1e-12, 1e-12, 1e-12, 0, 0, 0)}
@@ -122,3 +122,18 @@ def test_rotors_are_to_be_fitted_or_cannot_be_told_from_the_links():
     assert merged.place.bodies == ("link1",) and merged.place.joints == ("joint1",)
     (merged,) = said("rotor")
     assert "joint1" in merged.text and "was not fitted" not in merged.text
+
+
+def test_what_may_not_have_been_there_is_screwed_to_what_moves_and_has_a_mass():
+    """Neither a table on the base nor a frame without mass; what is screwed to a tool is with it."""
+    inertial = '<inertial mass="{}" pos="0 0 0" diaginertia="1 1 1"/>'.format
+    model = f"""<mujoco><worldbody>
+      <body name="table">{inertial(5)}
+        <body name="link">{inertial(2)}<joint name="turn"/>
+          <body name="tool">{inertial(1)}<body name="camera">{inertial(0.1)}</body></body>
+          <body name="frame"/>
+        </body>
+        <body name="plate">{inertial(1)}</body>
+      </body></worldbody></mujoco>"""
+    mechanism = sim.mechanism(mujoco.MjSpec.from_string(model))
+    assert [mechanism.tree.names[i] for i in _mounted(mechanism)] == ["tool", "camera"]

@@ -163,6 +163,14 @@ def test_packed_text_in_pieces(tmp_path):
     np.testing.assert_array_equal(np.concatenate([piece["hip_position"] for piece in pieces]), Q[:, 1])
 
 
+def test_packed_text_may_be_longer_than_its_pieces_may(tmp_path):
+    """What is expected is of a piece: a file of any length is read in pieces."""
+    rows = "".join(f"{0.01 * k:.2f},0.0,0.0\n" for k in range(30_000))
+    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(("time,q_ankle,q_hip\n" + rows).encode()))
+    pieces = read_log_pieces(tmp_path / "log.csv.gz", MECHANISM, None, 3000, limit=300_000)
+    assert sum(len(piece.time) for piece in pieces) == 30_000
+
+
 def test_packed_text_unpacks_to_no_more_than_is_expected(tmp_path):
     header, row = "time,q_ankle,q_hip\n", "0.0,0.0,0.0\n"
     for content in (header + 100_000 * row, header + "0" * 2_000_000):

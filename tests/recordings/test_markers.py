@@ -90,6 +90,7 @@ def test_tables_are_read(tmp_path):
         ("t,A.x,A.y,A.z\n0,1,2,3\n", "markers need a column 'time'"),
         ("time,A.x,A.y\n0,1,2\n", "marker 'A' lacks the column 'A.z'"),
         ("time,A\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
+        ("time,A.w\n0,1\n", "need columns LABEL.x, LABEL.y and LABEL.z"),
         ("time,A.x,A.y,A.z\n0,1,,3\n1,1,2,3\n", "frame 1: marker 'A' has some of x, y and z only"),
         ("time,A.x,A.y,A.z\n1,1,2,3\n0,1,2,3\n", "times of frames must be finite and increase; frame 2"),
         ("time,A.x,A.y,A.z\n", "needs frames, it has none"),

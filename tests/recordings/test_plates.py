@@ -10,6 +10,7 @@ from ident.estimation.preparation import prepared
 from ident.geometry.se3 import inverse, pose
 from ident.recordings.plates import pose_of_corners
 from ident.recordings.recording import Recording
+from ident.recordings.standing import _nearest
 from ident.recordings.wrench import transform_wrench
 
 
@@ -284,7 +285,25 @@ def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost)
     told = " ".join(recording.notes)
     assert "By its force, on 'right' is foot_l from 0.40 to 1.09 s, foot_r from 1.30 to 2.39 s" in told
     assert "on 'left' is foot_r from 0.00 to 0.89 s." in told
+    assert "nearly as near" not in told
     assert "nor is its point of application used" in told and "at most 40 N" in told
+
+
+def test_who_stands_is_left_open_where_another_is_nearly_as_near(tmp_path):
+    columns, _ = stepping()
+    places = walker.truth()[1]
+    between = 0.55 * places["foot_r"][:, :3, 3] + 0.45 * places["foot_l"][:, :3, 3]
+    log, mapping = written(
+        tmp_path, [(columns | named("left", "p", between), of_stepping('on = "auto"\namong = ["foot_r", "foot_l"]'))]
+    )
+    (told,) = (note for note in ident.read_log(log, walker.mechanism(), mapping).notes if "on 'left' is" in note)
+    assert told.endswith("on 'left' is foot_r from 0.00 to 0.89 s. From 0.00 s on foot_l is nearly as near.")
+
+
+def test_samples_at_other_times_are_those_of_the_nearest():
+    time = np.array([0.0, 1.0, 2.0, 4.0])
+    asked = np.array([-1, 0.4, 0.6, 1.5, 2.9, 3.1, 9])
+    np.testing.assert_array_equal(_nearest(time, asked), [0, 0, 1, 1, 2, 3, 3])
 
 
 @pytest.mark.parametrize(("stated", "expected"), [("", 20.0), ("threshold = 7", 7.0)])

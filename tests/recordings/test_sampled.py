@@ -9,7 +9,7 @@ from test_log import MAPPING, mapped, read
 import ident
 from ident.errors import LogError
 from ident.mechanism.body import is_rigid
-from ident.recordings.sampled import Sampled, between_samples, side_by_side
+from ident.recordings.sampled import Sampled, between_samples, rate_of, side_by_side
 
 FAST = np.arange(0.05, 0.5, 1 / 250)
 
@@ -114,6 +114,14 @@ def test_streams_beside_each_other_have_the_times_of_all():
     np.testing.assert_array_equal(values[np.isfinite(values[:, 0]), 0], T[::2])
     np.testing.assert_array_equal(values[1:4, 1:], slow(T[1:4]))
     assert np.isnan(values[[0, 4, 5], 1:]).all() and side_by_side([one, one]).time is one.time
+
+
+@pytest.mark.parametrize("longer", [1.4, 1.6, 2.5])
+def test_the_rate_is_that_of_steps_that_are_no_gaps(longer):
+    """Longer than one and a half: one lost sample is a gap, jitter is none."""
+    steps = np.where(np.arange(100) % 10 == 0, longer, 1.0) / 100
+    rate = rate_of(Sampled(np.cumsum(steps), np.zeros(100)))
+    assert rate == pytest.approx(100 if longer > 1.5 else 1 / steps[1:].mean())
 
 
 def test_what_is_near_a_sample():

@@ -47,8 +47,6 @@ def tables(path: Path, limit: int) -> list[Table]:
 def _arrays(prefix: str, content: Mapping[str, Any]) -> Iterator[tuple[str, np.ndarray]]:
     """Arrays of real numbers by name, those of one number left out."""
     for name, value in content.items():
-        if name.startswith("__"):
-            continue
         if isinstance(value, dict):
             yield from _arrays(f"{prefix}{name}.", value)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.ndim in (1, 2) and value.size > 1:
