@@ -236,12 +236,12 @@ def test_the_floor_of_a_channels_noise_is_higher_where_that_is_correlated():
 
 def test_no_component_of_a_sensor_is_far_quieter_than_the_others():
     """Than their median, in its own group; where all that is left of one is rounding, its noise was taken."""
-    zero, streams, one = np.zeros((3, 0)), np.zeros((3, 5)), np.ones(5)
-    channels = np.array([5.0, 4.0, 6.0, 0.1, 0.3])
-    noise = Noise(zero, channels, zero[0], zero, 0 * one, zero, 0.05 * one, (0, 0, 0, 1, 1))
+    zero, streams, one = np.zeros((3, 0)), np.zeros((3, 6)), np.ones(6)
+    channels = np.array([5.0, 4.0, 6.0, 0.1, 0.3, 80.0])
+    noise = Noise(zero, channels, zero[0], zero, 0 * one, zero, 0.05 * one, (0, 0, 0, 1, 1, 2))
     part = SimpleNamespace(taken=streams, held=zero[0])
     new = renewed(noise, [part], [Misfit(0.0, streams, streams + 50, zero[0], zero[0])], coloured=False)
-    np.testing.assert_allclose(new.channels, [0.5, 0.5, 0.5, 0.05, 0.05])
+    np.testing.assert_allclose(new.channels, [0.5, 0.5, 0.5, 0.05, 0.05, 8])
 
 
 def test_smoothness_stays_above_nothing_where_the_trajectory_takes_all():

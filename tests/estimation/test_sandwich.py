@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ident.estimation.sandwich import _goes_on, _through
+from ident.estimation import sandwich
+from ident.estimation.sandwich import _goes_on, _through, with_scatter
 
 STEP, TIMES = 0.02, np.array([0.0, 0.05, 0.4])
 AMPLITUDES = np.array([[0.3, 0.0], [0.5, 0.0], [0.2, 1.5]])
@@ -59,3 +60,27 @@ def test_noise_goes_on_in_the_next_piece_of_the_same_recording(start, change, go
         pieces=[piece(0.0), piece(start, origin=change.get("origin", 0.0))], selections=[np.array([0, 1]), selection]
     )
     assert _goes_on(fit, 1) == goes_on
+
+
+@pytest.mark.parametrize("start", [1.0, 3.0])
+def test_the_scatter_is_that_of_the_noise_in_place_of_the_working_models(monkeypatch, start):
+    """Of white weights one each: `P - RᵀR + Rᵀ Γ R`, over two pieces next to each other as over one."""
+    rows, share = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
+    streams = [SimpleNamespace(weights=lambda x: x, slack=None, std=np.array([2.0]), step=STEP)]
+    places = iter(rows)
+
+    def response(*at):
+        own = next(places)
+        return SimpleNamespace(streams=streams, rows=lambda: [own])
+
+    monkeypatch.setattr(sandwich, "noise_colours", lambda measurement, fit: COLOURS)
+    monkeypatch.setattr(sandwich, "response", response)
+    monkeypatch.setattr(sandwich, "replace", lambda fit, scatters: scatters)
+    pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
+    fit = SimpleNamespace(
+        pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), noise=None, shares=[(share, None)] * 2
+    )
+    every = np.concatenate(rows)[:, 0]
+    parts = [every] if start == 1.0 else [rows[0][:, 0], rows[1][:, 0]]
+    expected = 2 * share - every.T @ every + 4 * sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
+    np.testing.assert_allclose(sum(with_scatter(None, fit)), expected, rtol=1e-9)
