@@ -28,6 +28,7 @@ def limited(values: tuple[int, 2], way: bool = True, *, low: float = 0.0) -> dic
         raise LogError(f"needs {1 + 1} values" + "!")
     out = [x**2 - low for x in tqdm(values, desc="Steps", total=9) if x is not None]
     out[0] = -1
+    out = out.reshape(-1)
     if len(out) <= 4 or low >= LEAST:
         print(8)
     return sorted(zip(out, values, strict=True))
@@ -53,14 +54,15 @@ def test_every_fault_of_a_text_is_found_and_none_in_words_types_and_progress():
             (line("if not"), "and/or", "not values and way", "(not values or way)"),
             (line("if not"), "sign or not dropped", "not values", "(values)"),
             (line("raise"), "statement dropped", lines[line("raise") - 1].strip(), "pass"),
-            (line("out = "), "arithmetic", "x**2 - low", "(x ** 2 + low)"),
-            (line("out = "), "arithmetic", "x**2", "(x * 2)"),
-            (line("out = "), "constant", "2", "3"),
-            (line("out = "), "comparison", "x is not None", "(x is None)"),
+            (line("out = ["), "arithmetic", "x**2 - low", "(x ** 2 + low)"),
+            (line("out = ["), "arithmetic", "x**2", "(x * 2)"),
+            (line("out = ["), "constant", "2", "3"),
+            (line("out = ["), "comparison", "x is not None", "(x is None)"),
             (line("out[0]"), "statement dropped", "out[0] = -1", "pass"),
             (line("out[0]"), "constant", "0", "1"),
             (line("out[0]"), "sign or not dropped", "-1", "(1)"),
             (line("out[0]"), "constant", "1", "2"),
+            (line("out = out"), "sign or not dropped", "-1", "(1)"),
             (line("if len"), "condition negated", either, f"not ({either})"),
             (line("if len"), "and/or", either, f"({either.replace('or', 'and')})"),
             # Of counts the border, of numbers the direction.

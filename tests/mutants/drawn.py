@@ -98,7 +98,9 @@ def _code(node: ast.AST) -> Iterator[ast.expr | ast.stmt]:
                 continue
             if isinstance(child, ast.expr | ast.stmt):
                 yield child
-            if not isinstance(child, ast.Raise | ast.Assert):
+            # Any negative number leaves a length to `reshape`.
+            length = isinstance(node, ast.Call) and ast.unparse(node.func).endswith("reshape") and name == "args"
+            if not isinstance(child, ast.Raise | ast.Assert) and not (length and isinstance(child, ast.UnaryOp)):
                 yield from _code(child)
 
 
