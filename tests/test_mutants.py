@@ -100,6 +100,11 @@ def test_defaults_are_executed_by_a_functions_lines_and_constants_by_none():
     assert covered._body(tree, lines.index("LEAST = 0.5") + 1) == []
 
 
+def test_constants_are_known_by_their_names_in_every_line_of_theirs():
+    tree = ast.parse("FIRST, LAST = 0, (\n    1\n)\nSIZES: dict = {\n    'a': 2,\n}\nf(3)\n")
+    assert [covered._assigned(tree, line) for line in (1, 2, 5, 7)] == [*[["FIRST", "LAST"]] * 2, ["SIZES"], []]
+
+
 FAULT = Mutant("ident/room.py", 1, "constant", "2", "3", len("half = lambda x: x / "))
 
 

@@ -76,9 +76,9 @@ class Covered:
 
         Studies come last, whose tests share simulations that take longer than they.
         """
-        text = (self.repository / path).read_text(encoding="utf-8")
-        body = _body(ast.parse(text), line)
-        found = self._of_lines({path: body}) if body else self._of_names(path, text.splitlines()[line - 1])
+        tree = ast.parse((self.repository / path).read_text(encoding="utf-8"))
+        body = _body(tree, line)
+        found = self._of_lines({path: body}) if body else self._of_names(path, _assigned(tree, line))
         found = found or self._of_lines({path: self._lines.get(path, {})})
         return sorted(found, key=lambda test: (test.startswith("tests/studies/"), self.seconds[test]))
 
@@ -86,18 +86,19 @@ class Covered:
         every = (self._lines.get(path, {}).get(line, ()) for path, lines in places.items() for line in lines)
         return {test for tests in every for test in tests if test in self.seconds}
 
-    def _of_names(self, path: str, row: str) -> set[str]:
-        """Tests that execute lines with what a row assigns, in its own file or else in others."""
-        names = re.match(r"\s*([\w, ]+?)\s*[:=]", row)
-        words = re.findall(r"\w+", names[1]) if names else []
-        if not words:
+    def _of_names(self, path: str, names: Sequence[str]) -> set[str]:
+        """Tests that execute lines with names, in their own file or else in others, or name them."""
+        if not names:
             return set()
-        pattern, places = re.compile(rf"\b({'|'.join(words)})\b"), dict[str, list[int]]()
+        pattern, places = re.compile(rf"\b({'|'.join(names)})\b"), dict[str, list[int]]()
         for file in sorted((self.repository / "ident").rglob("*.py")):
             rows = file.read_text(encoding="utf-8").splitlines()
             places[str(file.relative_to(self.repository))] = [k for k, x in enumerate(rows, 1) if pattern.search(x)]
+        files = {test.partition("::")[0] for test in self.seconds}
+        naming = {file for file in files if pattern.search((self.repository / file).read_text(encoding="utf-8"))}
+        named = {test for test in self.seconds if test.partition("::")[0] in naming}
         # Other files may give another thing the same name.
-        return self._of_lines({path: places[path]}) or self._of_lines(places)
+        return named | (self._of_lines({path: places[path]}) or self._of_lines(places))
 
 
 def _body(tree: ast.AST, line: int) -> list[int]:
@@ -108,6 +109,15 @@ def _body(tree: ast.AST, line: int) -> list[int]:
             first = node.body[0].lineno
             out = [line] if line >= first else list(range(first, (node.end_lineno or first) + 1))
     return out
+
+
+def _assigned(tree: ast.AST, line: int) -> list[str]:
+    """What the statement in a line gives a value."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= line <= (node.end_lineno or 0):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            return [x.id for target in targets for x in ast.walk(target) if isinstance(x, ast.Name)]
+    return []
 
 
 def test_files(repository: Path) -> list[Path]:

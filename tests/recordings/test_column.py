@@ -165,10 +165,14 @@ def test_packed_text_in_pieces(tmp_path):
 
 def test_packed_text_may_be_longer_than_its_pieces_may(tmp_path):
     """What is expected is of a piece: a file of any length is read in pieces."""
-    rows = "".join(f"{0.01 * k:.2f},0.0,0.0\n" for k in range(30_000))
-    (tmp_path / "log.csv.gz").write_bytes(gzip.compress(("time,q_ankle,q_hip\n" + rows).encode()))
-    pieces = read_log_pieces(tmp_path / "log.csv.gz", MECHANISM, None, 3000, limit=300_000)
-    assert sum(len(piece.time) for piece in pieces) == 30_000
+    rows, zeros = 20_000, "0" * 200
+    lines = "".join(f"{0.01 * k:.2f},0.0,0.0,{zeros}\n" for k in range(rows))
+    packed = gzip.compress(("time,q_ankle,q_hip,unused\n" + lines).encode())
+    limit = 2_000_000
+    assert 8 * len(packed) < limit < len(lines) / 2
+    (tmp_path / "log.csv.gz").write_bytes(packed)
+    pieces = read_log_pieces(tmp_path / "log.csv.gz", MECHANISM, None, 1000, limit=limit)
+    assert sum(len(piece.time) for piece in pieces) == rows
 
 
 def test_packed_text_unpacks_to_no_more_than_is_expected(tmp_path):
