@@ -42,6 +42,7 @@ def believed(
         InputError: The library that reads such files is not installed.
     """
     kinds, held = joint_kinds(mechanism.tree), not mechanism.tree.floats
+    flies = held and plane_normal(mechanism) is not None
     log, belief = seen(logs[0], limit, rate), Belief()
     balls, axes = ([joint for joint in kinds if (kinds[joint] == "ball") is ball] for ball in (True, False))
     add_orientations(belief, log, balls, base if held else None)
@@ -50,7 +51,7 @@ def believed(
     components = [c for group in wrench_groups(others).values() if len(group) > 2 for c in group.values()]
     components = [name for name in components if not is_named_after(name, axes)]
     add_named(belief, log, axes, components)
-    add_wrenches(belief, log, mechanism, held)
+    add_wrenches(belief, log, mechanism, held, flies)
     # What the model predicts is only looked at where angles alone move it.
     signs = not balls and not belief.poses
     if signs:
@@ -61,7 +62,7 @@ def believed(
         add_unnamed(belief, log, mechanism, mechanism.joints, held)
         signs = check_positions(belief, log, mechanism, kinds, by_size)
     set_rates(belief, log, kinds)
-    if held and belief.groups and GROUND not in belief.groups and plane_normal(mechanism) is not None:
+    if flies and belief.groups and GROUND not in belief.groups:
         of_base = belief.poses.setdefault(BASE, Group(BASE, {}))
         of_base.entries["held"] = Entry(False, "the model's joints move it freely in a plane")
     lacking = [joint for joint in mechanism.joints if not _has_position(belief, joint)]

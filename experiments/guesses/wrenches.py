@@ -9,7 +9,6 @@ from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
 from experiments.guesses.seen import Seen
 from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.plane import plane_normal
 from ident.recordings.column import CURRENT
 from ident.recordings.plates import AUTO
 from ident.recordings.wrench import GROUND
@@ -31,7 +30,7 @@ ABOUT_ORIGIN = 0.05
 """Share of a moment's variance beside that of p × F, up to which it is about the origin rather than about the point."""
 
 
-def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool) -> None:
+def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool, flies: bool) -> None:
     """Adds the columns that are named like wrenches.
 
     Args:
@@ -39,6 +38,7 @@ def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool) -
         seen: The log.
         mechanism: What the wrenches may act on.
         held: Whether something holds the base.
+        flies: Whether the joints move a held base freely in a plane.
     """
     names = [name for name in seen.names if name not in belief.columns]
     bare = {_bare(n): n for n in names if words(n).unit not in CURRENT and not words(n).commanded}
@@ -61,7 +61,7 @@ def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool) -
         if site:
             _mount(group, mechanism)
         elif not is_ground:
-            _place(belief, group, mechanism, held and plane_normal(mechanism) is None)
+            _place(belief, group, mechanism, held and not flies)
         elif "point" in group.entries:
             group.entries["frame"] = Entry("world", "a point of application rests in the world")
         belief.groups[group.name] = group

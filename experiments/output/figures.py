@@ -128,7 +128,7 @@ def text_height() -> float:
 
 @dataclass(frozen=True)
 class Line:
-    """How one wrench is drawn: as a curve, or without a style as dots at every other sample from `first` on."""
+    """Style of one wrench: a curve, or without a style dots at every other sample from `first` on."""
 
     color: str
     width: float = 0.8

@@ -24,7 +24,7 @@ COLUMN_PANELS = 16
 """Channels that are drawn over a column of the page; more go over all of it."""
 
 LEFT_OPEN: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Torques left open"}
-"""How spans are drawn in which joints are so slow that friction leaves their torques open."""
+"""Style of spans in which joints are so slow that friction leaves their torques open."""
 
 
 def held_out_figure(result: Estimate) -> Figure:
@@ -55,7 +55,7 @@ def held_out_figure(result: Estimate) -> Figure:
 
 
 def held_out_caption(result: Estimate) -> str:
-    """What stands below that figure."""
+    """Caption of the held-out figure."""
     caption = "Measured and predicted channels on the held-out part."
     if result.near_reversals.any():
         caption += " Grey: joints so slow that friction leaves their torques open."
@@ -85,7 +85,7 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
 
 
 def parameters_caption(result: Estimate, layout: Layout = PAPER) -> str:
-    """What stands below that figure."""
+    """Caption of the figure of parameters."""
     caption = "Base parameters with 95 % intervals that include what is open of the set-up, and the model's own."
     shown, wanted = len(_shown(result, layout)), len(_wanted(result, layout))
     some = f" Of {wanted} the {shown} with the narrowest intervals for their size; the table has all."

@@ -295,7 +295,7 @@ class _Problem:
         return bool(moved.max(initial=0) > DRIFTED)
 
     def marginal(self, at: Start, root: np.ndarray, part: float) -> Marginal:
-        """What the marginal likelihood of θ adds.
+        """Terms that the marginal likelihood of θ adds to the gradient.
 
         Args:
             at: Where.

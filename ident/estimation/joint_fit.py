@@ -1,4 +1,4 @@
-"""Where a fit of trajectory, parameters and noise begins and ends, and what is known of the parameters."""
+"""Start and result of a fit of trajectory, parameters and noise, and the prior of the parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from ident.estimation.precision import LEAST_SCATTER, embedded, inverse_of_preci
 
 
 class Prior(NamedTuple):
-    """What is known of θ beforehand.
+    """Gaussian prior of θ.
 
     Attributes:
         mean: Mean (p,).
@@ -36,7 +36,7 @@ class Prior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where an iteration begins.
+    """Starting point of an iteration.
 
     Attributes:
         theta: Parameters (p,).
@@ -52,12 +52,12 @@ class Start:
 
     @property
     def pulls(self) -> Sequence[np.ndarray]:
-        """Those of the marginal likelihood, none where it is not known yet."""
+        """Terms of the marginal likelihood of every piece, none where it is not known yet."""
         return self.marginal.pulls if self.marginal else ()
 
 
 class Marginal(NamedTuple):
-    """What the marginal likelihood of θ adds to the gradient.
+    """Terms that the marginal likelihood of θ adds to the gradient.
 
     Attributes:
         pulls: Of every piece, to be subtracted from its right side (p,).
