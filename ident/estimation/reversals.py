@@ -141,48 +141,57 @@ def _friction(measurement: Measurement, freedom: int, theta: np.ndarray) -> floa
 
 
 class _Law(NamedTuple):
-    """Friction at low velocity, and the logarithm of its likelihood."""
+    """Friction at low velocity: slip, velocity v0, Coulomb friction and size of the slack."""
 
     slip: float
     velocity: float
     coulomb: float
     size: float
-    likelihood: float
 
 
 def _law(torque: np.ndarray, rate: np.ndarray) -> _Law:
     """The law with the smallest slip that is about as likely as any."""
-    usual, best = np.sqrt(np.mean(rate**2)), list[_Law]()
-    for slip in (SLIP, *(slip for slip in usual * SLIPS if slip > SLIP)):
-        columns = np.stack([np.tanh(rate / slip), rate, np.ones_like(rate)])
-        laws = (_Law(slip, v0, *_with_slack(torque, columns, np.exp(-((rate / v0) ** 2)))) for v0 in usual * VELOCITIES)
-        best.append(max(laws, key=lambda law: law.likelihood))
-    enough = max(law.likelihood for law in best) - MARGIN * len(rate)
-    return next(law for law in best if law.likelihood >= enough)
+    usual = float(np.sqrt(np.mean(rate**2)))
+    slips = np.array([SLIP, *(slip for slip in usual * SLIPS if slip > SLIP)])
+    coulomb, size, likelihood = _with_slack(torque, rate, slips, usual * VELOCITIES)
+    enough = likelihood.max() - MARGIN * len(rate)
+    k = int(np.argmax(likelihood.max(axis=1) >= enough))
+    v = int(np.argmax(likelihood[k]))
+    return _Law(slips[k], usual * VELOCITIES[v], coulomb[k, v], size[k, v])
 
 
-def _with_slack(torque: np.ndarray, columns: np.ndarray, share: np.ndarray) -> tuple[float, float, float]:
-    """Coefficient of the first column, size of the slack that fades like a share, and the logarithm of the likelihood.
+def _with_slack(
+    torque: np.ndarray, rate: np.ndarray, slips: np.ndarray, velocities: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coulomb friction, size of the slack, and the logarithm of the likelihood, of all laws (S, V).
 
     Args:
-        torque: What is explained (M,).
-        columns: What it is explained by (k, M).
-        share: Share of the slack's variance (M,).
+        torque: Torque that friction and an offset explain (M,).
+        rate: Velocities (M,).
+        slips: Velocities over which friction changes its sign (S,).
+        velocities: Velocities over which the slack fades (V,).
     """
-    kinds = np.stack([np.ones_like(share), share])
-    variance, size, x = 1 / (1 - share + LEAST), 0.0, np.zeros(len(columns))
+    one = np.ones_like(rate)
+    columns = np.stack([np.stack([np.tanh(rate / slip), rate, one]) for slip in slips])[:, None]
+    share = np.exp(-((rate / velocities[:, None]) ** 2))
+    kinds = np.stack([np.ones_like(share), share], axis=1)
+    variance = 1 / (1 - share + LEAST)
+    slack = np.zeros((len(slips), len(velocities)))
     for _ in range(SCORINGS):
-        x = _regressed(columns, torque, 1 / variance)
-        squares = (torque - x @ columns) ** 2
-        noise, slack = _regressed(kinds, squares, variance**-2.0)
-        if slack < 0:
-            noise, slack = np.average(squares, weights=variance**-2.0), 0.0
-        variance = max(noise, LEAST * squares.mean()) + slack * share
-        size = float(np.sqrt(slack))
-    return float(x[0]), size, float(-0.5 * (np.log(variance) + squares / variance).sum())
+        precision = 1 / variance
+        x = _regressed(columns, torque, precision)
+        squares = (torque - (x[..., None, :] @ columns)[..., 0, :]) ** 2
+        weights = precision**2
+        noise, slack = np.moveaxis(_regressed(kinds, squares, weights), -1, 0)
+        alone = (squares * weights).sum(axis=-1) / np.broadcast_to(weights, squares.shape).sum(axis=-1)
+        noise, slack = np.where(slack < 0, alone, noise), np.maximum(slack, 0.0)
+        noise = np.maximum(noise, LEAST * squares.mean(axis=-1))
+        variance = noise[..., None] + slack[..., None] * share
+    return x[..., 0], np.sqrt(slack), -0.5 * (np.log(variance) + squares / variance).sum(axis=-1)
 
 
 def _regressed(columns: np.ndarray, y: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted least squares of y (M,) on columns (k, M)."""
-    weighted = columns * weights
-    return np.asarray(np.linalg.lstsq(weighted @ columns.T, weighted @ y, rcond=1e-12)[0])
+    """Weighted least squares of y (…, M) on columns (…, k, M): coefficients (…, k)."""
+    weighted = columns * weights[..., None, :]
+    normal, right = weighted @ np.swapaxes(columns, -1, -2), weighted @ y[..., None]
+    return np.asarray((np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ right)[..., 0])
