@@ -89,6 +89,13 @@ def test_libraries_are_imported_when_they_are_needed():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_nothing_that_is_slow_to_import_is_needed_to_identify():
+    slow = {"scipy.signal", "scipy.stats", "scipy.optimize", "scipy.interpolate", "matplotlib"}
+    code = f"import ident, sim, sys; ident.identify; sim.simulate; sim.mechanism; print(*({slow} & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert run.stdout.split() == []
+
+
 @pytest.mark.skipif(find_spec("mypy") is None, reason="mypy comes with the extra 'dev'")
 def test_clients_are_typed(tmp_path, pytestconfig):
     """In strict mode, and without the packages' own configuration."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import signal
+from scipy.linalg import lapack
 
 from ident.estimation.joint_fit import JointFit
 from ident.estimation.piece import Predictor
@@ -153,7 +153,7 @@ class _Draws:
             if time:
                 rho = np.exp(-stream.step / time)
                 u[k, 1:] *= np.sqrt(1 - rho**2)
-                u[k] = signal.lfilter([1.0], [1.0, -rho], u[k], axis=0)
+                u[k] = autoregressive(u[k], rho)
         out = np.zeros((N, s, 2, b, DRAWS))
         out[:, :, _kind(stream)] = u.transpose(1, 2, 0, 3) * stream.std[:, None, None]
         return np.concatenate([out.reshape(N, s, -1), np.zeros((N, s, DRAWS))], axis=2)
@@ -229,3 +229,19 @@ class _Bands(NamedTuple):
             a *= np.sqrt(up / np.maximum(own.T @ (self.counts / power), TINIEST))
         power = np.maximum(own @ a + self.other, TINIEST)
         return a, -float((self.counts * np.log(power / self.counts) + self.observed / power * self.counts).sum())
+
+
+def autoregressive(x: np.ndarray, rho: float, before: np.ndarray | float = 0.0) -> np.ndarray:
+    """Solution of `y_k = ρ y_k-1 + x_k` along the first axis, as a triangular band: scipy.signal is slow to import.
+
+    Args:
+        x: Innovations (N, …), N of at least 1.
+        rho: Autocorrelation from one sample to the next.
+        before: The sample before the first one (…).
+    """
+    right = np.array(x.reshape(len(x), -1), order="F")
+    right[0] += rho * np.ravel(before)
+    band = np.empty((2, len(x)), order="F")
+    band.T[:] = 1, -rho
+    y, _ = lapack.dtbtrs(band, right, uplo="L", diag="U", overwrite_b=True)
+    return np.asarray(y.reshape(x.shape))

@@ -10,10 +10,9 @@ those of generalised estimating equations (Liang and Zeger, Biometrika 73, 1986,
 from dataclasses import replace
 
 import numpy as np
-from scipy import signal
 
 from ident.estimation.joint_fit import JointFit
-from ident.estimation.noise_colours import NoiseColours, noise_colours
+from ident.estimation.noise_colours import NoiseColours, autoregressive, noise_colours
 from ident.estimation.piece import Predictor
 from ident.estimation.response import response
 
@@ -70,7 +69,7 @@ def _through(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: flo
         # The sum over all pairs of samples, each weighted by exp(-|t| / τ), in one pass.
         rho = np.exp(-step / time)
         start = tails.get((which, s, b), np.zeros(y.shape[1]))
-        z = signal.lfilter([1.0], [1.0, -rho], y, axis=0, zi=rho * start[None])[0]
+        z = autoregressive(y, rho, start)
         tails[which, s, b] = z[-1]
         across = y.T @ z
         out += size * (across + across.T - white)
