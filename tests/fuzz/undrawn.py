@@ -3,7 +3,7 @@
 import pytest
 from matplotlib.figure import Figure
 
-from experiments.output import figures
+from experiments.output import figures, identify_report
 
 
 def not_drawn(figure: Figure, extension: str) -> bytes:
@@ -12,6 +12,11 @@ def not_drawn(figure: Figure, extension: str) -> bytes:
 
 
 def leave_undrawn(patched: pytest.MonkeyPatch) -> None:
-    """Draws nothing while a monkeypatch lasts, nor measures ticks to align labels, which is to draw them once."""
+    """Draws nothing while a monkeypatch lasts, nor measures ticks to align labels, which is to draw them once.
+
+    Figures of `identify`, whose axes take longer to set up than the estimate, have none.
+    """
     patched.setattr(figures, "drawn", not_drawn)
     patched.setattr(figures, "align_ylabels", lambda axes: None)
+    for name in ("held_out_figure", "parameters_figure", "spectra_figure"):
+        patched.setattr(identify_report, name, lambda *given: Figure())

@@ -143,7 +143,7 @@ def test_an_arm_that_rubs_sticks_where_it_reverses():
 
 def test_bodies_are_drawn_as_they_are_known():
     arm, rng = SUBJECTS["pendulum"].mechanism, np.random.default_rng(0)
-    off = np.array([drawn_bodies(arm, rng) for _ in range(4000)])[:, 20:] - arm.known[20:]
+    off = np.array([drawn_bodies(arm, rng) for _ in range(1500)])[:, 20:] - arm.known[20:]
     C = body_covariance(arm.known[20:])
     scale = np.sqrt(np.diag(C))
     np.testing.assert_allclose(off.T @ off / len(off) / np.outer(scale, scale), C / np.outer(scale, scale), atol=0.1)
