@@ -20,7 +20,6 @@ from experiments import (
     excite,
     human,
     identify,
-    in_vivo,
     mechanism,
     misaligned,
     multicontact,
@@ -29,13 +28,15 @@ from experiments import (
     study,
     sweep,
 )
-from experiments import noise as noise_command
 from experiments.__main__ import main as everything
 from experiments.benchmark.__main__ import main as benchmark
-from experiments.output import human_report, noise_figure, noise_report
+from experiments.in_vivo import __main__ as in_vivo
+from experiments.noise import __main__ as noise_command
+from experiments.noise import estimators, figure, report
+from experiments.noise import study as noise
+from experiments.output import human_report
 from experiments.output.page import PAGE
 from experiments.runs import workers
-from experiments.studies import noise, noise_estimators
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -83,13 +84,13 @@ def _angles(folder):
 def _noise(folder):
     """Quick estimators stand for the others."""
     some = {name: noise.CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
-    commanded, filtered = noise_estimators.commanded_instruments, noise_estimators.usual_filter
+    commanded, filtered = estimators.commanded_instruments, estimators.usual_filter
     cheap = {
         "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": commanded},
         "person": {"usual_filter": filtered, "joint": filtered},
     }
     with pytest.MonkeyPatch.context() as patched:
-        for module in (noise, noise_report, noise_figure):
+        for module in (noise, report, figure):
             patched.setattr(module, "CONDITIONS", some)
             patched.setattr(module, "ESTIMATORS", cheap)
         return noise_command.main(["--recordings", "2", *_out(folder)])

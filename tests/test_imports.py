@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import ident
+from experiments.cli.command import FROM_A_CLONE
 
 ROOT = Path(ident.__file__).parents[1]
 LADDER = ("geometry", "mechanism", "model", "parameters", "recordings", "estimation", "judgement")
@@ -49,3 +50,12 @@ def test_imports_point_one_way(path):
     if package == "ident" and room in LADDER:
         used = {name.split(".")[1] for name in imported(path) if name.startswith("ident.")}
         assert used.isdisjoint(LADDER[LADDER.index(room) + 1 :])
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_is_installed_needs_nothing_that_only_a_clone_has(path):
+    room = path.relative_to(ROOT).parts[1]
+    if room not in FROM_A_CLONE:
+        assert {name.split(".")[1] for name in imported(path) if name.startswith("experiments.")}.isdisjoint(
+            FROM_A_CLONE
+        )

@@ -5,9 +5,10 @@ import argparse
 import importlib.metadata
 import os
 from collections.abc import Sequence
+from importlib import import_module
+from importlib.util import find_spec
 
 import experiments.__main__
-import experiments.benchmark.__main__
 from experiments import (
     angles,
     columns,
@@ -16,13 +17,10 @@ from experiments import (
     excite,
     human,
     identify,
-    in_vivo,
     mechanism,
     misaligned,
     multicontact,
-    noise,
     payload,
-    readme,
     stream,
     study,
     sweep,
@@ -30,15 +28,16 @@ from experiments import (
 from experiments.cli import options
 from experiments.runs.environment import end_at_once
 
+FROM_A_CLONE = "noise", "in_vivo", "benchmark", "readme"
+"""Subcommands for developers, which an installed wheel does not have."""
+
 COMMANDS = {
     "paper": experiments.__main__,
     "mechanism": mechanism,
     "misaligned": misaligned,
     "multicontact": multicontact,
     "study": study,
-    "noise": noise,
     "human": human,
-    "in_vivo": in_vivo,
     "sweep": sweep,
     "angles": angles,
     "columns": columns,
@@ -48,8 +47,9 @@ COMMANDS = {
     "stream": stream,
     "excite": excite,
     "derive": derive,
-    "benchmark": experiments.benchmark.__main__,
-    "readme": readme,
+    **{
+        name: import_module(f"experiments.{name}.__main__") for name in FROM_A_CLONE if find_spec(f"experiments.{name}")
+    },
 }
 """Modules of the subcommands."""
 

@@ -5,9 +5,9 @@ import pytest
 
 import ident
 import scenes
-from experiments.studies.noise_conditions import CONDITIONS
-from experiments.studies.noise_truth import drives, truth
-from experiments.studies.noisy_recordings import SUBJECTS, noisy_recording, true_bodies
+from experiments.noise.conditions import CONDITIONS
+from experiments.noise.recordings import SUBJECTS, noisy_recording, true_bodies
+from experiments.noise.truth import drives, truth
 from ident.estimation.reversals import Reversals, _law
 
 

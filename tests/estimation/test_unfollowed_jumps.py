@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ident
-from experiments.studies.noise_conditions import CONDITIONS
-from experiments.studies.noise_estimators import Case
+from experiments.noise.conditions import CONDITIONS
+from experiments.noise.estimators import Case
 
 CASE = Case.drawn(CONDITIONS["trapezoids_100"], 0, 2)
 

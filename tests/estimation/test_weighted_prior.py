@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ident
-from experiments.studies.noise_conditions import CONDITIONS, SUBJECTS
-from experiments.studies.noisy_recordings import noisy_recording
+from experiments.noise.conditions import CONDITIONS, SUBJECTS
+from experiments.noise.recordings import noisy_recording
 from ident.estimation.joint_fit import Prior
 from ident.parameters.prior import known_covariance
 

@@ -8,7 +8,7 @@ import pytest
 from commands import refusal
 from pages import replayed
 
-from experiments import in_vivo
+from experiments.in_vivo import __main__ as in_vivo
 
 DATA = Path(os.environ.get("MULTICONTACT_DATA", "")) / "human_bowing"
 needs_data = pytest.mark.skipif(not (DATA / "bowing.csv").is_file(), reason="MULTICONTACT_DATA has no human_bowing")

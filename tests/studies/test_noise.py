@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from commands import refusal
 
-from experiments.noise import main
-from experiments.output import noise_figure, noise_report
-from experiments.studies import competitors, noise, noise_estimators
+from experiments.noise import estimators, figure, report
+from experiments.noise import study as noise
+from experiments.noise.__main__ import main
+from experiments.noise.conditions import CONDITIONS, SUBJECTS, Condition
+from experiments.noise.estimators import Answer, Case
+from experiments.noise.recordings import noisy_recording
+from experiments.studies import competitors
 from experiments.studies.errors import Errors
-from experiments.studies.noise_conditions import CONDITIONS, SUBJECTS, Condition
-from experiments.studies.noise_estimators import Answer, Case
 from experiments.studies.noise_processes import autoregressive
-from experiments.studies.noisy_recordings import noisy_recording
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 from ident.mechanism.motion import Motion
@@ -132,12 +133,12 @@ def short(monkeypatch):
     """Half a minute of work in a second: others that are quick stand for the joint estimate."""
     kinds = ("pendulum_x1", "pendulum_x3", "person_half_degree")
     some = {name: CONDITIONS[name] for name in kinds}
-    commanded, filtered = noise_estimators.commanded_instruments, noise_estimators.usual_filter
+    commanded, filtered = estimators.commanded_instruments, estimators.usual_filter
     cheap = {
         "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": commanded},
         "person": {"usual_filter": filtered, "joint": filtered},
     }
-    for module in (noise, noise_report, noise_figure):
+    for module in (noise, report, figure):
         monkeypatch.setattr(module, "CONDITIONS", some)
         monkeypatch.setattr(module, "ESTIMATORS", cheap, raising=False)
 

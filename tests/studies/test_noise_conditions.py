@@ -10,13 +10,13 @@ import pytest
 from commands import refusal
 
 import scenes
-from experiments.noise import main
-from experiments.output import noise_report
-from experiments.studies import noise
-from experiments.studies.noise_conditions import CONDITIONS, SUBJECTS
+from experiments.noise import report as noise_report
+from experiments.noise import study as noise
+from experiments.noise.__main__ import main
+from experiments.noise.conditions import CONDITIONS, SUBJECTS
+from experiments.noise.recordings import MOTIONS, exact_recording, noisy_recording, true_bodies
+from experiments.noise.truth import drawn_bodies, drives, truth
 from experiments.studies.noise_processes import flicker, quantised, random_walk, student
-from experiments.studies.noise_truth import drawn_bodies, drives, truth
-from experiments.studies.noisy_recordings import MOTIONS, exact_recording, noisy_recording, true_bodies
 from ident.estimation.least_squares import least_squares
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples

@@ -10,8 +10,9 @@ import pytest
 
 import experiments
 from experiments.benchmark import words
-from experiments.output import readme_blocks, study_tables
+from experiments.output import study_tables
 from experiments.output.study_report import summary
+from experiments.readme import blocks
 from experiments.studies.simulated import study as study_of
 
 ROOT = Path(experiments.__file__).parents[1]
@@ -34,8 +35,8 @@ def cells(markdown):
 @pytest.mark.parametrize(
     ("name", "table", "study"),
     [
-        ("table 3", readme_blocks.table_3, "misaligned"),
-        ("table 4", readme_blocks.table_4, "multicontact"),
+        ("table 3", blocks.table_3, "misaligned"),
+        ("table 4", blocks.table_4, "multicontact"),
     ],
 )
 def test_tables_are_not_stale(name, table, study):
@@ -63,7 +64,7 @@ def test_condition_numbers_are_not_stale():
 
 def test_errors_of_the_wrench_are_not_stale():
     study = study_of("misaligned")
-    found, fresh = cells(block("study.md", "wrench errors")), cells(readme_blocks.table_wrench_errors(study).markdown())
+    found, fresh = cells(block("study.md", "wrench errors")), cells(blocks.table_wrench_errors(study).markdown())
     assert [re.sub(r"[\d.]+", "#", cell) for row in found for cell in row] == [
         re.sub(r"[\d.]+", "#", cell) for row in fresh for cell in row
     ]
@@ -101,15 +102,15 @@ def test_a_new_benchmark_takes_the_place_of_the_one_shown_unless_it_is_a_quick_o
         (folder / "benchmark.json").write_text(json.dumps(content))
 
     record(tmp_path / "docs", "shown", quick=False)
-    assert readme_blocks.benchmark_results(tmp_path)["machine"]["processor"] == "shown"
+    assert blocks.benchmark_results(tmp_path)["machine"]["processor"] == "shown"
     record(tmp_path / "results" / "benchmark", "new", quick=False)
-    assert readme_blocks.benchmark_results(tmp_path)["machine"]["processor"] == "new"
+    assert blocks.benchmark_results(tmp_path)["machine"]["processor"] == "new"
     record(tmp_path / "results" / "benchmark", "new", quick=True)
     with pytest.raises(ValueError, match="without --quick"):
-        readme_blocks.benchmark_results(tmp_path)
+        blocks.benchmark_results(tmp_path)
     record(tmp_path / "results" / "benchmark", "new", quick=False, commit="0123abc-dirty")
     with pytest.raises(ValueError, match="of a checkout with changes"):
-        readme_blocks.benchmark_results(tmp_path)
+        blocks.benchmark_results(tmp_path)
 
 
 @pytest.mark.skipif(
@@ -140,6 +141,6 @@ def test_numbers_of_two_contacts_are_not_stale():
 
 def test_a_block_is_replaced_and_a_missing_one_is_named():
     text = "a\n<!-- t -->\nold\n<!-- end t -->\nb"
-    assert readme_blocks.with_block(text, "t", "new\n") == "a\n<!-- t -->\nnew\n<!-- end t -->\nb"
+    assert blocks.with_block(text, "t", "new\n") == "a\n<!-- t -->\nnew\n<!-- end t -->\nb"
     with pytest.raises(ValueError, match="<!-- u -->"):
-        readme_blocks.with_block(text, "u", "")
+        blocks.with_block(text, "u", "")

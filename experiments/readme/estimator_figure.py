@@ -3,10 +3,10 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.noise.conditions import CONDITIONS, SUBJECTS
+from experiments.noise.recordings import noisy_recording
 from experiments.output import figures
 from experiments.studies.competitors import USUAL, low_passed
-from experiments.studies.noise_conditions import CONDITIONS, SUBJECTS
-from experiments.studies.noisy_recordings import noisy_recording
 from ident.identification import identify
 
 CONDITION = "person_half_degree"

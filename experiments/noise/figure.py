@@ -11,11 +11,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
+from experiments.noise.conditions import CONDITIONS, SUBJECTS
+from experiments.noise.estimators import ESTIMATORS, LABELS
+from experiments.noise.study import Study
 from experiments.output import figures
 from experiments.studies.errors import HALF_WIDTH, Errors
-from experiments.studies.noise import Study
-from experiments.studies.noise_conditions import CONDITIONS, SUBJECTS
-from experiments.studies.noise_estimators import ESTIMATORS, LABELS
 
 PARAMETER = "Ixx2"
 """Parameter of the comparison: an inertia, which accelerations alone tell of."""

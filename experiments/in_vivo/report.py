@@ -9,13 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.cli.own_model import progress
+from experiments.in_vivo.study import JUDGED_AT, Study, study
 from experiments.output import figures, report
 from experiments.output.identify_replay import replay
 from experiments.output.page import Said, conclude
 from experiments.output.results import Results
-from experiments.studies import in_vivo
 from experiments.studies.errors import HALF_WIDTH
-from experiments.studies.in_vivo import JUDGED_AT, Study
 
 ABOUT = (
     "A recording of a person who bows on a force plate is identified by several estimators: what each makes of legs "
@@ -144,5 +143,5 @@ def said(found: Study) -> Said:
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
     with report.writable(args.out):
-        found = in_vivo.study(args.data, progress)
+        found = study(args.data, progress)
     conclude(args, results(found), said(found), report.provenance({"formats": args.formats}))

@@ -8,9 +8,9 @@ from experiments.cli import options
 
 def run(args: argparse.Namespace) -> None:
     """Writes the generated parts of the pages, their figures and the record of the benchmark anew."""
-    from experiments.output import readme_blocks
+    from experiments.readme import blocks
 
-    readme_blocks.write(args.root)
+    blocks.write(args.root)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -8,9 +8,9 @@ from experiments.cli import options
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    from experiments.output import in_vivo_report
+    from experiments.in_vivo import report
 
-    in_vivo_report.run(args)
+    report.run(args)
 
 
 def parser() -> argparse.ArgumentParser:

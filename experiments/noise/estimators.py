@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from experiments.noise.conditions import SUBJECTS, Condition, Subject
+from experiments.noise.recordings import noisy_recording, true_bodies
+from experiments.noise.truth import drives, truth
 from experiments.studies import competitors
-from experiments.studies.noise_conditions import SUBJECTS, Condition, Subject
-from experiments.studies.noise_truth import drives, truth
-from experiments.studies.noisy_recordings import noisy_recording, true_bodies
 from ident.identification import identify
 from ident.mechanism.motion import Motion
 from ident.recordings.recording import Recording

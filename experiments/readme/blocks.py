@@ -8,8 +8,9 @@ from typing import Any
 
 from experiments.benchmark import sections, words
 from experiments.benchmark.figure import figure_benchmark
-from experiments.output import figures, moving_picture, report, study_figures, study_report, study_tables
-from experiments.output.estimator_figure import figure_estimator
+from experiments.output import figures, report, study_figures, study_report, study_tables
+from experiments.readme import moving_picture
+from experiments.readme.estimator_figure import figure_estimator
 from experiments.studies.simulated import Study, study
 from ident.errors import InputError
 from ident.recordings.atomic import replacing

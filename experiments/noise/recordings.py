@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 import scenes
-from experiments.studies.noise_conditions import SUBJECTS, Condition
+from experiments.noise.conditions import SUBJECTS, Condition
+from experiments.noise.truth import drawn_bodies
 from experiments.studies.noise_processes import DRIFTS, autoregressive, quantised, student
-from experiments.studies.noise_truth import drawn_bodies
 from ident.mechanism.motion import Motion
 from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.recordings.recording import STATES, Recording

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from experiments.noise import study as noise
+from experiments.noise.conditions import CONDITIONS, SUBJECTS
+from experiments.noise.estimators import ESTIMATORS, LABELS
+from experiments.noise.figure import PANELS, PARAMETER, compared, figure
+from experiments.noise.study import Outcome, Study
 from experiments.output import report
-from experiments.output.noise_figure import PANELS, PARAMETER, compared, figure
 from experiments.output.page import Said, conclude
 from experiments.output.results import Results
-from experiments.studies import noise
 from experiments.studies.errors import Errors
-from experiments.studies.noise import Outcome, Study
-from experiments.studies.noise_conditions import CONDITIONS, SUBJECTS
-from experiments.studies.noise_estimators import ESTIMATORS, LABELS
 from ident.geometry.inertia import with_bodies
 from ident.tolerances import DRIVE
 

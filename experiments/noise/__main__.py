@@ -7,9 +7,9 @@ from experiments.cli import options
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    from experiments.output import noise_report
+    from experiments.noise import report
 
-    noise_report.run(args)
+    report.run(args)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,0 +1,1 @@
+"""A person who bows on a force plate: estimators compared on a real recording."""

@@ -1,0 +1,1 @@
+"""Bad motions and sensors: errors of estimators, and coverage of their intervals."""
