@@ -1,8 +1,8 @@
 # # Your own arm
 #
-# You have a model of an arm, as its maker or a drawing gives it, and an afternoon with a force-torque sensor under its
-# base. This page goes from the log to a corrected model. The arm is simulated, so that the truth is known at the end;
-# with your own files only the sections from *The log* on are needed. The page runs as it stands.
+# This tutorial goes from the log of a force-torque sensor under an arm's base to a corrected model of the arm. You
+# need a model, from the manufacturer or a drawing. The arm is simulated here, so that the true values are known at
+# the end; with your own files you only need the sections from *The log* on. The page runs as it stands.
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import sim
 
 # ## The model
 #
-# An MJCF file; a URDF file would do as well. Its masses are what somebody once weighed.
+# An MJCF file; URDF works as well. Its masses may be inaccurate.
 
 MODEL = """
 <mujoco model="arm">
@@ -42,9 +42,9 @@ Path("arm.xml").write_text(MODEL)
 arm = sim.mechanism("arm.xml", base="column")
 print(arm.tree.joints, f"{arm.mass:.1f} kg")
 
-# ## What will be known?
+# ## What is identifiable?
 #
-# That can be asked before anything is measured: it follows from the structure, and from what the sensor sees.
+# This is known before any measurement: it follows from the structure and from the measured channels.
 
 base = ident.find_base_parameters(arm)
 print(f"{base.rank} of {len(arm.known)}:", ", ".join(base.expressions(3)))
@@ -53,9 +53,9 @@ print(f"{base.rank} of {len(arm.known)}:", ", ".join(base.expressions(3)))
 #
 # ## The arm that was built
 #
-# Only this section is make-believe. The forearm carries a tool of 0.8 kg that the model does not have, and the upper
-# arm is lighter. The sensor under the base has noise, its clock starts 12 ms late, and the encoders are good to a
-# tenth of a degree.
+# This section simulates the measurement. The forearm carries a tool of 0.8 kg that the model does not have, and the
+# upper arm is lighter. The sensor under the base has noise and is 12 ms late, and the encoders have noise of a tenth
+# of a degree.
 
 built = MODEL.replace('mass="4"', 'mass="3.6"').replace(
     '<inertial pos="0 0 0.15" mass="2" diaginertia="0.02 0.02 0.004"/>',
@@ -83,8 +83,8 @@ np.savetxt("run.csv", np.column_stack([time, angles, wrench]), delimiter=",", he
 
 # ## The log
 #
-# A file as a controller writes it, with names of its own. What its columns are is said once, in a file beside it;
-# `python -m experiments.columns arm.xml run.csv --base column` drafts that file.
+# A file as a controller writes it, with its own column names. A second file says what the columns are;
+# `python -m experiments.columns arm.xml run.csv --base column` drafts it.
 
 Path("run.toml").write_text("""
 time = "t [s]"
@@ -103,22 +103,22 @@ print(f"{len(recording.time)} samples at {recording.rate:.0f} Hz:", ", ".join(re
 
 # ## The estimate
 #
-# Angles and wrench are all there is. Nothing is filtered and no cut-off chosen: the trajectory is estimated with the
-# parameters. The last two fifths of the recording are kept to judge by.
+# Only angles and wrench are used. Nothing is filtered and no cut-off is chosen: the trajectory is estimated together
+# with the parameters. The last two fifths of the recording are held out.
 
 estimate = ident.identify(arm, recording)
 print(estimate)
 
-# `s.d.` comes from the noise. `set-up` adds what is not known of the set-up: a plate that may be off by some
+# `s.d.` comes from the noise. `set-up` adds the uncertainty of the set-up: a plate that may be off by some
 # millimetres and degrees makes some parameters less certain, and more data do not help.
 #
-# ## Whether to believe it
+# ## Can it be trusted?
 
 print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
 
-# The delay was found and is taken out. What an uncorrected one would have done is for you to try:
-# `ident.identify(arm, recording, setup={"delay": 0})`. And the mass on the forearm, which the model does not have,
-# shows in what the model predicts of the part that was kept:
+# The delay was detected and corrected. To see the effect of an uncorrected delay, try
+# `ident.identify(arm, recording, setup={"delay": 0})`. The mass on the forearm, which the model does not have,
+# shows in the model's residuals on the held-out part (over the standard deviation of each channel):
 
 ratios = {"the model as it came": estimate.rivals["model"], "the estimate": estimate.held_out.ratio}
 for name, ratio in ratios.items():
@@ -137,12 +137,12 @@ panel.set_ylabel("error / s.d. with set-up")
 panel.set_yscale("symlog", linthresh=3)
 panel.legend()
 
-# Here the truth is known, and the intervals hold it.
+# The true values are known here, and the intervals cover them.
 #
 # ## The updated model
 #
-# Base parameters are no model yet. The bodies that are closest to the model's, physical, and have these base
-# parameters are:
+# Base parameters are not yet a model. The physically consistent bodies that have these base parameters and are closest
+# to the model's are:
 
 bodies = estimate.consistent()
 sim.write_model("arm_identified.xml", arm, bodies)
@@ -150,15 +150,15 @@ written = sim.mechanism("arm_identified.xml", base="column")
 for name, was, now, true in zip(arm.bodies, *(x.known.reshape(-1, 10) for x in (arm, written, truth)), strict=True):
     print(f"{name:>8}: {was[0]:.2f} kg in the model, {now[0]:.2f} kg identified, {true[0]:.2f} kg built")
 
-# The sensor sees sums of these masses. How a sum is split among the bodies is left as the model has it, as far as the
-# data do not contradict it; here they contradict it where the arm was built differently.
+# The sensor measures sums of these masses. A sum is split among the bodies as in the model, unless the
+# data contradict that; here they do where the arm was built differently.
 #
-# On the command line all of it is
+# On the command line all of this is
 #
 # ```sh
 # python -m experiments.columns arm.xml run.csv --base column
 # python -m experiments.identify arm.xml run.csv --base column --columns run.toml
 # ```
 #
-# with tables, figures and a page. [How to bring a recording](../recordings.md) tells what else a log may hold,
-# [whether to believe it](../verdict.md) what the sentences mean.
+# with tables, figures and a page. [Recordings](../recordings.md) describes what else a log may contain,
+# [the verdict](../verdict.md) what the sentences mean.

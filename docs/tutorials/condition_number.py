@@ -1,8 +1,8 @@
-# # Why you should not believe a condition number
+# # Why not to trust a condition number
 #
-# A condition number says how much least squares may amplify noise, of the columns it was computed of. It is often read
-# as a mark for a model, or for an experiment. Five small experiments on the paper's double pendulum show what it does
-# not tell. The page runs as it stands.
+# A condition number bounds how much least squares amplify noise, for the columns it was computed from. It is often used
+# to rate a model or an experiment. Five small experiments on the paper's double pendulum show why that fails.
+# The page runs as it stands.
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def largest_error(fit):
     return abs(fit.psi - fit.parameters.regroup(drawn.known)).max()
 
 
-# ## 1. A wrong model may have the better one
+# ## 1. A wrong model can have the smaller condition number
 #
 # The pendulum's axes are tilted by 5°. One model has them along X, the other as they are.
 
@@ -38,14 +38,14 @@ wrong, right = fitted(drawn), fitted(built)
 for name, fit in {"axes along X": wrong, "axes as they are": right}.items():
     print(f"{name}: condition number {fit.condition_number:.0f}, largest error {largest_error(fit):.2f}")
 
-# The condition number is a function of the regressor, that is of the motion and of the model; the measured wrench is
-# not in it. It cannot know whether the model is right.
+# The condition number depends on the regressor, that is on the motion and the model, but not on the measured wrench.
+# So it cannot show whether the model is right.
 #
-# ## 2. It depends on the names of the parameters
+# ## 2. It depends on the choice of base parameters
 #
-# The same regressor has many bases. With tilted axes the first independent columns are other ones than without, and
-# some of them are nearly dependent. On the names of the simplified model the same model of the same data is as well
-# conditioned as that one, and predicts the same wrench.
+# The same regressor has many bases. With tilted axes the first independent columns differ from those without tilt, and
+# some of them are nearly dependent. With the simplified model's choice of base parameters, the same model is as well
+# conditioned as the simplified one, and predicts the same wrench as before.
 
 renamed = fitted(built, names=wrong.parameters.names)
 motion = ident.Motion(*recording.joint_states(drawn.tree.joints))
@@ -55,7 +55,7 @@ print(f"largest difference of the predicted wrenches {difference:.0e} N or N m")
 
 # ## 3. It depends on the units
 #
-# Metres to millimetres, and nothing has changed but the number.
+# From metres to millimetres, only the condition number changes.
 
 Y = right.parameters.reduce(ident.base_wrench_regressor(built.tree, *motion.states, gravity=built.gravity))
 Y = Y.reshape(-1, right.parameters.rank)
@@ -63,10 +63,10 @@ power = np.array([0 if "r" not in name and "I" not in name else 1 + name.startsw
 for unit, length in {"m": 1.0, "mm": 1e-3}.items():
     print(f"lengths in {unit}: {np.linalg.cond(Y * length**power):.3g}")
 
-# ## 4. The best one is not the best experiment
+# ## 4. The smallest one is not the best experiment
 #
-# What one wants is small standard deviations, of the parameters one wants. Of forty motions drawn by chance, the one
-# with the smallest condition number is not the one with the smallest deviations.
+# The goal is small standard deviations of the parameters of interest. Of forty random motions, the one
+# with the smallest condition number is not the one with the smallest standard deviations.
 
 rng = np.random.default_rng(0)
 time = np.arange(0, 9.43, 0.02)
@@ -93,14 +93,14 @@ panel.loglog(conditions[by_deviation], deviations[by_deviation], "D", color="C2"
 panel.set(xlabel="condition number", ylabel="geometric mean of the standard deviations\n(kg, kg m, kg m²)")
 panel.legend()
 
-# `python -m experiments.excite` therefore designs motions by their deviations ([motions that tell
-# more](../excitation.md)).
+# `python -m experiments.excite` therefore designs motions by their standard deviations
+# ([excitation design](../excitation.md)).
 #
-# ## 5. It knows nothing of noise on the joints
+# ## 5. It ignores noise on the joints
 #
-# The same motion, measured with ten times the noise on the joint states: the condition number gets smaller, as noise
-# makes columns less alike. Least squares, which take the states for exact, are off by many of the deviations that they
-# predict of themselves.
+# The same motion, measured with ten times the noise on the joint states: the condition number gets smaller, since noise
+# makes the columns less similar. Least squares, which treat the states as exact, are off by many of their own standard
+# deviations.
 
 flawless = replace(recording.noise_free, noise=recording.noise)
 states = [f"{joint}_{kind}" for joint in drawn.tree.joints for kind in ("position", "velocity", "acceleration")]
@@ -114,9 +114,9 @@ for scale in (1, 10):
 
 # ## What to look at instead
 #
-# - Residuals channel by channel, over the standard deviation of the channel, on data that were not fitted.
-# - The prediction of the model as it came, on the same data: is the estimate any better?
-# - Standard deviations that have been seen to hold, of each parameter.
-# - Two recordings, or two halves of one: do they agree within these deviations?
+# - Residuals of each channel, relative to its standard deviation, on data that were not fitted.
+# - The prediction of the original model on the same data: is the estimate any better?
+# - The standard deviation of each parameter, with verified coverage.
+# - Two recordings, or two halves of one: do they agree within these standard deviations?
 #
-# That is what the [verdict](../verdict.md) does.
+# The [verdict](../verdict.md) reports these.

@@ -1,9 +1,9 @@
 # # A person on force plates
 #
-# A gait laboratory records markers on the skin and the wrenches of two force plates; public collections such as HuMoD
-# hold recordings of this kind. Joint angles, accelerations and the masses of segments are not measured. This page goes
-# from such a recording to the person's inertial parameters. The person is simulated, so that the truth is known; she
-# does squats, then swings her arms. The page runs as it stands, some seconds.
+# This tutorial goes from markers on the skin and the wrenches of two force plates to a person's inertial parameters.
+# Gait laboratories record such data, and public collections such as HuMoD contain them. Joint angles, accelerations
+# and the masses of segments are not measured. The person is simulated, so that the true values are known; she does
+# squats, then swings her arms. The page runs as it stands, in some seconds.
 
 import contextlib
 import io
@@ -20,8 +20,8 @@ from sim.motion import person
 
 # ## A model with markers
 #
-# The scene's humanoid: a pelvis that moves freely, and joints as people have them, of which wrists, toes and other
-# small ones are left stiff here. Three markers on each body are sites of the model; an OpenSim file has them already.
+# The scene's humanoid has a freely moving pelvis and human joints; wrists, toes and other small joints are stiff
+# here. Three markers on each body are sites of the model; an OpenSim file already contains markers.
 
 STIFF = ("neck", "pronation", "wrist", "toes", "subtalar", "thoracic_flexion", "bending", "rotation", "abduction")
 rng = np.random.default_rng(3)
@@ -39,8 +39,8 @@ print(f"{base.rank} base parameters of {len(model.known)}")
 
 # ## What the laboratory measured
 #
-# Only this section is make-believe. The true person has a trunk that is 15 % heavier and legs that are 8 % lighter
-# than the model's. Markers are good to a millimetre; the plates have noise of 1 N and 0.3 N m.
+# This section simulates the measurement. The true person has a trunk that is 15 % heavier and legs that are 8 % lighter
+# than the model's. Markers have noise of a millimetre; the plates have noise of 1 N and 0.3 N m.
 
 heavier = {"abdomen": 1.15, "thorax": 1.15} | {f"{s}_{b}": 0.92 for s in ("left", "right") for b in ("thigh", "shank")}
 truth = model.known.reshape(-1, 10) * np.array([[heavier.get(name, 1.0)] for name in model.bodies])
@@ -91,8 +91,8 @@ print(*sorted(path.name for path in Path().glob("*.csv")))
 
 # ## Angles from markers
 #
-# `experiments.angles` fits the model to the markers, frame by frame, and puts the plates' wrenches into the same file.
-# On the command line it is
+# `experiments.angles` fits the model to the markers, frame by frame, and writes the plates' wrenches into the same
+# file. On the command line:
 #
 # ```sh
 # python -m experiments.angles person.xml squats_markers.csv --base pelvis --wrenches squats_plates.csv --out squats
@@ -110,10 +110,10 @@ for trial in TRIALS:
     files = ["person.xml", f"{trial}_markers.csv", "--wrenches", f"{trial}_plates.csv"]
     last_lines(angles, [*files, "--base", "pelvis", "--out", trial, "--formats", "png"], 3)
 
-# ## Where the plates are
+# ## The plates
 #
 # They rest in the world, and their moments are about its origin. Each foot stays on its plate here; `on = "auto"` would
-# find out who stands where. Nothing else holds the person: there is no ground under a pelvis.
+# detect which foot is on which plate. Nothing else holds the person: there is no ground wrench at the pelvis.
 
 PLATE = """
 [wrenches.{side}]
@@ -126,9 +126,9 @@ Path("plates.toml").write_text("".join(PLATE.format(side=side) for side in ("lef
 
 # ## The person
 #
-# Two trials share their parameters. No motion of some seconds tells so many base parameters apart, so what is known of
-# a person's segments beforehand is put in: here that of the model, give or take 20 % of each mass; `--prior winter`,
-# `deleva` and `dumas` take published tables instead.
+# Two trials share their parameters. A motion of some seconds cannot separate so many base parameters, so a prior
+# of the person's segments is used: here the model's, with 20 % for each mass; `--prior winter`,
+# `deleva` and `dumas` use published tables instead.
 #
 # ```sh
 # python -m experiments.identify person.xml squats/angles.csv swings/angles.csv \
@@ -140,8 +140,8 @@ estimate = ident.identify(model, logs, known=True)
 print(estimate.verdict())
 print(*(f"- {finding.text}" for finding in estimate.findings), sep="\n")
 
-# The estimate lies between what was known beforehand and what the plates say. How near it got, where the truth is known
-# (intervals contain what was known beforehand, which here was closer than it claimed to be):
+# The estimate is a compromise between the prior and the plates. Compared with the true values (intervals include the
+# prior, which here is more accurate than its standard deviations state):
 
 true, was = (estimate.base.regroup(phi) for phi in (truth.ravel(), model.known))
 inside = np.mean(np.abs(estimate.psi - true) < 1.96 * estimate.std_setup)
@@ -171,7 +171,7 @@ panel.set_xticks(position, [estimate.base.names[k] for k in order], rotation=60)
 panel.set_ylabel("error / s.d.")
 panel.legend()
 
-# Longer recordings tell more, and other motions tell other things: squats the legs and the trunk, arm swings the arms,
-# standing still next to nothing. What a real laboratory adds is skin that moves and plates that are late; the first is
-# noise that is correlated over time, the second is found ([how](../estimator.md)). Angles from other software,
-# OpenSim's models and C3D files are read as well: [how to bring a recording](../recordings.md), [models](../models.md).
+# Longer recordings are more informative, and each motion determines other parameters: squats the legs and the trunk,
+# arm swings the arms, standing still next to nothing. In a real laboratory skin moves and plates are late; the first
+# is treated as autocorrelated noise, the second is estimated ([how](../estimator.md)). Angles from other software,
+# OpenSim models and C3D files are read as well: [recordings](../recordings.md), [models](../models.md).
