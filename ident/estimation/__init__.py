@@ -1,1 +1,1 @@
-"""From samples to base parameters and their standard deviations."""
+"""Estimation of base parameters and their standard deviations from samples."""

@@ -1,13 +1,13 @@
-"""Least squares in one pass: what is kept of samples that have been seen, and how it adds.
+"""Accumulated normal equations of least squares in one pass over the samples.
 
-Of every channel the Gram matrix of its rows `[Y_b | Γ]` is kept, in coordinates in which they are far from dependent:
-`Z = [Y_b | Γ] P⁻¹`. A column that sticks out of the span of those before it stays as it is; from the others, and from
-Γ, what those before them say is subtracted, as a QR decomposition of a few samples tells it. So the condition number is
-not squared, and the sum is as accurate as a Householder QR of all rows. Where later samples excite what the first ones
-did not, P is renewed by a QR of all that is known stacked on the chunk.
+For every channel the Gram matrix of its rows `[Y_b | Γ]` is kept, in well-conditioned coordinates
+`Z = [Y_b | Γ] P⁻¹`. A column that is far from the span of those before it is kept unchanged; from the others, and from
+Γ, their projection on the columns before them is subtracted, by a QR decomposition of a few samples. So the condition
+number is not squared, and the sum is as accurate as a Householder QR of all rows. Where later samples excite
+combinations that the first ones did not, P is renewed by a QR of the accumulated factor stacked on the chunk.
 
-Columns that only few channels see come first (`Equations.order`), so that for the other channels the triangle P begins
-behind them: forces do not see inertias.
+Columns that act on few channels come first (`Equations.order`), so that for the other channels the triangle P begins
+after them: forces do not depend on inertias.
 """
 
 from dataclasses import dataclass, replace
@@ -22,37 +22,38 @@ from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 
 PROBE = 64
-"""Samples that the first coordinates are made of, at least as many as columns."""
+"""Number of samples that determine the first coordinates; never fewer than columns."""
 
 FLOOR = 1e-7
-"""Columns of the coordinates stick out of the span of others by this fraction at least, whether excited or not."""
+"""Least distance of a column of P from the span of the others, relative to its size, whether excited or not."""
 
 ROUNDING = 1e-13
-"""Part of a column's size that rounding may leave of it where the columns before it say all of it."""
+"""Largest rounding error of a column that depends on those before it, relative to its size."""
 
 LAPACK_BLOCK = 32
-"""Columns that LAPACK takes together if it has room for them."""
+"""Block size of LAPACK's QR decomposition, columns."""
 
 APART, TOO_CLOSE = 0.1, 0.01
-"""Part of a column's squares that sticks out of the span of those before it: at least, for it to stay as it is among
-the coordinates, and below which coordinates are renewed."""
+"""Squared distance of a column from the span of those before it, relative to its square: the least with which it is
+kept unchanged in the coordinates, and the value below which the coordinates are renewed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Accumulator:
-    """What least squares needs of the samples seen so far; accumulators of different samples add in any order.
+    """Sufficient statistics of least squares for the samples so far; accumulators of different samples add up.
 
-    All fields are numbers and arrays: `np.savez(file, **vars(a))` keeps one, `Accumulator(**np.load(file))` reads it.
+    The order of addition does not matter. All fields are numbers and arrays: `np.savez(file, **vars(a))` saves one,
+    `Accumulator(**np.load(file))` reads it.
 
     Attributes:
         names: Names of the r columns.
-        factor: P, unit upper triangular if its columns are taken in their order (r + 1, r + 1).
-        order: That order, the measurements last (r + 1,).
+        factor: P, unit upper triangular with its columns in `order` (r + 1, r + 1).
+        order: Order of the columns, the measurements last (r + 1,).
         grams: Gram matrix of the rows `[Y_b | Γ] P⁻¹` of each channel (C, r + 1, r + 1).
         samples: Number of samples.
-        chunks: Number of chunks they came in.
-        factored: How many of them went through a QR decomposition.
-        weighted: Whether the rows are weighted, as by a covariance.
+        chunks: Number of chunks.
+        factored: Number of chunks that took a QR decomposition.
+        weighted: True if the rows are weighted, as by a covariance.
     """
 
     names: tuple[str, ...]
@@ -76,14 +77,14 @@ class Accumulator:
 
     @property
     def root(self) -> np.ndarray:
-        """A square matrix T that has the Gram matrix of all rows `[Y_b | Γ]`, `Tᵀ T` (r + 1, r + 1)."""
+        """Square matrix T such that `Tᵀ T` is the Gram matrix of all rows `[Y_b | Γ]` (r + 1, r + 1)."""
         return square_root(self.gram) @ self.factor
 
     def __add__(self, other: "Accumulator") -> "Accumulator":
-        """All samples of both.
+        """Accumulator of all samples of both.
 
         Raises:
-            InputError: They are not of the same base parameters, or only one is weighted.
+            InputError: Their base parameters differ, or only one is weighted.
         """
         if (self.names, self.weighted) != (other.names, other.weighted):
             raise InputError(
@@ -98,13 +99,13 @@ class Accumulator:
         return Accumulator(a.names, a.factor, a.order, a.grams + b.grams, samples, chunks, factored, a.weighted)
 
     def _in(self, factor: np.ndarray, order: np.ndarray) -> "Accumulator":
-        """The same in other coordinates, whose factor is triangular in an order."""
-        # Solved for, not multiplied with an inverse: coordinates of a joint at rest are far from orthogonal.
+        """Accumulator in other coordinates, with their factor, triangular in an order."""
+        # A triangular solve, not a product with the inverse: coordinates of a joint at rest are ill-conditioned.
         change = lapack.dtrtrs(factor[:, order], self.factor[:, order].T, trans=1)[0].T
         return replace(self, factor=factor, order=order, grams=change.T @ self.grams @ change)
 
     def with_chunk(self, chunk: Chunk) -> "Accumulator":
-        """With another chunk of samples."""
+        """Accumulator with another chunk of samples."""
         samples, count = self.samples + chunk.samples, self.chunks + 1
         grams = self.grams + chunk.grams(self.factor[:, self.order])
         if _is_apart(grams.sum(axis=0), self.factor[:, self.order]):
@@ -116,7 +117,7 @@ class Accumulator:
 
 
 def _first_factor(chunk: Chunk, order: np.ndarray) -> np.ndarray:
-    """Coordinates P for rows like those of a first chunk."""
+    """Coordinates P for rows like those of the first chunk."""
     return _factor(_stacked(chunk.rows(max(1, chunk.samples // max(PROBE, len(order))))), order)
 
 
@@ -126,7 +127,7 @@ def _stacked(rows: np.ndarray) -> np.ndarray:
 
 
 def square_root(gram: np.ndarray) -> np.ndarray:
-    """A square matrix T with `Tᵀ T = gram`, also of a singular one."""
+    """Square matrix T with `Tᵀ T = gram`, which may be singular."""
     scale = np.sqrt(np.maximum(np.diag(gram), 0))
     unit = np.where(scale > 0, scale, 1)
     values, vectors = np.linalg.eigh(gram / np.outer(unit, unit))
@@ -144,11 +145,11 @@ def accumulate(
     """Adds samples to an accumulator, chunk by chunk.
 
     Args:
-        equations: What is fitted.
+        equations: Equations to fit.
         samples: Motion and measured channels.
-        start: What is known from other samples.
-        factor: Coordinates to start from, so that accumulators of several workers add without a change of them.
-        factors: What each row is multiplied by, to weight it (N, C).
+        start: Accumulator of other samples.
+        factor: Coordinates to start from, so that accumulators of several workers add without a change of coordinates.
+        factors: Weight by which each row is multiplied (N, C).
 
     Returns:
         The accumulator of all samples.
@@ -167,7 +168,7 @@ def accumulate_checked(
     factor: np.ndarray | None = None,
     factors: np.ndarray | None = None,
 ) -> Accumulator:
-    """`accumulate` for samples that are known to fit, as `pieces` gives them: few are summed as fast as checked."""
+    """`accumulate` for samples already checked, as from `pieces`: for few samples a check costs as much as the sum."""
     weighted = samples.covariance is not None or factors is not None
     if start is not None and (start.names, start.weighted) != (equations.names, weighted):
         raise InputError("Samples are added to an accumulator of the same base parameters and weighting only.")
@@ -183,12 +184,12 @@ def accumulate_checked(
 
 
 def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Coordinates P for rows of columns in an order (m, k), triangular with its columns in that order (k, k)."""
+    """Coordinates P for rows with columns in an order (m, k), triangular with its columns in that order (k, k)."""
     triangle = _regular_triangle(rows)
     squares = triangle.diagonal() ** 2
     stays = squares >= APART * (triangle**2).sum(axis=0)
-    stays[-1] = False  # What columns leave of Γ is to be accurate in each channel, however well that fits.
-    # Times the diagonal, a column of the inverse is what has to be subtracted from that of the rows.
+    stays[-1] = False  # The residual of Γ must be accurate in each channel, however well it fits.
+    # A column of the inverse, times the diagonal, is the combination to subtract from the column of the rows.
     inverse = np.where(stays, np.eye(len(order)), inverse_of(triangle) * triangle.diagonal())
     out = np.empty_like(triangle)
     out[:, order] = inverse_of(inverse)
@@ -196,12 +197,12 @@ def _factor(rows: np.ndarray, order: np.ndarray) -> np.ndarray:
 
 
 def _regular_triangle(rows: np.ndarray) -> np.ndarray:
-    """Triangular factor of rows (m, k), regular whatever they are (k, k)."""
+    """Triangular factor of rows (m, k), regular for any rows (k, k)."""
     size = rows.shape[1]
     enough = rows if len(rows) >= size else np.vstack([rows, np.zeros((size - len(rows), size))])
     triangle = triangle_of(enough)
     norms = np.linalg.norm(triangle, axis=0)
-    # A column that is nothing but an earlier floor is measured against the others.
+    # A column that holds only an earlier floor is compared with the others.
     floor = FLOOR * np.maximum(norms, FLOOR * norms.max() or 1)
     weak = abs(np.diag(triangle)) <= floor
     if not weak.any():
@@ -217,7 +218,7 @@ def triangle_of(rows: np.ndarray) -> np.ndarray:
 
 
 def _is_apart(gram: np.ndarray, factor: np.ndarray) -> bool:
-    """Whether every column that is more than rounding sticks out of the span of those before it by a fair part.
+    """True where every column above rounding is far enough from the span of those before it.
 
     Args:
         gram: Gram matrix in coordinates (k, k).

@@ -1,10 +1,10 @@
-"""The motion that angles alone tell of, from which all candidates predict what is held out.
+"""Motion smoothed from joint angles alone, from which all candidates predict held-out samples.
 
-    minimise  Σ_k (x_k - s(t_k))² + r T⁶ ∫ s⃛² dt,      which passes  1 / (1 + (2 π f T)⁶)  of a frequency f
+    minimise  Σ_k (x_k - s(t_k))² + r T⁶ ∫ s⃛² dt,      gain at frequency f:  1 / (1 + (2 π f T)⁶)
 
-over splines s, with r samples a second. T is the same for all coordinates, as the cut-off of a laboratory's filter is.
-The likeliest smoothness of each coordinate, its jerk taken for white noise, is no substitute: it leaves accelerations
-so rough that no parameters predict well.
+over splines s, with r samples per second. T is the same for all coordinates, like the cut-off of a usual filter.
+The likeliest smoothness of each coordinate, with white-noise jerk, is no substitute: it leaves accelerations too rough
+for any parameters to predict well.
 """
 
 from collections.abc import Sequence
@@ -20,15 +20,15 @@ from ident.recordings.gaps import longest_step
 from ident.recordings.sampled import Sampled
 
 PASSES = 4
-"""Times that samples are smoothed, at most: small outliers stand out once large ones are taken out."""
+"""Largest number of smoothing passes: small outliers show once large ones are removed."""
 
 MOST, NORMAL_QUANTILE = 0.9, 1.645
-"""Share of the samples that tell how large noise is, most of which may be of a joint that rests; and how many standard
-deviations that share of normal noise is within."""
+"""Quantile of the samples by which noise is scaled, high because most may be of a resting joint; and the same quantile
+of normal noise, in standard deviations."""
 
 UNSETTLED, LARGEST_END = 0.3, 1 / 6
-"""Time at either end of a stretch that is not judged, s, as accelerations follow there from angles on one side alone;
-and which part of a short stretch that is at most."""
+"""Time at either end of a stretch that is not judged, s, as accelerations there depend on angles on one side only; and
+its largest share of a short stretch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Trajectory:
         return np.array([(spline.start, spline.start + spline.intervals * spline.step) for spline in self.splines])
 
     def evaluate(self, time: np.ndarray) -> np.ndarray:
-        """Coordinates and first three derivatives (4, M, n); in gaps and beyond the ends those of the nearest end."""
+        """Coordinates and first three derivatives (4, M, n); in gaps and beyond the ends, values of the nearest end."""
         starts, ends = self.spans.T
         which = np.searchsorted((ends[:-1] + starts[1:]) / 2, time)
         out = np.empty((4, len(time), self.coefficients[0].shape[1]))
@@ -59,14 +59,14 @@ class Trajectory:
         return out
 
     def settled(self, time: np.ndarray) -> np.ndarray:
-        """Mask of the times within a stretch, its ends aside (M,)."""
+        """Mask of the times within a stretch, except its ends (M,)."""
         first, last = self.spans.T[..., None]
         edges = np.minimum(UNSETTLED, LARGEST_END * (last - first))
         return np.asarray(((time > first + edges) & (time < last - edges)).any(axis=0))
 
 
 def smoothed(coordinates: Sampled, T: float) -> Trajectory:
-    """Each coordinate smoothed, on either side of a gap by itself.
+    """Each coordinate smoothed, separately on either side of a gap.
 
     Args:
         coordinates: Samples of all coordinates, NaN where one is missing (N, n).
@@ -84,7 +84,7 @@ def smoothed(coordinates: Sampled, T: float) -> Trajectory:
 
 
 def _stretches(coordinates: Sampled) -> list[slice]:
-    """Samples between gaps, where each coordinate has more than the penalty needs."""
+    """Stretches of samples between gaps, those in which each coordinate has more samples than the penalty needs."""
     time, there = coordinates.time, np.isfinite(coordinates.values)
     inside = np.ones(len(time), bool)
     for own in there.T:
@@ -98,7 +98,7 @@ def _stretches(coordinates: Sampled) -> list[slice]:
 
 
 def _without_outliers(local: Local, x: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Coefficients of one coordinate (size,), without gross outliers among its samples (N,)."""
+    """Coefficients of one coordinate (size,), fitted without gross outliers among its samples (N,)."""
     there = np.isfinite(x)
     for _ in range(PASSES):
         c = _solved(local, x, there, stiffness)
@@ -111,9 +111,9 @@ def _without_outliers(local: Local, x: np.ndarray, stiffness: np.ndarray) -> np.
 
 
 def _outliers(residual: np.ndarray) -> np.ndarray:
-    """Mask of the samples that stick out between those before and after them, more than these do themselves (N,).
+    """Mask of the samples that deviate grossly from the mean of their neighbours, and more than these do (N,).
 
-    What an outlier bends a curve by is smooth, and so is what a curve leaves of a corner.
+    Residuals next to an outlier and near a corner are smooth, so neither is masked.
     """
     out = np.zeros(len(residual), bool)
     size = np.abs(residual[1:-1] - (residual[:-2] + residual[2:]) / 2)
@@ -125,7 +125,7 @@ def _outliers(residual: np.ndarray) -> np.ndarray:
 
 
 def _solved(local: Local, x: np.ndarray, there: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Coefficients that minimise the sum of squares of the samples that are there, and the penalty (size,)."""
+    """Coefficients that minimise the squared residuals of the samples present plus the penalty (size,)."""
     basis, interval, size = local.basis[0, there], local.interval[there], stiffness.shape[1]
     matrix = _banded(interval, basis[:, :, None] * basis[:, None, :], size) + stiffness
     right = np.zeros(size)
@@ -134,7 +134,7 @@ def _solved(local: Local, x: np.ndarray, there: np.ndarray, stiffness: np.ndarra
 
 
 def _banded(first: np.ndarray, blocks: np.ndarray, size: int) -> np.ndarray:
-    """Sum of blocks (N, 6, 6), or of the same one everywhere, at rows from `first` (N,), as a lower band (6, size)."""
+    """Sum of blocks (N, 6, 6), or of a repeated one, at rows from `first` (N,), as a lower band (6, size)."""
     blocks, out = np.broadcast_to(blocks, (len(first), LOCAL, LOCAL)), np.zeros((LOCAL, size))
     for a in range(LOCAL):
         for b in range(a, LOCAL):

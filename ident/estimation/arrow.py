@@ -1,9 +1,9 @@
-"""Normal equations of a trajectory and of θ: blocks along time, and a border.
+"""Normal equations of a trajectory and of θ: block tridiagonal in time, with a border.
 
     [A  B ] [δc]   [b]           A = L Lᵀ block tridiagonal
     [Bᵀ D ] [δθ] = [d]           (D - Bᵀ A⁻¹ B) δθ = d - Bᵀ A⁻¹ b,     δc = A⁻¹ b - A⁻¹ B δθ
 
-Rows see a window of seven spline functions each, so that A and B are sums over windows.
+Each row depends on a window of seven spline functions, so that A and B are sums over windows.
 """
 
 from collections.abc import Mapping
@@ -19,14 +19,14 @@ from ident.estimation.spline import LOCAL, Spline
 
 
 class Eliminated(NamedTuple):
-    """Normal equations, the trajectory eliminated.
+    """Normal equations of θ with the trajectory eliminated.
 
     Attributes:
         schur: Precision of θ, `D - Bᵀ A⁻¹ B` (p, p).
-        gradient: Its right side, `d - Bᵀ A⁻¹ b` (p,).
+        gradient: Right side, `d - Bᵀ A⁻¹ b` (p,).
         step: Step of the coefficients at fixed θ, `A⁻¹ b` (size n,).
-        by_theta: How it changes with a step of θ, `A⁻¹ B` (size n, p).
-        factor: That of A.
+        by_theta: Decrease of that step by a step of θ, `A⁻¹ B` (size n, p).
+        factor: Cholesky factor of A.
     """
 
     schur: np.ndarray
@@ -38,11 +38,11 @@ class Eliminated(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Covariance of the coefficients that every window sees and of θ: `A⁻¹ + W Σ Wᵀ`, `-W Σ` and Σ with `W = A⁻¹ B`.
+    """Covariance of each window's coefficients and of θ: `A⁻¹ + W Σ Wᵀ`, `-W Σ` and Σ with `W = A⁻¹ B`.
 
     Attributes:
-        inverse: What every window sees of `A⁻¹` (S, 7 n, 7 n).
-        followed: What it sees of `W √Σ` (S, 7 n, q).
+        inverse: Blocks of `A⁻¹` for every window (S, 7 n, 7 n).
+        followed: Rows of `W √Σ` for every window (S, 7 n, q).
         root: A root of the covariance of θ, `√Σ √Σᵀ = Σ` (p, q).
     """
 
@@ -52,9 +52,9 @@ class Posterior:
 
     @classmethod
     def of(cls, eliminated: Eliminated, root: np.ndarray, intervals: int, coordinates: int) -> "Posterior":
-        """That of normal equations, by a root of the covariance of θ (p, q)."""
+        """Posterior of normal equations, from a root of the covariance of θ (p, q)."""
         n, width = coordinates, WINDOW * coordinates
-        # The first interval's window begins with a function that there is not.
+        # The first interval's window begins with a function that does not exist.
         followed = np.vstack([np.zeros((n, root.shape[1])), eliminated.by_theta @ root])
         seen = np.lib.stride_tricks.sliding_window_view(followed, width, axis=0)[: intervals * n : n]
         return cls(eliminated.factor.inverse_windows(intervals), transposed(seen), root)
@@ -69,16 +69,16 @@ class Posterior:
         return own + followed @ transposed(followed)
 
     def followed_of(self, coordinate: int) -> np.ndarray:
-        """What windows see of `W √Σ` of one coordinate (S, 7, q)."""
+        """Rows of `W √Σ` of one coordinate for every window (S, 7, q)."""
         n = self.inverse.shape[1] // WINDOW
         return self.followed[:, coordinate::n]
 
 
 class Arrow:
-    """Normal equations that rows are added to.
+    """Normal equations to which rows are added.
 
     Attributes:
-        spline: The space of the trajectory, of S intervals.
+        spline: Spline space of the trajectory, of S intervals.
     """
 
     def __init__(self, spline: Spline, coordinates: int, parameters: int) -> None:
@@ -90,10 +90,10 @@ class Arrow:
         self._corner, self._below = np.zeros((p, p)), np.zeros(p)
 
     def add(self, some: slice, J: np.ndarray, T: np.ndarray, right: np.ndarray) -> None:
-        """Adds rows that see all coordinates and all of θ.
+        """Adds rows that depend on all coordinates and all of θ.
 
         Args:
-            some: Intervals k that they are in.
+            some: The k intervals of the rows.
             J: Derivatives by the functions of their windows (k, r, 7 n).
             T: Derivatives by θ (k, r, p).
             right: Right sides (k, r).
@@ -107,13 +107,13 @@ class Arrow:
         self._below += T.T @ right.ravel()
 
     def add_separate(self, J: np.ndarray, T: np.ndarray, right: np.ndarray, columns: Mapping[int, int]) -> None:
-        """Adds rows whose streams see one coordinate each, in their order, and some of them one entry of θ.
+        """Adds rows of streams that depend on one coordinate each, in order, and some of them on one entry of θ.
 
         Args:
             J: Derivatives by the functions of the coordinate's window (S, m, n, 7).
             T: Derivatives by the entry of θ (S, m, n).
             right: Right sides (S, m, n).
-            columns: These entries by the coordinates.
+            columns: Index of the entry in θ by coordinate.
         """
         for j in range(J.shape[2]):
             own, y = J[:, :, j], right[:, :, j]
@@ -134,10 +134,10 @@ class Arrow:
         self._right[:, 1:] -= jerk * (P @ self.spline.windows(coefficients))
 
     def eliminated(self) -> Eliminated:
-        """The trajectory eliminated.
+        """Normal equations of θ with the trajectory eliminated.
 
         Raises:
-            numpy.linalg.LinAlgError: Rows and prior together do not determine it.
+            numpy.linalg.LinAlgError: Rows and prior together do not determine the trajectory.
         """
         intervals, _, n = self._right.shape
         factor = BlockTridiagonal.of_windows(self._normal.reshape(intervals, WINDOW * n, WINDOW * n)).factored()
@@ -146,7 +146,7 @@ class Arrow:
         W = factor.solve(B)
         by_theta = stacked(W)
         schur = self._corner - stacked(B).T @ by_theta
-        # Functions that no window sees are the first of all, and those that fill the last block.
+        # The first function and those that pad the last block belong to no window.
         own = slice(n, n + self.spline.size * n)
         return Eliminated(
             schur=(schur + schur.T) / 2,
@@ -163,7 +163,7 @@ def transposed(x: np.ndarray) -> np.ndarray:
 
 
 def stacked(x: np.ndarray) -> np.ndarray:
-    """Rows of any shape below each other (…, p) -> (N, p)."""
+    """Rows of any shape stacked (…, p) -> (N, p)."""
     return x.reshape(prod(x.shape[:-1]), x.shape[-1])
 
 

@@ -4,10 +4,10 @@
     Σ = A⁻¹:      Σ_k+1,k = -Σ_k+1,k+1 G_kᵀ,            Σ_kk = (L_kk L_kkᵀ)⁻¹ + G_k Σ_k+1,k+1 G_kᵀ,    G_k = L_kk⁻ᵀ C_kᵀ
 
 The second is the recursion of Takahashi, Fagan and Chen (1973); see Erisman and Tinney, Commun. ACM 18 (1975),
-doi:10.1145/360680.360704. What is local in time makes such matrices: a window of seven spline functions, of n
-coordinates each, lies in two blocks of six. Time and memory grow with the number of blocks.
+doi:10.1145/360680.360704. Rows that are local in time give such matrices: a window of seven spline functions, of n
+coordinates each, lies in two blocks of six. Time and memory are linear in the number of blocks.
 
-BLAS and LAPACK read along columns and numpy writes along rows: they are given transposes, which need no reordering.
+BLAS and LAPACK are column-major and numpy is row-major: they are given transposes, which need no copy.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from scipy.linalg import blas, lapack
 from ident.estimation.spline import LOCAL
 
 WINDOW = LOCAL + 1
-"""Functions that one sample and the one before it see."""
+"""Spline functions that one sample and the one before it depend on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +35,12 @@ class BlockTridiagonal:
 
     @classmethod
     def of_windows(cls, windows: np.ndarray) -> "BlockTridiagonal":
-        """The sum of matrices over windows of seven functions that start one after the other.
+        """Sum of matrices over windows of seven functions, each one function later than the one before.
 
-        Functions that no window touches get ones on the diagonal.
+        Functions in no window get ones on the diagonal.
 
         Args:
-            windows: The matrix of each window, (S, 7 n, 7 n).
+            windows: Matrix of each window (S, 7 n, 7 n).
         """
         n = windows.shape[1] // WINDOW
         blocks, size = -(-(len(windows) + LOCAL) // LOCAL), LOCAL * n
@@ -97,7 +97,7 @@ class Factor:
         return x
 
     def inverse_windows(self, number: int) -> np.ndarray:
-        """Blocks of the inverse that the windows of `BlockTridiagonal.of_windows` see (number, 7 n, 7 n)."""
+        """Blocks of the inverse for the windows of `BlockTridiagonal.of_windows` (number, 7 n, 7 n)."""
         blocks, size = self.diagonal.shape[:2]
         pairs = np.zeros((blocks, 2 * size, 2 * size))
         below = None

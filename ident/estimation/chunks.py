@@ -1,9 +1,9 @@
-"""Rows of equations chunk by chunk, and their Gram matrices in coordinates of a triangular factor.
+"""Rows of equations chunk by chunk, and their Gram matrices in the coordinates of a triangular factor.
 
     G_c = Tᵀ R_cᵀ R_c T,     R_c the rows [Y_b | Γ] of a channel,  T = P⁻¹ upper triangular
 
-numpy computes the rows of some thousand samples and hands them to BLAS. Compiled code, where there is some, does all
-with some hundred samples while they are in the inner caches.
+numpy computes the rows of some thousand samples and passes them to BLAS. Compiled code, if available, does everything
+for some hundred samples while they are in the inner caches.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -19,19 +19,19 @@ from ident.model import compiled
 from ident.model.regressor import CHUNK, program_inputs
 
 INPUTS = 2**20
-"""Bytes of a program's inputs that compiled code is called for at once, if they are of `CHUNK` samples at least."""
+"""Bytes of inputs per call of compiled code, which takes `CHUNK` samples at least."""
 
 SMALL = 16
 """Columns below which a general matrix product is faster than a symmetric one."""
 
 
 class Chunk(NamedTuple):
-    """Some samples of equations.
+    """Chunk of the samples of equations.
 
     Attributes:
-        samples: Their number n.
-        rows: Gives the rows of all or of every so-manieth sample, columns `[Y_b | Γ]` in their order (r + 1, C, n).
-        grams: Gives Gram matrices in coordinates of an upper triangular factor (C, r + 1, r + 1).
+        samples: Number of samples n.
+        rows: Function of k that returns the rows of every k-th sample, columns `[Y_b | Γ]` in order (r + 1, C, n).
+        grams: Function of an upper triangular factor that returns Gram matrices in its coordinates (C, r + 1, r + 1).
     """
 
     samples: int
@@ -40,12 +40,12 @@ class Chunk(NamedTuple):
 
 
 def chunks(equations: Equations, samples: Samples, factors: np.ndarray | None) -> Iterator[Chunk]:
-    """Samples that fit, chunk by chunk; what a chunk gives is there until the next one.
+    """Yields checked samples chunk by chunk; a chunk is valid until the next one.
 
     Args:
-        equations: What is fitted.
+        equations: Equations to fit.
         samples: Motion and measured channels.
-        factors: What each row is multiplied by (N, C).
+        factors: Weight by which each row is multiplied (N, C).
     """
     order, first = equations.order(samples)
     if compiled.available() and _suits_compiled(equations, samples):
@@ -68,7 +68,7 @@ def _suits_compiled(equations: Equations, samples: Samples) -> bool:
 def _compiled_chunks(
     equations: Equations, samples: Samples, factors: np.ndarray | None, order: np.ndarray, first: Sequence[int]
 ) -> Iterator[Chunk]:
-    """Chunks of equations whose columns a program writes, but for constant ones."""
+    """Yields chunks of equations with all columns written by a program, except constant ones."""
     program = equations.program(moving=samples.motion.base is not None, torques=False, order=order)
     memory = equations.block(compiled.COLUMN)
     program.fill(memory[: equations.parameters.rank].reshape(program.results, -1))
@@ -97,8 +97,8 @@ def _grams(rows: np.ndarray, first: Sequence[int], factor: np.ndarray) -> np.nda
     """Gram matrices by BLAS (C, r + 1, r + 1).
 
     Args:
-        rows: Columns first, in their order (r + 1, C, n); in the end they are as they were.
-        first: The first column that each channel sees (C,).
+        rows: Columns first, in order (r + 1, C, n); changed in between and restored.
+        first: First column that is not zero in each channel (C,).
         factor: Upper triangular (r + 1, r + 1).
     """
     inverse = inverse_of(factor)
@@ -108,14 +108,14 @@ def _grams(rows: np.ndarray, first: Sequence[int], factor: np.ndarray) -> np.nda
         own = changed[changed >= start]
         Z, before = channel[start:], channel[own]
         Z[own - start] = inverse[start:, own].T @ Z
-        # Times itself numpy takes it to BLAS's symmetric product, which is slower than the general one if it is small.
+        # numpy computes Z Zᵀ by BLAS's symmetric product, which is slower than the general one for small Z: hence copy.
         np.matmul(Z, (Z.copy() if len(Z) < SMALL else Z).T, out=gram[start:, start:])
         channel[own] = before
     return grams
 
 
 def changing(inverse: np.ndarray) -> np.ndarray:
-    """Which columns a triangular matrix changes that others are multiplied with."""
+    """Indices of the columns of a triangular matrix that differ from those of the identity."""
     return np.flatnonzero((inverse != np.eye(len(inverse))).any(axis=0))
 
 

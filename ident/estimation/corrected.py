@@ -1,4 +1,4 @@
-"""A recording as the joint estimate sees it, set-up corrected and motion smoothed, and the estimate as a fit to it."""
+"""Recording with set-up corrected and motion smoothed by the joint estimate, and the estimate as a fit to it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,20 +22,20 @@ from ident.mechanism.motion import joined
 from ident.recordings.wrench import GROUND
 
 Place = tuple[Piece, Callable[[np.ndarray], np.ndarray]]
-"""A piece, and the trajectory that runs through it as a function of time."""
+"""A piece and its trajectory as a function of time."""
 
 
 def corrected(
     prepared: Prepared, estimate: Joint, which: int | None, smoothing: float, part: slice | None = None
 ) -> Prepared:
-    """A recording with the set-up as it was found, its motion smoothed.
+    """Recording with the estimated set-up and its motion smoothed.
 
     Args:
         prepared: The recording that was fitted, or another one.
         estimate: The joint estimate.
-        which: Its number among those that were fitted, or None.
-        smoothing: Time constant with which angles alone are smoothed, s, as `chosen_smoothing` gives it.
-        part: The part of it that was fitted, where the wrenches have had a say in the motion.
+        which: Index of the recording among those that were fitted, or None.
+        smoothing: Time constant with which angles alone are smoothed, s, from `chosen_smoothing`.
+        part: Part of the recording that was fitted, where the motion was estimated from the wrenches as well.
     """
     measurement, theta = estimate.measurement, estimate.parameters_of(which or 0)
     places = _on_one_clock(measurement, _places(prepared, estimate, which, smoothing, part), theta)
@@ -44,7 +44,7 @@ def corrected(
     channels = [piece_channels(measurement, piece, x, theta) for (piece, _), x in zip(places, states, strict=True)]
     measured = np.concatenate(channels) + estimate.offsets_beside_first(which or 0)
     if measurement.in_world_axes and motion.base is not None:
-        # Those of equations are in the base's axes.
+        # Channels of `Equations` are in the base's axes.
         in_base = measured[:, :6].reshape(-1, 2, 3) @ motion.base.T[:, :3, :3]
         measured = np.hstack([in_base.reshape(-1, 6), measured[:, 6:]])
     samples = Samples(motion, measured)
@@ -58,7 +58,7 @@ def corrected(
 def _places(
     prepared: Prepared, estimate: Joint, which: int | None, smoothing: float, part: slice | None
 ) -> list[Place]:
-    """Pieces of a recording at its common times, and the trajectory that runs through each as a function of time."""
+    """Pieces of a recording at its common times, each with its trajectory as a function of time."""
     measurement, common = estimate.measurement, replace(prepared, recording=prepared.recording.without_streams)
     theta, whole = estimate.parameters_of(which or 0), slice(0, len(prepared.samples))
 
@@ -77,13 +77,13 @@ def _places(
 
 
 def _times(measurement: Measurement, piece: Piece, theta: np.ndarray) -> np.ndarray:
-    """When the motion is that belongs to samples: as of channels that are all late, or on the coordinates' clock."""
+    """Times of the motion that the samples belong to: on the channels' common clock, or on that of the torques."""
     every = clocks(measurement, piece, theta)
     return every[-1][1]
 
 
 def _on_one_clock(measurement: Measurement, places: list[Place], theta: np.ndarray) -> list[Place]:
-    """Pieces with a wrench that is late beside torques moved to the torques' times, between its samples."""
+    """Pieces with a delayed wrench interpolated at the times of the torques, if there are both."""
     every = [clocks(measurement, piece, theta) for piece, _ in places]
     if len(every[0]) == 1:
         return places
@@ -98,21 +98,21 @@ def _on_one_clock(measurement: Measurement, places: list[Place], theta: np.ndarr
 
 
 def _equations(measurement: Measurement, theta: np.ndarray, mechanism: Mechanism) -> Equations:
-    """The equations with the set-up that was found."""
+    """Equations with the estimated set-up."""
     gravity, tree = measurement.gravity(theta).astype(float), measurement.tilted(theta)
     rows = _rows(measurement, theta) if measurement.components else None
     return replace(measurement.equations, mechanism=replace(mechanism, gravity=gravity, tree=tree), wrench=rows)
 
 
 def _rows(measurement: Measurement, theta: np.ndarray) -> np.ndarray:
-    """What the channels of the wrench read of Γ in the base frame (k, 6)."""
+    """Rows that map Γ in the base frame to the channels of the wrench (k, 6)."""
     frame = np.eye(4) if measurement.frame is None else measurement.frame @ measurement.displacement(GROUND, theta)
     gains = np.array(measurement.gains(theta)[: len(measurement.components)], float)
     return gains[:, None] * coAd(inverse(frame.astype(float)))[list(measurement.components)]
 
 
 def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Channels less what contacts add to them, torques without their gain, which those of a wrench keep (N, C)."""
+    """Channels without the contribution of contacts, torques without their gain; wrenches keep theirs (N, C)."""
     measured = piece.measured
     if measurement.contacts:
         without = measurement.values(states, np.zeros_like(piece.wrenches), theta)
@@ -124,13 +124,13 @@ def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, t
 
 
 def as_fit(estimate: Joint, samples: Samples, equations: Equations, widening: float = 1.0) -> Fit:
-    """The joint estimate's parameters as a fit of linear equations at its own trajectory.
+    """Joint estimate's parameters as a fit of linear equations at its own trajectory.
 
     Args:
         estimate: The joint estimate.
         samples: Corrected samples.
         equations: Corrected equations.
-        widening: What standard deviations are multiplied by.
+        widening: Factor on the standard deviations.
     """
     m, fit = len(equations.names), estimate.fit
     covariance = widening**2 * fit.covariance[:m, :m]
@@ -150,7 +150,7 @@ def as_fit(estimate: Joint, samples: Samples, equations: Equations, widening: fl
 
 
 def _root_of_inverse(covariance: np.ndarray) -> np.ndarray:
-    """R with `Rᵀ R = covariance⁻¹`; what is known for certain is so to rounding."""
+    """R with `Rᵀ R = covariance⁻¹`; zero variances are raised to rounding."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-30 * np.diag(covariance).max()))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return vectors.T / np.sqrt(np.maximum(values, 1e-15 * values[-1]))[:, None] / scale

@@ -1,4 +1,4 @@
-"""What is fitted: measured channels, and the columns of base parameters, drives and constant offsets."""
+"""Equations to fit: measured channels, and the columns of base parameters, drives and constant offsets."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
 def channels_out_of_plane(mechanism: Mechanism, frame: np.ndarray | None = None) -> tuple[str, ...]:
-    """Names of the components that motion in a plane cannot explain, as for `out_of_plane`; by default at the base."""
+    """Names of the components that planar motion cannot produce (see `out_of_plane`), by default at the base."""
     return tuple(COMPONENTS[k] for k in out_of_plane(mechanism, np.eye(4) if frame is None else frame))
 
 
@@ -33,14 +33,14 @@ class Equations:
     Attributes:
         mechanism: The mechanism.
         parameters: Regrouping of its parameters, of which r are base parameters.
-        wrench: The channels of the total wrench Γ in the base frame, rows w of which each reads `w · Γ` (k, 6); None
+        wrench: Channels of the total wrench Γ in the base frame: rows w, each of which measures `w · Γ` (k, 6); None
             for its six components.
-        torques: Indices, among the velocities, of the joint torques that are channels as well, after those.
+        torques: Indices, among the velocities, of the joint torques that are channels, after those of the wrench.
         channels: Names of the C channels.
         drives: Names of the columns of rotor inertia and friction, out of `drive_names`.
         offsets: Indices of the channels that have a constant offset.
-        slips: Velocities over which Coulomb friction changes its sign, rad/s or m/s, as `Fc tanh(q̇ / slip)` (n,); None
-            for a jump.
+        slips: Velocities over which Coulomb friction changes sign, rad/s or m/s, as `Fc tanh(q̇ / slip)` (n,); None for
+            a jump.
     """
 
     mechanism: Mechanism
@@ -61,12 +61,12 @@ class Equations:
     def of_wrench(
         cls, mechanism: Mechanism, parameters: BaseParameters | None = None, *, moving: bool = False
     ) -> "Equations":
-        """Those of the total wrench's six components, by default with the structural base parameters.
+        """Equations of the total wrench's six components, by default with the structural base parameters.
 
         Args:
             mechanism: The mechanism.
             parameters: Regrouping of its parameters.
-            moving: Whether its base moves.
+            moving: True if its base moves.
         """
         if parameters is None:
             parameters = structural_base_parameters(mechanism, sensors=Sensors(moving_base=moving))
@@ -78,32 +78,32 @@ class Equations:
         return (*self.parameters.names, *self.drives, *(f"offset({self.channels[k]})" for k in self.offsets))
 
     def with_offsets(self, offsets: Sequence[int]) -> "Equations":
-        """The same with constant offsets of some channels."""
+        """Equations with constant offsets of some channels."""
         return replace(self, offsets=tuple(offsets))
 
     def checked(self, samples: Samples, where: str = "The samples") -> Samples:
-        """Samples that fit.
+        """Samples, checked against the equations.
 
         Raises:
-            InputError: They do not, or are not finite; it names the array, and where in it.
+            InputError: They do not fit or are not finite; the message names the array and the place in it.
         """
         check_samples(samples, self.mechanism.tree, len(self.channels), where)
         return replace(samples, motion=samples.motion.checked_further(self.mechanism.tree))
 
     def order(self, samples: Samples) -> tuple[np.ndarray, tuple[int, ...]]:
-        """Columns `[Y_b | drives | offsets | measured]` in an order in which channels begin late that see few of them.
+        """Order of the columns `[Y_b | drives | offsets | measured]` in which channels with few columns come in last.
 
         Args:
-            samples: Samples that fit.
+            samples: Checked samples.
 
         Returns:
-            Base columns in this order, and then the others as they are (columns + 1,); and the first of the columns in
-            this order that each channel sees (C,).
+            Indices of the columns, base columns reordered and the others unchanged (columns + 1,); and the position of
+            the first column in this order that is not zero in each channel (C,).
         """
         moving = samples.motion.base is not None
         if moving not in self._orders:
             seen, rank = self._seen(moving), self.parameters.rank
-            # Last what the channel of fewest columns sees, before it what the next one sees of the others.
+            # Last the columns of the channel with fewest, before them the remaining ones of the next channel.
             by_size = np.argsort(seen[:rank].sum(axis=0), kind="stable")
             smallest = seen[:rank, by_size].argmax(axis=1)
             order = np.append(np.argsort(-smallest, kind="stable"), np.arange(rank, len(seen)))
@@ -115,7 +115,7 @@ class Equations:
         return {}
 
     def _seen(self, moving: bool) -> np.ndarray:
-        """Which columns and measurements are not zero whatever the motion is (columns + 1, C)."""
+        """Mask of the columns and measurements that are not structurally zero (columns + 1, C)."""
         rank, (wrench, torques) = self.parameters.rank, self._parts()
         seen = np.ones((len(self.names) + 1, len(self.channels)), bool)
         if wrench:
@@ -130,7 +130,7 @@ class Equations:
 
     @property
     def straight(self) -> bool:
-        """Whether the channels are all six components of the wrench, which come straight from the program."""
+        """True if the channels are the six components of the wrench, as the program writes them."""
         return self.wrench is None and not self.torques
 
     def block(self, samples: int) -> np.ndarray:
@@ -141,7 +141,7 @@ class Equations:
         return out
 
     def program(self, *, moving: bool, torques: bool, order: np.ndarray | None = None) -> Program:
-        """What computes the base columns, by default in their own order."""
+        """Program that computes the base columns, by default in their own order."""
         kept = self.parameters.kept
         kept = kept if order is None else tuple(kept[k] for k in order[: self.parameters.rank].tolist())
         return regressor_program(self.mechanism, kept, moving=moving, torques=torques)
@@ -149,14 +149,14 @@ class Equations:
     def rows(
         self, samples: Samples, factors: np.ndarray | None = None, *, order: np.ndarray | None = None
     ) -> Iterator[np.ndarray]:
-        """Columns and measurements of samples that fit, chunk by chunk in the same memory.
+        """Yields columns and measurements of checked samples, chunk by chunk in the same memory.
 
         They are whitened where the samples have a covariance.
 
         Args:
             samples: The samples (N).
-            factors: What each row is multiplied by (N, C).
-            order: As `order` gives it, by default the columns' own.
+            factors: Weight by which each row is multiplied (N, C).
+            order: Order of the columns from `order`, by default their own.
 
         Yields:
             Columns first, measurements last (columns + 1, C, chunk).
@@ -191,7 +191,7 @@ class Equations:
             yield rows if factors is None else rows * factors[first : first + size].T
 
     def _parts(self) -> tuple[range, range]:
-        """Where the channels of the wrench and of the torques stand."""
+        """Indices of the channels of the wrench and of the torques."""
         wrenches = len(self.channels) - len(self.torques)
         return range(wrenches), range(wrenches, len(self.channels))
 

@@ -1,4 +1,4 @@
-"""Whether a motion separates the base parameters of a mechanism."""
+"""Checks that a motion excites the base parameters of a mechanism, so that they can be separated."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,25 +12,25 @@ from ident.mechanism.motion import Motion
 from ident.tolerances import SINGULAR, ZERO_COLUMN
 
 ABOVE_NOISE = 1.5
-"""How many times longer than its noise a column combination must be to count as excited."""
+"""Norm of a column combination over that of its noise above which it counts as excited."""
 
 FEW_SAMPLES = 1000
-"""Samples that show how noisy the regressor is."""
+"""Number of samples by which the noise of the regressor is estimated."""
 
 
 def noise_rows(
     equations: Equations, samples: Samples, state_noise: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """What the noise of the joint states makes of some rows of the equations.
+    """Errors of some rows of the equations due to the noise of the joint states.
 
     Args:
-        equations: What is fitted.
-        samples: Measured joint states; a few of them are taken.
+        equations: Equations to fit.
+        samples: Measured joint states, of which a few are used.
         state_noise: Standard deviations of the noise on the columns of q, dq and ddq.
 
     Returns:
-        Difference between the rows at states with the noise added once more and as measured, whitened where the
-        samples are weighted (rows, columns).
+        Rows at states with the noise added once more, less rows at the measured states, whitened where the samples are
+        weighted (rows, columns).
     """
     few = samples[:: max(1, len(samples) // FEW_SAMPLES)]
     rng = np.random.default_rng(0)
@@ -46,19 +46,19 @@ def noise_rows(
 def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise: np.ndarray | None = None) -> None:
     """Raises unless the motion separates all parameters.
 
-    Combinations of unit-norm base columns (the right singular vectors) must be longer than rounding and, when the
-    regressor's own noise is given, half as long again as noise alone makes them: a joint that rests but whose sensors
-    are noisy would otherwise pass for excited.
+    The norms of combinations of unit-norm base columns (the singular values) must exceed rounding and, if the
+    regressor's noise is given, `ABOVE_NOISE` times their norm from noise alone: otherwise a joint at rest with noisy
+    sensors would pass for excited.
 
     Args:
-        root: A square matrix R with `Yᵀ Y = Rᵀ R` for the base regressor Y (r, r).
+        root: Square matrix R with `Yᵀ Y = Rᵀ R` for the base regressor Y (r, r).
         names: Names of its columns (r,).
-        samples: Number of samples N behind it.
+        samples: Number of samples N.
         noise: Difference between the base regressor at measured states and at states with the sensors' noise added
-            once more, of some samples, 6 rows each (rows, r).
+            once more, for some samples, 6 rows each (rows, r).
 
     Raises:
-        ExcitationError: Names the base parameters that cannot be told apart.
+        ExcitationError: Some combinations are not excited; it names the base parameters in them.
     """
     norms = np.linalg.norm(root, axis=0)
     still = norms <= ZERO_COLUMN * norms.max(initial=0)
@@ -82,7 +82,7 @@ def check_excitation(root: np.ndarray, names: Sequence[str], samples: int, noise
 
 
 def _clearly_separate(unit: np.ndarray) -> bool:
-    """Whether a matrix of unit-norm columns (r, r) is far from singular: `σ_min ≥ 1 / ‖R⁻¹‖_F`, and `σ_max ≤ √r`."""
+    """True if a matrix of unit-norm columns (r, r) is far from singular: `σ_min ≥ 1 / ‖R⁻¹‖_F`, and `σ_max ≤ √r`."""
     try:
         inverse = np.linalg.inv(unit)
     except np.linalg.LinAlgError:
@@ -91,6 +91,6 @@ def _clearly_separate(unit: np.ndarray) -> bool:
 
 
 def blamed(hidden: np.ndarray, names: Sequence[str]) -> list[str]:
-    """Names of the columns with a fair share in combinations that a motion does not show (k, r)."""
+    """Names of the columns that contribute notably to combinations that are not excited (k, r)."""
     size = np.linalg.norm(hidden, axis=0)
     return [name for name, share in zip(names, size, strict=True) if share > 0.1 * size.max()]

@@ -1,9 +1,9 @@
-"""Least squares as they are usually done: states low-passed and differentiated, at the best of several cut-offs.
+"""Conventional least squares: states low-passed and differentiated, at the best of several cut-offs.
 
     minimise Σ_c ‖Γ_c - Y_c x‖² / σ_c² + (ψ - ψ_0)ᵀ P (ψ - ψ_0),       σ_c from the residuals (iterated)
 
-What a fit takes and what it leaves follows from Gram matrices of the columns beside the channels, low-passed and as
-they came, so that one pass over the samples tells of all fits to their halves.
+Coefficients and residuals follow from Gram matrices of the columns and the channels, low-passed and raw, so that one
+pass over the samples serves all fits to their halves.
 """
 
 from collections.abc import Sequence
@@ -20,28 +20,29 @@ from ident.estimation.samples import Samples
 from ident.recordings.smoothing import HIGHEST, chosen_cutoff, settling
 
 FACTORS = 0.25, 0.5, 1.0, 2.0, 4.0
-"""Cut-offs that are tried, of that which residual analysis chooses: it weighs noise of joint angles against distortion,
-and knows nothing of what the model cannot follow."""
+"""Cut-offs to try, relative to that of residual analysis, which weighs noise of joint angles against distortion but
+ignores what the model cannot explain."""
 
 SETTLES = 8
-"""Part of a recording at either end that is left out at most while the filter settles: short ones would be lost."""
+"""Inverse of the largest part of a recording that is left out at either end while the filter settles: without it,
+short recordings would be lost."""
 
 ENOUGH = 5000
-"""Samples, evenly spread, that each fit is made of at most: what a cut-off does shows in them."""
+"""Largest number of samples of each fit, evenly spread: enough to compare cut-offs."""
 
 REWEIGHTED = 5
-"""Fits, each with the channels weighted by the residuals of the one before."""
+"""Number of fits, each with the channels weighted by the residuals of the one before."""
 
 LEAST_NOISE = 1e-4
-"""Least deviation of a channel's residual, of its signal, by which it is weighted."""
+"""Least standard deviation of a channel's residual in its weight, relative to that of its signal."""
 
 SLOW = 0.1
-"""Velocity, over its root mean square, below which the torque of a joint that rubs is left alone: at rest friction is
-anything up to breakaway, and a low-pass smears a reversal."""
+"""Velocity, over its root mean square, below which the torque of a joint with friction is left out: at rest friction
+is anything up to breakaway friction, and a low-pass blurs a reversal."""
 
 UNDETERMINED = 1e-10
-"""Eigenvalues of the scaled normal equations, of the largest, below which a combination stays as it was: zero, or as
-the prior has it. Their roots are condition numbers of the columns."""
+"""Eigenvalues of the scaled normal equations, relative to the largest, below which a combination is not fitted and
+stays zero. The square root is the inverse of a condition number of the columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +50,9 @@ class FilteredLeastSquares:
     """Least squares at the best of several cut-offs.
 
     Attributes:
-        cutoffs: The cut-off of each recording to judge by, Hz; None for velocities and accelerations as they came,
-            where none can be chosen.
-        predicted: Channels that are predicted of each (N, C).
+        cutoffs: Cut-off for each recording to predict, Hz; None for measured velocities and accelerations, where none
+            can be chosen.
+        predicted: Predicted channels of each (N, C).
     """
 
     cutoffs: tuple[float | None, ...]
@@ -60,11 +61,11 @@ class FilteredLeastSquares:
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """Sums over samples: Gram matrices of `[Y | low-passed | raw]` of each channel, and how many they are.
+    """Sums over samples: Gram matrices of `[Y | low-passed | raw]` of each channel, and counts.
 
     Attributes:
         grams: Gram matrices (C, m + 2, m + 2).
-        count: Samples that count in each channel (C,).
+        count: Number of samples used in each channel (C,).
         total: Sums of the raw channels (C,).
     """
 
@@ -82,7 +83,12 @@ class _Sums:
         return np.sqrt(np.maximum(variance, 1e-300))
 
     def residual(self, x: np.ndarray, measured: int) -> np.ndarray:
-        """Root mean square of measurements less what coefficients (m,) predict, the last row or the last but one."""
+        """Root mean square of measured less predicted channels (C,).
+
+        Args:
+            x: Coefficients (m,).
+            measured: Row of the measurements: -1 raw, -2 low-passed.
+        """
         y = np.zeros(self.grams.shape[1])
         y[: len(x)], y[measured] = -x, 1
         return np.sqrt(np.maximum(np.einsum("i,cij,j->c", y, self.grams, y), 0) / self.count)
@@ -96,14 +102,14 @@ def filtered_least_squares(
     *,
     others: bool = False,
 ) -> FilteredLeastSquares:
-    """Predictions by least squares at the cut-off at which halves of what is fitted predict each other best.
+    """Predictions by least squares at the cut-off at which halves of the fitted samples predict each other best.
 
     Args:
         fitted: Recordings and the samples of each to fit.
         judged: Recordings and the samples of each to predict.
         equations: Channels and columns.
         prior: Mean of ψ and its precision, zero where nothing is known (r,), (r, r).
-        others: Whether those to predict are those that are fitted, each predicted from the others.
+        others: True if the recordings to predict are the fitted ones, each predicted from the others.
     """
     cutoffs = _cutoffs([log for log, _ in (*fitted, *judged)])
     samples = sum(part.stop - part.start for _, part in fitted)
@@ -125,10 +131,10 @@ def filtered_least_squares(
 
 
 def _cutoffs(logs: Sequence[Prepared]) -> list[float | None]:
-    """Cut-offs to try, Hz, by the first recording; where none can be chosen, None for states as they came.
+    """Cut-offs to try, Hz, by the first recording; None for the measured states where none can be chosen.
 
-    The joint estimate knows joint angles alone, and so do these. Angles are known where channels are to be predicted,
-    therefore all of them have a say.
+    They depend on joint angles alone, as in the joint estimate. Angles are known in the recordings to predict as well,
+    so all of them are used.
     """
     first = logs[0]
     try:
@@ -158,7 +164,7 @@ def _sums(own: Filtered, taken: np.ndarray, equations: Equations) -> _Sums:
         for channel, gram in enumerate(grams):
             counting = counts[part, channel]
             every = np.vstack([rows[:, channel, counting], raw[part, channel][counting]])
-            # Torques of one limb see nothing of the others.
+            # Torques of one limb do not depend on the others.
             seen = np.flatnonzero(every.any(axis=1))
             gram[np.ix_(seen, seen)] += every[seen] @ every[seen].T
         first = part.stop
@@ -166,7 +172,7 @@ def _sums(own: Filtered, taken: np.ndarray, equations: Equations) -> _Sums:
 
 
 def _counting(samples: Samples, equations: Equations) -> np.ndarray:
-    """Mask of the measurements that count: not the torques of joints that rub and hardly move (N, C)."""
+    """Mask of the measurements that are used: not the torques of joints with friction at low velocity (N, C)."""
     counting = np.ones(samples.measured.shape, bool)
     if equations.drives:
         velocity = np.abs(samples.motion.dq[:, list(equations.torques)])
@@ -176,14 +182,14 @@ def _counting(samples: Samples, equations: Equations) -> np.ndarray:
 
 
 def _error(halves: Sequence[_Sums], prior: tuple[np.ndarray, np.ndarray]) -> float:
-    """Logarithm of what is left over the signal, on average over the channels, as either half predicts the other."""
+    """Mean log of residual over signal over the channels, each half predicted from the other."""
     a, b = halves
     left = [other.residual(_solved(own, prior), -1) / other.signal for own, other in ((a, b), (b, a))]
     return float(np.log(np.maximum(left, 1e-300)).mean())
 
 
 def _solved(sums: _Sums, prior: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Coefficients (m,)."""
+    """Coefficients fitted with the prior, channels reweighted by their residuals (m,)."""
     m = sums.grams.shape[1] - 2
     mean, precision = np.zeros(m), np.zeros((m, m))
     r = len(prior[0])

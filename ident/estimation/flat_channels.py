@@ -1,4 +1,4 @@
-"""Channels that never change where they are fitted: what their noise is nobody knows, and they are left out."""
+"""Channels that are constant in the fitted samples: their noise is unknown, and they are left out."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,17 +14,17 @@ from ident.parameters.structure import Sensors
 
 
 def flat_channels(logs: Sequence[tuple[Prepared, slice]]) -> dict[str, float]:
-    """Channels that never change in the parts of recordings that are to be fitted, and their values."""
+    """Channels that are constant in the parts of recordings to fit, with their values."""
     every = [repairs.constants(log.recording, log.mechanism.tree, part) for log, part in logs]
     return {name: x for name, x in every[0].items() if all(each.get(name) == x for each in every)}
 
 
 def without_channels(log: Prepared, flat: Mapping[str, float]) -> Prepared:
-    """A recording without some of its channels, which are flat where it is fitted; a note or a finding says so.
+    """Recording without channels that are constant in the fitted samples; a note or a finding reports them.
 
     Args:
         log: The recording.
-        flat: These channels and their values.
+        flat: Channels to leave out and their values.
     """
     mechanism, motion, old, notes = log.mechanism, log.samples.motion, log.equations, list(log.notes)
     kept = np.array([name not in flat for name in old.channels])

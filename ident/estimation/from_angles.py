@@ -1,4 +1,4 @@
-"""Channels beside what is predicted of them from the motion that angles alone tell of."""
+"""Measured channels compared with predictions from the motion smoothed from angles alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,10 +12,10 @@ from ident.estimation.piece import Piece, clocks
 from ident.recordings.sampled import Sampled
 
 REWEIGHTED = 3
-"""Least-squares fits, each with the channels weighted by the residuals of the one before."""
+"""Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
 
 TINY = 1e-150
-"""Least size of residuals and of columns, for logarithms and scales of zeros."""
+"""Least size of residuals and of columns, so that logarithms and scales of zeros are finite."""
 
 
 class Compared(NamedTuple):
@@ -23,7 +23,7 @@ class Compared(NamedTuple):
 
     Attributes:
         residual: Measured less predicted channels (M, C).
-        columns: Derivatives of channels by the columns' parameters (M, C, k), none where they are not asked for.
+        columns: Derivatives of channels by the columns' parameters (M, C, k), k = 0 unless requested.
     """
 
     residual: np.ndarray
@@ -32,12 +32,12 @@ class Compared(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FromAngles:
-    """A piece, its motion smoothed from angles alone.
+    """Piece with its motion smoothed from angles alone.
 
     Attributes:
         measurement: Channels and parameters.
-        piece: What was measured.
-        share: One in so many samples is compared.
+        piece: Measured samples.
+        share: Step k: every k-th sample is compared.
     """
 
     measurement: Measurement
@@ -46,12 +46,12 @@ class FromAngles:
     _trajectories: dict[float, Trajectory] = field(default_factory=dict)
 
     def compared(self, T: float, theta: np.ndarray, *, columns: bool = False) -> Compared:
-        """Samples that are neither missing nor near the ends.
+        """Residuals, and columns if requested, of samples neither missing nor near the ends.
 
         Args:
             T: Time constant of smoothing, s.
             theta: Parameters (p,).
-            columns: Whether to ask for the columns.
+            columns: True to compute the columns as well.
         """
         measurement, piece = self.measurement, self.piece
         trajectory, every = self._trajectory(T, theta), clocks(measurement, piece, theta)
@@ -73,7 +73,7 @@ class FromAngles:
         return Compared(residual, (np.concatenate(by_theta) if columns else none).transpose(2, 0, 1))
 
     def _trajectory(self, T: float, theta: np.ndarray) -> Trajectory:
-        """The motion, zeros of joints taken out, which are the same throughout."""
+        """Smoothed motion without the zeros of the joints, computed once per T: the zeros stay the same."""
         if T not in self._trajectories:
             angles = Sampled(self.piece.time, self.piece.states[0])
             self._trajectories[T] = smoothed(without_zeros(angles, self.measurement, theta), T)
@@ -81,7 +81,7 @@ class FromAngles:
 
 
 def without_zeros(coordinates: Sampled, measurement: Measurement, theta: np.ndarray) -> Sampled:
-    """Measured coordinates without the zeros that were found."""
+    """Measured coordinates less their estimated zeros."""
     values = coordinates.values.copy()
     for j, at in measurement.zeros.items():
         values[:, j] -= theta[at]
@@ -89,12 +89,12 @@ def without_zeros(coordinates: Sampled, measurement: Measurement, theta: np.ndar
 
 
 def unexplained(compared: Sequence[Compared]) -> float:
-    """Mean logarithm of what is left of the channels, RMS, infinite of no samples."""
+    """Mean logarithm of the channels' RMS residuals, infinite without samples."""
     return _mean_logarithm(_rms(np.concatenate([own.residual for own in compared])))
 
 
 def unexplained_anew(compared: Sequence[Compared]) -> float:
-    """The same once the columns are fitted anew, each channel weighted by what is left of it."""
+    """`unexplained` after a new fit of the columns, each channel weighted by its residual."""
     A = np.concatenate([own.columns for own in compared])
     b = np.concatenate([own.residual for own in compared])
     rms, columns = np.maximum(_rms(b), TINY), A.transpose(1, 2, 0)
@@ -108,7 +108,7 @@ def unexplained_anew(compared: Sequence[Compared]) -> float:
 
 
 def _rms(residual: np.ndarray) -> np.ndarray:
-    """Of residuals (M, C): (C,), infinite of none."""
+    """Root mean square of residuals (M, C), infinite without samples (C,)."""
     return np.sqrt(np.square(residual).mean(axis=0)) if len(residual) else np.full(residual.shape[1], np.inf)
 
 

@@ -1,4 +1,4 @@
-"""Work handed to an executor a little ahead of whoever takes its results."""
+"""Ordered map over an executor with a bounded number of pending items."""
 
 import os
 from collections import deque
@@ -16,18 +16,18 @@ Result = TypeVar("Result")
 def in_order(
     executor: Executor, function: Callable[[Item], Result], items: Iterable[Item], *, ahead: int | None = None
 ) -> Generator[Result, None, None]:
-    """`map(function, items)` through an executor, in the order of the items whoever finishes first.
+    """Yields `map(function, items)` computed by an executor, in the order of the items.
 
-    An item is drawn and submitted only when fewer than `ahead` are unfinished or wait for their turn, so that there may
-    be endlessly many large ones. What is pending is cancelled when the iterator is closed or anything fails; an
-    error comes at its item's turn, after the results of all items before it.
+    An item is drawn and submitted only when fewer than `ahead` results are pending or not yet taken, so that items may
+    be large and endless. Pending work is cancelled when the iterator is closed or anything fails; an error is raised
+    at its item's turn, after the results of all items before it.
 
     Args:
         executor: Any executor: threads, processes, a cluster's. It stays open.
-        function: What becomes of an item; for other processes a module's function or a partial of one.
-        items: Its arguments, drawn one by one in the thread that takes the results.
-        ahead: Largest number of items that are submitted and not yet taken, more than there are workers to keep them
-            all busy; by default twice the number of processors here.
+        function: Function of an item; for other processes a module-level function or a partial of one.
+        items: Arguments, drawn one by one in the thread that takes the results.
+        ahead: Largest number of items submitted and not yet taken; more than the number of workers keeps all of them
+            busy. By default twice the number of local processors.
 
     Raises:
         InputError: `ahead` is not positive.

@@ -1,18 +1,18 @@
-"""Samples dealt out to the intervals of a trajectory, so that rows of an interval lie side by side in memory."""
+"""Samples grouped by the intervals of a trajectory, so that rows of an interval are adjacent in memory."""
 
 import numpy as np
 
 
 class Intervals:
-    """Room for m samples in every interval; where one has fewer, rows are zero.
+    """Grouping of samples by interval, m rows for each; unused rows are zero.
 
     Attributes:
         number: Number of intervals S.
-        room: Samples m that each has room for.
+        room: Rows per interval m, the largest number of samples in one.
     """
 
     def __init__(self, interval: np.ndarray, number: int) -> None:
-        """Finds every sample's place.
+        """Assigns a row to every sample.
 
         Args:
             interval: Interval of each sample, never decreasing (N,).
@@ -24,18 +24,18 @@ class Intervals:
         self._last = np.maximum(counts - 1, 0)
 
     def dealt(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of all samples (N, …) by intervals (S, m, …)."""
+        """Rows of all samples (N, …) grouped by interval (S, m, …)."""
         out = np.zeros((self.number * self.room, *rows.shape[1:]))
         out[self._place] = rows
         return out.reshape(self.number, self.room, *rows.shape[1:])
 
     def before(self, rows: np.ndarray, first: int = 0, *, moved: int = 0) -> np.ndarray:
-        """Rows of the samples before, zeros for the first.
+        """Rows of the preceding samples, zeros for the first.
 
         Args:
             rows: Rows of some intervals (k, m, …).
-            first: Number of the first of these.
-            moved: By how many columns windows move from one interval to the next.
+            first: Index of the first of these intervals.
+            moved: Number of columns by which windows move from one interval to the next.
         """
         out = np.zeros_like(rows)
         out[:, 1:] = rows[:, :-1]

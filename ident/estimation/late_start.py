@@ -1,6 +1,6 @@
-"""First guesses of long delays, which a search by slopes misses: their effect is not linear.
+"""Starting values for long delays, which the score test misses because their effect is not linear.
 
-A person's plates may be late by a tenth of a second and more, as long as accelerations take to change their sign.
+A force plate under a person may be late by a tenth of a second or more, as long as accelerations take to change sign.
 """
 
 from dataclasses import replace
@@ -14,33 +14,34 @@ from ident.estimation.measurement import Measurement
 from ident.estimation.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
 
 SPACING, FURTHEST = 0.05, 3.0
-"""Delays that are tried: so many seconds apart, half of which slopes see, and up to so many standard deviations of what
-a laboratory knows."""
+"""Delays to try: their spacing in seconds, half of which the score test covers, and the largest one in standard
+deviations of its prior."""
 
 BETTER = 0.9
-"""Geometric mean of what is left of the channels, over that without a delay, from which one is worth a start."""
+"""Largest geometric mean of the channels' residuals, over that without a delay, with which a delay is tried."""
 
 SMOOTHED = 0.02, 0.08
-"""Time constants of smoothing that are tried, s: of robots' motions and of people's."""
+"""Time constants of smoothing to try, s: for motions of robots and of people."""
 
 REMAINING = 0.9
-"""Share of the samples that a delay has to leave beside a motion, for few are explained by chance."""
+"""Least share of the samples that must overlap with the motion after a delay: few can be explained by chance."""
 
 IDLE = 4.0
-"""Standard deviations below which a delay is taken back, about as many as a search among many candidates asks for."""
+"""Standard deviations below which a delay is removed again, about the significance level of a search among many
+candidates."""
 
 TRIED, COMPARED = 20_000, 400
-"""Samples of angles that are smoothed, and of channels that are compared, at most about."""
+"""Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
 
 
 def with_long_delays(search: Search, refit: Refit, measurement: Measurement, candidates: np.ndarray) -> Search:
-    """Add delays far from zero to a search, if the channels' noise is smaller with them.
+    """Adds delays far from zero to a search if the channels' noise is smaller with them.
 
     Args:
-        search: The fit with the set-up as stated, or as far as it was found.
-        refit: What fits again.
+        search: The fit with the set-up as stated, or as estimated so far.
+        refit: Function that fits again.
         measurement: Channels and parameters.
-        candidates: Which parameters are of the set-up (p,).
+        candidates: Mask of the set-up parameters (p,).
     """
     tried = candidates & ~search.fit.free & (search.fit.status != "interrupted")
     for at in np.flatnonzero(tried).tolist():
@@ -51,7 +52,7 @@ def with_long_delays(search: Search, refit: Refit, measurement: Measurement, can
 
 
 def without_idle_delays(search: Search, refit: Refit) -> Search:
-    """The same with delays as stated that are not significant any more: a clock that was found since explained them."""
+    """Search without delays that are no longer significant because a clock error found later explains them."""
     fit = search.fit
     idle = [each for each in search.deviations if fit.names[each.index].startswith("delay(")]
     idle = [
@@ -66,7 +67,7 @@ def without_idle_delays(search: Search, refit: Refit) -> Search:
 
 
 def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
-    """The same with a delay, if channels' noise is smaller with it."""
+    """Search with a delay, if the channels' noise is smaller with it."""
     fit, own = search.fit, np.arange(len(search.fit.theta)) == at
     start = replace(fit.end, theta=np.where(own, delay, fit.theta))
     try:
@@ -80,15 +81,15 @@ def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
 
 
 def likely_delay(fit: JointFit, measurement: Measurement, at: int) -> float:
-    """The delay with which channels follow best from the motion of angles alone, columns fitted anew, s.
+    """Delay with which the motion from angles alone predicts channels best, columns fitted again, s.
 
     Args:
         fit: Pieces and parameters.
         measurement: Channels, and the parameters of one recording.
-        at: Which of all parameters the delay is.
+        at: Index of the delay among all parameters.
 
     Returns:
-        Zero where none is clearly better than no delay.
+        The delay, zero if none is clearly better than no delay.
     """
     own = [(piece, chosen) for piece, chosen in zip(fit.pieces, fit.selections, strict=True) if at in chosen]
     own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
@@ -112,11 +113,11 @@ def likely_delay(fit: JointFit, measurement: Measurement, at: int) -> float:
 
 
 def _candidates(root: float, longest: float) -> np.ndarray:
-    """Delays to try, around zero in the middle, s.
+    """Delays to try, symmetric about zero, s.
 
     Args:
-        root: Inverse of the standard deviation of what is known of it, zero for nothing, 1/s.
-        longest: Length of the longest piece, s: a delay that is longer leaves no sample of a channel beside a motion.
+        root: Inverse of the prior's standard deviation, zero for none, 1/s.
+        longest: Length of the longest piece, s: after a longer delay, channels and motion do not overlap.
     """
     number = int((min(FURTHEST / root, longest) if root else longest) / SPACING)
     return SPACING * np.arange(-number, number + 1)

@@ -1,8 +1,8 @@
-"""Noise that no channel is taken to have less of, however well it is fitted: with less it would outweigh all others.
+"""Lower bound of each channel's noise, however well it is fitted: with less it would outweigh all others.
 
     floor_c = max(LEAST · spread_c, step_c / √12)
 
-A channel that is flat has the spread of the largest one of its kind.
+A flat channel is given the largest spread of its kind.
 """
 
 from collections.abc import Sequence
@@ -16,14 +16,14 @@ LEAST = 1e-3
 """Smallest noise of a channel over its spread; few sensors are as good as that."""
 
 FLAT = 1e-6
-"""Spread of a joint torque, over the largest, up to which it is flat: a finger's is a thousandth of a hip's."""
+"""Spread of a joint torque, relative to the largest, up to which it is flat: a finger's is a thousandth of a hip's."""
 
 
 def least_noise(parts: Sequence[np.ndarray], channels: Sequence[str]) -> np.ndarray:
-    """Smallest standard deviation of each channel's noise (C,).
+    """Lower bound of the standard deviation of each channel's noise (C,).
 
     Args:
-        parts: What was measured, in one piece or in several, NaN where a sample is missing (N, C).
+        parts: Measured channels, in one piece or several, NaN where a sample is missing (N, C).
         channels: Names of the channels.
     """
     every = np.concatenate(parts)
@@ -34,10 +34,10 @@ def least_noise(parts: Sequence[np.ndarray], channels: Sequence[str]) -> np.ndar
 
 
 def rounding(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Standard deviation of what rounding has done to each stream, by the smallest of its steps (s,).
+    """Standard deviation of each stream's rounding error, from its smallest step (s,).
 
     Args:
-        parts: The streams, in one piece or in several, NaN where a sample is missing (N, s).
+        parts: The streams, in one piece or several, NaN where a sample is missing (N, s).
     """
     steps = np.array([quanta(part.T) for part in parts])
     smallest = np.where(steps > 0, steps, np.inf).min(axis=0)
@@ -45,7 +45,7 @@ def rounding(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _beside_others(spread: np.ndarray, channels: Sequence[str]) -> np.ndarray:
-    """Spreads (C,), that of a flat channel replaced by the largest of its kind: forces, moments or joint torques."""
+    """Spreads (C,), those of flat channels replaced by the largest of their kind: forces, moments, joint torques."""
     kinds = np.array([name[0] if name in COMPONENTS else "" for name in channels])
     largest = np.array([spread[kinds == kind].max() for kind in kinds])
     return np.where(spread <= np.where(kinds == "", FLAT, LEAST) * largest, largest, spread)

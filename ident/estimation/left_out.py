@@ -1,8 +1,8 @@
-"""Prediction of pieces that are left out of a fit, by which noise models and set-up faults are chosen.
+"""Prediction of pieces left out of a fit, by which noise models and set-up errors are chosen.
 
     θ_-k = θ + (P - P_k)⁻¹ (g - g_k)                          parameters without piece k
-    e_k  = y_k - f(x_k, θ_-k)                                 its channels' errors at a motion from its angles alone
-    c_k  = (θ_-k - θ)ᵀ P_k (θ_-k - θ) - 2 g_kᵀ (θ_-k - θ)      its cost with a motion of its own, less that at θ
+    e_k  = y_k - f(x_k, θ_-k)                                 errors of its channels, motion from its angles alone
+    c_k  = (θ_-k - θ)ᵀ P_k (θ_-k - θ) - 2 g_kᵀ (θ_-k - θ)      its cost with its own motion, less that at θ
 
 P_k and g_k are the precision and the right side of piece k at the estimate θ, its trajectory eliminated.
 """
@@ -22,31 +22,31 @@ from ident.recordings.sampled import Sampled
 from ident.tolerances import UNEXPLAINED
 
 SMOOTHING = 0.01 * 2.0 ** np.arange(6)
-"""Time constants with which angles alone are smoothed, s; the one that predicts best counts."""
+"""Time constants with which angles alone are smoothed, s; the one that predicts best is used."""
 
 CLEARLY = 0.03
-"""Mean logarithm of errors, over the channels that are explained, by which a fit has to predict better than the usual
-one: white weights cost less, and bear more of a model that is not quite right."""
+"""Decrease of the mean log error, over the explained channels, with which another fit replaces the usual one: white
+weights cost less and are more robust to model errors."""
 
 TINIEST = 1e-9
-"""Least error over a signal, for its logarithm."""
+"""Least error relative to the signal, so that its logarithm is finite."""
 
 LOSSES = 3.0
-"""Gains of pieces over losses of others from which a parameter is believed: pieces differ in what they tell of it, so
-that neither their number nor a mean would do."""
+"""Ratio of the gains of pieces to the losses of others above which a parameter is accepted: pieces carry different
+information on it, so that neither their number nor a mean would do."""
 
 DETERMINED = 1e-9
-"""Least share of a parameter's precision that other pieces hold if it is fitted without one."""
+"""Least share of a parameter's precision in the other pieces with which it is fitted without one."""
 
 
 def without(fit: JointFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameters without some pieces.
+    """Parameters fitted without some pieces.
 
     Returns:
-        θ (p,), the inverse of its precision (k, k) over the parameters that are fitted, and their mask (p,).
+        θ (p,), the inverse of its precision (k, k) over the fitted parameters, and their mask (p,).
 
     Raises:
-        ExcitationError: The other pieces do not determine them.
+        ExcitationError: The other pieces do not determine the parameters.
     """
     own = fit.shares[pieces]
     precision = sum((-schur for schur, _ in own), start=fit.precision)
@@ -58,14 +58,14 @@ def without(fit: JointFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def prediction_errors(measurement: Measurement, fit: JointFit, least: np.ndarray) -> np.ndarray:
-    """Root mean squared errors over the signal of channels that are predicted from other pieces (C,).
+    """Root mean squared errors of channels predicted from other pieces, relative to their signal (C,).
 
     Channels that other pieces do not explain count as 1.
 
     Args:
         measurement: Channels and parameters.
         fit: The estimate.
-        least: Samples with more slack are left aside (C,).
+        least: Slack above which samples are left out (C,).
     """
     measured = np.concatenate([piece.measured for piece in fit.pieces])
     spread = np.maximum(np.nan_to_num(np.nanstd(measured, axis=0)), 1e-300)
@@ -86,10 +86,10 @@ def _mean_logarithm(errors: np.ndarray) -> float:
 
 
 def preferred(errors: Mapping[str, np.ndarray], usual: str) -> str:
-    """The name of the usual fit, or of another one that predicts clearly better.
+    """Name of the usual fit, or of another one that predicts clearly better.
 
     Args:
-        errors: Errors of the channels, as `prediction_errors` gives them, by the fits' names (C,).
+        errors: Errors of the channels from `prediction_errors`, by name of the fit (C,).
         usual: Name of the usual fit.
     """
     explained = np.any([each < 1 for each in errors.values()], axis=0)
@@ -101,7 +101,7 @@ def preferred(errors: Mapping[str, np.ndarray], usual: str) -> str:
 def _squares(
     measurement: Measurement, piece: Piece, theta: np.ndarray, T: float, least: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of squared errors of a piece's channels, and how many samples these have (C,)."""
+    """Sums of squared errors of a piece's channels, and their numbers of samples (C,)."""
     motion = smoothed(without_zeros(Sampled(piece.time, piece.states[0]), measurement, theta), T)
     error = piece.measured - predicted(measurement, piece, motion.evaluate, theta)
     clear = motion.settled(channel_times(measurement, piece, theta))[:, None] & np.isfinite(error)
@@ -111,12 +111,12 @@ def _squares(
 
 
 def gains(fit: JointFit, candidate: int, held: np.ndarray | None = None) -> np.ndarray:
-    """Decrease of each piece's predicted cost once a parameter is fitted as well (K,).
+    """Decrease of each piece's predicted cost if a parameter is fitted as well (K,).
 
     Args:
-        fit: The estimate, in which the parameter is held.
-        candidate: Its index.
-        held: The pieces' `costs` with it held (K,), where several candidates share them.
+        fit: The estimate with the parameter fixed.
+        candidate: Index of the parameter.
+        held: The pieces' `costs` with it fixed (K,), if computed already for several candidates.
 
     Raises:
         ExcitationError: Pieces do not determine the parameters without one.
@@ -131,7 +131,7 @@ def costs(fit: JointFit, free: np.ndarray) -> np.ndarray:
 
     Args:
         fit: The estimate.
-        free: Mask of these parameters (p,).
+        free: Mask of the fitted parameters (p,).
 
     Raises:
         ExcitationError: Pieces do not determine the parameters without one.
@@ -140,9 +140,9 @@ def costs(fit: JointFit, free: np.ndarray) -> np.ndarray:
 
 
 def _cost(fit: JointFit, k: int, free: np.ndarray) -> float:
-    """Cost of a piece at the parameters that the others give, less that at the estimate.
+    """Cost of a piece at the parameters fitted to the others, less that at the estimate.
 
-    What the others tell nothing of, as an offset that the recording has for itself, is as the piece wants it.
+    Parameters that the others do not determine, as an offset of one recording, are fitted to the piece.
     """
     schur, right = fit.shares[k]
     others = fit.precision - schur
@@ -156,5 +156,5 @@ def _cost(fit: JointFit, k: int, free: np.ndarray) -> float:
 
 
 def clearly_better(gain: np.ndarray) -> bool:
-    """True where the pieces that gain do so by far more than the others lose (K,)."""
+    """True if the pieces that gain (K,) gain far more than the others lose."""
     return bool(gain[gain > 0].sum() > LOSSES * -gain[gain < 0].sum())

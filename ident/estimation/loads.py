@@ -1,4 +1,4 @@
-"""What moves the bodies of a mechanism and its joints, written for numbers or for signals of a tape.
+"""Wrenches on the bodies of a mechanism and joint torques, for numbers or for signals of a tape.
 
 Γ_i = Y_i φ_i            τ_J = ξ_Jᵀ Σ_carried Γ_i            Ia q̈ + Fv q̇ + Fc tanh(q̇ / SLIP) + …
 """
@@ -13,20 +13,20 @@ from ident.model.closed_form import BodyMotion, body_wrench
 from ident.tolerances import DRIVE, STRIBECK
 
 SLIP = 0.003
-"""Velocity over which Coulomb friction changes its sign where that is not known better, rad/s or m/s."""
+"""Default velocity over which Coulomb friction changes sign, rad/s or m/s."""
 
 
 def inertial_wrenches(equations: Equations, motions: list[BodyMotion], theta: np.ndarray) -> list[np.ndarray]:
-    """What moves each body, gravity included.
+    """Inertial and gravitational wrench of each body.
 
     Args:
         equations: The mechanism and its base parameters.
         motions: Motion of every body.
-        theta: Base parameters ψ first (≥ r,). They move the standard parameters that carry their names; the others
-            stay where the model has them.
+        theta: Base parameters ψ first (≥ r,). They set the standard parameters of the same names; the others keep
+            the model's values.
 
     Returns:
-        A wrench in the base frame for every body (6,), zeros for massless ones.
+        Wrench in the base frame of every body (6,), zeros for massless ones.
     """
     tree, parameters, known = equations.mechanism.tree, equations.parameters, equations.mechanism.prior
     prior = np.zeros(10 * len(tree.inertial)) if known is None else known
@@ -39,7 +39,7 @@ def inertial_wrenches(equations: Equations, motions: list[BodyMotion], theta: np
 
 
 def joint_torques(tree: Tree, motions: list[BodyMotion], q: np.ndarray, wrenches: list[np.ndarray]) -> list[Value]:
-    """Torques of the n freedoms that wrenches on the bodies (6,), in the base frame, ask for (Eq. 11)."""
+    """Torques of the n freedoms that balance wrenches on the bodies (6,), in the base frame (Eq. 11)."""
     carried, felt = list(wrenches), list[np.ndarray]()
     for i in reversed(range(len(tree.bodies))):
         parent = tree.bodies[i].parent
@@ -54,13 +54,13 @@ def joint_torques(tree: Tree, motions: list[BodyMotion], q: np.ndarray, wrenches
 def drive_torques(
     equations: Equations, dq: np.ndarray, ddq: np.ndarray, theta: np.ndarray, slips: np.ndarray
 ) -> list[Value]:
-    """What rotors and friction take of the torques of the n freedoms, zero where there is no column for it.
+    """Torques of rotor inertia and friction of the n freedoms, zero without a column for them.
 
     Args:
-        equations: Which columns there are.
+        equations: Equations with the drives' columns.
         dq: Joint velocities (n,); `ddq` accelerations.
-        theta: Parameters, those of the drives behind ψ.
-        slips: Velocities over which Coulomb friction changes its sign (n,).
+        theta: Parameters, those of the drives after ψ.
+        slips: Velocities over which Coulomb friction changes sign (n,).
     """
     sign, relative = np.tanh(dq / slips), dq / STRIBECK
     signals = {"rotor": ddq, "viscous": dq, "coulomb": sign, "stribeck": sign / (1 + relative * relative)}
