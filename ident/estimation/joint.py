@@ -1,11 +1,11 @@
-"""Trajectory, parameters, set-up and noise of a recording at once.
+"""Simultaneous estimate of trajectory, parameters, set-up and noise of a recording.
 
 minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
 
-over spline coefficients c and parameters θ by Gauss-Newton steps, θ with what its marginal likelihood adds
-(`ident.estimation.marginal_likelihood`). After each of them noise and smoothness follow by restricted maximum
-likelihood (`ident.estimation.restricted_likelihood`). Ordered by time the curvature is banded, but for a border of θ;
-pieces share θ alone, so that their Schur complements add.
+over spline coefficients c and parameters θ by Gauss-Newton steps; the gradient of θ includes the terms of its marginal
+likelihood (`ident.estimation.marginal_likelihood`). After each step, noise and smoothness are updated by restricted
+maximum likelihood (`ident.estimation.restricted_likelihood`). Ordered by time the curvature is banded, with a border
+for θ; pieces share only θ, so that their Schur complements add.
 """
 
 import pickle
@@ -24,44 +24,46 @@ from ident.estimation.precision import root_of_inverse
 from ident.estimation.restricted_likelihood import TINIEST, Stride, hastened, renewed
 
 ROUNDS = 60
-"""Rounds after which the iteration gives up."""
+"""Largest number of rounds of the iteration."""
 
 SETTLED, SETTLED_NOISE, SETTLED_MOTION = 0.02, 0.02, 0.1
-"""Steps of θ, in its standard deviations, relative changes of the noise's, and steps of coefficients, in those of the
-coordinates, that end it."""
+"""Tolerances of convergence: steps of θ, in its standard deviations; relative changes of the noise's standard
+deviations; and steps of coefficients, in standard deviations of the coordinates."""
 
 SETTLED_EXPLORING = 0.005
-"""Change of the channels' noise, of its geometric mean, that ends an exploring fit: knots are judged by thrice that."""
+"""Relative change of the geometric mean of the channels' noise that ends an exploring fit: a third of the difference
+by which knots are chosen."""
 
 NEAR = 0.1
-"""Steps of θ, in its standard deviations, from which it is smoothness that is waited for."""
+"""Largest step of θ, in its standard deviations, below which only smoothness has not converged."""
 
 DRIFTED, DRIFTED_NOISE = 0.5, 0.1
-"""Change of θ, in its standard deviations, and of a logarithm of the noise's, from which what the marginal likelihood
-adds is found anew."""
+"""Changes of θ, in its standard deviations, and of the log of the noise's standard deviations, from which the terms of
+the marginal likelihood are computed again."""
 
 DRAWN = 2000
-"""Samples of random trajectories that tell what the marginal likelihood adds, to a tenth of a standard deviation."""
+"""Samples of random trajectories that give the terms of the marginal likelihood to a tenth of a standard deviation."""
 
 FARTHEST = 1.0
-"""Step of θ, in its standard deviations, that a change of what it adds may ask for at once: it is no straight line."""
+"""Largest step of θ, in its standard deviations, that a change of these terms may cause at once: they are not
+linear."""
 
 COLOURED = 3
-"""Round from which noise that was white at the start may be correlated, or where θ rests before: while the fit is bad
-all residuals are."""
+"""Round after which noise that was white at the start may be correlated, earlier if θ has nearly converged: while the
+fit is poor, all residuals are correlated."""
 
 SMOOTHEST = 1e7
-"""Largest λ over `h⁶ rate / σ²`: then samples of some fifteen knots are averaged. With ten times as much rounding may
-turn steps of coordinates that rest around."""
+"""Largest λ over `h⁶ rate / σ²`, which averages samples over some fifteen knots. With ten times as much, rounding may
+reverse steps of resting coordinates."""
 
 CYCLE = 0.5
-"""Size of a step that leads back, over that of the step before, from which noise and parameters chase each other."""
+"""Part of the previous step that a step reverses, from which noise and parameters are taken to alternate."""
 
 SMALLEST_STEP = 1 / 64
-"""Part of a step; where that does not lower the cost none does."""
+"""Least step length: if it does not lower the cost, no step is taken."""
 
 Report = Callable[[int, float], None]
-"""Is called with every round and its largest step of θ, in standard deviations."""
+"""Callback with the number of each round and its largest step of θ, in standard deviations."""
 
 
 def fit(
@@ -80,23 +82,23 @@ def fit(
     rounds: int = ROUNDS,
     report: Report | None = None,
 ) -> JointFit:
-    """Iterates from a start.
+    """Fits trajectory, parameters and noise from a starting point.
 
-    An interrupt (Ctrl-C) ends it with what it has.
+    An interrupt (Ctrl-C) ends the iteration and returns its current state.
 
     Args:
         measurement: Channels and parameters.
-        pieces: What was measured.
-        start: Where to begin.
-        prior: What is known of θ.
-        free: Which entries of θ to fit (p,).
+        pieces: Measured samples.
+        start: Starting point.
+        prior: Prior of θ.
+        free: Mask of the entries of θ to fit (p,).
         names: Names of θ, by default those of the measurement.
-        selections: Which entries of θ each piece has as its own parameters; by default all have all.
-        coloured: Whether noise may be correlated over time.
-        kept: What of the noise is kept as at the start, out of `states`, `channels` and `jerk`; by default nothing.
-        explore: True to end as soon as the channels' noise is found; nobody asks for the shares of the pieces then.
-        executor: Where pieces are worked on, by default here.
-        rounds: Rounds after which to give up.
+        selections: Indices in θ of each piece's parameters; by default all entries for every piece.
+        coloured: True if noise may be correlated over time.
+        kept: Parts of the noise kept as at the start, out of `states`, `channels` and `jerk`; by default none.
+        explore: True to end as soon as the channels' noise has converged, without the shares of the pieces.
+        executor: Executor for the pieces; by default they are computed here.
+        rounds: Largest number of rounds.
         report: Called with every round.
 
     Raises:
@@ -109,7 +111,7 @@ def fit(
     iteration = _Iteration(problem, coloured, kept, explore, start)
     status = iteration.ended(rounds, report)
     at = iteration.at
-    # Of what was held as well: it shows by how much that would go if it were not.
+    # For the fixed parameters as well: score tests need them.
     unasked = not len(free) or (explore and status != "interrupted")
     last = [] if unasked else problem.linearised(at, np.arange(len(free)))
     pulls = problem.spread(at.pulls)[: len(last)]
@@ -130,11 +132,11 @@ def fit(
 
 
 class _Iteration:
-    """Gauss-Newton steps of trajectory and parameters, and what they remember of each other.
+    """Gauss-Newton iteration of trajectory and parameters, with the state kept between steps.
 
     Attributes:
-        at: Where it is.
-        trace: Largest step of θ in standard deviations of every round.
+        at: Current point.
+        trace: Largest step of θ of every round, in standard deviations.
     """
 
     def __init__(self, problem: "_Problem", coloured: bool, kept: Collection[str], explore: bool, start: Start) -> None:
@@ -145,7 +147,7 @@ class _Iteration:
         self._leads_back, self._stalled = False, 0
 
     def ended(self, rounds: int, report: Report | None) -> str:
-        """Goes on until it ends, and returns why, as `JointFit.status` has it."""
+        """Iterates to the end, and returns the `JointFit.status`."""
         fitted, root = np.flatnonzero(self._problem.free), None
         try:
             for _ in range(rounds):
@@ -161,7 +163,7 @@ class _Iteration:
         return "stopped"
 
     def _round(self, parts: Sequence[Linearised], root: np.ndarray) -> bool:
-        """Takes one step, and returns whether nothing moves any more that matters."""
+        """Takes one step, and returns True if the iteration has converged."""
         problem, free, at = self._problem, self._problem.free, self.at
         if not self._explore and problem.drifted(at, root):
             at = replace(at, marginal=problem.marginal(at, root, part=0.5 if self._leads_back else 1.0))
@@ -178,7 +180,7 @@ class _Iteration:
         return (self._was_coloured or not self._coloured) and _quiet(problem.pieces, at, self.trace[-1], moves, noise)
 
     def _noise(self, before: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> Noise:
-        """The noise after a step, its smoothness hastened where it is that which is waited for."""
+        """Noise updated after a step, smoothness with longer steps once θ has nearly converged."""
         near, self._was_coloured = self.trace[-1] < NEAR, self._now_coloured
         self._now_coloured = self._coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
         noise = renewed(before, parts, misfits, coloured=self._now_coloured)
@@ -189,7 +191,7 @@ class _Iteration:
 
 
 class _Sent:
-    """A measurement for other processes, which unpack it once: its programs may be large. In threads it is itself."""
+    """Measurement for other processes, which unpickle it once: its programs may be large. Threads use it directly."""
 
     def __init__(self, measurement: Predictor) -> None:
         self._measurement, self._packed = measurement, pickle.dumps(measurement)
@@ -208,7 +210,7 @@ def _unpacked(packed: bytes) -> Predictor:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What is minimised."""
+    """Minimisation problem over all pieces."""
 
     measurement: Predictor
     pieces: Sequence[Piece]
@@ -219,12 +221,12 @@ class _Problem:
     run: Callable[..., Iterable[Any]]
 
     def linearised(self, at: Start, wanted: np.ndarray, root: np.ndarray | None = None) -> list[Linearised]:
-        """Every piece, its trajectory eliminated, as a function of some entries of θ (k,), the others held.
+        """Normal equations of every piece for some entries of θ, trajectories eliminated, other entries fixed.
 
         Args:
-            at: Where.
-            wanted: These entries.
-            root: A root of their covariance (k, k), as far as it is known.
+            at: Point of linearisation.
+            wanted: Indices of these entries (k,).
+            root: Root of their covariance (k, k), if known.
         """
         work = partial(_linearised, self.measurement, at.noise, wanted, root)
         return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta), self.selections))
@@ -234,12 +236,12 @@ class _Problem:
         return [theta[own] for own in self.selections]
 
     def root(self, parts: Sequence[Linearised]) -> np.ndarray:
-        """A root of the covariance of what is fitted (k, k)."""
+        """Root of the covariance of the fitted parameters (k, k)."""
         names = [name for name, fitted in zip(self.names, self.free, strict=True) if fitted]
         return root_of_inverse(self.precision(parts), names)
 
     def step(self, at: Start, parts: Sequence[Linearised], root: np.ndarray) -> np.ndarray:
-        """A Gauss-Newton step of θ (p,), by a root of the covariance of what is fitted (k, k)."""
+        """Gauss-Newton step of θ (p,), from a root of the covariance of the fitted parameters (k, k)."""
         pulled = -self.prior.precision @ (at.theta - self.prior.mean) - sum(self.spread(at.pulls))
         gradient = sum((part.gradient for part in parts), start=pulled[self.free])
         step = np.zeros_like(at.theta)
@@ -247,18 +249,21 @@ class _Problem:
         return step
 
     def precision(self, parts: Sequence[Linearised]) -> np.ndarray:
-        """Precision of what is fitted, the prior's included (k, k)."""
+        """Precision of the fitted parameters, prior included (k, k)."""
         return sum((part.schur for part in parts), start=self.prior.precision[np.ix_(self.free, self.free)])
 
     def smoothest(self, noise: Noise) -> np.ndarray:
-        """The largest λ with which the equations can be solved (n,): coordinates that rest ask for infinite ones."""
+        """Largest λ with which the equations can be solved (n,): that of a resting coordinate would be infinite."""
         scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in self.pieces]
         return SMOOTHEST * min(scales) / noise.states[0] ** 2
 
     def lower(
         self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray], parts: Sequence[Linearised]
     ) -> tuple[Start, list[Misfit]]:
-        """Where a step leads that lowers the cost: the whole, or a half of it as often as needed; here if none does."""
+        """Point after a step that lowers the cost, halved as often as needed, and misfits there.
+
+        The point is `at` itself if no step length lowers the cost.
+        """
         before = self._whole(parts, at)
         size = 1.0
         while size >= SMALLEST_STEP:
@@ -270,22 +275,22 @@ class _Problem:
         return at, self._misfits(at)
 
     def _misfits(self, at: Start) -> list[Misfit]:
-        """Of all pieces."""
+        """Misfits of all pieces."""
         work = partial(_misfit, self.measurement, at.noise)
         return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta)))
 
     def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
-        """The cost of all pieces and of θ."""
+        """Cost of all pieces and of θ."""
         off = at.theta - self.prior.mean
         of_theta = off @ self.prior.precision @ off + 2 * off @ sum(self.spread(at.pulls))
         return sum(each.cost for each in parts) + float(of_theta)
 
     def drifted(self, at: Start, root: np.ndarray) -> bool:
-        """True where θ and the noise have left those for which its marginal likelihood was found, or none was.
+        """True if θ or the noise has moved away from where the marginal likelihood's terms were computed, or none were.
 
         Args:
-            at: Where they are.
-            root: A root of the covariance of what is fitted (k, k).
+            at: Current point.
+            root: Root of the covariance of the fitted parameters (k, k).
         """
         if not len(self.free) or not len(at.noise.channels):
             return False
@@ -298,9 +303,9 @@ class _Problem:
         """Terms that the marginal likelihood of θ adds to the gradient.
 
         Args:
-            at: Where.
-            root: A root of the covariance of what is fitted (k, k).
-            part: Part of the way there from what it was taken to add before; less of it where θ would move far.
+            at: Point at which they are computed.
+            root: Root of the covariance of the fitted parameters (k, k).
+            part: Step length from the previous terms to the new ones, shortened where θ would move too far.
         """
         draws = -(-DRAWN // sum(len(piece.when) for piece in self.pieces))
         work = partial(pull, self.measurement, at.noise, draws)
@@ -314,7 +319,7 @@ class _Problem:
         return Marginal(pulls, at.theta, at.noise, part == 1)
 
     def spread(self, pulls: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Every piece's pulls where its parameters stand in θ, zero where there are none yet (p,)."""
+        """Terms of every piece at the indices of its parameters in θ, zero if not computed yet (p,)."""
         out = [np.zeros(len(self.free)) for _ in self.pieces]
         for whole, own, pulled in zip(out, self.selections, pulls, strict=False):
             whole[own] = pulled
@@ -335,7 +340,7 @@ def _linearised(
     theta: np.ndarray,
     own: np.ndarray,
 ) -> Linearised:
-    """A piece, its derivatives by its own parameters put where they stand among those that are wanted."""
+    """Linearised piece, with derivatives by its own parameters placed among the wanted entries of θ."""
     columns = np.flatnonzero(np.isin(own, wanted))
     place = np.searchsorted(wanted, own[columns])
     root = None if root is None else root[place]
@@ -354,7 +359,7 @@ def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]
 
 
 def _quiet(pieces: Sequence[Piece], at: Start, step: float, moves: Sequence[np.ndarray], noise: Noise) -> bool:
-    """True where nothing moves any more that matters: beyond the samples a trajectory is free to."""
+    """True if θ, noise and the trajectory between its first and last sample have converged."""
     std = at.noise.states[0]
     motion = 0.0
     for piece, move in zip(pieces, moves, strict=True):
@@ -364,13 +369,13 @@ def _quiet(pieces: Sequence[Piece], at: Start, step: float, moves: Sequence[np.n
 
 
 def _found(noise: Noise, before: Noise) -> bool:
-    """True where the channels' noise hardly changes any more, all together."""
+    """True if the geometric mean of the channels' noise has converged."""
     return bool(abs(np.log(noise.channels / before.channels).mean()) < SETTLED_EXPLORING)
 
 
 def _leads_back(step: np.ndarray, before: np.ndarray, precision: np.ndarray) -> bool:
-    """Whether a step undoes at least so much of the one before (k,): renewed noise alternates with it, and no further.
+    """True if a step reverses at least `CYCLE` of the one before (k,), as when noise and parameters alternate.
 
-    Noise midway between the two, of which each is that of the other's parameters, ends such a cycle.
+    Taking the noise midway between two rounds ends such a cycle.
     """
     return bool(step @ precision @ before < -CYCLE * (before @ precision @ before) < 0)

@@ -1,4 +1,4 @@
-"""The joint estimate of recordings: from their channels to parameters, set-up, trajectories and noise."""
+"""Joint estimate of parameters, set-up, trajectories and noise from recordings."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
@@ -21,13 +21,13 @@ from ident.parameters.prior import known_covariance
 from ident.recordings.wrench import GROUND
 
 FINEST = 0.005
-"""Smallest distance of knots, s: no drive's torque is known to change faster."""
+"""Smallest knot spacing, s: no drive's torque is known to change faster."""
 
 ENOUGH = 10_000
-"""Samples that noise, knots and set-up are found from first: what they say is hardly told better by more."""
+"""Number of samples for the first estimate of noise, knots and set-up: more would hardly improve it."""
 
 OWN = ("offset", "delay")
-"""What each of several recordings may have for itself."""
+"""Kinds of parameters that each recording may have separately."""
 
 
 def joint_estimate(
@@ -46,15 +46,15 @@ def joint_estimate(
     """Estimates trajectories, parameters, set-up and noise of recordings that share their parameters.
 
     Args:
-        recordings: Mechanism and recording, and the samples to take.
+        recordings: Mechanism and recording, and the samples to use.
         equations: Channels and columns.
-        setup: What is known of the set-up, as for `setup_parameters`.
-        known: How well φ of the model is known, as for `known_deviations`; None for not at all.
-        own: What each recording has for itself, out of `OWN`.
-        search: Whether to look for what of the set-up is not as stated.
-        physical: Whether the bodies have to be physical.
-        knots: Distance of the trajectory's knots, s, by default what the motion asks for.
-        executor: Where pieces are worked on, by default here.
+        setup: Standard deviations of the set-up, as for `setup_parameters`.
+        known: Standard deviations of the model's φ, as for `known_deviations`; None for no prior.
+        own: Kinds of parameters that each recording has separately, out of `OWN`.
+        search: True to search for set-up errors.
+        physical: True to require physical bodies.
+        knots: Knot spacing of the trajectory, s; by default chosen by the motion.
+        executor: Executor for the pieces; by default they are computed here.
         report: Called with every round and its step in standard deviations.
     """
     own = checked_names("own", own, OWN)
@@ -76,7 +76,7 @@ def joint_estimate(
 
 def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, float] | None) -> Measurement:
     recording = prepared.recording
-    # What a mechanism was read from need not cross to another process, nor can it.
+    # The source of a mechanism is not needed in other processes, and cannot be pickled.
     equations = replace(equations, mechanism=replace(equations.mechanism, source=None))
     contacts = {name: recording.sensors[name] for name in recording.wrenches if name != GROUND}
     plates = dict.fromkeys(sensor.plate or name for name, sensor in contacts.items())
@@ -93,7 +93,7 @@ def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, f
 
 
 def _shared(measurement: Measurement, recordings: int, own: Sequence[str]) -> tuple[list[str], list[np.ndarray]]:
-    """Names of all parameters, and which of them each recording has."""
+    """Names of all parameters, and the indices of each recording's."""
     names, selections = list(measurement.names), [np.arange(len(measurement.names))]
     mine = [k for k, name in enumerate(measurement.names) if name.partition("(")[0] in own]
     for number in range(2, recordings + 1):
@@ -105,7 +105,7 @@ def _shared(measurement: Measurement, recordings: int, own: Sequence[str]) -> tu
 
 
 def _prior(measurement: Measurement, names: Sequence[str], known: Mapping[str, float] | None) -> Prior:
-    """What is known of all parameters."""
+    """Prior of all parameters."""
     std = {each.name: each.std for each in measurement.setup}
     precision = np.diag(
         [1 / std[base] ** 2 if base in std else 0.0 for base in (n.partition(" of log ")[0] for n in names)]
@@ -115,6 +115,6 @@ def _prior(measurement: Measurement, names: Sequence[str], known: Mapping[str, f
         parameters, mechanism = measurement.equations.parameters, measurement.equations.mechanism
         mean[: parameters.rank] = parameters.regroup(mechanism.known)
         beforehand = known_covariance(mechanism, parameters, known)
-        # A plain inverse may be asymmetric by more than its smallest eigenvalue.
+        # A plain inverse may be asymmetric by more than the smallest eigenvalue.
         precision[: parameters.rank, : parameters.rank] = inverse_of_precision(beforehand)
     return Prior(mean, precision)

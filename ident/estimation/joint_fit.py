@@ -16,8 +16,9 @@ class Prior(NamedTuple):
 
     Attributes:
         mean: Mean (p,).
-        precision: Precision as it counts in the fit, zero where nothing is known (p, p).
-        weight: How many times over it counts there: residuals that are slow tell less than a fit takes them for.
+        precision: Precision in the fit, weight included, zero where nothing is known (p, p).
+        weight: Factor on the prior's precision in the fit, because autocorrelated residuals carry less information than
+            the fit assumes.
     """
 
     mean: np.ndarray
@@ -26,11 +27,11 @@ class Prior(NamedTuple):
 
     @property
     def known(self) -> np.ndarray:
-        """Precision as it is known (p, p)."""
+        """Precision without the weight (p, p)."""
         return self.precision / self.weight
 
     def weighted(self, weight: float) -> "Prior":
-        """The same with another weight."""
+        """Prior with another weight."""
         return Prior(self.mean, weight * self.known, weight)
 
 
@@ -42,7 +43,7 @@ class Start:
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness.
         coefficients: Spline coefficients of every piece (size, n).
-        marginal: What θ's marginal likelihood adds, None for not known yet.
+        marginal: Terms of θ's marginal likelihood, None if not computed yet.
     """
 
     theta: np.ndarray
@@ -52,7 +53,7 @@ class Start:
 
     @property
     def pulls(self) -> Sequence[np.ndarray]:
-        """Terms of the marginal likelihood of every piece, none where it is not known yet."""
+        """Terms of the marginal likelihood of every piece, empty if not computed yet."""
         return self.marginal.pulls if self.marginal else ()
 
 
@@ -60,10 +61,10 @@ class Marginal(NamedTuple):
     """Terms that the marginal likelihood of θ adds to the gradient.
 
     Attributes:
-        pulls: Of every piece, to be subtracted from its right side (p,).
-        theta: Parameters that they were found for (p,).
-        noise: Noise that they were found with.
-        whole: False where they are on their way to what was found.
+        pulls: Term of every piece, subtracted from its right side (p,).
+        theta: Parameters at which they were computed (p,).
+        noise: Noise with which they were computed.
+        whole: False if they went only part of the way from the previous terms.
     """
 
     pulls: Sequence[np.ndarray]
@@ -74,24 +75,25 @@ class Marginal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """Trajectory, parameters and noise.
+    """Result of a fit of trajectory, parameters and noise.
 
     Attributes:
         names: Names of θ.
-        selections: Which entries of θ each piece has.
-        prior: What was known of θ beforehand.
+        selections: Indices in θ of each piece's parameters.
+        prior: Prior of θ.
         theta: Parameters θ = [ψ, drives, offsets, set-up] (p,).
-        shares: Precision of θ and its right side of every piece, trajectory eliminated: (p, p) and (p,).
-        free: Which parameters were fitted (p,).
+        shares: Precision and right side of θ from every piece, trajectory eliminated: (p, p) and (p,).
+        free: Mask of the fitted parameters (p,).
         noise: Standard deviations, correlation and smoothness.
         coefficients: Spline coefficients of every piece (size, n).
-        pieces: What was measured.
-        trace: Largest step of θ in standard deviations of every round.
-        status: `converged`, `stopped` after so many rounds, `stuck` where no step lowers the cost, or `interrupted`.
-        scatters: Covariance of every piece's right side under the noise that is really there (p, p); None for that of
-            the working model, which is its precision.
-        bounded: Parameters that are held at a bound (p,), None for none.
-        marginal: What the marginal likelihood of θ adds; the shares have it.
+        pieces: Measured samples.
+        trace: Largest step of θ of every round, in standard deviations.
+        status: `converged`, `stopped` after the largest number of rounds, `stuck` if no step lowers the cost, or
+            `interrupted`.
+        scatters: Covariance of every piece's right side under the estimated noise (p, p); None for that of the working
+            model, which is its precision.
+        bounded: Mask of the parameters at a bound (p,), None for none.
+        marginal: Terms of the marginal likelihood of θ, which the shares include.
     """
 
     names: Sequence[str]
@@ -111,40 +113,40 @@ class JointFit:
 
     @property
     def end(self) -> Start:
-        """Where it ended, for another fit of the same pieces to begin."""
+        """End point, as a warm start for another fit of the same pieces."""
         return Start(self.theta, self.noise, self.coefficients, self.marginal)
 
     @property
     def counted(self) -> np.ndarray:
-        """Mask of what counts as fitted: also what is held at a bound (p,)."""
+        """Mask of the parameters that count as fitted, including those at a bound (p,)."""
         return self.free if self.bounded is None else self.free | self.bounded
 
     @property
     def scatter_shares(self) -> Sequence[np.ndarray]:
-        """Covariance of every piece's right side, by the working model where no other is known (p, p) each."""
+        """Covariance of every piece's right side, by default of the working model (p, p) each."""
         return [schur for schur, _ in self.shares] if self.scatters is None else self.scatters
 
     @cached_property
     def scatter(self) -> np.ndarray:
-        """Covariance of the gradient, the priors' included (p, p)."""
+        """Covariance of the gradient, prior included (p, p)."""
         return sum(self.scatter_shares, start=self.prior.weight * self.prior.precision)
 
     @cached_property
     def precision(self) -> np.ndarray:
-        """Precision of θ, priors included (p, p)."""
+        """Precision of θ, prior included (p, p)."""
         return sum((schur for schur, _ in self.shares), start=self.prior.precision)
 
     @cached_property
     def gradient(self) -> np.ndarray:
-        """Right side of the equations at θ, zero for what was fitted (p,)."""
+        """Right side of the equations at θ, zero for the fitted parameters (p,)."""
         pull = -self.prior.precision @ (self.theta - self.prior.mean)
         return sum((right for _, right in self.shares), start=pull)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance of θ from the noise, zero for what was not fitted (p, p).
+        """Covariance of θ due to the noise, zero for parameters that were not fitted (p, p).
 
-        What is held at a bound counts as fitted: what trades with it is known no better for that.
+        Parameters at a bound count as fitted: the bound does not make those correlated with them more certain.
         """
         taken = self.counted
         own = np.ix_(taken, taken)
@@ -152,13 +154,13 @@ class JointFit:
         return embedded(sandwich(self.precision[own], self.scatter[own], names), taken)
 
     def scores(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far θ would go in directions that were not fitted, the others refitted, and the standard deviations.
+        """Steps of θ in directions that were not fitted, with the others refitted, and their standard deviations.
 
         Args:
-            directions: Directions, one in each row, zero in what was fitted (k, p).
+            directions: Directions, one in each row, zero for the fitted parameters (k, p).
 
         Returns:
-            Distances and their standard deviations, infinite where nothing tells (k,).
+            Steps and their standard deviations, infinite where the data do not determine a direction (k,).
         """
         free = self.free
         inside = inverse_of_precision(self.precision[np.ix_(free, free)])

@@ -1,4 +1,4 @@
-"""The joint estimate as others read it: parameters of each recording, and what is not known of the set-up."""
+"""Result of the joint estimate: parameters of each recording, and the uncertainty due to the set-up."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -15,10 +15,10 @@ from ident.estimation.reversals import Reversals
 from ident.estimation.setup_search import Search
 
 ONE_SIDED = 0.95
-"""Confidence of an interval that is open below."""
+"""Confidence level of a one-sided interval."""
 
 TINY = 1e-9
-"""Part of the scatter's trace that is added to its diagonal: directions that no data see have none."""
+"""Part of the scatter's trace added to its diagonal, because directions without data have no scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +29,11 @@ class Joint:
         measurement: Channels, and the parameters of one recording.
         search: Trajectories, parameters and noise, and the set-up parameters that are not as stated.
         counts: Number of pieces of each recording.
-        step: Largest distance of the knots, s.
-        known: True where a prior of the model's parameters was put in.
-        coloured: True where the fit's weights take noise for correlated over time.
-        reversals: Slack of the torques at low velocity, None where no joint rubs.
-        errors: Root mean squared errors over the signals of pieces that are left out, for each noise model (C,).
+        step: Largest knot spacing, s.
+        known: True if a prior of the model's parameters was used.
+        coloured: True if the fit's weights assume noise correlated over time.
+        reversals: Slack of the torques at low velocity, None if no joint has friction.
+        errors: Root mean squared errors of left-out pieces relative to their signals, by noise model (C,).
     """
 
     measurement: Measurement
@@ -51,7 +51,7 @@ class Joint:
         return self.search.fit
 
     def with_fit(self, fit: JointFit) -> "Joint":
-        """The same with another fit."""
+        """Estimate with another fit."""
         return replace(self, search=replace(self.search, fit=fit))
 
     @cached_property
@@ -61,14 +61,14 @@ class Joint:
 
     @cached_property
     def covariance_of_setup(self) -> np.ndarray:
-        """Covariance of all parameters that what is not known of the set-up adds (p, p).
+        """Covariance of all parameters due to the uncertainty of the set-up (p, p).
 
-        With B the change of the fitted parameters by the held ones h of the set-up, and with the precision J and the
-        scatter K of what the data say of h, and Λ that of their prior,
+        With B the derivative of the fitted parameters by the fixed ones h of the set-up, J and K the precision and the
+        scatter of h from the data, and Λ the precision of their prior,
 
             B Σ Bᵀ + B m mᵀ Bᵀ,        Σ = (J K⁻¹ J + Λ)⁻¹,        m = Σ J K⁻¹ u
 
-        To the uncertainty of h belongs how far the data would move them, m: they were not fitted.
+        The step m by which the data would move h counts as uncertainty, because h was not fitted.
         """
         fit = self.fit
         held, free = self.is_setup & ~fit.free, fit.counted
@@ -93,8 +93,8 @@ class Joint:
     def bounds(self) -> dict[str, tuple[float, float]]:
         """Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation if free.
 
-        The drive that the data ask for is normal about a value below zero; of that distribution what is above zero
-        counts.
+        The unbounded estimate is normal about a value below zero; the limit is that of the distribution truncated at
+        zero.
         """
         fit = self.fit
         held = np.flatnonzero(np.zeros(0) if fit.bounded is None else fit.bounded)
@@ -105,7 +105,7 @@ class Joint:
         return {fit.names[k]: (float(x), float(s)) for k, x, s in zip(held.tolist(), limits, stds, strict=True)}
 
     def as_stated(self) -> "Joint":
-        """The same with the set-up as it was stated."""
+        """Estimate with the set-up as stated."""
         fit = replace(self.fit, theta=np.where(self.is_setup, 0.0, self.fit.theta))
         return replace(self, search=replace(self.search, fit=fit, deviations=()))
 
@@ -124,7 +124,7 @@ class Joint:
         return list(zip(self.fit.pieces[own], self.fit.coefficients[own], strict=True))
 
     def offsets_beside_first(self, which: int) -> np.ndarray:
-        """By how much constant offsets of the first recording exceed those of another one (C,)."""
+        """Constant offsets of the first recording less those of another one (C,)."""
         constants = self.measurement.constants
         return constants(self.parameters_of(0)) - constants(self.parameters_of(which))
 

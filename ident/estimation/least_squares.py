@@ -1,7 +1,7 @@
-"""Least-squares parameters with their uncertainty, and the two checks of Section III.A.
+"""Least-squares parameters with their covariance, and the two checks of Section III.A.
 
-minimise ‖Y ψ - Γ‖²        in one pass and in bounded memory, as `ident.estimation.accumulator` keeps it,
-cov ψ = B⁻¹ M B⁻¹,         B = Yᵀ Y and M = Yᵀ cov(Γ) Y, from the residuals in one pass or in two
+minimise ‖Y ψ - Γ‖²        in one pass and bounded memory, by `ident.estimation.accumulator`,
+cov ψ = B⁻¹ M B⁻¹,         B = Yᵀ Y and M = Yᵀ cov(Γ) Y, from the residuals, in one pass or two
 """
 
 from collections.abc import Iterable, Iterator
@@ -28,7 +28,7 @@ from ident.parameters.base_parameters import BaseParameters
 from ident.tolerances import ZERO_COLUMN
 
 PIECE = 65536
-"""Samples of one piece in memory that one worker takes."""
+"""Samples per piece of work for one worker."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,17 +36,17 @@ class Fit:
     """Coefficients fitted to samples: base parameters ψ first, then those of drives and offsets.
 
     Attributes:
-        equations: What was fitted, m columns to C channels.
+        equations: Fitted equations of m columns and C channels.
         values: Coefficients, SI units (m,).
         covariance: Their covariance due to noise on the channels (m, m).
-        weighted: Whether the rows were weighted, as by a covariance. Then the root, its rows, condition number and
+        weighted: True if the rows were weighted, as by a covariance. Then the root, its rows, condition number and
             residuals are those of the weighted rows.
-        root: A square matrix R with `Yᵀ Y = Rᵀ R` for the columns Y (m, m).
-        rows: Rows of the columns; channels that no parameter can produce are left out.
+        root: Square matrix R with `Yᵀ Y = Rᵀ R` for the columns Y (m, m).
+        rows: Number of rows, without channels that no parameter affects.
         samples: Number of samples N.
         residual_norms: `‖Γ_c - Y_c x‖₂` of each channel (C,).
-        method: How it was solved.
-        noise: Which noise `std` holds for: "white from sample to sample", or "correlated over time or not".
+        method: Method of solution.
+        noise: Noise for which `std` is valid: "white from sample to sample", or "correlated over time or not".
     """
 
     equations: Equations
@@ -62,7 +62,7 @@ class Fit:
 
     @property
     def parameters(self) -> BaseParameters:
-        """The regrouping that the base parameters belong to."""
+        """Regrouping of the standard parameters into base parameters."""
         return self.equations.parameters
 
     @property
@@ -90,7 +90,7 @@ class Fit:
 
     @property
     def bread(self) -> np.ndarray:
-        """`(Yᵀ Y)⁻¹`, between which sandwiches have what noise does (m, m)."""
+        """`(Yᵀ Y)⁻¹`, the outer factors of a sandwich covariance (m, m)."""
         inverse = np.linalg.inv(self.root)
         return inverse @ inverse.T
 
@@ -111,7 +111,7 @@ class Fit:
         return float(np.linalg.norm(self.residual_norms))
 
     def with_psi(self, psi: np.ndarray) -> "Fit":
-        """The same with other base parameters (r,), drives and offsets as they are likeliest beside them."""
+        """Fit with other base parameters (r,), and the likeliest drives and offsets given these."""
         values, r, covariance = self.values.copy(), len(psi), self.covariance
         values[r:] += covariance[r:, :r] @ np.linalg.pinv(covariance[:r, :r], hermitian=True) @ (psi - values[:r])
         values[:r] = psi
@@ -139,25 +139,24 @@ def least_squares(
     """Least-squares solution of `Y_b ψ = Γ` (Eq. 4), in one pass and in bounded memory.
 
     Without a covariance in the samples this is the ordinary least squares of the paper, and the noise of every channel
-    is taken from the residuals, independent of the others'. With a covariance the rows are whitened, which weights
-    them, and the noise is taken as known. Either way the standard deviations are those of white noise, independent from
-    sample to sample, and far too small for noise that is correlated over time, as what a model leaves unexplained
-    mostly is; `huber_white` needs a second pass and knows better. Noise on the joint states (errors in variables) is in
-    neither: it biases ψ.
+    is estimated from the residuals, independent between channels. With a covariance the rows are whitened, and the
+    noise is taken as known. Either way the standard deviations hold for white noise, independent from sample to sample.
+    They are far too small for noise that is correlated over time, as model errors mostly are; `huber_white` corrects
+    them in a second pass. Noise on the joint states (errors in variables) is in neither: it biases ψ.
 
     Args:
-        equations: What is fitted.
+        equations: Equations to fit.
         source: Samples or a recording, or an iterable of such pieces.
-        state_noise: Standard deviations of the noise on the columns of q, dq and ddq. With them a joint that rests but
-            whose sensors are noisy does not pass for excited.
+        state_noise: Standard deviations of the noise on the columns of q, dq and ddq. With them a joint at rest with
+            noisy sensors does not pass for excited.
         factor: Coordinates to start from (`Accumulator.factor`), as of another trial of the same motion; by default
-            they are found first.
-        executor: Where pieces are worked on, by default here. Pieces in memory are split for it. Its workers are best
-            held to one thread for linear algebra (`OPENBLAS_NUM_THREADS=1`).
-        ahead: Number of pieces to submit ahead, more than there are workers; by default as `in_order`.
+            computed from the first samples.
+        executor: Executor for the pieces; by default they are computed here. Pieces in memory are split for it. Its
+            workers should use one thread for linear algebra (`OPENBLAS_NUM_THREADS=1`).
+        ahead: Number of pieces to submit ahead, more than there are workers; by default that of `in_order`.
 
     Returns:
-        The fit, the same to rounding in whatever pieces the samples come.
+        The fit, independent of the division into pieces to rounding.
 
     Raises:
         InputError: A piece does not fit the equations or the others, or a covariance is not positive definite.
@@ -171,7 +170,7 @@ def least_squares(
         for piece in stream:
             accumulated = accumulate_checked(equations, piece, start=accumulated)
     else:
-        # In common coordinates accumulators add without a change of them.
+        # Accumulators in common coordinates add without a change of coordinates.
         factor = accumulate_checked(equations, first[:PROBE]).factor if factor is None else factor
         work = partial(accumulate_checked, equations, factor=factor)
         accumulated = reduce(add, in_order(executor, work, _split(chain([first], stream)), ahead=ahead))
@@ -184,12 +183,12 @@ def _split(stream: Iterable[Samples]) -> Iterator[Samples]:
 
 
 def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | None = None) -> Fit:
-    """The fit from what was accumulated.
+    """Fit from an accumulator.
 
     Args:
         accumulated: Accumulator of all samples.
-        equations: What it was made with.
-        noise: The columns' own noise, as `check_excitation` takes it.
+        equations: Equations of the accumulator.
+        noise: Errors of the columns, as for `check_excitation`.
 
     Raises:
         InputError: The accumulator is of other columns.
@@ -202,7 +201,7 @@ def solve(accumulated: Accumulator, equations: Equations, noise: np.ndarray | No
     m, gram = len(accumulated.names), accumulated.gram
     order = accumulated.order[:m]
     P_b, p, scale = accumulated.factor[:m, order], accumulated.factor[:m, m], accumulated.factor[m, m]
-    # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, and its Cholesky factor that of QR.
+    # In the coordinates of P = [[P_b, p], [0, π]] the Gram matrix of Y_b is AᵀA, with A also the factor of a QR.
     A, failed = lapack.dpotrf(gram[:m, :m])
     if failed:
         A = triangle_of(square_root(gram[:m, :m]))
@@ -244,7 +243,7 @@ def _variances(squares: np.ndarray, shares: np.ndarray, samples: int) -> np.ndar
         shares: Part `W_c` of each channel in the Gram matrix of orthonormal columns, `Σ W_c = 1` (C, m, m).
         samples: Number of samples N.
     """
-    # The fit takes part of a channel's noise, and puts part of the others' in: E‖r_c‖² = N σ_c² - 2 tr(W_c) σ_c²
+    # The fit absorbs part of a channel's noise, and adds part of the others': E‖r_c‖² = N σ_c² - 2 tr(W_c) σ_c²
     # + Σ_d tr(W_c W_d) σ_d².
     own = np.diag(samples - 2 * np.trace(shares, axis1=1, axis2=2))
     mixed = np.einsum("cij,dij->cd", shares, shares)
@@ -252,29 +251,29 @@ def _variances(squares: np.ndarray, shares: np.ndarray, samples: int) -> np.ndar
 
 
 def huber_white(fit: Fit, source: Source, *, steady: bool = False) -> Fit:
-    """The fit with standard deviations from the residuals of each sample (Huber and White's sandwich).
+    """Fit with standard deviations from the residuals of each sample (sandwich covariance of Huber and White).
 
-    In long recordings they hold whatever the noise of the channels, the correlation between them, its change from
-    sample to sample, as a contact's lever makes it, and its correlation over time, of which each channel's residuals
-    tell (`innovations`); but they need a second pass over the samples.
+    In long recordings they are valid for noise of any size, correlated between channels, varying from sample to
+    sample, as with a contact's lever arm, and correlated over time, which is estimated from each channel's residuals
+    (`innovations`); but they need a second pass over the samples.
 
     Args:
         fit: Ordinary fit, or one weighted by a covariance: its residuals are those of the whitened rows, so that only
             the proportions of the covariance need to be right.
-        source: The samples it was made of. Pieces are taken to follow one another without a gap; a border between two
-            recordings counts as many samples wrongly as the noise remembers.
-        steady: Whether the noise of each channel is taken for one of the same size throughout, independent of the
-            others', which short recordings with slow noise need.
+        source: The fitted samples. Pieces are assumed to follow one another without a gap; at a border between two
+            recordings, samples within a correlation time are treated wrongly.
+        steady: True to take the noise of each channel as constant in size and independent of the others', which short
+            recordings with slow noise need.
 
     Returns:
-        The fit with another covariance, the same to rounding in whatever pieces the samples come.
+        The fit with another covariance, independent of the division into pieces to rounding.
 
     Raises:
         InputError: These are not as many samples as the fit was made of, or they are weighted otherwise.
     """
     equations, samples, m = fit.equations, 0, len(fit.names)
     sandwich = Sandwich(m, len(equations.channels), steady=steady)
-    # Parts of one size, long enough to tell of the correlation, whatever the pieces are.
+    # Parts of one size, long enough to estimate the correlation, whatever the pieces are.
     for part in even(pieces(source, equations), PIECE):
         samples += len(part)
         if (part.covariance is not None) != fit.weighted:

@@ -1,15 +1,15 @@
-"""What the likelihood of θ alone has besides that of θ with its likeliest trajectory, by Laplace's approximation.
+"""Gradient of the marginal likelihood of θ, the trajectory integrated out by Laplace's approximation.
 
     -2 log L(θ) = min_c cost(c, θ) + log |A(θ)|,        A = Jᵀ W J + Σ λ_j P_j
 
-A is the curvature of the cost by the spline coefficients c. Without the second term a motion and an inertia that are
-sought together trade, a little less motion for a little more inertia, which the jerk's penalty pays for: θ is biased,
-by several deviations where noise is slow or strong (Wolfinger, Biometrika 80, 1993, doi:10.1093/biomet/80.4.791). Half
-the second term's gradient is
+A is the curvature of the cost by the spline coefficients c. Without the second term θ is biased, by several standard
+deviations where noise is autocorrelated or strong: slightly smaller motion with slightly larger inertia fits as well
+and has a smaller jerk penalty (Wolfinger, Biometrika 80, 1993, doi:10.1093/biomet/80.4.791). Half the second term's
+gradient is
 
     h = tr(A⁻¹ Jᵀ W dJ/dθ) = E[(J z)ᵀ W (dJ/dθ) z],        z ~ N(0, A⁻¹)
 
-where c follows θ. Samples are many, so that few draws of z tell it.
+where c depends on θ. With many samples a few draws of z suffice.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from ident.estimation.piece import Noise, Piece, Predictor
 from ident.estimation.response import Response, Stream, response
 
 SMALL = 1e-3
-"""Part of a random trajectory by which the derivative along it is found from a difference."""
+"""Part of a random trajectory taken as the step of a finite difference along it."""
 
 
 def pull(
@@ -36,10 +36,10 @@ def pull(
         measurement: Channels and parameters.
         noise: Standard deviations, correlation and smoothness.
         draws: Number of random trajectories.
-        piece: What was measured.
+        piece: Measured samples.
         coefficients: Spline coefficients (size, n).
         theta: Parameters (p,).
-        seed: Of the random trajectories.
+        seed: Seed of the random trajectories.
     """
     here = response(measurement, piece, coefficients, theta, noise)
     z = _trajectories(here, piece, noise, np.random.default_rng(seed), draws)
@@ -56,7 +56,7 @@ def pull(
 
 
 def _trajectories(here: Response, piece: Piece, noise: Noise, rng: np.random.Generator, draws: int) -> np.ndarray:
-    """Random z ~ N(0, A⁻¹) (size n, draws): what noise and a motion of the prior would do to the trajectory."""
+    """Random z ~ N(0, A⁻¹) (size n, draws): errors of the trajectory due to noise and to a motion of the prior."""
     scores = [stream.weights.scores(rng.normal(size=(*stream.residual.shape, draws))) for stream in here.streams]
     return here.solved(here.adjoint(scores)[0] + piece.spline.penalty_scores(rng, noise.jerk, draws))
 
@@ -73,7 +73,7 @@ def _along(
     for new, old in zip(measurement.derivatives(x, wrenches, theta, every)[1:], _at(stream), strict=True):
         whole = new[stream.which].reshape(*old.shape[:-1], draws, -1)
         out.append((whole - old[..., None, :]) / SMALL)
-    # What a delay and a clock do follows from the states' derivatives.
+    # Derivatives by a delay and a clock follow from those by the states.
     for kind in ("clock", "delay"):
         out[1][:, list(measurement.of_kind(kind).values())] = 0
     return out[0], out[1]

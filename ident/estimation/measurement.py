@@ -1,14 +1,14 @@
-"""What sensors read of a trajectory: the channels of `Equations` as functions of states, parameters and set-up.
+"""Measurement model: the channels of `Equations` as functions of states, parameters and set-up.
 
     wrench   (1 + gain) coAd(T_sensor)⁻¹ [Y(q, q̇, q̈) ψ - Σ contacts] + offset
-    nothing  Y(q, q̇, q̈) ψ - Σ contacts + offset, where nothing holds the base: contacts alone (Eq. 3)
+    zero     Y(q, q̇, q̈) ψ - Σ contacts + offset, where nothing holds the base: contacts alone (Eq. 3)
     torque   (1 + gain) [Y_τ(q, q̇, q̈) ψ - Σ contacts + drives] + offset
 
-A contact is what its sensor reads, each component over 1 + gain, moved from where the sensor is.
+A contact is its sensor's reading, each component over 1 + gain, moved from the place of the sensor.
 
-The parameters ψ are put in first, so that inverse dynamics is differentiated, not its regressor. Measured contacts are
-noisy: what the set-up changes of them is computed from their average over neighbouring samples, whose noise is not that
-of the residual; otherwise a gain, say, would shrink to take noise away.
+The parameters ψ are inserted first, so that inverse dynamics is differentiated, not its regressor. Measured contacts
+are noisy: the effect of the set-up on them is computed from averages over neighbouring samples, whose noise is
+independent of the residual; otherwise a gain, for example, would shrink to reduce the noise.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from ident.model.tape import Program, Signal, Tape
 from ident.recordings.wrench import GROUND, Sensor, pose_in_base
 
 CHUNK_COMPILED = 256
-"""Samples that compiled code differentiates at once, so that what it gives is near when it is put by samples."""
+"""Samples that compiled code differentiates at once, so that its results are still in cache when they are reordered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +40,13 @@ class Measurement:
 
     Attributes:
         equations: Channels and columns.
-        frame: Pose of the ground sensor's frame in the base frame (4, 4); None where nothing holds the base: then all
-            wrenches together are about the base frame's origin, and are zero.
+        frame: Pose of the ground sensor's frame in the base frame (4, 4); None where nothing holds the base: then the
+            sum of all wrenches about the base frame's origin is zero.
         components: Components of the wrench that are channels.
         contacts: Sensors of the other wrenches by name.
         setup: Set-up parameters.
-        moving: Whether the base moves, and is tracked; its position and quaternion then are the first coordinates, as
-            the joints of its carrier are where the mechanism has one.
+        moving: True if the base moves and is tracked; its position and quaternion are then the first coordinates. For
+            a mechanism with a carrier the carrier's joints are.
     """
 
     equations: Equations
@@ -58,9 +58,9 @@ class Measurement:
 
     @property
     def in_world_axes(self) -> bool:
-        """Whether the wrench is written in the world's axes, where its noise is: without a ground, and if it is whole.
+        """True if the wrench is expressed in the world's axes, those of its noise: a whole wrench without a ground.
 
-        Of one that is not, components have been left out in the axes of the base, and stay in them.
+        A partial wrench stays in the axes of the base, in which its components were left out.
         """
         return self.frame is None and len(self.components) == len(COMPONENTS)
 
@@ -76,18 +76,18 @@ class Measurement:
 
     @property
     def of_base(self) -> int:
-        """Number of coordinates that tell how the base moves: its carrier's joints', or a position and a quaternion."""
+        """Number of coordinates of the base's motion: its carrier's joints', or a position and a quaternion."""
         carrier = self.equations.mechanism.carrier
         return carrier.coordinates if carrier else 7 if self.moving else 0
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates: of the base, and those of the joints."""
+        """Number of coordinates of the base and of the joints."""
         return self.of_base + sum(body.coordinates for body in self.tree.bodies)
 
     @cached_property
     def zeros(self) -> dict[int, int]:
-        """Where the zeros of coordinates stand in θ, by the coordinates."""
+        """Indices in θ of the coordinates' zeros, by coordinate."""
         at, out = self.of_base, {}
         for body in self.tree.bodies:
             if body.joint and (own := self.of_kind("zero", body.joint)):
@@ -96,7 +96,7 @@ class Measurement:
         return out
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
-        """Where the set-up parameters of a kind stand in θ, by their axes."""
+        """Indices in θ of the set-up parameters of a kind, by axis."""
         first = len(self.equations.names)
         return {s.axis: first + k for k, s in enumerate(self.setup) if s.kind == kind and (not of or s.of == of)}
 
@@ -105,7 +105,7 @@ class Measurement:
 
         Args:
             states: Coordinates, and their first and second derivatives (3, N, n).
-            wrenches: What the surroundings exert at the contacts: averages over neighbours, and the rest (N, 2, 6 k).
+            wrenches: Wrenches of the surroundings on the contacts: averages over neighbours, and the rest (N, 2, 6 k).
             theta: Parameters (p,).
         """
         program = self._channels_program
@@ -126,7 +126,7 @@ class Measurement:
     def _run(
         self, program: Program, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, wanted: np.ndarray
     ) -> np.ndarray:
-        """Some results (k, N), those of one sample beside each other in memory."""
+        """Some results of a program (k, N), those of one sample adjacent in memory."""
         rows = [*states.swapaxes(1, 2), wrenches.reshape(len(wrenches), -1).T]
         constants = np.concatenate([theta, self._slips])
         inputs = np.concatenate(rows, out=np.empty((sum(map(len, rows)), len(wrenches))))
@@ -143,14 +143,14 @@ class Measurement:
 
     @cached_property
     def _slips(self) -> np.ndarray:
-        """Velocities over which Coulomb friction changes its sign; none where no torque is a channel."""
+        """Velocities over which Coulomb friction changes sign, empty if no torque is a channel."""
         if not self.equations.torques:
             return np.zeros(0)
         freedoms = len(self.tree.freedoms)
         return np.full(freedoms, loads.SLIP) if self.equations.slips is None else self.equations.slips
 
     def with_slips(self, slips: np.ndarray) -> "Measurement":
-        """The same with other slips (n,): they are inputs of the programs, which need not be recorded anew."""
+        """Measurement with other slips (n,) and the same programs, of which slips are inputs."""
         other = replace(self, equations=replace(self.equations, slips=slips))
         for name in ("_channels_program", "_gradients_program"):
             other.__dict__[name] = getattr(self, name)
@@ -158,18 +158,18 @@ class Measurement:
 
     @cached_property
     def _channels_program(self) -> Program:
-        """What computes the channels."""
+        """Program that computes the channels."""
         tape, _, results = self._recorded()
         return Program.of(tape, results)
 
     @cached_property
     def _gradients_program(self) -> Program:
-        """What computes the channels, and then their gradients, by states and by θ."""
+        """Program that computes the channels, and then their gradients by states and by θ."""
         tape, wanted, results = self._recorded()
         return Program.of(tape, results + [d for result in results for d in gradient(result, wanted)])
 
     def _recorded(self) -> tuple[Tape, list[Signal], list[Value]]:
-        """The channels on a tape of their own, with its inputs that are states and θ."""
+        """Tape of the channels, its inputs that are states and θ, and the channels."""
         n, k, p = self.coordinates, 12 * len(self.contacts), len(self.names)
         tape = Tape(3 * n + k + p + len(self._slips))
         states, wrenches, theta, slips = np.split(np.array(tape.inputs), [3 * n, 3 * n + k, 3 * n + k + p])
@@ -177,7 +177,7 @@ class Measurement:
         return tape, [*states, *theta], channels
 
     def _channels(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, slips: np.ndarray) -> list[Value]:
-        """The channels on a tape: states (3, n), wrenches (2, k, 6), θ (p,), slips (f,)."""
+        """Channels on a tape, from states (3, n), wrenches (2, k, 6), θ (p,) and slips (f,)."""
         equations, tree = self.equations, self.tilted(theta)
         root, base, (q, dq, ddq) = self._root(states, theta)
         motions, gains = closed_form.body_motions(tree, root, q, dq, ddq), self.gains(theta)
@@ -207,18 +207,18 @@ class Measurement:
         base: np.ndarray,
         theta: np.ndarray,
     ) -> list[Value]:
-        """What sensors without gains and offsets read of wrenches on the bodies (6,) and of drives' torques."""
+        """Readings, without gains and offsets, of wrenches on the bodies (6,) and of drives' torques."""
         wrench = self._in_sensor(np.sum(felt, axis=0), base, theta)
         torques = loads.joint_torques(tree, motions, q, felt) if self.equations.torques else []
         return [*wrench, *(torques[k] + drives[k] if drives else torques[k] for k in self.equations.torques)]
 
     def _vector(self, kind: str, of: str, theta: np.ndarray) -> np.ndarray:
-        """The set-up parameters of a kind as a vector, zeros where there are none (3,)."""
+        """Set-up parameters of a kind as a vector, zeros where there are none (3,)."""
         at = self.of_kind(kind, of)
         return np.array([theta[at[axis]] if axis in at else 0.0 for axis in range(3)])
 
     def displacement(self, of: str, theta: np.ndarray) -> np.ndarray:
-        """Pose of a sensor's frame in the frame that was stated (4, 4)."""
+        """Pose of a sensor's frame in its stated frame (4, 4)."""
         return pose(small_rotation(self._vector("rotation", of, theta)), self._vector("origin", of, theta))
 
     def gravity(self, theta: np.ndarray) -> np.ndarray:
@@ -226,7 +226,7 @@ class Measurement:
         return small_rotation(self._vector("gravity", "", theta)) @ self.equations.mechanism.gravity
 
     def gains(self, theta: np.ndarray, of: Sequence[str] = ()) -> list[Value]:
-        """What each channel, or each that is named, reads of one unit, a list of numbers or signals."""
+        """Gain 1 + g of each channel, or of each named one, as numbers or signals."""
         at = [self.of_kind("gain", name) for name in of or self.equations.channels]
         return [1 + theta[own[None]] if own else 1.0 for own in at]
 
@@ -238,7 +238,7 @@ class Measurement:
         return out
 
     def tilted(self, theta: np.ndarray) -> Tree:
-        """The tree with its hinges' axes tilted, each about the point on it that is next to the body's origin."""
+        """Tree with its hinges' axes tilted, each about its point closest to the body's origin."""
         bodies = list(self.tree.bodies)
         for i, body in enumerate(bodies):
             if body.joint and self.of_kind("axis", body.joint):
@@ -248,7 +248,7 @@ class Measurement:
         return Tree(tuple(bodies))
 
     def motion(self, states: np.ndarray) -> Motion:
-        """The motion of coordinates and their derivatives (3, N, n)."""
+        """Motion of coordinates and their derivatives (3, N, n)."""
         carrier, base = self.equations.mechanism.carrier, states[..., : self.of_base]
         moved = base_motion(base) if self.moving else None
         moved = carrier.motion(*joint_states(carrier.tree, base)) if carrier else moved
@@ -276,7 +276,7 @@ class Measurement:
     def _less_contacts(
         self, motions: list[closed_form.BodyMotion], base: np.ndarray, wrenches: np.ndarray, theta: np.ndarray
     ) -> list[np.ndarray]:
-        """What contacts (k, 6) take of the wrenches on the bodies (6,) from joints and ground, in the base frame."""
+        """Negative wrenches of the contacts (k, 6) on the bodies (6,), in the base frame."""
         felt, world = [np.zeros(6)] * len(motions), base if self.moving else None
         for (name, sensor), wrench in zip(self.contacts.items(), wrenches, strict=True):
             i = self.tree.names.index(str(sensor.body))
@@ -287,7 +287,7 @@ class Measurement:
         return felt
 
     def _in_sensor(self, total: np.ndarray, base: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """The measured components of the wrench that is left for the ground."""
+        """Measured components of a wrench in the base frame, in the axes of the ground sensor."""
         if not self.components:
             return np.zeros(0)
         if self.in_world_axes:

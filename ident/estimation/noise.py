@@ -1,4 +1,4 @@
-"""Noise that is correlated over time, and what it does to a fit."""
+"""Noise that is correlated over time, and its effect on the covariance of a fit."""
 
 from collections.abc import Iterable
 
@@ -6,27 +6,27 @@ import numpy as np
 from scipy import linalg
 
 STRETCH = 1.2
-"""By how much the noise's correlation time is taken to exceed that of the residuals."""
+"""Assumed ratio of the noise's correlation time to that of the residuals."""
 
 CHANCE = 2.0
-"""Autocorrelation, in standard deviations of that of white noise, up to which a residual passes for white."""
+"""Autocorrelation, in standard deviations of that of white noise, up to which a residual is taken as white."""
 
 LEAST_LEFT = 0.3
-"""Smallest share of the noise's variance that a fit is taken to leave in the residuals."""
+"""Least share of the noise's variance that is assumed to remain in the residuals."""
 
 
 def innovations(residual: np.ndarray, parameters: float) -> tuple[np.ndarray, np.ndarray]:
-    """Noise that is correlated over time, as the autoregressive process `x_n = ρ x_n-1 + u_n` that residuals look like.
+    """Autoregressive model `x_n = ρ x_n-1 + u_n` of each channel's noise, fitted to its residuals.
 
-    Its autocovariance decays exponentially. The fit has taken part of the noise, and of slow noise most: variance and
-    time are raised accordingly.
+    Its autocovariance decays exponentially. The fit absorbs part of the noise, and more of slow noise: variance and
+    correlation time are increased accordingly.
 
     Args:
         residual: Residuals of each channel (C, N).
-        parameters: Parameters that a channel's samples determine on average.
+        parameters: Mean number of parameters determined by a channel's samples.
 
     Returns:
-        ρ of each channel (C,), and the size of u that its residual tells of at each sample (C, N).
+        ρ of each channel (C,), and the residuals scaled to the size of u (C, N).
     """
     decay = np.array([_decay(x) for x in residual])
     taken = parameters * (1 + decay) / (1 - decay) / residual.shape[1]
@@ -34,13 +34,13 @@ def innovations(residual: np.ndarray, parameters: float) -> tuple[np.ndarray, np
 
 
 def _decay(x: np.ndarray) -> float:
-    """The ρ whose autocorrelation sums up to that of a residual, its time stretched."""
+    """ρ with the same sum of autocorrelations as a residual, its correlation time stretched by `STRETCH`."""
     covariance = autocovariance(x)
     if covariance[0] == 0:
         return 0.0
     correlation = covariance / covariance[0]
     lag = int(np.argmax(correlation < 1 / np.e))
-    # Later lags are mostly chance; an exponential goes on from here.
+    # Later lags are mostly chance: they are replaced by an exponential.
     here = correlation[lag] if correlation[lag] > CHANCE / np.sqrt(len(x)) else 0.0
     total = correlation[1:lag].sum() + here / (1 - here ** (1 / lag))
     return float((total / (1 + total)) ** (1 / STRETCH))
@@ -53,14 +53,14 @@ def autocovariance(x: np.ndarray) -> np.ndarray:
 
 
 def remembered(rows: np.ndarray, decay: float, before: np.ndarray) -> np.ndarray:
-    """What innovations pull at: `z_n = y_n + ρ z_n-1`, so that `Σ z_n u_n` has the covariance of `Σ y_n x_n`.
+    """Filtered columns `z_n = y_n + ρ z_n-1`, so that `Σ z_n u_n` has the covariance of `Σ y_n x_n`.
 
-    In reversed time x has the same autocovariance, therefore z needs no samples to come.
+    x has the same autocovariance in reversed time, so z needs no later samples.
 
     Args:
         rows: Columns y of one channel (k, N).
         decay: ρ of its noise.
-        before: z at the sample before the first, zero where nothing was (k,).
+        before: z at the sample before the first, zero if there is none (k,).
 
     Returns:
         z (k, N).
@@ -72,10 +72,10 @@ def remembered(rows: np.ndarray, decay: float, before: np.ndarray) -> np.ndarray
 
 
 class Sandwich:
-    """The middle of the sandwich, `M = Σ_nm Y_nᵀ Γ(n - m) Y_m`, gathered part by part.
+    """Middle factor of a sandwich covariance, `M = Σ_nm Y_nᵀ Γ(n - m) Y_m`, accumulated part by part.
 
-    The noise's covariance Γ is as `innovations` finds it. Noise that is `steady` has one size over a part, and channels
-    are independent of one another; otherwise every sample's own residuals tell both.
+    The noise's covariance Γ is from `innovations`. If `steady`, the noise has constant size over a part and channels
+    are independent; otherwise both follow from the residuals of each sample.
     """
 
     def __init__(self, columns: int, channels: int, *, steady: bool) -> None:
@@ -85,12 +85,12 @@ class Sandwich:
         self._left = np.zeros((channels, columns))
 
     def add(self, chunks: Iterable[np.ndarray], pull: np.ndarray, taken: float) -> "Sandwich":
-        """With the next part.
+        """Adds the next part.
 
         Args:
             chunks: Columns of its samples, some at a time, columns first (m, C, n).
-            pull: What each residual adds to the normal equations, for least squares the residual itself (C, N).
-            taken: Parameters that a channel's samples determine on average.
+            pull: Contribution of each residual to the normal equations, for least squares the residual itself (C, N).
+            taken: Mean number of parameters determined by a channel's samples.
         """
         decay, size = innovations(pull, taken)
         variance = (size**2).mean(axis=1)
@@ -102,7 +102,7 @@ class Sandwich:
             if self._steady:
                 self._middle += sum(s * each @ each.T for s, each in zip(variance, z, strict=True))
             else:
-                # Each sample pulls at the parameters by its residual.
+                # The gradient of each sample, weighted by its residual.
                 pulls = sum(each * u[first:last] for each, u in zip(z, size, strict=True))
                 self._middle += pulls @ pulls.T
             first = last
@@ -112,5 +112,5 @@ class Sandwich:
     @property
     def middle(self) -> np.ndarray:
         """M (m, m)."""
-        # After the last sample the process goes on: what is still to come adds up to a stationary one's variance.
+        # The process continues after the last sample: later terms complete the variance of a stationary one.
         return self._middle + np.einsum("c,ck,cl->kl", self._tail, self._left, self._left)

@@ -1,10 +1,10 @@
-"""Noise of every stream as white noise and slow noise of several correlation times, found apart from a fit's weights.
+"""Noise spectrum of every stream: white noise plus noise of several correlation times, independent of a fit's weights.
 
     Γ = σ² Σ_b a_b Γ_b,        Γ_b: exp(-|t| / τ_b), or white,        a_b ≥ 0
 
-Amplitudes make the residuals' spectra likeliest (Whittle). What a fit leaves of each Γ_b is seen in what it leaves of
-random draws, so that noise which the fit has taken with it is counted, as by restricted likelihood; so is what it
-leaves of other streams' noise, and of random motions of its prior.
+Amplitudes maximise the likelihood of the residuals' spectra (Whittle). The residual that a fit leaves of each Γ_b is
+computed from random draws, so that noise absorbed by the fit is accounted for, as in restricted likelihood; so are
+residuals due to other streams' noise and to random motions of the prior.
 """
 
 from collections.abc import Sequence
@@ -20,46 +20,46 @@ from ident.estimation.precision import embedded, inverse_of_precision
 from ident.estimation.response import Response, Stream, response
 
 SHORTEST, LONGEST, FACTOR = 2.0, 2.0, 3.0
-"""Shortest correlation time in samples, how many of the longest ones a piece lasts, and ratio of neighbouring ones."""
+"""Shortest correlation time in samples, length of a piece over the longest one, and ratio of neighbouring ones."""
 
 DRAWS = 4
-"""Random draws of each kind of noise; their spectra are averaged over bands as well."""
+"""Number of random draws of each kind of noise; their spectra are averaged over bands as well."""
 
 BANDS = 24
-"""Bands of frequency, equally wide as logarithms, in which spectra are compared."""
+"""Number of frequency bands, equally wide on a logarithmic scale, in which spectra are compared."""
 
 ENOUGH = 20_000
-"""Samples that the noise is found from."""
+"""Approximate number of samples from which the noise is estimated."""
 
 UPDATES = 100
-"""Multiplicative updates of the amplitudes, which never lower the likelihood."""
+"""Number of multiplicative updates of the amplitudes, which never lower the likelihood."""
 
 DOUBTED = 2.0
-"""Logarithm of the likelihood that a kind of slow noise has to gain: by chance a little of it always does, and a little
-of the slowest is much for what hardly changes over a recording."""
+"""Least gain in log likelihood with which a correlation time is included: by chance there is always some gain, and a
+little of the slowest noise matters for parameters with nearly constant columns."""
 
 LEFT = 0.05
-"""Share of white noise that has to be left in a band for it to be compared, over that of the band with most."""
+"""Least share of white noise left in a band with which it is used, relative to the band with most."""
 
 SHOWN = 0.3
-"""Share of a kind of noise that has to be left for its amplitude to be found, over that of white noise."""
+"""Least share of a kind of noise left by the fit with which its amplitude is estimated, relative to white noise."""
 
 AT_FLOOR = 1.01
-"""Noise over its floor up to which a stream's residual is no measure of it."""
+"""Noise over its floor up to which it cannot be estimated from the stream's residual."""
 
 TINIEST = 1e-300
 
 SEED = 0
-"""Seed of the random draws: an estimate is the same each time."""
+"""Seed of the random draws, so that estimates are reproducible."""
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseColours:
-    """Noise of each stream by its correlation time.
+    """Noise of each stream by correlation time.
 
     Attributes:
         times: Correlation times, s, zero for white noise (b,).
-        amplitudes: Variances over those of the fit, for each stream (b, s).
+        amplitudes: Variances relative to those of the fit, for each stream (b, s).
     """
 
     times: np.ndarray
@@ -67,7 +67,7 @@ class NoiseColours:
 
 
 def noise_colours(measurement: Predictor, fit: JointFit) -> NoiseColours:
-    """The noise that residuals and what a fit leaves of draws tell of.
+    """Noise estimated from a fit's residuals and from those that it leaves of random draws.
 
     Args:
         measurement: Channels and parameters.
@@ -85,7 +85,7 @@ def noise_colours(measurement: Predictor, fit: JointFit) -> NoiseColours:
 
 
 def _at_floor(fit: JointFit, stream: Stream) -> np.ndarray:
-    """Mask of the coordinates whose noise is no less than it may be (s,)."""
+    """Mask of the coordinates whose noise is at its floor (s,)."""
     if not isinstance(stream.which, int):
         return np.zeros(len(stream.std), bool)
     return np.asarray(stream.std <= AT_FLOOR * fit.noise.floor_states[stream.which])
@@ -109,7 +109,7 @@ class _Draws:
 
     @classmethod
     def of(cls, measurement: Predictor, fit: JointFit) -> "_Draws":
-        """One in so many pieces of a fit as are enough."""
+        """Draws for every k-th piece of a fit, as many as suffice."""
         total = sum(len(piece.when) for piece in fit.pieces)
         chosen = list(range(0, len(fit.pieces), max(1, round(total / ENOUGH))))
         responses = [
@@ -124,7 +124,7 @@ class _Draws:
     def left(self) -> list[list[np.ndarray]]:
         """Residuals that the fit leaves of draws, for each piece and stream (N, s, draws).
 
-        Draws are of the coordinates' noise for each correlation time, of the channels', and of motions.
+        The draws are the coordinates' noise for each correlation time, the channels' noise, and motions.
         """
         fit, rng = self.fit, np.random.default_rng(SEED)
         number = (2 * len(self.times) + 1) * DRAWS
@@ -146,7 +146,7 @@ class _Draws:
         return out
 
     def _noise(self, rng: np.random.Generator, stream: Stream) -> np.ndarray:
-        """Random noise of a stream, zero in the draws of others (N, s, draws)."""
+        """Random noise of a stream, zero in the draws of other streams (N, s, draws)."""
         N, s, b = len(stream.time), len(stream.std), len(self.times)
         u = rng.normal(size=(b, N, s, DRAWS))
         for k, time in enumerate(self.times):
@@ -159,7 +159,7 @@ class _Draws:
         return np.concatenate([out.reshape(N, s, -1), np.zeros((N, s, DRAWS))], axis=2)
 
     def spectra(self, which: int, left: Sequence[Sequence[np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Power of residuals in bands (B, s), what is left of draws (B, s, draws), and numbers of frequencies (B,)."""
+        """Power of residuals in bands (B, s), of those of draws (B, s, draws), and numbers of frequencies (B,)."""
         streams = [here.streams[which] for here in self.responses]
         longest = max(float(np.ptp(stream.time)) for stream in streams)
         edges = np.geomspace(0.5 / longest, 0.5 / streams[0].step, BANDS + 1)
@@ -177,7 +177,7 @@ class _Draws:
         return power[..., 0], power[..., 1:], counts
 
     def parted(self, which: int, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Power left of a stream's own kind of noise (B, s, b), and of others' white noise and of motions (B, s)."""
+        """Residual power of a stream's own noise (B, s, b), and of the other kind's white noise and motions (B, s)."""
         noise = expected[..., :-DRAWS].reshape(*expected.shape[:2], 2, len(self.times), DRAWS).mean(axis=-1)
         kind = _kind(self.responses[0].streams[which])
         return noise[:, :, kind], noise[:, :, 1 - kind, 0] + expected[..., -DRAWS:].mean(axis=-1)
@@ -189,8 +189,8 @@ def _kind(stream: Stream) -> int:
 
 
 def _amplitudes(observed: np.ndarray, own: np.ndarray, other: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Amplitudes a ≥ 0 of greatest likelihood: power `own a + other` (B, b) for power observed (B,)."""
-    # What is left of noise that the fit takes nearly all of is less than what the smoothing of motion leaves.
+    """Amplitudes a ≥ 0 of greatest likelihood for the observed power (B,) with the model `own a + other` (B, b)."""
+    # If the fit absorbs nearly all of a kind of noise, its residual is less than that of smoothing the motion.
     own = own * (own.sum(axis=0) > SHOWN * own[:, 0].sum())
     left = own[:, 0] / np.maximum(counts, 1)
     there = (counts > 0) & (left > LEFT * left.max())
@@ -212,7 +212,7 @@ def _amplitudes(observed: np.ndarray, own: np.ndarray, other: np.ndarray, counts
 
 
 class _Bands(NamedTuple):
-    """Power observed in bands, what each kind of noise leaves there, that of others, and numbers of frequencies."""
+    """Observed power in bands, residual power of each kind of noise and of others, and numbers of frequencies."""
 
     observed: np.ndarray
     own: np.ndarray
@@ -220,7 +220,7 @@ class _Bands(NamedTuple):
     counts: np.ndarray
 
     def likeliest(self, kinds: list[int]) -> tuple[np.ndarray, float]:
-        """Amplitudes of some kinds of noise, and the logarithm of their likelihood, by multiplicative updates."""
+        """Amplitudes of some kinds of noise and their log likelihood, by multiplicative updates."""
         own = self.own[:, kinds]
         a = np.full(len(kinds), self.observed.sum() / max(own.sum(), TINIEST))
         for _ in range(UPDATES):

@@ -1,8 +1,8 @@
-"""A joint fit whose bodies are physical.
+"""Joint fit with physically consistent bodies.
 
-Around a fit the cost is quadratic in ψ, everything else eliminated: minimised by ψ* with a covariance C. The physical
-bodies that are nearest to it (`ident.parameters.consistency`) have a ψ that is then held, while the trajectory, the
-set-up and the noise are fitted anew; that moves ψ* in turn, until ψ rests.
+Near a fit the cost is quadratic in ψ with everything else eliminated: its minimum is ψ* with covariance C. The ψ of the
+physical bodies closest to it (`ident.parameters.consistency`) is then fixed, while the trajectory, the set-up and the
+noise are fitted again; that changes ψ*, and the two steps alternate until ψ converges.
 """
 
 from dataclasses import replace
@@ -16,23 +16,24 @@ from ident.estimation.setup_search import Refit
 from ident.parameters.consistency import consistent_parameters
 
 TURNS = 8
-"""Turns after which ψ is taken as it is."""
+"""Largest number of alternations."""
 
 RESTS = 0.05
-"""Step of ψ, in standard deviations, from which it rests."""
+"""Step of ψ, in standard deviations, below which it has converged."""
 
 
 def physical_fit(fit: JointFit, refit: Refit, equations: Equations, rounds: int) -> JointFit:
-    """A joint fit with ψ of physical bodies, which are as close to the model's as the recordings let them be.
+    """Joint fit with ψ of physical bodies, as close to the model's as the recordings allow.
 
     Args:
         fit: The fit without that condition.
-        refit: Fits from a start, with given parameters free (p,), in at most so many rounds.
+        refit: Function that fits from a start with given parameters free (p,) in a number of rounds.
         equations: Base parameters, and the mechanism with its prior.
-        rounds: Rounds of each fit.
+        rounds: Largest number of rounds of each fit.
 
     Returns:
-        The fit; its covariances are those without the condition, which says little where noise alone violates it.
+        The fit; its covariances are those without the condition, which adds little information where noise alone
+        violates it.
     """
     mechanism, rank = equations.mechanism, equations.parameters.rank
     is_psi = np.arange(len(fit.theta)) < rank

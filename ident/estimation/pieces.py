@@ -1,4 +1,4 @@
-"""Where samples come from: one piece, or many that need not fit into memory together."""
+"""Sources of samples: one piece, or many that need not fit into memory together."""
 
 from collections.abc import Iterable, Iterator
 
@@ -14,11 +14,11 @@ Source = Samples | Recording | Iterable[Samples | Recording]
 
 
 def pieces(source: Source, equations: Equations) -> Iterator[Samples]:
-    """The pieces of a source, of which all have the same columns and types.
+    """Yields the checked pieces of a source, all with the same columns and types.
 
     Args:
         source: Samples or a recording, or an iterable of them.
-        equations: What is fitted.
+        equations: Equations to fit.
 
     Raises:
         InputError: A piece does not fit the mechanism or the first one, or there is none.

@@ -1,7 +1,7 @@
-"""Friction and rotor inertias are not negative: what a recording wants below zero is held there, at its bound.
+"""Fits with friction and rotor inertias bounded below by zero.
 
-The conditions of a minimum under bounds are those of Karush, Kuhn and Tucker: what is held at zero would be negative if
-it were free.
+At a minimum under bounds (conditions of Karush, Kuhn and Tucker) each parameter at zero would be negative if it were
+free.
 """
 
 from collections.abc import Callable
@@ -12,21 +12,21 @@ import numpy as np
 from ident.estimation.joint_fit import JointFit, Start
 
 Solve = Callable[..., JointFit]
-"""Fits from a start, the parameters of a mask `free` (p,) alone, in at most so many `rounds`."""
+"""Function that fits the parameters of a mask `free` (p,) from a start, in at most `rounds` rounds."""
 
 
 def with_positive(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, rounds: int) -> JointFit:
-    """A fit with none of the drives below zero.
+    """Fit with no drive below zero.
 
     Args:
-        solve: Makes fits without that condition.
+        solve: Function that fits without bounds.
         drives: Mask of the drives (p,).
-        begin: Where to begin.
-        free: Parameters to fit (p,); drives among the others may be freed.
-        rounds: Rounds of each fit.
+        begin: Starting point.
+        free: Mask of the parameters to fit (p,); other drives may be freed.
+        rounds: Largest number of rounds of each fit.
     """
     fit = _bounded(solve, drives, begin, free, rounds)
-    # A drive that is negative beside others that are may be positive without them.
+    # A drive that is negative while others are negative too may be positive once these are zero.
     untried = drives.copy()
     while rounds and (gains := _gains(fit, untried & ~fit.free)).any():
         best = np.arange(len(drives)) == np.argmax(gains)
@@ -36,7 +36,7 @@ def with_positive(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarr
 
 
 def _bounded(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, rounds: int) -> JointFit:
-    """A fit with drives that come out negative held at zero."""
+    """Fit with drives that come out negative fixed at zero."""
     fit = solve(begin, free=free, rounds=rounds)
     while fit.status != "interrupted" and (negative := drives & fit.free & (fit.theta < 0)).any():
         theta = np.where(negative, 0.0, fit.theta)
@@ -45,7 +45,7 @@ def _bounded(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, r
 
 
 def _gains(fit: JointFit, held: np.ndarray) -> np.ndarray:
-    """Decrease of the cost if one parameter that is held at zero was free, zero where it would be negative (p,)."""
+    """Decrease of the cost if one parameter at zero were free, zero if it would be negative (p,)."""
     gains = np.zeros(len(held))
     if fit.shares and fit.status != "interrupted":
         values, std = replace(fit, scatters=None).scores(np.eye(len(held))[held])

@@ -1,4 +1,4 @@
-"""Covariances from precisions, brought to unit diagonal first: parameters differ in size by many orders."""
+"""Covariances from precisions, scaled to unit diagonal first because parameters differ by orders of magnitude."""
 
 from collections.abc import Sequence
 
@@ -9,24 +9,24 @@ from ident.errors import ExcitationError
 from ident.estimation.restricted_likelihood import TINIEST
 
 LEAST_SCATTER = 0.05
-"""Least variance over that of the working model, in any direction: where noise is found to be less it is by chance."""
+"""Least variance over that of the working model, in any direction: smaller estimates of the noise are chance."""
 
 
 def inverse_of_precision(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
     """Inverse of a precision matrix.
 
     Raises:
-        ExcitationError: It is not positive definite; the error has the names.
+        ExcitationError: It is not positive definite; the error carries the names.
     """
     root = root_of_inverse(precision, names)
     return root @ root.T
 
 
 def sandwich(precision: np.ndarray, scatter: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
-    """Covariance `P⁻¹ M P⁻¹` by a precision P and the scatter M of the right side (k, k).
+    """Covariance `P⁻¹ M P⁻¹` from a precision P and the covariance M of the right side (k, k).
 
     Raises:
-        ExcitationError: The precision is not positive definite; the error has the names.
+        ExcitationError: The precision is not positive definite; the error carries the names.
     """
     root = root_of_inverse(precision, names)
     values, vectors = np.linalg.eigh(root.T @ scatter @ root)
@@ -35,10 +35,10 @@ def sandwich(precision: np.ndarray, scatter: np.ndarray, names: Sequence[str] = 
 
 
 def root_of_inverse(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndarray:
-    """A root R of the inverse of a precision matrix, R Rᵀ; the matrix is brought to unit diagonal first.
+    """Root R of the inverse `R Rᵀ` of a precision matrix, which is scaled to unit diagonal first.
 
     Raises:
-        ExcitationError: It is not positive definite; the error has the names.
+        ExcitationError: It is not positive definite; the error carries the names.
     """
     scale = np.sqrt(np.maximum(np.diag(precision), TINIEST))
     try:
@@ -49,7 +49,7 @@ def root_of_inverse(precision: np.ndarray, names: Sequence[str] = ()) -> np.ndar
 
 
 def embedded(matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """A matrix over some entries of θ, zero elsewhere (p, p)."""
+    """Matrix over some entries of θ embedded in zeros (p, p)."""
     out = np.zeros((len(free), len(free)))
     out[np.ix_(free, free)] = matrix
     return out

@@ -1,4 +1,4 @@
-"""A recording repaired before anything is fitted: what is clipped, outlying or constant; and which coordinates rest."""
+"""Repairs of a recording before a fit: clipped samples, outliers and constant channels; and coordinates at rest."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -18,18 +18,17 @@ from ident.recordings.sampled import Sampled
 from ident.recordings.wrench import GROUND
 
 MOSTLY = 0.5
-"""Share of a channel's samples from which, if so many are clipped, all of it is left out: what remains is one side of
-the signal."""
+"""Share of clipped samples above which a whole channel is left out: the rest is one side of the signal only."""
 
 
 class Clipped(NamedTuple):
-    """A channel that a sensor's range has cut off.
+    """Channel clipped at the limits of its sensor's range.
 
     Attributes:
-        channel: Its name; of a contact's wrench `contact Fx`.
-        limits: The values that it does not go beyond.
-        samples: Samples at common times that read one of them (N,).
-        kept: Whether the other samples are used.
+        channel: Name of the channel; `contact Fx` for a contact's wrench.
+        limits: Limits of the range.
+        samples: Mask of the samples at common times that are at a limit (N,).
+        kept: True if the other samples are used.
     """
 
     channel: str
@@ -44,7 +43,7 @@ class Clipped(NamedTuple):
 
 
 def _components(recording: Recording, tree: Tree) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Channels of wrenches and torques, and what their components are called."""
+    """Yields channels of wrenches and torques with the names of their components."""
     for name in recording.wrenches:
         called = tuple(c if name == GROUND else f"{name} {c}" for c in COMPONENTS)
         yield from ((f"{name}_force", called[:3]), (f"{name}_torque", called[3:]))
@@ -54,7 +53,7 @@ def _components(recording: Recording, tree: Tree) -> Iterator[tuple[str, tuple[s
 
 
 def steps(recording: Recording, tree: Tree) -> dict[str, float]:
-    """Steps in which channels were recorded, by their names, and coordinates as `JOINT_position`; where they show."""
+    """Resolution of recorded channels by name, and of coordinates as `JOINT_position`, where it can be detected."""
     columns = {
         name: x
         for channel, names in _components(recording, tree)
@@ -70,9 +69,9 @@ def _positions(tree: Tree) -> list[str]:
 
 
 def without_clipped(recording: Recording, mechanism: Mechanism) -> tuple[Recording, tuple[Clipped, ...]]:
-    """The recording with clipped samples of its streams missing, and what is clipped.
+    """Recording with clipped samples of its streams set missing, and the clipped channels.
 
-    At common times, where no sample can be missing, they stay as they were read.
+    At common times, where no sample can be missing, clipped values stay as read.
     """
     tree, q = mechanism.tree, recording.of_joints(mechanism.joints, "position")
     if recording.base is not None:
@@ -95,12 +94,12 @@ def without_clipped(recording: Recording, mechanism: Mechanism) -> tuple[Recordi
 
 
 def _optional(name: str, tree: Tree) -> bool:
-    """True where a channel may be missing: a contact needs all its components."""
+    """True if a channel may be missing: a contact needs all its components."""
     return name in COMPONENTS or name in tree.freedoms
 
 
 def without_channels(recording: Recording, tree: Tree, names: Collection[str]) -> Recording:
-    """The recording without some of the ground's components and the joints' torques."""
+    """Recording without some of the ground's components and the joints' torques."""
     measured, streams = dict(recording.measured), dict(recording.streams)
     for channel, own in _components(recording, tree):
         out = [name in names for name in own]
@@ -114,9 +113,9 @@ def without_channels(recording: Recording, tree: Tree, names: Collection[str]) -
 
 
 def constants(recording: Recording, tree: Tree, part: slice = slice(None)) -> dict[str, float]:
-    """The ground's components and the joints' torques that never change in a part, with their values.
+    """Ground components and joint torques that are constant in a part, with their values.
 
-    The noise of such a channel, by which others would be weighted, is zero.
+    The estimated noise of such a channel would be zero, and its weight infinite.
     """
     columns = {
         name: x
@@ -127,7 +126,7 @@ def constants(recording: Recording, tree: Tree, part: slice = slice(None)) -> di
 
 
 def rests(recording: Recording, tree: Tree, part: slice = slice(None)) -> list[str]:
-    """Sentences on the coordinates of hinges and slides that rest in a part of a recording, by default in all of it."""
+    """Sentences on the hinge and slide coordinates at rest in a part of a recording, by default in all of it."""
     first, last = recording.time[part][[0, -1]]
     sampled = {name: recording.as_measured(name) for name in _positions(tree)}
     every = {name: x.columns[(x.time >= first) & (x.time <= last), 0] for name, x in sampled.items()}
@@ -141,9 +140,9 @@ def rests(recording: Recording, tree: Tree, part: slice = slice(None)) -> list[s
 
 
 def without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
-    """The recording with isolated gross outliers interpolated.
+    """Recording with isolated gross outliers interpolated, and notes on them.
 
-    Streams stay as they were measured: in the joint estimate outliers lose weight.
+    Streams stay as measured: the joint estimate gives outliers less weight.
     """
     measured, notes = dict(recording.measured), []
     for kind, symbol in zip(KINDS, ("q", "dq", "ddq", "torques"), strict=True):
@@ -165,13 +164,13 @@ def without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recordi
 def stuck(
     constant: Mapping[str, float], predicted: Mapping[str, np.ndarray], notes: list[str], where: str = ""
 ) -> tuple[str, ...]:
-    """Those of the constant channels that the model says change; a note on the others.
+    """Constant channels that should change by the model; the others are noted.
 
     Args:
         constant: Constant channels and their values.
-        predicted: What the model predicts of all channels (N,) each.
-        notes: Where the note goes.
-        where: In which samples they are constant, a space before it; by default in all.
+        predicted: Channels predicted by the model (N,) each.
+        notes: List to which a note is added.
+        where: Phrase on the samples in which they are constant, with a leading space; by default all samples.
     """
     largest = max((np.abs(x).max() for x in predicted.values()), default=0.0)
     changing = [name for name in constant if np.ptp(predicted[name]) > 1e-6 * largest]
