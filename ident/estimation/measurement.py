@@ -287,7 +287,7 @@ class Measurement:
         return felt
 
     def _in_sensor(self, total: np.ndarray, base: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Measured components of a wrench in the base frame, in the axes of the ground sensor."""
+        """Measured components of a total wrench: in the ground sensor's frame, else in the world's or base's axes."""
         if not self.components:
             return np.zeros(0)
         if self.in_world_axes:

@@ -102,7 +102,7 @@ class Sandwich:
             if self._steady:
                 self._middle += sum(s * each @ each.T for s, each in zip(variance, z, strict=True))
             else:
-                # The gradient of each sample, weighted by its residual.
+                # Contribution of each sample to the gradient.
                 pulls = sum(each * u[first:last] for each, u in zip(z, size, strict=True))
                 self._middle += pulls @ pulls.T
             first = last

@@ -1,4 +1,4 @@
-"""One piece of a recording in the joint estimate: its samples, its trajectory, and the two linearised."""
+"""Piece of a recording in the joint estimate: samples, trajectory, and their linearised equations."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -16,20 +16,20 @@ from ident.estimation.whitening import Innovations, Sums, innovations
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Samples of a recording that one trajectory runs through.
+    """Samples of a recording with one trajectory.
 
     Attributes:
-        spline: The space of the trajectory.
+        spline: Spline space of the trajectory.
         time: Sample times of the coordinates, s (N,).
         states: Measured coordinates, and first and second derivatives where they are measured (N, n) each; NaN where
             a sample is missing, None for a derivative that is not measured.
         when: Sample times of the channels, s (M,).
         measured: Measured channels, NaN where a sample is missing (M, C).
-        wrenches: What the surroundings exert at contacts then, as averages and what is left of them (M, 2, 6 k).
-        origin: Time from which the channels' clock is counted, s.
-        late: Number of the first channels, those of a wrench, whose clock it is; by default all are on it. Others are
-            on the coordinates' clock.
-        slack: Standard deviation of what is unknown of the channels besides their noise (M, C), None for nothing.
+        wrenches: Wrenches of the surroundings on the contacts at these times: averages and the rest (M, 2, 6 k).
+        origin: Time zero of the channels' clock, s.
+        late: Number of channels on that clock, the first ones, those of a wrench; by default all. Others are on the
+            coordinates' clock.
+        slack: Standard deviation of the channels' error in addition to noise (M, C), None for none.
     """
 
     spline: Spline
@@ -44,17 +44,17 @@ class Piece:
 
     @cached_property
     def local(self) -> Local:
-        """Basis functions at the sample times of the coordinates, which every round asks for."""
+        """Basis functions at the sample times of the coordinates, used in every round."""
         return self.spline.local(self.time)
 
     @cached_property
     def intervals(self) -> Intervals:
-        """Where these samples are."""
+        """Grouping of these samples by interval."""
         return Intervals(self.local.interval, self.spline.intervals)
 
     @cached_property
     def windows(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """As `StateRows` needs them, of what is measured of the coordinates, by the order of the derivative."""
+        """Windows for `StateRows` of the measured coordinates and derivatives, by order of the derivative."""
         out = {}
         for kind in (kind for kind, measured in enumerate(self.states) if measured is not None):
             own = np.pad(self.intervals.dealt(self.local.basis[kind]), ((0, 0), (0, 0), (1, 0)))
@@ -64,16 +64,16 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Noise of all streams, and the jerk's.
+    """Noise of all streams and of the jerk.
 
     Attributes:
         states: Standard deviations of coordinates and of their derivatives (3, n).
-        channels: Of the channels (C,).
+        channels: Standard deviations of the channels (C,).
         jerk: λ of each coordinate, the inverse of the variance of its white jerk (n,).
         states_rho: ρ of the coordinates (3, n).
         channels_rho: ρ of the channels (C,).
         floor_states: Smallest standard deviations (3, n); `floor_channels` of the channels (C,).
-        alike: Number of a group for each channel, whose noise is of similar size; none for no groups.
+        alike: Group number of each channel; noise is of similar size within a group. Empty for no groups.
     """
 
     states: np.ndarray
@@ -99,16 +99,16 @@ class Noise:
 
 
 class Misfit(NamedTuple):
-    """How far a piece is from what was measured, and how its trajectory bends.
+    """Sums of squares of a piece's residuals, and roughness of its trajectory.
 
     Streams are the coordinates, their first and second derivatives, and the channels: s = 3 n + C.
 
     Attributes:
-        cost: What is minimised, but for the prior of θ.
-        squares: Sums of squares of every stream's innovations and of their halves, as `Sums` has them (3, s).
-        number: What these would be on average were the noise not fitted (3, s).
+        cost: Cost without the prior of θ.
+        squares: Sums of squares of every stream's innovations and of their halves, as in `Sums` (3, s).
+        number: Expected values of these if nothing were fitted (3, s).
         bends: `∫ x⃛² dt` of each coordinate (n,).
-        rank: Of each coordinate's penalty (n,).
+        rank: Rank of each coordinate's penalty (n,).
     """
 
     cost: float
@@ -119,17 +119,18 @@ class Misfit(NamedTuple):
 
 
 class Linearised(NamedTuple):
-    """A piece, its trajectory eliminated.
+    """Linearised piece with the trajectory eliminated.
 
-    With H the whole curvature and H_m a stream's part of it, `tr(H⁻¹ H_m)` of its samples are taken by the fit.
+    With H the whole curvature and H_m a stream's part of it, the fit absorbs `tr(H⁻¹ H_m)` of the stream's degrees of
+    freedom.
 
     Attributes:
-        cost: What is minimised there, as of a `Misfit`.
+        cost: Cost at the point of linearisation, as in `Misfit`.
         schur: Precision of θ (p, p).
         gradient: Right side (p,).
         step: Step of the coefficients at fixed θ (size n,).
-        by_theta: How it changes with a step of θ, `step - by_theta @ δθ` (size n, p).
-        taken: These shares of innovations and of their halves, for halves zero where ρ is (3, s).
+        by_theta: Change with a step of θ, `step - by_theta @ δθ` (size n, p).
+        taken: Absorbed degrees of freedom of innovations and of their halves; zero for halves where ρ is zero (3, s).
         held: `tr(H⁻¹ λ_j P_j)` of the jerk's penalties (n,).
     """
 
@@ -143,7 +144,7 @@ class Linearised(NamedTuple):
 
 
 class Predictor(Protocol):
-    """What a piece asks of a `Measurement`."""
+    """Interface of a `Measurement` that a piece uses."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -151,10 +152,10 @@ class Predictor(Protocol):
 
     @property
     def zeros(self) -> dict[int, int]:
-        """Where the zeros of coordinates stand in θ, by the coordinates."""
+        """Indices in θ of the coordinates' zeros, by coordinate."""
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
-        """Where the set-up parameters of a kind stand in θ, by their axes."""
+        """Indices in θ of the set-up parameters of a kind, by axis."""
 
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Predicted channels (C, M)."""
@@ -168,11 +169,11 @@ class Predictor(Protocol):
 def misfit(
     measurement: Predictor, piece: Piece, coefficients: np.ndarray, *, theta: np.ndarray, noise: Noise
 ) -> Misfit:
-    """How far a trajectory and θ are from what was measured.
+    """Misfit of a trajectory and θ to the measured samples.
 
     Args:
         measurement: Channels and parameters.
-        piece: What was measured.
+        piece: Measured samples.
         coefficients: Spline coefficients (size, n).
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness.
@@ -205,16 +206,16 @@ def linearised(
     columns: np.ndarray | None = None,
     root: np.ndarray | None = None,
 ) -> Linearised:
-    """The normal equations of a piece at a trajectory and at θ, the trajectory eliminated.
+    """Normal equations of a piece at a trajectory and at θ, the trajectory eliminated.
 
     Args:
         measurement: Channels and parameters.
-        piece: What was measured.
+        piece: Measured samples.
         coefficients: Spline coefficients (size, n).
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness.
-        columns: Entries of θ that are not held, ascending (k,); by default all are free. What is said of θ is of these.
-        root: A root of their covariance (k, q), which follows from all pieces; by default they take no samples.
+        columns: Indices of the free entries of θ, ascending (k,), to which the results refer; by default all are free.
+        root: Root of their covariance from all pieces (k, q); by default they absorb no degrees of freedom.
 
     Raises:
         numpy.linalg.LinAlgError: The trajectory is not determined.
@@ -242,10 +243,10 @@ class ChannelEquations(NamedTuple):
 
     Attributes:
         channels: The channels.
-        when: When they were what their samples say, s (M,).
+        when: True times of their samples, s (M,).
         rows: The rows.
-        new: What is new in them.
-        by_states: Their derivatives by coordinates and their derivatives (c, 3, n, M).
+        new: Their innovations.
+        by_states: Their derivatives by coordinates and the coordinates' derivatives (c, 3, n, M).
         by_theta: Their derivatives by θ (c, k, M).
     """
 
@@ -258,13 +259,13 @@ class ChannelEquations(NamedTuple):
 
 
 class NormalEquations(NamedTuple):
-    """A piece's normal equations and the rows that they are made of.
+    """Normal equations of a piece, and their rows.
 
     Attributes:
         eliminated: The equations, the trajectory eliminated.
-        channels: The channels, those that share a clock together.
-        state_rows: Rows of what is measured of the coordinates, by the derivative's order.
-        states: What is new in these.
+        channels: The channels, grouped by clock.
+        state_rows: Rows of measured coordinates and derivatives, by order of the derivative.
+        states: Innovations of these.
     """
 
     eliminated: Eliminated
@@ -274,7 +275,7 @@ class NormalEquations(NamedTuple):
 
     @property
     def innovations(self) -> list[Innovations]:
-        """What is new in all streams."""
+        """Innovations of all streams."""
         return [*self.states.values(), *(each.new for each in self.channels)]
 
 
@@ -286,7 +287,7 @@ def normal_equations(
     noise: Noise,
     columns: np.ndarray,
 ) -> NormalEquations:
-    """The normal equations of a piece at a trajectory and at θ, for the entries of θ that are not held.
+    """Normal equations of a piece at a trajectory and at θ, for the free entries of θ.
 
     Raises:
         numpy.linalg.LinAlgError: The trajectory is not determined.
@@ -304,12 +305,12 @@ def normal_equations(
 
 
 def _cost(every: Iterable[Innovations], noise: Noise, bends: np.ndarray) -> float:
-    """What is minimised of a piece, by what is new in all its streams and by how its trajectory bends (n,)."""
+    """Cost of a piece, from the innovations of all its streams and the `∫ x⃛² dt` of its trajectory (n,)."""
     return sum(new.cost for new in every) + float(noise.jerk @ bends)
 
 
 def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np.ndarray:
-    """When the channels were what their samples say: delays and the clock's rate taken out, s (M,)."""
+    """True times of the channels' samples, corrected for delays and the clock's rate, s (M,)."""
     when = piece.when
     for at in measurement.of_kind("clock").values():
         when = when + theta[at] * (piece.when - piece.origin)
@@ -321,11 +322,11 @@ def channel_times(measurement: Predictor, piece: Piece, theta: np.ndarray) -> np
 def clocks(
     measurement: Predictor, piece: Piece, theta: np.ndarray, columns: Collection[int] = ()
 ) -> list[tuple[slice, np.ndarray]]:
-    """Channels that share a clock, and when they were what their samples say, s (M,).
+    """Groups of channels that share a clock, each with the true times of its samples, s (M,).
 
     Args:
         measurement: Channels and parameters.
-        piece: What was measured.
+        piece: Measured samples.
         theta: Parameters (p,).
         columns: Entries of θ by which channels are differentiated.
     """
@@ -344,7 +345,7 @@ def predicted(
 
     Args:
         measurement: Channels and parameters.
-        piece: What was measured.
+        piece: Measured samples.
         motion: Coordinates and at least their first two derivatives as a function of time (3, M, n).
         theta: Parameters (p,).
     """
@@ -358,7 +359,7 @@ def predicted(
 def _channels(
     piece: Piece, own: slice, when: np.ndarray, local: Local, predicted: np.ndarray, noise: Noise
 ) -> Innovations:
-    """What is new in some of the predicted channels (C, M); a delay may put samples beyond the trajectory."""
+    """Innovations of some channels, from predictions (C, M); a delay may put samples beyond the trajectory."""
     residual = np.where(piece.spline.holds(when)[:, None], (piece.measured - predicted.T)[:, own], np.nan)
     slack = None if piece.slack is None else piece.slack[:, own]
     return innovations(residual, local.interval, noise.channels[own], noise.channels_rho[own], slack)
@@ -372,7 +373,7 @@ def _channel_rows(
     noise: Noise,
     columns: np.ndarray,
 ) -> Iterator[ChannelEquations]:
-    """Rows of channels that share a clock, which see all coordinates and all of θ that is not held, and what is new."""
+    """Yields the rows and innovations of the channels on each clock; rows depend on all coordinates and free θ."""
     for k, (own, when) in enumerate(clocks(measurement, piece, theta, columns.tolist())):
         local = piece.spline.local(when)
         x = local.combined(coefficients)
@@ -400,7 +401,7 @@ def _channel_rows(
 def _states(
     measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
 ) -> dict[int, Innovations]:
-    """What is new in what is measured of the coordinates, by the order of the derivative."""
+    """Innovations of measured coordinates and derivatives, by order of the derivative."""
     local = piece.local
     predicted = local.combined(coefficients)
     for j, at in measurement.zeros.items():
@@ -413,6 +414,6 @@ def _states(
 
 
 def _state_rows(measurement: Predictor, piece: Piece, new: Innovations, kind: int, columns: np.ndarray) -> StateRows:
-    """Rows of the coordinates or of a derivative, which see one coordinate each, and its zero unless that is held."""
+    """Rows of the coordinates or a derivative, which depend on one coordinate each and on its zero if that is free."""
     zeros = {j: int(np.searchsorted(columns, at)) for j, at in measurement.zeros.items() if kind == 0 and at in columns}
     return StateRows(piece.intervals, piece.windows[kind], zeros, Factors.of(new, piece.intervals))

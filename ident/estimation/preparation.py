@@ -1,4 +1,4 @@
-"""A user's model and recording made ready to be fitted: one set of samples, channels and columns."""
+"""Preparation of a user's model and recording for a fit: one set of samples, channels and columns."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,17 +32,17 @@ from ident.recordings.table import BASE
 from ident.recordings.wrench import GROUND
 
 USUAL = 0.1
-"""Cut-off of a first look at motions whose own cannot be chosen, over the sampling rate."""
+"""Default cut-off over the sampling rate, for the first estimate of motions for which none can be chosen."""
 
 
 class LeftOut(NamedTuple):
-    """A span of a recording whose samples are not to be used.
+    """Span of a recording whose samples are not used.
 
     Attributes:
-        start: Time of the first, s.
-        end: Time of the last, s.
-        why: A sentence on it.
-        body: Body that it is about, None where it is about none.
+        start: Time of the first sample, s.
+        end: Time of the last sample, s.
+        why: Sentence on the reason.
+        body: Body concerned, None for none.
     """
 
     start: float
@@ -53,22 +53,22 @@ class LeftOut(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A recording ready to be fitted.
+    """Recording ready for a fit.
 
     Attributes:
         mechanism: The mechanism.
-        recording: The recording as it was read.
-        equations: What is fitted, without offsets.
-        samples: Motion and measured channels, low-passed where there is a cut-off.
-        sensors: What is measured.
-        frame: Pose of the frame in which the wrench is written, the ground sensor's (4, 4).
+        recording: The recording after repairs.
+        equations: Equations to fit, without offsets.
+        samples: Motion and measured channels, low-passed if there is a cut-off.
+        sensors: Measured quantities.
+        frame: Pose of the frame in which the wrench is expressed, the ground sensor's (4, 4).
         wrench: Total wrench in that frame, NaN in channels that are not measured (N, 6).
-        cutoff: Cut-off of the low-pass, Hz; None where the recording's own derivatives were taken.
-        notes: What was detected and done.
-        stuck: Channels left out because they never change, though the model says that they do, with their values.
-        left_out: Spans whose samples are not to be used.
-        clipped: Channels that a sensor's range has cut off; their samples there are not to be used.
-        steps: Steps in which channels were recorded, by their names, where they show; coordinates as `JOINT_position`.
+        cutoff: Cut-off of the low-pass, Hz; None if the recording's own derivatives are used.
+        notes: Notes on what was detected and done.
+        stuck: Channels left out because they are constant although the model predicts a change, with their values.
+        left_out: Spans whose samples are not used.
+        clipped: Channels clipped by a sensor's range; their clipped samples are not used.
+        steps: Resolution of recorded channels by name, where it can be detected; coordinates as `JOINT_position`.
     """
 
     mechanism: Mechanism
@@ -86,7 +86,7 @@ class Prepared:
     steps: Mapping[str, float] = field(default_factory=dict)
 
     def usable(self, time: np.ndarray) -> np.ndarray:
-        """Whether samples at some times are not left out (N,)."""
+        """Mask of the times at which samples are not left out (N,)."""
         return np.all(
             [(time < each.start) | (time > each.end) for each in self.left_out] or [np.isfinite(time)], axis=0
         )
@@ -94,20 +94,20 @@ class Prepared:
     def taken(self, part: slice | np.ndarray) -> np.ndarray:
         """Indices of the samples of a part that are neither left out, nor clipped in any channel, nor in a gap.
 
-        Only straight lines cross a gap.
+        In a gap channels are only interpolated linearly.
         """
         kept = self.usable(self.recording.time) & self.covered & self.whole
         return np.arange(len(self.samples))[part][kept[part]]
 
     @property
     def whole(self) -> np.ndarray:
-        """Which samples are clipped in none of the channels that are used (N,)."""
+        """Mask of the samples that are clipped in no used channel (N,)."""
         clipped = [each.samples for each in self.clipped if each.kept]
         return ~np.any(clipped or [np.zeros(len(self.samples), bool)], axis=0)
 
     @cached_property
     def covered(self) -> np.ndarray:
-        """Whether samples lie in no gap of what is used, nor so near to one that the filter has taken it in (N,)."""
+        """Mask of the samples that lie neither in a gap of a used channel nor within the filter's reach of one (N,)."""
         names = [f"{joint}_{kind}" for joint in self.mechanism.joints for kind in ("position", "torque")]
         names += [f"{name}_{kind}" for name in self.recording.wrenches for kind in ("force", "torque")]
         inside = covered(self.recording, (*names, BASE))
@@ -115,7 +115,7 @@ class Prepared:
 
     @property
     def edge(self) -> int:
-        """Samples left out at either end, where the filter settles."""
+        """Number of samples left out at either end, where the filter settles."""
         return 0 if self.cutoff is None else settling(self.recording.rate, self.cutoff)
 
 
@@ -129,7 +129,7 @@ def prepared(
     name: str = "The recording",
     filters: bool = True,
 ) -> Prepared:
-    """Makes a recording ready to be fitted.
+    """Prepares a recording for a fit.
 
     Args:
         mechanism: The mechanism, with a prior.
@@ -138,9 +138,9 @@ def prepared(
         drive: Friction and rotor columns for joint torques.
         leave_out: Channels that are not fitted, though they may be measured: components of the total wrench in the
             ground sensor's axes, without a ground in those of the base, or joint torques by the joints' names.
-        name: What messages call the recording.
-        filters: Whether the estimator fits what is low-passed. The joint estimate does not: where no cut-off can be
-            chosen, its first look at a motion takes a usual one.
+        name: Name of the recording in messages.
+        filters: True if the estimator fits low-passed samples. The joint estimate does not: it uses a default cut-off
+            for its first estimate of a motion for which none can be chosen.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
@@ -193,12 +193,12 @@ def prepared(
 
 @dataclass(frozen=True, eq=False)
 class _Channels:
-    """Which components of a wrench and which joint torques are measured.
+    """Measured components of a wrench, and measured joint torques.
 
     Attributes:
-        names: Their names.
-        measured: Their measurements (N, C).
-        wrench: What those of the wrench read of Γ in the base frame, None without any (k, 6).
+        names: Names of the channels.
+        measured: Measured channels (N, C).
+        wrench: Rows that map Γ in the base frame to the channels of the wrench (k, 6), None without any.
         torques: Indices of the joint torques among the velocities.
     """
 
@@ -220,7 +220,7 @@ def _channels(mechanism: Mechanism, frame: np.ndarray, wrench: np.ndarray, torqu
 def predicted_channels(
     mechanism: Mechanism, motion: Motion, frame: np.ndarray, *, torques: bool = False
 ) -> dict[str, np.ndarray]:
-    """What the prior predicts of the total wrench in a frame of its own, and of all joint torques (N,) each."""
+    """Components of the total wrench in a frame, and joint torques if requested, predicted by the prior (N,) each."""
     in_frame = coAd(inverse(frame))
     wrenches, felt = [], []
     for first in range(0, len(motion), CHUNK):
@@ -240,14 +240,14 @@ def base_motion_from_poses(T: np.ndarray, rate: float, cutoff: float | None) -> 
     Args:
         T: Poses in an inertial frame (N, 4, 4).
         rate: Samples per second.
-        cutoff: Cut-off of the low-pass, Hz; without it `chosen_cutoff` of the positions and quaternions.
+        cutoff: Cut-off of the low-pass, Hz; None for `chosen_cutoff` of the positions and quaternions.
     """
     x = np.hstack([T[:, :3, 3], continuous_quaternions(T[:, :3, :3])])
     return base_motion(np.stack(smoothed(x, rate, cutoff or chosen_cutoff(x, rate))))
 
 
 def _hidden(mechanism: Mechanism, sensors: Sensors, parameters: BaseParameters, channels: Sequence[str]) -> list[str]:
-    """A note on what the missing components of the wrench keep out of sight."""
+    """Note on the base parameters that cannot be identified without the missing components of the wrench."""
     if not sensors.base_wrench:
         return []
     whole = replace(sensors, channels=None)
@@ -261,7 +261,7 @@ def _hidden(mechanism: Mechanism, sensors: Sensors, parameters: BaseParameters, 
 
 
 def _has_rates(recording: Recording, joints: Sequence[str]) -> bool:
-    """Whether there are velocities and accelerations, which a recording has of all joints or of none."""
+    """True if there are velocities and accelerations, which a recording has for all joints or none."""
     return any(
         f"{joint}_velocity" in recording.measured and f"{joint}_acceleration" in recording.measured for joint in joints
     )
@@ -294,7 +294,7 @@ def _cutoff(recording: Recording, joints: Sequence[str], cutoff: str | float | N
 
 
 def _motion(mechanism: Mechanism, recording: Recording, cutoff: float | None) -> Motion:
-    """Motion of the joints, and of a base that is carried or tracked."""
+    """Motion of the joints, and of a base on a carrier or tracked."""
     base = None if recording.base is None else base_motion_from_poses(recording.base, recording.rate, cutoff)
     if mechanism.carrier is not None:
         base = mechanism.carrier.motion(*_states(recording, mechanism.carrier.tree, cutoff))
@@ -317,7 +317,7 @@ def coordinates(recording: Recording, joints: Sequence[str]) -> np.ndarray:
 def _wrench(
     tree: Tree, recording: Recording, motion: Motion, cutoff: float | None, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the ground sensor's frame, and the total wrench in it (Eq. 17); of contacts alone on a base not held."""
+    """Pose of the ground sensor's frame and total wrench in it (Eq. 17), of contacts alone if the base is not held."""
     wrenches = recording.wrenches
     if not wrenches and recording.base is None:
         return np.eye(4), np.full((len(motion), 6), np.nan)
@@ -333,9 +333,9 @@ def _wrench(
 
 
 def _constant_together(recording: Recording, wrench: np.ndarray) -> dict[str, float]:
-    """Components of a total wrench (N, 6) that contacts alone make up, and that never change, with their values.
+    """Constant components of a total wrench (N, 6) of contacts alone, with their values.
 
-    Where all are zero nothing touches the mechanism, which flies: that tells of its motion.
+    If all are zero, none are returned: the mechanism is in free flight, which is informative.
     """
     if GROUND in recording.wrenches or not wrench.any():
         return {}
@@ -343,12 +343,12 @@ def _constant_together(recording: Recording, wrench: np.ndarray) -> dict[str, fl
 
 
 class Filtered(NamedTuple):
-    """What least squares take of a recording.
+    """Motion and channels of a recording for least squares.
 
     Attributes:
         motion: Joint states, and the motion of the base.
-        measured: Measured channels as the states were filtered (N, C).
-        raw: The same as they came (N, C).
+        measured: Measured channels, filtered like the states (N, C).
+        raw: Unfiltered channels (N, C).
     """
 
     motion: Motion
@@ -357,7 +357,7 @@ class Filtered(NamedTuple):
 
 
 def filtered(prepared: Prepared, cutoff: float | None) -> Filtered:
-    """States and channels of a recording low-passed at another cut-off, Hz, or as they were prepared for None."""
+    """States and channels of a recording low-passed at a cut-off, Hz; prepared states and raw channels for None."""
     mechanism, recording = prepared.mechanism, prepared.recording
     tree, rate = mechanism.tree, recording.rate
     motion = prepared.samples.motion if cutoff is None else _motion(mechanism, recording, cutoff)

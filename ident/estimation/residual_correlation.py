@@ -1,4 +1,4 @@
-"""Residuals of an estimate and their correlation over time, by which knots and noise models are judged."""
+"""Residuals of an estimate and their autocorrelation, by which knots and noise models are chosen."""
 
 from functools import partial
 
@@ -10,7 +10,7 @@ from ident.estimation.piece import Piece, predicted
 from ident.estimation.restricted_likelihood import TINIEST
 
 CORRELATED = 0.15
-"""Correlation of a residual from one sample to the next from which denser knots, or correlated noise, are tried."""
+"""Autocorrelation of a residual at lag one above which denser knots, or correlated noise, are tried."""
 
 
 def residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -19,18 +19,23 @@ def residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, t
 
 
 def correlated(estimate: Joint) -> bool:
-    """True where a channel's residual is correlated from one sample to the next."""
+    """True if a channel's residual is correlated from one sample to the next."""
     return bool((correlation(estimate, 0.0) > CORRELATED).any())
 
 
 def jumps(estimate: Joint) -> bool:
-    """True where a channel's residual is correlated, but not over the distance of knots."""
+    """True if a channel's residual is correlated, but not over the knot spacing."""
     near, far = correlation(estimate, 0.0), correlation(estimate, estimate.step)
     return bool(((near > CORRELATED) & (far < CORRELATED)).any())
 
 
 def correlation(estimate: Joint, time: float) -> np.ndarray:
-    """Correlation of the channels' residuals over a time, a sample at least, samples with slack aside (C,)."""
+    """Autocorrelation of the channels' residuals at a lag of at least one sample, without samples with slack (C,).
+
+    Args:
+        estimate: The estimate.
+        time: Lag, s.
+    """
     fit = estimate.fit
     squares = np.full((2, len(fit.noise.channels)), [[0.0], [TINIEST]])
     for piece, c, own in zip(fit.pieces, fit.coefficients, fit.selections, strict=True):

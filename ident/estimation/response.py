@@ -1,10 +1,10 @@
-"""Linear response of a piece of the joint estimate to noise: what a fit takes of it, and what it leaves.
+"""Linear response of a piece of the joint estimate to noise: changes of the estimate, and residuals.
 
     [A  B ] [δc]   [Jᵀ W ε]
     [Bᵀ D ] [δθ] = [Tᵀ W ε]                  r = ε - J δc - T δθ,        R = T - J A⁻¹ B
 
-J and T are the derivatives of all streams by the spline coefficients c and by θ, W the weights, which may be of noise
-that is correlated over time. R are the rows of θ, the trajectory eliminated: θ's part of the solution is P⁻¹ Rᵀ W ε.
+J and T are the derivatives of all streams by the spline coefficients c and by θ, W the weights, which may be those of
+autocorrelated noise. R are the rows of θ with the trajectory eliminated: δθ = P⁻¹ Rᵀ W ε.
 """
 
 from collections.abc import Sequence
@@ -20,16 +20,16 @@ from ident.estimation.spline import LOCAL, Local
 from ident.estimation.whitening import Innovations
 
 CLEAR = 0.5
-"""Share of the noise in a sample's variance from which its residual shows the noise."""
+"""Share of the noise in a sample's variance above which its residual is used to estimate the noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Weights of streams: products with the inverse of the covariance that the fit takes their noise to have.
+    """Weights of streams: products with the inverse of the noise covariance assumed by the fit.
 
     Attributes:
         scale: Factors of innovations (N, s).
-        rho: Part of the sample before that innovations leave out (N, s).
+        rho: Part of the preceding sample that innovations subtract (N, s).
     """
 
     scale: np.ndarray
@@ -37,7 +37,7 @@ class Weights:
 
     @classmethod
     def of(cls, new: Innovations) -> "Weights":
-        """Those of a fit's innovations."""
+        """Weights of a fit's innovations."""
         return cls(new.there * np.sqrt(new.weight) / new.std, new.rho)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
@@ -49,7 +49,7 @@ class Weights:
         return self._transposed(z)
 
     def scores(self, u: np.ndarray) -> np.ndarray:
-        """Weighted noise, as weights take it to be, of independent normal deviates u (N, s, k)."""
+        """Weighted noise of the assumed covariance, from independent normal deviates u (N, s, k)."""
         return self._transposed(self.scale[..., None] * u)
 
     def _transposed(self, z: np.ndarray) -> np.ndarray:
@@ -60,17 +60,17 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """Signals that are measured at the same times: coordinates, a derivative of them, or channels that share a clock.
+    """Signals measured at the same times: coordinates, a derivative of them, or channels that share a clock.
 
     Attributes:
         which: Order of the derivative, or the channels.
         time: Sample times, s (N,).
-        bases: Values of the spline functions at samples, of channels those of the first two derivatives as well.
+        bases: Values of the spline functions at samples; for channels, of the first two derivatives as well.
         weights: Weights of the samples.
         residual: Residuals, zero where a sample is missing (N, s).
-        clear: Mask of the samples that show the noise (N, s).
-        std: Standard deviations that the fit takes the noise to have (s,).
-        slack: Standard deviations of what is unknown besides the noise (N, s), None for nothing.
+        clear: Mask of the samples from which noise is estimated (N, s).
+        std: Standard deviations of the noise assumed by the fit (s,).
+        slack: Standard deviations of the error in addition to noise (N, s), None for none.
         by_states: Derivatives of channels by coordinates and their derivatives (s, 3, n, N), None of coordinates.
         by_theta: Derivatives of channels by θ (s, p, N).
     """
@@ -94,11 +94,11 @@ class Stream:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """A piece linearised at an estimate.
+    """Piece linearised at an estimate.
 
     Attributes:
-        streams: Coordinates by the derivative's order, then channels.
-        zeros: Entries of θ that hold zeros of coordinates, by the coordinates.
+        streams: Coordinates by order of the derivative, then channels.
+        zeros: Indices in θ of the coordinates' zeros, by coordinate.
         factor: Cholesky factor of A.
         follows: A⁻¹ B (size n, p).
         coordinates: Number of coordinates n.
@@ -162,11 +162,11 @@ class Response:
 def response(
     measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
 ) -> Response:
-    """The linear response of a piece at an estimate, all entries of θ as columns.
+    """Linear response of a piece at an estimate, with all entries of θ as columns.
 
     Args:
         measurement: Channels and parameters.
-        piece: What was measured.
+        piece: Measured samples.
         coefficients: Spline coefficients (size, n).
         theta: Parameters (p,).
         noise: Standard deviations, correlation and smoothness of the fit.

@@ -2,15 +2,15 @@
 
     σ_m² <- ‖r_m‖² / (N_m - tr(H⁻¹ H_m)),      λ_j <- (rank P - λ_j tr(H⁻¹ P_j)) / c_jᵀ P c_j
 
-H_m and λ_j P_j are the parts of the curvature H that a stream of measurements and the jerk's penalty make (Wood and
-Fasiolo, Biometrics 73, 2017, doi:10.1111/biom.12666). Each stream's noise is of one size, and may be correlated as
-`x_k = ρ x_k-1 + u_k`. Then sums r_k + r_k-1 and differences r_k - r_k-1 are uncorrelated, and have variances of their
-own, v± = 2 σ² (1 ± ρ), which follow by the same update; the trajectory takes more of sums:
+H_m and λ_j P_j are the parts of the curvature H from a stream of measurements and from the jerk's penalty (Wood and
+Fasiolo, Biometrics 73, 2017, doi:10.1111/biom.12666). Each stream's noise has constant size, and may be correlated as
+`x_k = ρ x_k-1 + u_k`. Then sums r_k + r_k-1 and differences r_k - r_k-1 are uncorrelated with variances
+v± = 2 σ² (1 ± ρ), which follow by the same update; the trajectory absorbs more of the sums:
 
     v± <- v± · Σ s±² / ((1 ∓ ρ) N / 2 - tr(H⁻¹ H±)),      ρ <- (v+ - v-) / (v+ + v-)
 
-with s± the halves of innovations that they make (`ident.estimation.whitening`) and H± = Σ (∂s±)ᵀ ∂s±. Were nothing
-taken, this would be Burg's estimate, with which ρ begins where it is more than chance.
+with s± the corresponding halves of innovations (`ident.estimation.whitening`) and H± = Σ (∂s±)ᵀ ∂s±. If the fit
+absorbed nothing, this would be Burg's estimate, which is the first ρ where it exceeds chance.
 """
 
 from collections.abc import Sequence
@@ -22,40 +22,40 @@ import numpy as np
 from ident.estimation.piece import Linearised, Misfit, Noise
 
 LEAST_LEFT = 0.05
-"""Share of a stream's samples that is left over for its noise, however many unknowns they determine."""
+"""Least share of a stream's samples that counts as degrees of freedom of its noise."""
 
 MOST_CORRELATED = 0.99
-"""Cap of ρ; beyond it the mean of a channel is free."""
+"""Upper limit of ρ; above it the mean of a channel is practically free."""
 
 CHANCE, WHITE_AGAIN = 2.0, 1.0
-"""Correlation, in standard deviations of that of white noise, up to which what seemed to be white noise stays that, and
-below which what seemed to be correlated does not any more."""
+"""Correlations, in standard deviations of that of white noise: the one above which white noise becomes correlated, and
+the one below which correlated noise becomes white again."""
 
 COLOURED_FLOOR = 15.0
-"""How many times higher the floor of a channel's noise is where that is wholly correlated: then the model is not quite
-right, and what the trajectory takes of the channel is no measure of its noise."""
+"""Relative increase of the floor of a channel's noise at ρ = 1: there are model errors then, and the trajectory's fit
+to the channel is no measure of its noise."""
 
 FURTHEST, LONGEST = 4.0, 3.0
-"""How many times the steps of log λ that updates ask for are lengthened at most, and how long that may make them."""
+"""Largest factor by which steps of log λ are lengthened, and their largest length then."""
 
 PACED = 0.005
-"""Steps of log λ up to which they are taken as they are: what they differ by is not their slope any more."""
+"""Steps of log λ up to which none are lengthened: their difference is no longer a measure of the slope."""
 
 ALIKE = 0.1
-"""Least noise of a component over the median of those that the same sensor measures in the same unit."""
+"""Least noise of a component relative to the median of its sensor's components in the same unit."""
 
 TINY, TINIEST = 1e-3, 1e-300
-"""What counts of samples and sums of squares do not fall below."""
+"""Lower limits of numbers of samples and of sums of squares."""
 
 
 def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit], *, coloured: bool) -> Noise:
-    """Restricted-likelihood updates of standard deviations and smoothness, and of the correlation if it is asked for.
+    """Noise after restricted-likelihood updates of standard deviations, smoothness and, if requested, correlation.
 
     Args:
-        noise: What it was.
-        parts: The pieces at the last iterate.
-        misfits: How far they are from what was measured after the step: before it, they are as noise before says.
-        coloured: Whether to update the correlation.
+        noise: Noise before.
+        parts: Linearised pieces at the last iterate.
+        misfits: Misfits of the pieces after the step; those before it still reflect the old noise.
+        coloured: True to update the correlation.
     """
     taken, held = (np.sum([getattr(part, k) for part in parts], axis=0) for k in ("taken", "held"))
     squares, number, bends, rank = (
@@ -82,16 +82,16 @@ def renewed(noise: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]
 
 
 class Stride(NamedTuple):
-    """Where λ of each coordinate was, and by how much its update would change it: logarithms (n,)."""
+    """Log λ of each coordinate before an update, and its change by the update (n,)."""
 
     place: np.ndarray
     step: np.ndarray
 
 
 def hastened(before: Stride | None, now: Stride) -> np.ndarray:
-    """λ of each coordinate by a step as much longer than its update's as the last two have told, none shorter (n,).
+    """λ of each coordinate after a step lengthened by the secant of the last two updates, never shortened (n,).
 
-    What is known little, or moves little, is told of by updates that shrink slowly, each coordinate's at its own pace.
+    For coordinates that are poorly determined or hardly move, updates converge slowly, each at its own rate.
     """
     longer = np.ones_like(now.step)
     if before is not None:
@@ -104,15 +104,15 @@ def hastened(before: Stride | None, now: Stride) -> np.ndarray:
 
 
 def _correlation(rho: np.ndarray, growth: np.ndarray, linked: np.ndarray) -> np.ndarray:
-    """ρ from what it was, and by which factors the variances of sums and of differences change.
+    """Updated ρ from the factors by which the variances of sums and differences change.
 
     Args:
-        rho: What it was (…).
-        growth: These factors (2, …); the variances were as 1 + ρ to 1 - ρ.
-        linked: How many samples follow another one (…).
+        rho: ρ before (…).
+        growth: Factors (2, …) on the variances, which were as 1 + ρ to 1 - ρ.
+        linked: Number of samples that follow another one (…).
     """
     sums, differences = growth[0] * (1 + rho), growth[1] * (1 - rho)
-    # Of what leaves nothing, both are zero.
+    # Both are zero for a residual of zero.
     new = (sums - differences) / np.maximum(sums + differences, TINIEST)
     white = new < np.where(rho == 0, CHANCE, WHITE_AGAIN) / np.sqrt(np.maximum(linked, 1))
     return np.where(white, 0.0, np.clip(new, 0, MOST_CORRELATED))

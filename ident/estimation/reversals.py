@@ -1,11 +1,11 @@
-"""Friction near reversals: a smooth change of its sign, and a variance of its own where a joint hardly moves.
+"""Friction near reversals: a smooth change of sign, and additional variance at low velocity.
 
     τ = Y_τ ψ + Ia q̈ + Fv q̇ + Fc tanh(q̇ / slip) + noise + slack,        var slack = s² exp(-(q̇ / v0)²)
 
-A joint that rests takes any torque up to the breakaway torque, of either sign, so that such a sample says little of
-the links. Slip, size s and velocity v0 of each joint follow from its residuals by maximum likelihood, each from a list.
-What Coulomb's law misses at low velocity is described by Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30
-(1994), doi:10.1016/0005-1098(94)90209-7.
+At rest friction takes any value up to the breakaway friction, of either sign, so that such a sample carries little
+information on the links. Slip and velocity v0 of each joint are chosen from lists, and size s fitted, by maximum
+likelihood of its residuals. Friction at low velocity beyond Coulomb's law: Armstrong-Hélouvry, Dupont and Canudas de
+Wit, Automatica 30 (1994), doi:10.1016/0005-1098(94)90209-7.
 """
 
 from collections.abc import Sequence
@@ -20,28 +20,28 @@ from ident.estimation.piece import Piece, clocks
 from ident.tolerances import DRIVE, STRIBECK
 
 AT_FIRST = 0.2
-"""First guess of v0 over the root mean square of the joint's velocity, where that is less than `STRIBECK`."""
+"""First guess of v0 over the root mean square of the joint's velocity; v0 is at most `STRIBECK`."""
 
 VELOCITIES, SLIPS = 0.5 ** np.arange(4, 10), 0.5 ** np.arange(6, 0.5, -0.5)
-"""Velocities v0, and slips besides `SLIP`, that are tried, over the same. A wider slack would take up what the model of
-the links gets wrong."""
+"""Velocities v0, and slips besides `SLIP`, to try, over the same root mean square. A wider slack would absorb errors of
+the links' model."""
 
 SCORINGS = 8
-"""Alternations of coefficients and variances; differences of their likelihoods settle within five."""
+"""Number of alternations of coefficients and variances; likelihood differences converge within five."""
 
 ENOUGH = 2000
-"""Samples that are looked at."""
+"""Approximate largest number of samples used."""
 
 LEAST = 1e-4
-"""Least share of the mean square that counts as noise."""
+"""Least share of the noise in the mean square."""
 
 MARGIN = 0.005
-"""Logarithm of the likelihood, of each sample, that a smoother law of friction has to gain to be taken: residuals are
-correlated, so that a gain of less is chance."""
+"""Gain in log likelihood per sample with which a smoother law of friction is chosen: residuals are correlated, so that
+a smaller gain is chance."""
 
 WIDER = 2.0
-"""How many times as wide as is likeliest the slack is: near a release accelerations jump, which knots do not quite
-follow, and drives would be off by one and a half of their standard deviations."""
+"""Factor on the likeliest width of the slack: accelerations jump when a joint breaks away, which knots do not quite
+follow, and drives would be wrong by one and a half of their standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +50,8 @@ class Reversals:
 
     Attributes:
         size: Standard deviation s of the slack at rest, N m or N; zero for channels without Coulomb friction (C,).
-        velocity: Velocity v0 over which it fades, rad/s or m/s (C,).
-        slip: Velocity over which Coulomb friction changes its sign, rad/s or m/s (C,).
+        velocity: Velocity v0 over which it decays, rad/s or m/s (C,).
+        slip: Velocity over which Coulomb friction changes sign, rad/s or m/s (C,).
     """
 
     size: np.ndarray
@@ -63,7 +63,7 @@ class Reversals:
         return np.asarray(self.size * np.exp(-((speed / self.velocity) ** 2) / 2))
 
     def opened(self, pieces: Sequence[Piece], speed: Sequence[np.ndarray]) -> list[Piece]:
-        """Pieces with the slack of their joints' velocities (M, C) each."""
+        """Pieces with the slack at their joints' velocities (M, C) each."""
         return [replace(piece, slack=self.slack(own)) for piece, own in zip(pieces, speed, strict=True)]
 
     def slips(self, measurement: Measurement) -> np.ndarray:
@@ -75,7 +75,7 @@ class Reversals:
 
 
 def rubbing(measurement: Measurement) -> dict[int, int]:
-    """Freedoms of the channels that have a Coulomb column, by the channels."""
+    """Freedoms of the channels that have a Coulomb column, by channel."""
     equations = measurement.equations
     first = len(equations.channels) - len(equations.torques)
     names = {f"{DRIVE['coulomb']}({freedom})": k for k, freedom in enumerate(equations.mechanism.tree.freedoms)}
@@ -84,7 +84,7 @@ def rubbing(measurement: Measurement) -> dict[int, int]:
 
 
 def speeds(measurement: Measurement, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Velocities of the joints whose torques the channels are, infinite for other channels (M, C)."""
+    """Joint velocities of torque channels with Coulomb friction, infinite for other channels (M, C)."""
     # Torques are on the clock of the last channels.
     _, when = clocks(measurement, piece, theta)[-1]
     rates = measurement.motion(piece.spline.evaluate(coefficients, when)[:3]).dq
@@ -95,7 +95,7 @@ def speeds(measurement: Measurement, piece: Piece, coefficients: np.ndarray, the
 
 
 def at_first(measured: Sequence[np.ndarray], speed: Sequence[np.ndarray]) -> Reversals:
-    """Slack that leaves out torques at low velocity.
+    """Initial slack, large enough to leave out torques at low velocity.
 
     Args:
         measured: Channels of every piece (M, C).
@@ -113,10 +113,10 @@ def likeliest(measurement: Measurement, residual: np.ndarray, speed: np.ndarray,
     """Slips and slack that explain residuals best.
 
     Args:
-        measurement: Channels, and the slips that the residuals are of.
+        measurement: Channels, and the slips with which the residuals were computed.
         residual: Residuals of the channels, NaN where a sample is missing (M, C).
         speed: Velocities (M, C), infinite for channels without Coulomb friction.
-        theta: Parameters that these are the residuals of (p,).
+        theta: Parameters with which the residuals were computed (p,).
     """
     C = residual.shape[1]
     out = Reversals(np.zeros(C), np.ones(C), np.full(C, SLIP))
@@ -150,7 +150,7 @@ class _Law(NamedTuple):
 
 
 def _law(torque: np.ndarray, rate: np.ndarray) -> _Law:
-    """The law with the smallest slip that is about as likely as any."""
+    """Law with the smallest slip whose likelihood is about as high as the highest."""
     usual = float(np.sqrt(np.mean(rate**2)))
     slips = np.array([SLIP, *(slip for slip in usual * SLIPS if slip > SLIP)])
     coulomb, size, likelihood = _with_slack(torque, rate, slips, usual * VELOCITIES)
@@ -163,13 +163,13 @@ def _law(torque: np.ndarray, rate: np.ndarray) -> _Law:
 def _with_slack(
     torque: np.ndarray, rate: np.ndarray, slips: np.ndarray, velocities: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coulomb friction, size of the slack, and the logarithm of the likelihood, of all laws (S, V).
+    """Coulomb friction, size of the slack and log likelihood of all laws (S, V).
 
     Args:
-        torque: Torque that friction and an offset explain (M,).
+        torque: Torque to explain by friction and an offset (M,).
         rate: Velocities (M,).
-        slips: Velocities over which friction changes its sign (S,).
-        velocities: Velocities over which the slack fades (V,).
+        slips: Velocities over which friction changes sign (S,).
+        velocities: Velocities over which the slack decays (V,).
     """
     one = np.ones_like(rate)
     columns = np.stack([np.stack([np.tanh(rate / slip), rate, one]) for slip in slips])[:, None]

@@ -1,7 +1,7 @@
-"""Weighted, outlier-proof least squares with honest standard deviations, for recordings of the real world.
+"""Robust weighted least squares for real recordings, with standard deviations valid for autocorrelated noise.
 
 minimise Σ_c Σ_n σ_c² ρ(u_nc / σ_c)        u = measured - Y x,   ρ Huber's, σ_c from the residuals (iterated)
-cov x = B⁻¹ M B⁻¹,                          B = Yᵀ diag(ρ'') Y / σ²,   M as `noise.Sandwich` gathers it
+cov x = B⁻¹ M B⁻¹,                          B = Yᵀ diag(ρ'') Y / σ²,   M from `noise.Sandwich`
 """
 
 from dataclasses import replace
@@ -17,30 +17,30 @@ from ident.estimation.samples import Samples
 from ident.tolerances import NORMAL_MAD, ZERO_COLUMN
 
 HUBER = 1.345
-"""Residuals beyond so many standard deviations lose weight; 95 % efficient where noise is normal."""
+"""Residual, in standard deviations, beyond which samples lose weight; 95 % efficient for normal noise."""
 
 INDEPENDENT = 1e-6
-"""Unit-norm columns that stick out less than this of the span of others depend on them."""
+"""Distance of a unit-norm column from the span of others below which it depends on them."""
 
 ITERATIONS = 50
 CONVERGED = 1e-6
-"""Change of the fit, in standard deviations of the channels, from which the iteration stops."""
+"""Change of the fit, in standard deviations of the channels, below which it has converged."""
 
 
 def robust_fit(equations: Equations, samples: Samples, *, weighted: bool = True) -> Fit:
-    """Iteratively reweighted least squares of channels with noise of their own (Huber's M-estimator).
+    """Iteratively reweighted least squares of channels with different noise (Huber's M-estimator).
 
     Every channel is weighted by the inverse of its residual's standard deviation, which is estimated along with the
-    coefficients, and entries with large residuals lose weight. The rows are computed anew in every iteration, so that
-    memory holds no more than the channels.
+    coefficients, and entries with large residuals lose weight. The rows are computed again in every iteration, so that
+    only the channels are kept in memory.
 
     Args:
-        equations: What is fitted.
+        equations: Equations to fit.
         samples: Motion and measured channels.
-        weighted: Whether to do so; otherwise ordinary least squares.
+        weighted: False for ordinary least squares.
 
     Returns:
-        The fit; noise that is correlated over time is in its standard deviations.
+        The fit; its standard deviations are valid for noise correlated over time.
 
     Raises:
         InputError: Samples do not fit the equations.
@@ -66,13 +66,13 @@ def robust_fit(equations: Equations, samples: Samples, *, weighted: bool = True)
 
 
 def _covariance(fit: Fit, samples: Samples, pull: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Covariance of the coefficients with noise that is correlated over time.
+    """Covariance of the coefficients under noise that is correlated over time.
 
     Args:
         fit: The fit.
-        samples: What it was made of.
-        pull: What each residual adds to the normal equations (N, C).
-        held: Root of its derivative by the residual (N, C). Beyond Huber's bend the pull no longer grows.
+        samples: The fitted samples.
+        pull: Contribution of each residual to the normal equations (N, C).
+        held: Root of its derivative by the residual (N, C), zero beyond Huber's limit.
     """
     bread = solve(accumulate(fit.equations, samples, factors=held), fit.equations).bread
     chunks, channels = (rows[:-1] for rows in fit.equations.rows(samples)), len(fit.equations.channels)
@@ -81,7 +81,7 @@ def _covariance(fit: Fit, samples: Samples, pull: np.ndarray, held: np.ndarray) 
 
 
 def separable(equations: Equations, samples: Samples) -> Equations:
-    """The equations without drives, and then without offsets, that cannot be told from the columns before them.
+    """Equations without the drives and offsets whose columns depend on those before them.
 
     Raises:
         InputError: Samples do not fit the equations.
@@ -96,13 +96,13 @@ def separable(equations: Equations, samples: Samples) -> Equations:
 
 
 def independent(columns: np.ndarray) -> np.ndarray:
-    """Which columns of a matrix (m, k) stick out of the span of the independent ones before them (k,)."""
-    # A triangular factor does not tell: behind a dependent column its diagonal misses a part of the others.
+    """Mask of the columns of a matrix (m, k) that are independent of those before them (k,)."""
+    # Not by the diagonal of a triangular factor, which lacks a part of the columns after a dependent one.
     sizes, basis = np.linalg.norm(columns, axis=0), np.zeros_like(columns)
     stick_out = np.zeros(len(sizes), bool)
     for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
         out = column
-        for _ in range(2):  # Once leaves what rounding has left of the others.
+        for _ in range(2):  # One pass leaves rounding errors along the others.
             out = out - basis @ (basis.T @ out)
         stick_out[k] = size > ZERO_COLUMN * sizes.max() and np.linalg.norm(out) > INDEPENDENT * size
         if stick_out[k]:
@@ -111,7 +111,7 @@ def independent(columns: np.ndarray) -> np.ndarray:
 
 
 def spread(residual: np.ndarray) -> np.ndarray:
-    """Standard deviation of each channel by the median absolute deviation, the usual one where most entries agree."""
+    """Standard deviation of each channel from the median absolute deviation, the usual one if most entries agree."""
     spread = NORMAL_MAD * np.median(np.abs(residual), axis=0)
     usual = residual.std(axis=0)
     floor = max(1e-9 * usual.max(initial=0), 1e-12)

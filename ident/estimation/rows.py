@@ -1,10 +1,10 @@
-"""Rows of a least-squares problem over a window of spline functions and θ, whitened as innovations are.
+"""Rows of a least-squares problem over a window of spline functions and θ, whitened like innovations.
 
     z_k - s_k (x_k - ρ x_k-1) · δ,        x = [∂y/∂c, ∂y/∂θ],     s = √weight / std
 
-Samples take a share of themselves, which is known by the quadratic forms `q_kl = x_k Cov x_lᵀ` with the covariance of
-coefficients and θ: whitened ones `s² (q_kk - 2 ρ q_k,k-1 + ρ² q_k-1,k-1)`, halves of innovations, which rows multiply
-by f, `f² (q_kk ± 2 q_k,k-1 + q_k-1,k-1)`.
+The leverage of each sample follows from quadratic forms `q_kl = x_k Cov x_lᵀ` with the covariance of coefficients and
+θ: for innovations `s² (q_kk - 2 ρ q_k,k-1 + ρ² q_k-1,k-1)`, for their halves with factor f
+`f² (q_kk ± 2 q_k,k-1 + q_k-1,k-1)`. Its sum is the degrees of freedom that the fit absorbs.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,19 +19,19 @@ from ident.estimation.intervals import Intervals
 from ident.estimation.whitening import Innovations
 
 TOGETHER = 2**20
-"""Bytes of rows that are worked on together, so that they stay in the cache."""
+"""Bytes of rows processed together, so that they stay in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """What innovations make of rows, dealt out to intervals.
+    """Factors that whiten rows like innovations, grouped by interval.
 
     Attributes:
         right: Innovations in standard deviations, weighted (S, m, s).
-        scale: What rows are multiplied by (S, m, s).
-        rho: Which part of the rows before is taken off (S, m, s).
-        slow: What sums are multiplied by in slow halves (S, m, s).
-        fast: What differences are multiplied by in fast ones (S, m, s).
+        scale: Factor on rows (S, m, s).
+        rho: Part of the preceding rows that is subtracted (S, m, s).
+        slow: Factor on sums in slow halves (S, m, s).
+        fast: Factor on differences in fast halves (S, m, s).
         clarity: Share of the noise in the variance of each sample (S, m, s).
     """
 
@@ -44,30 +44,35 @@ class Factors:
 
     @classmethod
     def of(cls, new: Innovations, intervals: Intervals) -> "Factors":
-        """Those of innovations."""
+        """Factors of innovations."""
         root = np.sqrt(new.weight)
         every = new.values * root, new.there * root / new.std, new.rho, *new.halves, new.clarity
         return cls(*(intervals.dealt(x) for x in every))
 
     @cached_property
     def coloured(self) -> np.ndarray:
-        """Which streams have ρ above zero (s,)."""
+        """Mask of the streams with ρ above zero (s,)."""
         return np.asarray(self.rho.any(axis=(0, 1)))
 
     @cached_property
     def white(self) -> bool:
-        """Whether none has, so that nobody looks at the samples before."""
+        """True if no stream has ρ above zero, so that preceding samples are not needed."""
         return not self.coloured.any()
 
     def whitened(self, rows: np.ndarray, before: np.ndarray, some: slice = slice(None)) -> np.ndarray:
-        """Rows of some intervals (k, m, s, …), those of the samples before known, as they enter the equations."""
+        """Whitened rows of some intervals (k, m, s, …), from rows and those of the preceding samples."""
         each = (some, ..., *[None] * (rows.ndim - 3))
         if not self.white:
             rows = rows - self.rho[each] * before
         return self.scale[each] * rows
 
     def taken(self, own: np.ndarray, across: np.ndarray, before: np.ndarray, some: slice = slice(None)) -> np.ndarray:
-        """Shares of innovations and halves (3, s) by q_kk, q_k,k-1 and q_k-1,k-1 (k, m, s); halves' only where ρ is."""
+        """Absorbed degrees of freedom of innovations and halves (3, s), zero for halves of streams without ρ.
+
+        Args:
+            own: q_kk (k, m, s); `across` q_k,k-1 and `before` q_k-1,k-1.
+            some: Intervals.
+        """
         scale, rho, slow, fast = (x[some] for x in (self.scale, self.rho, self.slow, self.fast))
         weights = self.clarity[some] * scale**2
         if self.white:
@@ -87,14 +92,14 @@ class Factors:
 
 @dataclass(frozen=True, eq=False)
 class ChannelRows:
-    """Rows of channels, which see all coordinates and all of θ.
+    """Rows of channels, which depend on all coordinates and all of θ.
 
     Attributes:
-        intervals: Where samples are.
+        intervals: Grouping of samples by interval.
         basis: Values of the functions of each interval, and of their first two derivatives (S, m, 6, 3).
         by_states: Derivatives of the channels by coordinates and their derivatives (S, m, C, 3, n).
         by_theta: Derivatives by θ (S, m, C, p).
-        factors: What innovations make of them.
+        factors: Factors that whiten them.
     """
 
     intervals: Intervals
@@ -113,12 +118,12 @@ class ChannelRows:
             arrow.add(own, *(_joined(x) for x in (*whitened, self.factors.right[own])))
 
     def taken(self, posterior: Posterior) -> np.ndarray:
-        """Which share of innovations and of their halves is taken (3, C)."""
+        """Absorbed degrees of freedom of innovations and of their halves (3, C)."""
         shares = np.zeros((3, self.by_theta.shape[2]))
         for some, fresh in self._blocks():
             J = self._windows(some)
             K = _through(J, posterior.inverse[some])
-            # What θ moves once the trajectory follows it.
+            # Effect of θ, the change of the trajectory with it included.
             F = self.by_theta[some] @ posterior.root - _through(J, posterior.followed[some])
             quadratic = _dot(K, J) + _dot(F, F)
             across = np.zeros_like(quadratic)
@@ -131,7 +136,7 @@ class ChannelRows:
         return shares
 
     def _blocks(self) -> Iterator[tuple[slice, int]]:
-        """Some intervals at a time, where ρ is with one before them for the sample before; how many that is."""
+        """Yields blocks of intervals and the number of extra ones at their start, one if ρ needs preceding samples."""
         _, m, C, _, n = self.by_states.shape
         size = max(1, TOGETHER // max(8 * m * C * WINDOW * n, 1))
         for start in range(0, self.intervals.number, size):
@@ -143,7 +148,7 @@ class ChannelRows:
         return self.by_states.shape[-1]
 
     def _before(self, rows: np.ndarray, some: slice, moved: int = 0) -> np.ndarray:
-        """Rows of the samples before, zeros without ρ."""
+        """Rows of the preceding samples, zeros without ρ."""
         if self.factors.white:
             return np.broadcast_to(0.0, rows.shape)
         return self.intervals.before(rows, some.start, moved=moved)
@@ -159,13 +164,13 @@ class ChannelRows:
 
 @dataclass(frozen=True, eq=False)
 class StateRows:
-    """Rows of measured coordinates, or of a derivative of them, which see one coordinate each and its zero.
+    """Rows of measured coordinates, or of a derivative of them, which depend on one coordinate each and its zero.
 
     Attributes:
-        intervals: Where samples are.
-        windows: Functions from the one before the interval's first, at samples and at those before (S, m, 7).
-        zeros: Columns of θ that hold zeros of coordinates, by the coordinates.
-        factors: What innovations make of them.
+        intervals: Grouping of samples by interval.
+        windows: Functions from the one before the interval's first, at samples and at preceding ones (S, m, 7).
+        zeros: Columns of θ with the coordinates' zeros, by coordinate.
+        factors: Factors that whiten them.
     """
 
     intervals: Intervals
@@ -181,13 +186,13 @@ class StateRows:
         arrow.add_separate(self.factors.whitened(J, J_before), T, self.factors.right, self.zeros)
 
     def taken(self, posterior: Posterior) -> np.ndarray:
-        """Which share of innovations and of their halves is taken (3, n)."""
+        """Absorbed degrees of freedom of innovations and of their halves (3, n)."""
         J, J_before = (x[:, None] for x in self.windows)
         K = J @ posterior.by_coordinate
         own, across = _dot(K, J), _dot(K, J_before)
         for j, at in self.zeros.items():
             zero = posterior.root[at]
-            # The zero's covariance with the coefficients is that of what follows θ, with the other sign.
+            # The zero's covariance with the coefficients is -W Σ: they move against θ.
             mixed = posterior.followed_of(j) @ zero
             shift, shift_before = (zero @ zero / 2 - x[:, 0] @ mixed[:, :, None] for x in (J, J_before))
             own[:, j] += 2 * shift[..., 0]
