@@ -1,4 +1,4 @@
-"""What is identified from: a motion and measured channels, in one piece or in many."""
+"""Samples for identification: a motion and measured channels, in one piece or many."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ class Samples:
 
     Attributes:
         motion: Joint states, and the motion of a base that does not rest.
-        measured: Measured channels (N, C), by default of `Equations` the total wrench Γ `[F; τ]` in the base frame, N
+        measured: Measured channels (N, C); for default `Equations` the total wrench Γ `[F; τ]` in the base frame, N
             and N m.
-        covariance: Covariance of the channels, to weight by: one for all samples (C, C) or one for each (N, C, C).
+        covariance: Covariance of the channels for weighting: one for all samples (C, C) or one for each (N, C, C).
     """
 
     motion: Motion
@@ -31,7 +31,7 @@ class Samples:
         return len(self.measured)
 
     def __getitem__(self, which: Which) -> "Samples":
-        """Some of the samples."""
+        """Selection of the samples."""
         each = self.covariance is not None and self.covariance.ndim == 3
         covariance = self.covariance[which] if each else self.covariance  # type: ignore[index]
         return Samples(self.motion[which], self.measured[which], covariance)
@@ -57,7 +57,7 @@ def whitened(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def even(stream: Iterable[Samples], size: int) -> Iterator[Samples]:
-    """The same samples, one after the other, in pieces of one size; only the last may be shorter."""
+    """Yields the samples of a stream in pieces of one size; only the last may be shorter."""
     held: list[Samples] = []
     room = size
     for piece in stream:
@@ -73,7 +73,7 @@ def even(stream: Iterable[Samples], size: int) -> Iterator[Samples]:
 
 
 def joined(parts: Sequence[Samples]) -> Samples:
-    """Pieces that follow one another, as one."""
+    """Consecutive pieces joined into one."""
     if len(parts) == 1:
         return parts[0]
     measured = np.concatenate([part.measured for part in parts])
@@ -85,15 +85,15 @@ def joined(parts: Sequence[Samples]) -> Samples:
 
 
 def arrays_of(samples: Samples) -> dict[str, np.ndarray]:
-    """Arrays by the names that messages give them."""
+    """Arrays by their names in messages."""
     return {"q": samples.motion.q, "dq": samples.motion.dq, "ddq": samples.motion.ddq, "measured": samples.measured}
 
 
 def check_samples(samples: Samples, tree: Tree, channels: int = 6, where: str = "The samples") -> None:
-    """Refuses samples that do not fit a mechanism and so many channels, or are not finite.
+    """Checks that samples fit a mechanism and a number of channels, and are finite.
 
     Raises:
-        InputError: It names the array, and where in it.
+        InputError: They do not; the message names the array and the place in it.
     """
     widths = {"q": sum(body.coordinates for body in tree.bodies), "measured": channels}
     widths |= dict.fromkeys(("dq", "ddq"), len(tree.freedoms))
@@ -105,7 +105,7 @@ def check_samples(samples: Samples, tree: Tree, channels: int = 6, where: str = 
                 f"{where}: '{name}' needs a row for each of {len(samples)} samples and {widths[name]} columns, got "
                 f"{x.shape}."
             )
-    # A sum takes no memory; one that overflows is looked at closely.
+    # A sum needs no memory; only arrays whose sum is not finite are searched.
     with np.errstate(invalid="ignore", over="ignore"):
         suspects = [name for name, x in arrays_of(samples).items() if not isfinite(x.sum(dtype=float))]
     for name in suspects:

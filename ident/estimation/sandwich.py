@@ -1,10 +1,11 @@
-"""Covariance of the joint estimate that does not take the fit's noise model for the truth.
+"""Sandwich covariance of the joint estimate, valid if the fit's noise model is wrong.
 
     cov θ = P⁻¹ M P⁻¹,        M = P - Σ Rᵀ W R + Σ (W R)ᵀ Γ (W R)
 
-P is the precision of θ under the working model, W its weights, R the rows of θ, the trajectory eliminated, and Γ the
-noise that is really there (`ident.estimation.noise_colours`). Weights as a working model and such a covariance are
-those of generalised estimating equations (Liang and Zeger, Biometrika 73, 1986, doi:10.1093/biomet/73.1.13).
+P is the precision of θ under the working model, W its weights, R the rows of θ with the trajectory eliminated, and Γ
+the covariance of the noise estimated independently of the weights (`ident.estimation.noise_colours`). Working weights
+with such a covariance are those of generalised estimating equations (Liang and Zeger, Biometrika 73, 1986,
+doi:10.1093/biomet/73.1.13).
 """
 
 from dataclasses import replace
@@ -18,7 +19,7 @@ from ident.estimation.response import response
 
 
 def with_scatter(measurement: Predictor, fit: JointFit) -> JointFit:
-    """The fit with the covariance of its gradient under the noise that is really there.
+    """Fit with the covariance of its gradient under the estimated noise.
 
     Args:
         measurement: Channels and parameters.
@@ -44,11 +45,11 @@ def with_scatter(measurement: Predictor, fit: JointFit) -> JointFit:
 
 
 _Tails = dict[tuple[int, int, int], np.ndarray]
-"""What remains at the end of a piece of the products with slow noise, by stream, column and correlation time."""
+"""State of the recursion for slow noise at the end of a piece, by stream, column and correlation time."""
 
 
 def _goes_on(fit: JointFit, k: int) -> bool:
-    """True where a piece is the next one of the same recording."""
+    """True if a piece continues the one before in the same recording."""
     before, here = fit.pieces[k - 1], fit.pieces[k]
     gap = here.time[0] - before.time[-1]
     usual = (before.time[-1] - before.time[0]) / max(len(before.time) - 1, 1)
@@ -57,7 +58,7 @@ def _goes_on(fit: JointFit, k: int) -> bool:
 
 
 def _through(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails) -> np.ndarray:
-    """`yᵀ Γ y` for the noise of a stream's signal over the fit's, weighted rows y of θ (N, p)."""
+    """`yᵀ Γ y` for weighted rows y of θ (N, p), with Γ relative to the noise variance of the fit."""
     out = np.zeros((y.shape[1], y.shape[1]))
     for b, (time, size) in enumerate(zip(colours.times, colours.amplitudes[which][:, s], strict=True)):
         if not size:

@@ -1,4 +1,4 @@
-"""Set-up parameters: what a laboratory knows of its sensors and axes, give or take."""
+"""Set-up parameters: errors of the stated sensor poses, gains, clocks and joint axes, with priors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,23 +18,23 @@ PRIORS = {
     "zero": np.radians(3),
     "axis": np.radians(3),
 }
-"""Standard deviation of what a laboratory knows at least: delay of a wrench, s; a clock's rate; origin of a wrench's
-frame, m, and its rotation, rad; gain of a channel; tilt of gravity, zeros and tilts of joint axes, rad."""
+"""Default standard deviations of the priors: delay of a wrench, s; a clock's rate; origin of a wrench's frame, m, and
+its rotation, rad; gain of a channel; tilt of gravity, zeros and tilts of joint axes, rad."""
 
 
 TOGETHER = " + "
-"""Between the names of wrenches that share what they may be late by."""
+"""Separator of the names of wrenches that share a delay and a clock."""
 
 
 @dataclass(frozen=True)
 class SetupParameter:
-    """A number that is zero where the set-up is as stated.
+    """Parameter that is zero if the set-up is as stated.
 
     Attributes:
         kind: One of `PRIORS`.
-        of: The wrench, channel or joint that it belongs to, "" for gravity; for a gain of a contact `contact Fx`.
-        axis: Axis in the frame that it belongs to, or None.
-        std: Standard deviation of its prior, whose mean is zero, in SI units and radians.
+        of: Wrench, channel or joint, "" for gravity; `contact Fx` for a gain of a contact.
+        axis: Axis of the frame, or None.
+        std: Standard deviation of the prior, whose mean is zero, in SI units and radians.
     """
 
     kind: str
@@ -52,14 +52,14 @@ class SetupParameter:
 def setup_parameters(
     equations: Equations, contacts: Sequence[str], priors: dict[str, float] | None = None, *, held: bool = True
 ) -> tuple[SetupParameter, ...]:
-    """All that the channels of a recording leave open.
+    """Set-up parameters of the channels of a recording.
 
     Args:
-        equations: What is fitted.
-        contacts: Names of the wrenches besides the ground's, those of bodies that take turns on a plate once.
+        equations: Equations to fit.
+        contacts: Names of the wrenches besides the ground's, one for all bodies that share a plate.
         priors: Standard deviations that replace those of `PRIORS`; a kind at zero is left out.
-        held: Whether there is a ground wrench; without one all contacts together have a delay and a clock, and what
-            they sum to no gains besides theirs.
+        held: True if there is a ground wrench; without one, all contacts share a delay and a clock, and their sum has
+            no gains besides theirs.
     """
     std = PRIORS | (priors or {})
     tree, gravity = equations.mechanism.tree, equations.mechanism.gravity
@@ -82,5 +82,5 @@ def setup_parameters(
 
 
 def across(direction: np.ndarray) -> list[int]:
-    """The two axes that are farthest from a direction."""
+    """Indices of the two coordinate axes farthest from a direction."""
     return sorted(np.argsort(np.abs(np.asarray(direction, float)), kind="stable")[:2].tolist())

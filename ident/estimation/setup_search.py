@@ -1,4 +1,4 @@
-"""What of the set-up is not as stated: set-up parameters are fitted one by one, the most significant first."""
+"""Search for set-up errors: set-up parameters are fitted one by one, the most significant first."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,22 +12,23 @@ from ident.estimation.left_out import clearly_better, costs, gains
 from ident.tolerances import SIGNIFICANT
 
 MOST_FOUND = 10
-"""Set-up parameters that are fitted at most."""
+"""Largest number of set-up parameters that are fitted."""
 
 ALIKE, ALIKE_SHARE = 15.0, 0.1
-"""How much less of χ², or which share of it, another candidate may explain than the best and be meant as well."""
+"""Deficit in χ² from the best candidate, absolute or as a share, up to which another one is an alternative."""
 
 INCREDIBLE = 6.0
-"""Standard deviations of its prior from which a set-up parameter stands for something else that is wrong."""
+"""Size of a set-up parameter, in standard deviations of its prior, above which another error must be the cause."""
 
 NEGLIGIBLE = 0.04
-"""Standard deviations of its prior below which a set-up parameter is not worth a word, however well it is known."""
+"""Size of a set-up parameter, in standard deviations of its prior, below which it is negligible even if significant."""
 
 PROMISING = 2.5
-"""Standard deviations from which a set-up parameter is tried: while it is not fitted, its effect passes for noise."""
+"""Score, in standard deviations, above which a set-up parameter is tried: low, because the effect of a parameter that
+is not fitted increases the noise."""
 
 SEARCH_ROUNDS = 40
-"""Rounds of each fit of the search."""
+"""Largest number of rounds of each fit of the search."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,9 @@ class Deviation:
     """A set-up parameter that is not zero.
 
     Attributes:
-        index: Where it stands in θ.
-        alternatives: Others that would have explained about as much.
-        together: Groups of others that would have, all changed by as much.
+        index: Index in θ.
+        alternatives: Other parameters that would explain about as much.
+        together: Groups of parameters that would, all changed by the same amount.
     """
 
     index: int
@@ -47,12 +48,12 @@ class Deviation:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What of the set-up was found.
+    """Result of a search for set-up errors.
 
     Attributes:
-        fit: The fit with it.
-        deviations: What is not as stated, the most significant first.
-        incredible: Whether more would have been needed than any laboratory gets wrong; then nothing is changed.
+        fit: The fit with the set-up errors.
+        deviations: Set-up errors, the most significant first.
+        incredible: True if errors beyond `INCREDIBLE` were needed; then nothing is changed.
     """
 
     fit: JointFit
@@ -61,7 +62,7 @@ class Search:
 
 
 Refit = Callable[[Start, np.ndarray, int], JointFit]
-"""Fits from a start, with given parameters free (p,), in at most so many rounds."""
+"""Function that fits from a start with given parameters free (p,) in a largest number of rounds."""
 
 
 def searched(
@@ -72,18 +73,18 @@ def searched(
     scattered: Callable[[JointFit], JointFit],
     least: np.ndarray | float = 0.0,
 ) -> Search:
-    """Frees set-up parameters as long as one is significant and predicts pieces better that are left out.
+    """Frees set-up parameters as long as one is significant and improves the prediction of left-out pieces.
 
     Args:
-        first: The fit with the set-up as stated, or as far as it was found.
-        refit: What fits again.
-        candidates: Which parameters are of the set-up (p,).
-        groups: Directions in which several change alike, by what they are (p,) each.
-        scattered: Gives a fit the covariance under the noise that is really there.
-        least: Sizes below which parameters are not believed (p,), besides those not worth a word.
+        first: The fit with the set-up as stated, or as estimated so far.
+        refit: Function that fits again.
+        candidates: Mask of the set-up parameters (p,).
+        groups: Directions in which several parameters change alike, by description (p,) each.
+        scattered: Function that gives a fit its covariance under the estimated noise.
+        least: Sizes below which parameters are rejected (p,), in addition to `NEGLIGIBLE`.
     """
     fitted, deviations = first.fit, list(first.deviations)
-    # All candidates together raise a false alarm as rarely as one test does.
+    # Bonferroni: the chance of a false alarm is that of one test for all candidates together.
     threshold = -float(special.ndtri(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
     known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.known), 1e-300))
     least = np.maximum(NEGLIGIBLE * known, least)
@@ -96,7 +97,8 @@ def searched(
         likely[likely] = _predict(fitted, left[likely].tolist())
         if not likely.any():
             break
-        # By what each explains: while none is fitted, their effects pass for noise and make all as significant.
+        # Ranked by χ² under the working model: while errors are not fitted, the noise estimate includes their effects
+        # and makes all candidates about equally significant.
         working = replace(fitted, scatters=None)
         z = np.where(likely, np.abs(values / working.scores(np.eye(len(candidates))[left])[1]), 0.0)
         best = int(np.argmax(z))
@@ -120,7 +122,7 @@ def searched(
 
 
 def _predict(fitted: JointFit, candidates: Sequence[int]) -> list[bool]:
-    """True for parameters with which pieces that are left out are predicted better than with them held."""
+    """True for each parameter that improves the prediction of left-out pieces if it is fitted."""
     try:
         held = costs(fitted, fitted.free)
     except ExcitationError:
@@ -136,7 +138,7 @@ def _predict(fitted: JointFit, candidates: Sequence[int]) -> list[bool]:
 
 
 def _together(fitted: JointFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:
-    """Groups of parameters, none of which was fitted, that are as significant."""
+    """Groups without fitted parameters whose score exceeds `least`."""
     open_ = {name: direction for name, direction in groups.items() if not direction[fitted.free].any()}
     if not open_:
         return ()

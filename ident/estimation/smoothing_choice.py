@@ -1,4 +1,4 @@
-"""Choice of the time constant that smooths angles alone: the one by which the fitted channels are predicted best."""
+"""Choice of the time constant for smoothing angles alone: the one that predicts the fitted channels best."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -11,24 +11,24 @@ from ident.estimation.preparation import Prepared
 from ident.estimation.trajectory_pieces import cut
 
 FIRST, LONGEST = 0.04, 0.5
-"""Time constants of smoothing, s: the first to be tried, a filter at 4 Hz, and the longest."""
+"""Time constants of smoothing, s: the first to try, a filter at 4 Hz, and the longest."""
 
 STEPS = 1.0, 0.5, 0.25
-"""Octaves by which other constants are tried, as long as one is better."""
+"""Steps in octaves by which the constant is changed as long as that is better."""
 
 TRIED, COMPARED = 20_000, 1_500
-"""Samples of angles that are smoothed to choose the constant by, and of channels that are compared, at most about."""
+"""Approximate largest numbers of samples for the choice: of angles to smooth, and of channels to compare."""
 
 FAR_BETTER = 0.5
-"""Geometric mean of the channels' residuals with columns fitted anew, over that with the estimate's, below which the
-estimate is no measure of the motion."""
+"""Geometric mean of the channels' residuals with columns fitted again, over that of the estimate, below which the
+estimate is too poor to choose by."""
 
 
 def chosen_smoothing(recordings: Sequence[tuple[Prepared, slice]], estimate: Joint) -> float:
     """Time constant with which angles alone predict the channels of the fitted parts best, s.
 
-    The estimate predicts; columns that were fitted anew for every constant would make up for what a long one takes of
-    accelerations. Where these explain far more the estimate is so poor that they choose.
+    The estimate's parameters predict: columns fitted again for every constant would compensate for accelerations that
+    are smoothed too much. Only if these explain far more, because the estimate is poor, do they choose.
     """
     measurement = estimate.measurement
     thetas = [estimate.parameters_of(k) for k in range(len(recordings))]
@@ -50,7 +50,7 @@ def chosen_smoothing(recordings: Sequence[tuple[Prepared, slice]], estimate: Joi
 
 
 def _minimised(misfit: Callable[[float], float], finest: float) -> float:
-    """Time constant from the finest to the longest one with the least misfit near the first, s."""
+    """Time constant with the least misfit near the first, between the finest and the longest, s."""
     lowest, highest = np.log2(finest / FIRST), np.log2(LONGEST / FIRST)
     tried = cache(lambda octaves: misfit(FIRST * 2**octaves))
     best = float(np.clip(0.0, lowest, highest))

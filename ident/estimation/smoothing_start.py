@@ -1,4 +1,4 @@
-"""Where the joint estimate begins: each coordinate smoothed alone, and parameters by least squares on that."""
+"""Starting point of the joint estimate: each coordinate smoothed alone, and parameters by least squares on these."""
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -15,45 +15,45 @@ from ident.estimation.piece import Noise, Piece, channel_times
 from ident.recordings.resolution import at_rest, white_noise
 
 REWEIGHTED = 4
-"""Least-squares fits, each with the channels weighted by the residuals of the one before."""
+"""Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
 
 TOGETHER = 8
-"""Coordinates that are smoothed at once: few calls, but hardly any equations between what has nothing in common."""
+"""Number of coordinates smoothed at once, between many calls and many zero blocks: they do not interact."""
 
 FIRST_FITS, FITS = 3, 40
 """Rounds of smoothing: before the noise is estimated, and with it."""
 
 SMOOTH = 2 * np.pi
-"""Angular frequency of a motion as smooth as the first guess of λ, rad/s: its jerk is that often cubed its size."""
+"""Angular frequency ω of a motion as smooth as the first guess of λ, rad/s: its jerk is ω³ times its size."""
 
 LOOSE = 0.05
-"""Slack over the spread of its channel from which a sample is left out of the first least-squares fit."""
+"""Slack over the spread of its channel above which a sample is left out of the first least-squares fit."""
 
 NOTHING = 1e-6
-"""Smallest noise over the spread of a coordinate."""
+"""Least noise over the spread of a coordinate."""
 
 AT_REST = 1e-3
-"""Noise that a coordinate at rest is taken to have at least, over the largest spread of all coordinates. Its samples
-may tell of none, and its zero and what moves it are differences of their weight and that of the trajectory: with a
-tenth of this noise rounding hides these."""
+"""Least noise of a coordinate at rest, over the largest spread of all coordinates. Its samples may show none, and its
+zero follows from differences between their weight and the trajectory's: with a tenth of this noise these are lost to
+rounding."""
 
 TINY = 1e-12, 1e-9
-"""What stands in for the noise, and for the spread, of a stream that is constant."""
+"""Noise and spread assumed for a constant stream."""
 
 
 @dataclass(frozen=True)
 class _Coordinates:
-    """In place of a `Measurement` where there are coordinates alone: no channels and no parameters."""
+    """`Predictor` for coordinates alone, without channels and parameters."""
 
     names: tuple[str, ...] = ()
 
     @property
     def zeros(self) -> dict[int, int]:
-        """None."""
+        """No zeros."""
         return {}
 
     def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
-        """None."""
+        """No set-up parameters."""
         return {}
 
     def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -76,15 +76,15 @@ def start(
     prior: tuple[np.ndarray, np.ndarray],
     free: np.ndarray,
 ) -> Start:
-    """Smoothed coordinates, and parameters by weighted least squares.
+    """Starting point of smoothed coordinates, and parameters by weighted least squares.
 
     Args:
         measurement: Channels and parameters.
-        pieces: What was measured.
-        alone: Coordinates that are smoothed alone.
-        theta: Parameters to begin with (p,).
+        pieces: Measured samples.
+        alone: Coordinates smoothed alone.
+        theta: Initial parameters (p,).
         prior: Mean (p,) and precision (p, p) of θ, zero where nothing is known.
-        free: Which entries of θ to fit (p,).
+        free: Mask of the entries of θ to fit (p,).
     """
     theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free)
     floor = least_noise([piece.measured for piece in pieces], measurement.equations.channels)
@@ -95,12 +95,12 @@ def start(
 
 
 def smoothed(pieces: Sequence[Piece], noise: Noise | None = None, *, executor: Executor | None = None) -> Start:
-    """Every coordinate smoothed alone, its smoothness found by restricted likelihood, and its noise too or given.
+    """Every coordinate smoothed alone, with smoothness, and noise unless given, by restricted likelihood.
 
     Args:
-        pieces: What was measured.
-        noise: The noise, if it is known; how smooth they are follows from the samples.
-        executor: Where pieces are worked on, by default here.
+        pieces: Measured samples.
+        noise: The noise, if known.
+        executor: Executor for the pieces; by default they are computed here.
     """
     none = np.zeros(0)
     own = _first_noise(pieces) if noise is None else noise
@@ -117,7 +117,7 @@ def smoothed(pieces: Sequence[Piece], noise: Noise | None = None, *, executor: E
 
 
 def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Executor | None, *, known: bool) -> Start:
-    """Some of the coordinates, each smoothed alone; their noise may be known."""
+    """Some of the coordinates, each smoothed alone, with estimated or known noise."""
     none = np.zeros(0)
     bare = [_bare(piece, some) for piece in pieces]
     own = replace(
@@ -146,7 +146,7 @@ def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Exec
 
 
 def _bare(piece: Piece, some: slice) -> Piece:
-    """A piece with some of its coordinates and no channels."""
+    """Piece with some of its coordinates and no channels."""
     q, dq, ddq = piece.states
     states = q[:, some], None if dq is None else dq[:, some], None if ddq is None else ddq[:, some]
     none = np.zeros(0)
@@ -154,7 +154,7 @@ def _bare(piece: Piece, some: slice) -> Piece:
 
 
 def _first_noise(pieces: Sequence[Piece]) -> Noise:
-    """A guess of the coordinates' noise and smoothness; no channels."""
+    """First guess of the coordinates' noise and smoothness, without channels."""
     spread = np.maximum(np.nanstd(np.concatenate([piece.states[0] for piece in pieces]), axis=0), TINY[1])
     n, none = len(spread), np.zeros(0)
     std = np.ones((3, n))
@@ -170,7 +170,7 @@ def _first_noise(pieces: Sequence[Piece]) -> Noise:
 
 
 def _resting(pieces: Sequence[Piece]) -> np.ndarray:
-    """Which coordinates rest in every piece (n,)."""
+    """Mask of the coordinates that rest in every piece (n,)."""
     q = np.concatenate([piece.states[0] for piece in pieces])
     largest = float(np.max(np.nanmax(q, axis=0) - np.nanmin(q, axis=0)))
     each = [[at_rest(x, largest) for x in piece.states[0].T] for piece in pieces]
@@ -178,13 +178,13 @@ def _resting(pieces: Sequence[Piece]) -> np.ndarray:
 
 
 def _alike(measurement: Measurement) -> tuple[int, ...]:
-    """Numbers of the channels' groups: forces of a sensor, its moments, and every joint torque by itself."""
+    """Group number of each channel: forces of a sensor, its moments, and each joint torque separately."""
     groups = [component // 3 for component in measurement.components]
     return (*groups, *range(2, 2 + len(measurement.equations.channels) - len(groups)))
 
 
 def _interpolated(piece: Piece) -> np.ndarray:
-    """Coefficients near the samples: each function's is the coordinate in its middle (size, n)."""
+    """Coefficients near the samples: the coordinate at the middle of each basis function (size, n)."""
     middle = piece.spline.start + (np.arange(piece.spline.size) - 2) * piece.spline.step
     columns = []
     for x in piece.states[0].T:
@@ -201,7 +201,7 @@ def _regressed(
     prior: tuple[np.ndarray, np.ndarray],
     free: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """θ by least squares on given trajectories, and the channels' residuals in standard deviations (C,)."""
+    """θ by least squares on given trajectories, and standard deviations of the channels' residuals (C,)."""
     A, b = _linear(measurement, pieces, coefficients, theta, free)
     there = np.isfinite(b) & ~_loose(pieces)
     std = np.maximum(np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0), TINY[1])
@@ -223,7 +223,7 @@ def _regressed(
 
 
 def _loose(pieces: Sequence[Piece]) -> np.ndarray:
-    """Which channels' samples have slack that is not small beside the signal (N, C)."""
+    """Mask of the channels' samples whose slack is not small relative to the signal (N, C)."""
     spread = np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0)
     nothing = (np.zeros(piece.measured.shape) if piece.slack is None else piece.slack for piece in pieces)
     return np.asarray(np.concatenate(list(nothing)) > LOOSE * spread)

@@ -1,8 +1,8 @@
-"""Uniform B-splines of degree five: what a trajectory is made of, and the penalty that is its prior.
+"""Uniform B-splines of degree five for trajectories, and the penalty that is their prior.
 
     x(t) = Σ_i c_i B((t - t_0) / h - i),        prior  λ ∫ x⃛² dt:  the jerk is white noise of variance 1/λ
 
-On every interval of length h the same six polynomials overlap, so that a value takes a product of 6×6 matrices.
+On every interval of length h the same six polynomials overlap, so that values follow from one 6×6 matrix.
 """
 
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ import numpy as np
 
 DEGREE = 5
 LOCAL = DEGREE + 1
-"""Basis functions that overlap at a time."""
+"""Number of basis functions that overlap at any time."""
 
 ORDER = 3
-"""Derivative that the prior takes for white noise; what the penalty cannot see are polynomials below."""
+"""Order of the derivative that is white noise in the prior; polynomials of lower degree are not penalised."""
 
 
 def _polynomials() -> np.ndarray:
     """Coefficients of the powers of u in [0, 1] of the overlapping functions, first function first (6, 6).
 
-    `B(t) = Σ_j (-1)^j C(6, j) (t - j)₊⁵ / 5!`, its powers multiplied out where t = u + 5 - k for function k; as this
-    short sum they need no splines of scipy's, which bring its optimisers and take as long to import as numpy.
+    `B(t) = Σ_j (-1)^j C(6, j) (t - j)₊⁵ / 5!`, expanded in powers of u with t = u + 5 - k for function k. This avoids
+    scipy's splines, which import its optimisers and take as long as numpy.
     """
     out = np.zeros((LOCAL, LOCAL))
     for k in range(LOCAL):
@@ -41,7 +41,7 @@ class Local(NamedTuple):
     """Basis functions at some times.
 
     Attributes:
-        interval: Interval of each time, which is the index of its first function (N,).
+        interval: Interval of each time, also the index of its first function (N,).
         basis: Values of the six functions and of their first three derivatives, s⁻ᵈ (4, N, 6).
     """
 
@@ -56,11 +56,11 @@ class Local(NamedTuple):
 
 @dataclass(frozen=True)
 class Spline:
-    """A spline space over an interval of time.
+    """Spline space over an interval of time.
 
     Attributes:
         start: First time, s.
-        step: Distance h of the knots, s.
+        step: Knot spacing h, s.
         intervals: Number of intervals.
     """
 
@@ -70,7 +70,7 @@ class Spline:
 
     @classmethod
     def over(cls, first: float, last: float, step: float) -> "Spline":
-        """Over an interval, with knots no further apart than so many seconds."""
+        """Spline space from one time to another with knot spacing of at most `step`, s."""
         intervals = max(int(np.ceil((last - first) / step - 1e-9)), 1)
         return cls(first, (last - first) / intervals, intervals)
 
@@ -80,7 +80,7 @@ class Spline:
         return self.intervals + DEGREE
 
     def local(self, time: np.ndarray) -> Local:
-        """Basis functions at times, s (N,); beyond the ends the outermost polynomials go on."""
+        """Basis functions at times, s (N,); beyond the ends the outermost polynomials are extrapolated."""
         u = (np.asarray(time) - self.start) / self.step
         interval = np.clip(np.floor(u).astype(int), 0, self.intervals - 1)
         powers = np.vander(u - interval, LOCAL, increasing=True)
@@ -92,13 +92,13 @@ class Spline:
         return Local(interval, np.array(basis))
 
     def within(self, first: float, last: float) -> slice:
-        """Functions whose middle lies between two times."""
+        """Indices of the functions whose middle lies between two times."""
         before = LOCAL / 2 - DEGREE
         a, b = ((time - self.start) / self.step - before for time in (first, last))
         return slice(max(int(np.ceil(a)), 0), min(int(np.floor(b)) + 1, self.size))
 
     def holds(self, time: np.ndarray) -> np.ndarray:
-        """Whether times are within the interval (N,)."""
+        """Mask of the times within the interval (N,)."""
         return (time >= self.start) & (time <= self.start + self.intervals * self.step)
 
     def evaluate(self, coefficients: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -106,33 +106,37 @@ class Spline:
         return self.local(time).combined(coefficients)
 
     def refined(self, coefficients: np.ndarray, other: "Spline") -> np.ndarray:
-        """Coefficients in another space of nearly the same splines: `x - h²/4 ẍ` in functions' middles (size, n)."""
+        """Coefficients of nearly the same splines in another space: `x - h²/4 ẍ` at functions' middles (size, n)."""
         middle = other.start + (np.arange(other.size) + LOCAL / 2 - DEGREE) * other.step
         x = self.evaluate(coefficients, middle)
         return np.asarray(x[0] - other.step**2 / 4 * x[2])
 
     def windows(self, coefficients: np.ndarray) -> np.ndarray:
-        """The six coefficients that every interval sees (intervals, 6, n), of all (size, n)."""
+        """The six coefficients of every interval (intervals, 6, n), from all (size, n)."""
         return coefficients[np.arange(self.intervals)[:, None] + np.arange(LOCAL)]
 
     @cached_property
     def penalty_root(self) -> np.ndarray:
-        """R of one interval with `∫ x⃛² dt = |R c|²` for its six coefficients c (3, 6)."""
+        """R of one interval such that `∫ x⃛² dt = |R c|²` for its six coefficients c (3, 6)."""
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE - ORDER + 1)
         jerk = Spline(0.0, self.step, 1).local((nodes + 1) / 2 * self.step).basis[ORDER]
         return jerk * np.sqrt(weights * self.step / 2)[:, None]
 
     @cached_property
     def penalty(self) -> np.ndarray:
-        """P of one interval with `∫ x⃛² dt = cᵀ P c` (6, 6)."""
+        """P of one interval such that `∫ x⃛² dt = cᵀ P c` (6, 6)."""
         return self.penalty_root.T @ self.penalty_root
 
     def squared_jerk(self, coefficients: np.ndarray) -> np.ndarray:
-        """`∫ x⃛² dt` of splines with coefficients (size, n): (n,)."""
+        """`∫ x⃛² dt` (n,) of splines with coefficients (size, n)."""
         return ((self.penalty_root @ self.windows(coefficients)) ** 2).sum(axis=(0, 1))
 
     def penalty_scores(self, rng: np.random.Generator, jerk: np.ndarray, draws: int) -> np.ndarray:
-        """Random gradients of penalties `λ_j ∫ x⃛² dt` at motions of their prior, covariance `λ_j P` (size n, draws)."""
+        """Random gradients of the penalties `λ_j ∫ x⃛² dt` at motions of the prior, of covariance `λ_j P`.
+
+        Returns:
+            Gradients by the coefficients (size n, draws).
+        """
         out = np.zeros((self.size, len(jerk), draws))
         u = rng.normal(size=(self.intervals, len(self.penalty_root), len(jerk), draws))
         for k, own in enumerate(np.einsum("ra,srjd->asjd", self.penalty_root, u)):

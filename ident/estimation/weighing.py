@@ -1,9 +1,9 @@
-"""What a wrench sensor on a body that turns weighs, as if all mass were in one point: enough to see how it is mounted.
+"""Mass and mounting of a wrench sensor on a rotating body, with the load as a point mass.
 
     F = o_F - m R g        M = o_M + g × m c        in the sensor's axes, g gravity less its acceleration
 
-R is the identity where the sensor's axes are as stated; any other is found in closed form (Kabsch, Acta Cryst. A32,
-1976, doi:10.1107/S0567739476001873).
+R is the identity if the sensor's axes are as stated; any other rotation is estimated in closed form (Kabsch, Acta
+Cryst. A32, 1976, doi:10.1107/S0567739476001873).
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,11 @@ from ident.errors import ExcitationError
 from ident.geometry.se3 import hat
 
 TURNS_LEAST = 0.05
-"""Standard deviation of gravity's direction in the sensor, over all axes, from which weight is told from offsets."""
+"""Standard deviation of gravity's direction in the sensor, over all axes, above which weight and offsets separate."""
 
 TURNED, BETTER = np.radians(10), 0.7
-"""Turn of a sensor's axes from which it is a mistake, if the forces' residual shrinks to this part by it."""
+"""Rotation of a sensor's axes from which it is an error, and the largest part of the forces' residual that may remain
+with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +27,11 @@ class Weighing:
 
     Attributes:
         mass: Mass, kg.
-        std: Its standard deviation, kg.
+        std: Standard deviation of the mass, kg.
         moment: First moments `m c`, kg m (3,).
         offsets: Constant offsets of the six channels, N and N m (6,).
-        rotation: Turn of the stated axes that fits the forces best, where it is better than none (3, 3).
-        opposite: Whether the forces have the opposite sign.
+        rotation: Rotation of the stated axes that fits the forces best, identity unless clearly better (3, 3).
+        opposite: True if the forces have the opposite sign.
     """
 
     mass: float
@@ -42,19 +43,19 @@ class Weighing:
 
     @property
     def angle(self) -> float:
-        """Angle of the turn, rad."""
+        """Angle of the rotation, rad."""
         return float(np.arccos(np.clip((np.trace(self.rotation) - 1) / 2, -1, 1)))
 
 
 def weighed(wrench: np.ndarray, gravity: np.ndarray) -> Weighing:
-    """Weighs what a sensor carries.
+    """Estimates mass, first moments and mounting from the wrench on a sensor's load.
 
     Args:
-        wrench: What it reads of the wrench that it exerts on what it carries, N and N m (N, 6).
+        wrench: Measured wrench of the sensor on its load, N and N m (N, 6).
         gravity: Acceleration of gravity less that of the sensor, in its axes, m/s² (N, 3).
 
     Raises:
-        ExcitationError: Gravity hardly changes its direction in the sensor, so that weight is as good as an offset.
+        ExcitationError: Gravity hardly changes its direction in the sensor, so that weight and offset do not separate.
     """
     force, moment = wrench[:, :3], wrench[:, 3:]
     g, f = gravity - gravity.mean(axis=0), force - force.mean(axis=0)
@@ -77,7 +78,7 @@ def weighed(wrench: np.ndarray, gravity: np.ndarray) -> Weighing:
 
 
 def _turned(f: np.ndarray, g: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, bool]:
-    """The turn, and whether the sign is the opposite, with which forces follow gravity better than they do."""
+    """Rotation, and True for the opposite sign, with which forces fit gravity clearly better; else the identity."""
     best, out = BETTER**2 * (left**2).sum(), (np.eye(3), bool((f * g).sum() > 0))
     for opposite in (False, True):
         U, _, Vt = np.linalg.svd((f if opposite else -f).T @ g)

@@ -1,11 +1,11 @@
-"""What is new in each sample of streams whose noise is correlated over time and has outliers.
+"""Innovations of streams whose noise is correlated over time and has outliers.
 
     r_k = ρ r_k-1 + u_k,     z_k = (r_k - ρ r_k-1) / (σ √(1 - ρ²)),     minimised  Σ_k h(z_k)
     h(z) = z²  where |z| ≤ c,  else  2 c |z| - c²,                      a row's weight  min(1, c / |z|)
 
-with a larger σ where something besides the noise is unknown: `σ_k² = σ² + slack_k²`. Such a sample follows no other one
-(Huber, Ann. Math. Statist. 35, 1964, doi:10.1214/aoms/1177703732). Samples may be missing; the first one after a gap is
-taken by itself. An innovation is the sum of a slow and a fast half, which are uncorrelated and tell of ρ:
+(Huber, Ann. Math. Statist. 35, 1964, doi:10.1214/aoms/1177703732), with larger σ for errors in addition to noise:
+`σ_k² = σ² + slack_k²`. A sample with large slack is not linked to its neighbours. Samples may be missing; the first one
+after a gap has ρ = 0. An innovation is the sum of a slow and a fast half, which are uncorrelated and determine ρ:
 
     r_k - ρ r_k-1 = (1 - ρ) (r_k + r_k-1) / 2 + (1 + ρ) (r_k - r_k-1) / 2,      variances of z's halves  (1 ∓ ρ) / 2
 """
@@ -15,17 +15,17 @@ from typing import NamedTuple
 import numpy as np
 
 HUBER = 6.0
-"""Innovations beyond so many standard deviations lose weight: outliers do, and what a touch leaves hardly does, which
-goes with the motion and would bias the estimate."""
+"""Innovation, in standard deviations, beyond which samples lose weight: outliers do, residuals of a touch hardly do,
+because they depend on the motion and less weight on them would bias the estimate."""
 
 
 class Sums(NamedTuple):
-    """Of innovations, of their slow halves, and of their fast ones.
+    """Sums over innovations, their slow halves and their fast halves.
 
     Attributes:
-        squares: Sums of squares in standard deviations, of innovations clipped; halves lose the weight that outliers
-            lose at either sample (3, s).
-        number: What these would be on average were the noise not fitted: how many samples, and parts of them (3, s).
+        squares: Sums of squares in standard deviations; innovations are clipped, and halves are weighted down for
+            outliers at either sample (3, s).
+        number: Expected values of these if nothing were fitted: numbers of samples, and parts of them (3, s).
     """
 
     squares: np.ndarray
@@ -33,15 +33,15 @@ class Sums(NamedTuple):
 
 
 class Innovations(NamedTuple):
-    """What is new in each sample of s streams.
+    """Innovations of s streams.
 
     Attributes:
         values: Innovations in their standard deviations, zero where a sample is missing (N, s).
-        std: Their standard deviations (N, s).
-        rho: ρ where a sample follows another one, else zero (N, s).
-        residual: Residuals as they are, zero where missing (N, s).
-        there: Whether there is a sample (N, s).
-        linked: Whether it follows another one (N, s).
+        std: Standard deviations of the innovations (N, s).
+        rho: ρ where a sample is linked to the one before, else zero (N, s).
+        residual: Residuals, zero where missing (N, s).
+        there: Mask of the samples present (N, s).
+        linked: Mask of the samples linked to the one before (N, s).
         clarity: Share of the noise in the variance of a sample, less than one where there is slack (N, s).
     """
 
@@ -55,7 +55,7 @@ class Innovations(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Squares, and what outliers count in place of theirs."""
+        """Sum of Huber's h over all innovations."""
         size = np.abs(self.values)
         return float(np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
 
@@ -66,14 +66,14 @@ class Innovations(NamedTuple):
 
     @property
     def halves(self) -> tuple[np.ndarray, np.ndarray]:
-        """What sums and differences with the sample before are multiplied by in slow and fast halves (N, s)."""
+        """Factors on sums and on differences with the preceding sample in slow and fast halves (N, s)."""
         pairs = self.linked * self.weight
         pairs[1:] *= self.weight[:-1]
         return pairs * (1 - self.rho) / (2 * self.std), pairs * (1 + self.rho) / (2 * self.std)
 
     @property
     def sums(self) -> Sums:
-        """What tells of variances."""
+        """Sums of squares, and their expected values, from which variances are estimated."""
         slow, fast = self.halves
         before, whole = np.zeros_like(self.residual), (slow + fast) * self.std**2
         before[1:] = self.residual[:-1]
@@ -87,15 +87,15 @@ class Innovations(NamedTuple):
 def innovations(
     residual: np.ndarray, interval: np.ndarray, std: np.ndarray, rho: np.ndarray, slack: np.ndarray | None = None
 ) -> Innovations:
-    """What is new in each sample.
+    """Innovations of residuals.
 
     Args:
         residual: Measured less predicted, NaN where missing (N, s).
-        interval: Interval of the trajectory that each sample is in, never decreasing (N,). A sample follows the one
-            before it where their windows overlap.
+        interval: Interval of the trajectory of each sample, never decreasing (N,). Consecutive samples are linked if
+            they are in the same or adjacent intervals.
         std: Standard deviations of the noise (s,).
-        rho: Its correlation from one sample to the next (s,).
-        slack: Standard deviation of what is unknown besides the noise (N, s), by default nothing.
+        rho: Correlation of the noise from one sample to the next (s,).
+        slack: Standard deviation of the error in addition to noise (N, s), by default none.
     """
     there = np.isfinite(residual)
     residual = np.where(there, residual, 0.0)
