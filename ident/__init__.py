@@ -1,10 +1,10 @@
 """Geometric dynamic identification of mechanisms from base and contact wrenches (numpy and scipy only).
 
     identify(mechanism, recording)                       base parameters from a recording, judged: an `Estimate`
-    identify_payload(robot, recording, …)                what a robot carries beyond a wrist sensor
+    identify_payload(robot, recording, …)                parameters of a load beyond a wrist sensor
     Estimate                                             ψ and covariance; predict, compare, consistent, verdict
     Mechanism                                            a tree with gravity, prior φ, sites and ranges
-    Motion                                               joint states over time, and how the base moves
+    Motion                                               joint states over time, and motion of the base
     BaseMotion                                           poses, twists and accelerations of a base
     Tree                                                 bodies and their joints
     Body                                                 one body and the joint that carries it
@@ -12,23 +12,23 @@
     tree_from_mdh(frames)                                the tree of such a table
     recover_axes(tree, poses)                            joint axes from measured poses of the bodies
     read_log(path, mechanism)                            a recording from a log, columns mapped by TOML
-    Recording                                            measured channels by name, with where sensors sit
-    Sensor                                               where a wrench is measured, and which way round
+    Recording                                            measured channels by name, and sensors
+    Sensor                                               place and direction of a measured wrench
     Wrench                                               a measured wrench
-    total_wrench(tree, q, …)                             what the ground and all contacts exert in all (Eq. 15-18)
+    total_wrench(tree, q, …)                             total wrench of the ground and all contacts (Eq. 15-18)
     base_wrench_regressor(tree, q, dq, ddq, gravity=…)   Y of the base wrench (Eq. 14)
     joint_torque_regressor(tree, q, dq, ddq, gravity=…)  Y of the joint torques (Eq. 11)
-    find_base_parameters(tree, gravity=…)                what can be identified: rank, names, regrouping
+    find_base_parameters(tree, gravity=…)                identifiable parameters: rank, names, regrouping
     BaseParameters                                       a regrouping
-    Sensors                                              what is measured, for the structure
+    Sensors                                              measured quantities, for the structure
     consistent_parameters(psi, …)                        physical bodies near a prior that have given ψ
-    Equations                                            channels and columns that are fitted
+    Equations                                            channels and columns to fit
     Samples                                              a motion and measured channels
     least_squares(equations, source)                     ordinary or weighted least squares of pieces of any length
-    InputError                                           what users do wrong; kinds of it:
-    ModelError                                           of a model or mechanism
-    LogError                                             of a recording or a mapping of its columns
-    ExcitationError                                      of a motion that does not separate parameters
+    InputError                                           invalid input; its kinds:
+    ModelError                                           an invalid model or mechanism
+    LogError                                             an invalid recording or mapping of its columns
+    ExcitationError                                      a motion that does not separate parameters
 
 Conventions, used everywhere: SI units and radians; twists are `[v; ω]`, wrenches `[F; τ]`; `T_ab` is the pose of
 frame b in frame a, so `T_ac = T_ab @ T_bc`; {0} is the base frame. A module is imported when one of its names is first
@@ -124,7 +124,7 @@ _MODULES = {
     "total_wrench": "ident.recordings.wrench",
     "tree_from_mdh": "ident.mechanism.dh",
 }
-"""Where each name is defined."""
+"""Module of each name."""
 
 
 def __getattr__(name: str) -> Any:

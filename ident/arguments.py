@@ -1,4 +1,4 @@
-"""Checks of what users state in Python and in mapping files: standard deviations, names out of a list, fractions."""
+"""Checks of arguments from Python and mapping files: standard deviations, names out of a list, fractions."""
 
 from collections.abc import Iterable, Mapping
 from numbers import Real
@@ -8,25 +8,25 @@ from ident.errors import InputError
 from ident.tolerances import HUGE
 
 OF_BODIES = ("mass", "center", "inertia")
-"""What may be known of a body beforehand."""
+"""Properties of a body that may have a prior."""
 
 LEAST = 1e-12
-"""Standard deviation below which something is known exactly."""
+"""Standard deviation below which a value is taken as exact."""
 
 
 def checked_deviations(
     where: str, given: Any, choices: Iterable[str], error: type[InputError] = InputError
 ) -> dict[str, float]:
-    """Standard deviations by what they are of, zero for what is exactly as stated.
+    """Standard deviations by name, zero for exact values.
 
     Args:
-        where: What a message calls them.
-        given: What was stated: numbers, or False for zero.
-        choices: Names of what may be known.
-        error: Error that is raised.
+        where: Name of the argument in messages.
+        given: Mapping of names to numbers, or to False for zero.
+        choices: Valid names.
+        error: Type of the error to raise.
 
     Raises:
-        InputError: They are no mapping, a name is none of those, or a number is negative, NaN, infinite or none.
+        InputError: It is no mapping, a name is not valid, or a value is negative, NaN, infinite or no number.
     """
     names = tuple(choices)
     if not isinstance(given, Mapping):
@@ -43,12 +43,12 @@ def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, 
     """Names out of a list, each once.
 
     Args:
-        where: What a message calls them.
-        given: What was stated.
-        choices: Names that there are.
+        where: Name of the argument in messages.
+        given: List of names.
+        choices: Valid names.
 
     Raises:
-        InputError: It is a single text or no list, or a name is none of those.
+        InputError: It is a single string or no list, or a name is not valid.
     """
     names = tuple(choices)
     wrong = (
@@ -60,17 +60,17 @@ def checked_names(where: str, given: Any, choices: Iterable[str]) -> tuple[str, 
 
 
 def check_holdout(value: Any) -> None:
-    """Refuses a part to hold out that is no number from 0 to less than 1."""
+    """Raises an InputError unless a fraction to hold out is a number from 0 to less than 1."""
     if not (_is_number(value) and 0 <= value < 1):
         raise InputError(f"holdout needs a fraction of the recording, from 0 to less than 1, got {_short(value)}.")
 
 
 def _is_number(value: Any) -> bool:
-    """True for real numbers, which True and False are not."""
+    """True for real numbers, except True and False."""
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _short(value: Any) -> str:
-    """What was given, cut to fit a message."""
+    """Text of a value, cut to fit a message."""
     text = str(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

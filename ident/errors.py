@@ -1,14 +1,14 @@
-"""What users do wrong, in one sentence each; every other exception is a fault of this project."""
+"""Errors of input, with a sentence for the user; every other exception is a bug of this project."""
 
 from collections.abc import Sequence
 
 
 class InputError(ValueError):
-    """Something given is not what is required: the message says what was, what arrived, and what would do."""
+    """Invalid input: the message says what is required, what was given, and what would do."""
 
 
 class ModelError(InputError):
-    """A model or a mechanism is missing, malformed, lacks what is asked of it, or has what the equations do not."""
+    """A model or mechanism is missing, malformed or incomplete, or has features that the equations do not support."""
 
 
 class LogError(InputError):
@@ -19,7 +19,7 @@ class ExcitationError(InputError):
     """The motion does not separate some of the base parameters.
 
     Attributes:
-        parameters: Names of those that cannot be told apart, as far as known.
+        parameters: Names of the parameters that cannot be separated, as far as known.
     """
 
     def __init__(self, message: str, parameters: Sequence[str] = ()) -> None:

@@ -1,4 +1,4 @@
-"""Base parameters from recordings, how well they predict, and whether to believe them."""
+"""Estimate of base parameters from recordings, with predictions, findings and a verdict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -30,19 +30,19 @@ from ident.parameters.prior import KNOWN, known_covariance
 from ident.tolerances import UNEXPLAINED
 
 SHOWN = 30
-"""Base parameters that `print` shows at most."""
+"""Largest number of base parameters that `print` shows."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Samples that are judged by, and what a fit leaves of them.
+    """Held-out samples and a fit's residuals on them.
 
     Attributes:
-        time: Sample times, s; those of each further recording begin where those of the one before end (M,).
+        time: Sample times, s; those of each further recording continue those of the one before (M,).
         samples: The samples.
         fit: The fit.
         residual: Measured minus predicted (M, C).
-        starts: Indices of the samples with which a recording begins, or goes on after what is not judged by.
+        starts: Indices of the samples with which a recording begins, or continues after a gap.
     """
 
     time: np.ndarray
@@ -58,16 +58,16 @@ class HeldOut:
 
     @property
     def relative_rms(self) -> np.ndarray:
-        """RMS residual over the RMS of the signal, its mean included, as it is often published (C,)."""
+        """RMS residual over the RMS of the signal, mean included, as often published (C,)."""
         rms, signal = (np.sqrt((x**2).mean(axis=0)) for x in (self.residual, self.samples.measured))
         return rms / np.maximum(signal, 1e-300)
 
     def ratio_with(self, psi: np.ndarray) -> np.ndarray:
-        """The same with other base parameters (r,)."""
+        """`ratio` with other base parameters (r,)."""
         return self._ratio(self.residual_with(psi))
 
     def residual_with(self, psi: np.ndarray) -> np.ndarray:
-        """Residuals with other base parameters (r,), drives and offsets as they are likeliest beside them (M, C)."""
+        """Residuals with other base parameters (r,), and the likeliest drives and offsets given these (M, C)."""
         return self.fit.with_psi(psi).residual(self.samples)
 
     def _ratio(self, residual: np.ndarray) -> np.ndarray:
@@ -79,20 +79,20 @@ class Estimate:
     """Base parameters of a mechanism from recordings.
 
     Attributes:
-        logs: What was fitted: each recording, and the samples of it.
+        logs: Fitted recordings, and the fitted samples of each.
         fit: The fit.
-        offsets: Constant offset of each channel where it can be told, fitted or not, with its standard deviation.
-        held_out: Samples that are judged by: ends of the recordings, or others, each of them predicted from the
-            rest, or the fitted ones themselves.
-        singular_values: Of the unit-norm columns of base parameters and drives, each channel weighted.
-        joint: The joint estimate of trajectory, parameters, set-up and noise, where that was made.
-        rivals: Ratios of residual to signal that other candidates leave of the same samples (C,), by what they are.
+        offsets: Constant offset of each channel where identifiable, fitted or not, with its standard deviation.
+        held_out: Samples on which the fit is judged: ends of the recordings, other recordings, each recording predicted
+            from the rest, or the fitted samples themselves.
+        singular_values: Singular values of the unit-norm columns of base parameters and drives, each channel weighted.
+        joint: The joint estimate of trajectory, parameters, set-up and noise, None for other estimators.
+        rivals: Ratios of residual to signal of other candidates on the same samples (C,), by name.
         filtered_at: Cut-off of the candidate `least squares`, Hz; None without it.
-        disagreement: Root mean square z of the differences between two halves, where there are two.
-        disagreements: Root mean square z of each recording's parameters against the others', of three or more.
-        widening: What the standard deviations from the noise were multiplied by because of that.
-        bounded: Drives that ended at their bound of zero: upper limit of the one-sided 95 % interval, and standard
-            deviation with the drive free.
+        disagreement: Root mean square z of the differences between two halves, None without two.
+        disagreements: Root mean square z of each recording's parameters against the others', for three or more.
+        widening: Factor on the standard deviations from the noise because of that.
+        bounded: Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation with
+            the drive free.
     """
 
     logs: Sequence[tuple[Prepared, slice]]
@@ -115,12 +115,12 @@ class Estimate:
 
     @property
     def part(self) -> slice:
-        """Samples of it that were fitted."""
+        """Fitted samples of the first recording."""
         return self.logs[0][1]
 
     @property
     def base(self) -> BaseParameters:
-        """The regrouping."""
+        """Regrouping of the standard parameters into base parameters."""
         return self.fit.parameters
 
     @property
@@ -145,23 +145,23 @@ class Estimate:
 
     @property
     def std_setup(self) -> np.ndarray:
-        """Standard deviations with what is left open of the set-up, where that was estimated; else `std` (r,)."""
+        """Standard deviations with the uncertainty of the set-up if it was estimated, else `std` (r,)."""
         return np.sqrt(np.diag(self.covariance_setup))[: self.base.rank]
 
     @cached_property
     def covariance_setup(self) -> np.ndarray:
-        """Covariance of all coefficients with what is left open of the set-up (m, m)."""
+        """Covariance of all coefficients with the uncertainty of the set-up (m, m)."""
         if self.joint is None:
             return self.fit.covariance
         m = len(self.names)
         added = self.joint.covariance_of_setup[:m, :m].copy()
-        # Less than nothing by rounding alone.
+        # Variances may be negative by rounding.
         np.fill_diagonal(added, np.maximum(np.diag(added), 0))
         return self.fit.covariance + added
 
     @property
     def moved_from_prior(self) -> np.ndarray:
-        """How far the data moved ψ from the model's, in standard deviations of what is known beforehand (r,)."""
+        """Difference of ψ from the model's, in standard deviations of the prior (r,)."""
         mechanism = self.prepared.mechanism
         known = {**KNOWN, **self.prepared.recording.known}
         std = np.sqrt(np.diag(known_covariance(mechanism, self.base, known)))
@@ -174,7 +174,7 @@ class Estimate:
 
     @property
     def inseparable(self) -> tuple[str, ...]:
-        """Channels whose constant offset cannot be told from parameters."""
+        """Channels whose constant offset cannot be separated from parameters."""
         return tuple(channel for channel in self.channels if channel not in self.offsets)
 
     @property
@@ -184,10 +184,10 @@ class Estimate:
 
     @cached_property
     def condition_numbers(self) -> dict[str, float]:
-        """Condition numbers of the columns of base parameters and drives, as they are published.
+        """Condition numbers of the columns of base parameters and drives, in the ways they are published.
 
-        `raw` in SI units, `unit_norm` of columns scaled to norm one, `weighted` of these with each channel divided by
-        its signal, as `condition_number`.
+        `raw` in SI units, `unit_norm` with columns scaled to norm one, `weighted` with each channel divided by its
+        signal as well, as `condition_number`.
         """
         columns = accumulate(self.fit.equations, self._fitted).root[:, : len(self.singular_values)]
         norms = np.linalg.norm(columns, axis=0)
@@ -200,7 +200,7 @@ class Estimate:
 
     @cached_property
     def near_reversals(self) -> np.ndarray:
-        """Mask of the held-out samples whose joint is so slow that its torque says little (M, C)."""
+        """Mask of the held-out samples whose joint is so slow that its torque carries little information (M, C)."""
         motion, joint = self.held_out.samples.motion, self.joint
         speed = np.full(self.held_out.residual.shape, np.inf)
         if joint is None or joint.reversals is None:
@@ -230,22 +230,23 @@ class Estimate:
 
     @cached_property
     def model_error(self) -> np.ndarray:
-        """Share of each channel's residual that the motion explains, beyond chance, held out and fitted (C,).
+        """Share of each channel's residual that the motion explains beyond chance, held out and fitted (C,).
 
-        A held-out motion is smoothed from joint angles alone, and what smoothing takes away goes with the motion. In
-        the fitted part the channels had a say in the motion. A wrong model shows in both: the smaller share counts.
+        A held-out motion is smoothed from joint angles alone, and the error of smoothing depends on the motion. In the
+        fitted part the motion was estimated from the channels as well. A wrong model shows in both: the smaller share
+        is returned.
         """
         held = explained_by_motion(self.held_out.residual, self.held_out.samples.motion)
         return np.minimum(held, explained_by_motion(self.residual, self._fitted.motion))
 
     @cached_property
     def friction(self) -> dict[str, float]:
-        """Share of each joint torque's residual that friction would take away, where there are torques."""
+        """Share of each joint torque's residual that friction would explain, empty without torques."""
         return friction_shares(self.fit, self._fitted) if self.fit.equations.torques else {}
 
     @property
     def scale(self) -> np.ndarray:
-        """Standard deviation of each channel's residual, outliers left aside (C,)."""
+        """Robust standard deviation of each channel's residual (C,)."""
         return spread(self.residual)
 
     @property
@@ -255,7 +256,7 @@ class Estimate:
         return correlation_time(residual, self.prepared.recording.rate)
 
     def predict(self, motion: Motion) -> np.ndarray:
-        """Channels that the estimate predicts for a motion, in N and N m (N, C).
+        """Predicted channels for a motion, N and N m (N, C).
 
         Raises:
             InputError: The motion does not fit the mechanism.
@@ -263,10 +264,10 @@ class Estimate:
         return self.fit.predicted(motion.checked(self.prepared.mechanism.tree))
 
     def compare(self, other: "Estimate") -> Comparison:
-        """The difference from an estimate of another recording of the same mechanism, and whether it is noise.
+        """Comparison with an estimate from another recording of the same mechanism, with a test of the difference.
 
         Raises:
-            InputError: The other one has other base parameters.
+            InputError: The base parameters differ.
         """
         return compared(self.fit, other.fit)
 
@@ -279,25 +280,25 @@ class Estimate:
         )
 
     def consistent(self) -> ConsistentParameters:
-        """The physical bodies that are as close to the mechanism's prior as the estimate lets them be."""
+        """Physical bodies as close to the mechanism's prior as the estimate allows."""
         return self._consistent
 
     @cached_property
     def setup(self) -> list[SetupFinding]:
-        """What of the set-up was found not to be as stated; the estimate includes it."""
+        """Set-up errors, which the estimate includes."""
         return [] if self.joint is None else setup_findings(self.joint)
 
     @cached_property
     def findings(self) -> list[Finding]:
-        """What speaks against the estimate, and what else its reader should know, the doubts first."""
+        """Findings on the estimate, doubts first."""
         return findings(self)
 
     def verdict(self) -> str:
-        """One sentence on whether to believe it."""
+        """One sentence on whether the estimate can be trusted."""
         return verdict(self, self.findings)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything for scripts, in JSON's types."""
+        """All results for scripts, in JSON's types."""
         held, full = self.held_out, self.consistent()
         rms, signal = np.sqrt((held.residual**2).mean(axis=0)), held.samples.measured.std(axis=0)
         keys = ("residual_rms", "signal_std", "ratio", "relative_rms", "ratio_without_reversals")
@@ -332,7 +333,7 @@ class Estimate:
         }
 
     def _weights(self) -> dict[str, Any] | None:
-        """Noise that the weights take for granted, and by which errors of left-out pieces it was chosen, if it was."""
+        """Noise model of the weights, and the errors of left-out pieces by which it was chosen, if it was."""
         if self.joint is None:
             return None
         errors = {name: each.tolist() for name, each in self.joint.errors.items()}
@@ -361,5 +362,5 @@ class Estimate:
 
     @cached_property
     def checks(self) -> Checks:
-        """All that can be checked."""
+        """Checks of recording, set-up and fit."""
         return checked(self.prepared, self.fit, self.part)

@@ -1,4 +1,4 @@
-"""From a mechanism and recordings to base parameters: what is fitted, what is judged by, and by which estimator."""
+"""Identification of base parameters from a mechanism and recordings: division of samples, estimators, candidates."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -44,10 +44,10 @@ ESTIMATORS = ("joint", "weighted", "ordinary")
 NO_CUTOFF = "The joint estimate filters nothing: --cutoff belongs to --estimator weighted or ordinary."
 
 LEAST_HELD_OUT = 2
-"""Samples that a held-out part needs: a signal's standard deviation takes two."""
+"""Least number of held-out samples: a signal's standard deviation needs two."""
 
 FAR_LESS = 30.0
-"""Standard deviations from the data, over those of what is known beforehand, from which the latter is put in."""
+"""Standard deviations from the data, over those of the prior, above which the prior is used."""
 
 
 def identify(
@@ -66,19 +66,18 @@ def identify(
     known: Mapping[str, float] | bool | None = None,
     physical: bool = False,
 ) -> Estimate:
-    """Base parameters of a mechanism from recordings, judged on what was not fitted.
+    """Base parameters of a mechanism from recordings, judged on samples that were not fitted.
 
     Args:
-        mechanism: The mechanism, with a prior, as `sim.mechanism` reads it.
-        recording: Joint states and wrenches, as `read_log` reads them or `sim.simulate` makes them: one recording, or
-            several that share their parameters.
-        estimator: As for `identified`, also `offsets`, `holdout`, `own`, `setup`, `known` and
-            `physical`.
-        cutoff: Of least squares the cut-off of the low-pass in Hz, `auto`, or None for the recording's own velocities
-            and accelerations. The joint estimate has none, and takes joint coordinates alone.
+        mechanism: The mechanism, with a prior, from `sim.mechanism`.
+        recording: Joint states and wrenches, from `read_log` or `sim.simulate`: one recording, or several that share
+            their parameters.
+        estimator: As for `identified`; so are `offsets`, `holdout`, `own`, `setup`, `known` and `physical`.
+        cutoff: Cut-off of the low-pass for least squares in Hz, `auto`, or None for the recording's own velocities and
+            accelerations. The joint estimate has none, and uses joint coordinates alone.
         drive: Columns of friction and rotor inertia for joint torques: `viscous`, `coulomb`, `rotor`, `stribeck`.
-        leave_out: Channels that are neither fitted nor judged, as `Fz`, `Mx` and `My` of a model that moves in a plane
-            across z; of joint torques the joints' names.
+        leave_out: Channels that are neither fitted nor judged, as `Fz`, `Mx` and `My` of a model that moves in the
+            plane normal to z; joints' names for joint torques.
         held_out: Other recordings to judge by.
 
     Raises:
@@ -119,25 +118,25 @@ def identified(
     executor: Executor | None = None,
     report: Report | None = None,
 ) -> Estimate:
-    """Fits recordings, and holds something back to judge the fit by.
+    """Fits recordings and judges the fit on held-out samples.
 
     Args:
         logs: Mechanism and recording, one or several.
         estimator: `joint` for trajectory, parameters, set-up and noise at once, from joint angles; `weighted` for least
-            squares at states taken for exact, channels weighted by their residuals and outliers down; `ordinary` for
-            the paper's.
-        offsets: Whether to fit a constant offset of every channel that can be told from the parameters.
-        holdout: Fraction of each recording, its end, that is not fitted; with zero the fit is judged on what was
-            fitted. Of three recordings or more the joint estimate fits the whole, and predicts each from the others.
+            squares with states taken as exact, channels weighted by their residuals and outliers weighted down;
+            `ordinary` for that of the paper.
+        offsets: True to fit a constant offset of every channel for which it can be separated from the parameters.
+        holdout: Fraction of each recording, its end, that is not fitted; with zero the fit is judged on the fitted
+            samples. Three recordings or more are fitted whole by the joint estimate, and each predicted from the rest.
         judges: Other recordings of the same channels to judge by, of any length; then all logs are fitted whole.
-        own: What each recording has for itself in the joint estimate: `offset`, `delay`.
-        setup: For the joint estimate, what is known of the set-up, as for `setup_parameters`; by default what the
-            recording says.
-        known: For the joint estimate, how well φ of the model is known, as for `body_covariance`: True for the
-            default, False for not at all, None for the default where the motion does not separate all parameters.
-        physical: Whether the joint estimate's bodies have to be physical, as close to the model's as the recordings
-            let them be; by default they are made so afterwards, for `Estimate.consistent` alone.
-        executor: Where the joint estimate works on its pieces.
+        own: Parameters that each recording has separately in the joint estimate: `offset`, `delay`.
+        setup: Standard deviations of the set-up for the joint estimate, as for `setup_parameters`; by default those of
+            the recording.
+        known: Standard deviations of the model's φ for the joint estimate, as for `body_covariance`: True for the
+            default, False for no prior, None for the default where the motion does not separate all parameters.
+        physical: True if the joint estimate's bodies must be physical, as close to the model's as the recordings
+            allow; by default only those of `Estimate.consistent` are.
+        executor: Executor for the pieces of the joint estimate.
         report: Called with every round of the joint estimate, and its step in standard deviations.
 
     Raises:
@@ -161,7 +160,7 @@ def identified(
             raise InputError("Only the joint estimate can be held to physical bodies.")
         divided = _without_flat(_divided(logs, holdout, judges, alone=False))
         return _least_squares(divided, estimator == "weighted", offsets)
-    # Nothing is filtered, therefore nothing has to settle.
+    # Without a filter no ends are left out.
     logs, judges = ([replace(log, cutoff=None) for log in several] for several in (logs, judges))
     divided = _without_flat(_divided(logs, 0.0 if len(logs) > 2 and not judges else holdout, judges, alone=True))
     told = logs[0].recording
@@ -181,13 +180,13 @@ def _recordings(where: str, given: Recording | Sequence[Recording]) -> list[Reco
 
 @dataclass(frozen=True)
 class _Divided:
-    """What is fitted, and what is judged by.
+    """Samples to fit and samples to judge by.
 
     Attributes:
         fitted: Recordings and the samples of each to fit.
         judged: Recordings and the samples of each to judge by.
-        apart: Whether the latter are recordings of their own.
-        smoothing: Time constant with which the angles of what is judged are smoothed, s.
+        apart: True if the latter are separate recordings.
+        smoothing: Time constant with which the angles of samples to judge by are smoothed, s.
     """
 
     fitted: list[tuple[Prepared, slice]]
@@ -202,7 +201,7 @@ class _Divided:
 
     @property
     def held(self) -> bool:
-        """Whether something holds the base, measured or not, beside the contacts."""
+        """True if something besides the contacts holds the base, measured or not."""
         first = self.fitted[0][0].recording
         return GROUND in first.wrenches or not first.wrenches
 
@@ -212,14 +211,14 @@ class _Divided:
         return joined([log.samples[log.taken(part)] for log, part in self.fitted])
 
     def with_logs(self, logs: Sequence[Prepared], judges: Sequence[Prepared]) -> "_Divided":
-        """The same parts of other versions of the recordings."""
+        """Division into the same parts of other versions of the recordings."""
         fitted = [(log, part) for log, (_, part) in zip(logs, self.fitted, strict=True)]
         return replace(
             self, fitted=fitted, judged=[(log, part) for log, (_, part) in zip(judges, self.judged, strict=True)]
         )
 
     def held_out(self, fits: Sequence[Fit]) -> HeldOut:
-        """What fits leave of the samples to judge by, one for all recordings or one for each."""
+        """Residuals on the samples to judge by, of one fit for all recordings or one for each."""
         samples = [log.samples[log.taken(part)] for log, part in self.judged]
         each = list(fits) * len(samples) if len(fits) == 1 else fits
         residual = np.concatenate([fit.residual(x) for fit, x in zip(each, samples, strict=True)])
@@ -228,7 +227,7 @@ class _Divided:
 
 
 def _in_a_row(times: Sequence[np.ndarray]) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Times of recordings one after the other, and where each begins or goes on after a gap."""
+    """Times of recordings one after the other, and the indices at which each begins or continues after a gap."""
     out, starts = times[0][:0], list[int]()
     for own in times:
         starts += [len(out) + run.start for run in stretches(own, np.ones(len(own), bool))]
@@ -237,7 +236,7 @@ def _in_a_row(times: Sequence[np.ndarray]) -> tuple[np.ndarray, tuple[int, ...]]
 
 
 def _least_squares(divided: _Divided, weighted: bool, offsets: bool) -> Estimate:
-    """Least squares at states taken for exact."""
+    """Estimate by least squares with states taken as exact."""
     equations, samples = divided.equations, divided.samples
     singular_values, poor = _excited(equations, samples)
     if poor:
@@ -253,7 +252,7 @@ def _least_squares(divided: _Divided, weighted: bool, offsets: bool) -> Estimate
 def _joint(
     divided: _Divided, offsets: bool, prior: Mapping[str, float], wanted: bool | None, **options: Any
 ) -> Estimate:
-    """Trajectories, parameters, set-up and noise at once."""
+    """Joint estimate of trajectories, parameters, set-up and noise."""
     equations, samples = divided.equations, divided.samples
     singular_values, poor = _excited(equations, samples)
     still = samples.motion.base is None and not np.ptp(samples.motion.q, axis=0).any()
@@ -262,10 +261,10 @@ def _joint(
     known = prior if wanted or poor else None
     with_offsets = separable(equations.with_offsets(range(len(equations.channels))), samples)
     if not divided.held:
-        # Where all wrenches together come to zero, a constant one is weight.
+        # Where the sum of all wrenches is zero, a constant one is weight, not an offset.
         components = len(equations.channels) - len(equations.torques)
         with_offsets = equations.with_offsets([k for k in with_offsets.offsets if k >= components])
-    # With the set-up exactly as stated there is nothing to look for.
+    # No search if the set-up is exact, or if something is grossly wrong.
     search = any((PRIORS | options["setup"]).values()) and not any(_grossly_wrong(log) for log, _ in divided.fitted)
     columns = with_offsets if offsets else equations
     estimate = partial(joint_estimate, divided.fitted, columns, search=search, **options)
@@ -297,7 +296,7 @@ def _joint(
 
 
 def _grossly_wrong(log: Prepared) -> bool:
-    """Whether a wrench or torque is so wrong that a search for small faults of the set-up makes no sense."""
+    """True if a wrench or torque is so wrong that a search for small set-up errors is pointless."""
     frames, base = wrench_checks(log)
     torques = torque_checks(log)
     wrench = any(check.suspicious for check in frames.values()) or (base is not None and base.suspicious)
@@ -307,12 +306,12 @@ def _grossly_wrong(log: Prepared) -> bool:
 def _known_enough(
     estimate: Callable[..., Joint], known: Mapping[str, float] | None, prior: Mapping[str, float] | None
 ) -> Joint:
-    """The estimate, with a prior if without one the data know far less: noise can make a motion look richer than it is.
+    """Joint estimate, with a prior if the data alone are far less precise: noise can pass for excitation.
 
     Args:
-        estimate: What estimates with how well φ is known.
-        known: How well it is taken to be known, None for not at all.
-        prior: How well it may be.
+        estimate: Function that estimates with given standard deviations of φ.
+        known: Standard deviations to use first, None for no prior.
+        prior: Standard deviations to fall back on, None for none.
     """
     try:
         joint = _solvable(estimate, known)
@@ -329,7 +328,7 @@ def _known_enough(
 
 
 def _solvable(estimate: Callable[..., Joint], known: Mapping[str, float] | None) -> Joint:
-    """The estimate; an ExcitationError where its equations are singular but for rounding."""
+    """Joint estimate; raises an ExcitationError if its equations are singular up to rounding."""
     try:
         return estimate(known=known)
     except np.linalg.LinAlgError:
@@ -341,7 +340,7 @@ def _solvable(estimate: Callable[..., Joint], known: Mapping[str, float] | None)
 
 
 def _corrected(divided: _Divided, joint: Joint) -> _Divided:
-    """Recordings with the set-up of a joint estimate, their motion smoothed; what is judged by from angles alone."""
+    """Recordings with the set-up of a joint estimate and smoothed motion, that to judge by from angles alone."""
     smoothing = divided.smoothing
     logs = [corrected(log, joint, k, smoothing, part) for k, (log, part) in enumerate(divided.fitted)]
     if divided.apart:
@@ -356,16 +355,16 @@ def _corrected(divided: _Divided, joint: Joint) -> _Divided:
 def _rivals(
     divided: _Divided, equations: Equations, joint: Joint, fit: Fit
 ) -> tuple[dict[str, np.ndarray], float | None]:
-    """What others leave of what is judged by, with the set-up as stated: the model as it came, and least squares.
+    """Residual ratios of other candidates with the set-up as stated: the model's prior, and least squares.
 
     Args:
-        divided: What was fitted, and what is judged by.
+        divided: Samples to fit and to judge by.
         equations: Their columns, with offsets.
         joint: The joint estimate.
-        fit: The same as a fit.
+        fit: The joint estimate as a fit.
 
     Returns:
-        Ratios of residual to signal by what the candidate is (C,), and the cut-off of least squares, Hz.
+        Ratios of residual to signal by candidate (C,), and the cut-off of least squares, Hz.
     """
     stated = _corrected(divided, joint.as_stated())
     held = stated.held_out([_model_as_it_came(replace(fit, equations=equations), stated.samples)])
@@ -378,7 +377,7 @@ def _rivals(
 
 
 def _model_as_it_came(fit: Fit, samples: Samples) -> Fit:
-    """The model's own parameters in place of a fit's, without drives, with the offsets that it leaves of samples."""
+    """Fit replaced by the model's prior parameters, without drives, with the mean residuals of samples as offsets."""
     equations = fit.equations
     prior = equations.parameters.regroup(equations.mechanism.known)
     model = replace(fit, values=np.r_[prior, np.zeros(len(equations.names) - len(prior))])
@@ -388,16 +387,16 @@ def _model_as_it_came(fit: Fit, samples: Samples) -> Fit:
 
 
 def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared], *, alone: bool) -> _Divided:
-    """Samples to fit, and those of the same or of other recordings to judge by.
+    """Samples to fit, and samples of the same or other recordings to judge by.
 
     Args:
         logs: Recordings to fit.
         holdout: Fraction of each, its end, to judge by.
         judges: Other recordings to judge by instead.
-        alone: Whether accelerations of what is judged will follow from angles alone.
+        alone: True if accelerations of the samples to judge by will follow from angles alone.
 
     Raises:
-        InputError: There are too few, or channels differ.
+        InputError: There are too few samples, or channels differ.
     """
     first = logs[0].equations
     for other, role in [
@@ -434,7 +433,7 @@ def _divided(logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared
 
 
 def _with_rests(log: Prepared, part: slice) -> Prepared:
-    """The same with notes on joints that rest in what is fitted, and move later."""
+    """Recording with notes on joints that rest in the fitted part and move later."""
     sentences = [] if part.start >= part.stop else repairs.rests(log.recording, log.mechanism.tree, part)
     whole = {note.partition(" rests at ")[0] for note in log.notes}
     more = [f"In what is fitted, {x}" for x in sentences if x.partition(" rests at ")[0] not in whole]
@@ -442,7 +441,7 @@ def _with_rests(log: Prepared, part: slice) -> Prepared:
 
 
 def _lost(logs: Sequence[Prepared]) -> str:
-    """A sentence on what clipped samples and gaps take away, a space before it; nothing where they take nothing."""
+    """Sentence on the samples lost to clipping and gaps, with a leading space; empty if none are."""
     inside = [slice(log.edge, len(log.samples) - log.edge) for log in logs]
     kept = sum(len(log.taken(part)) for log, part in zip(logs, inside, strict=True))
     if kept == sum(part.stop - part.start for part in inside):
@@ -452,7 +451,7 @@ def _lost(logs: Sequence[Prepared]) -> str:
 
 
 def _without_flat(divided: _Divided) -> _Divided:
-    """The same without channels that never change in what is fitted, unless none would be left."""
+    """Division without channels that are constant in the fitted samples, unless none would be left."""
     flat = flat_channels(divided.fitted)
     flat = {name: x for name, x in flat.items() if name in divided.equations.channels}
     if not flat or len(flat) == len(divided.equations.channels):
@@ -462,7 +461,7 @@ def _without_flat(divided: _Divided) -> _Divided:
 
 
 def _split(log: Prepared, holdout: float) -> tuple[slice, slice]:
-    """Samples of a recording to fit, and to judge by; the same where nothing is held out."""
+    """Samples of a recording to fit and to judge by; the same ones if nothing is held out."""
     edge, samples = log.edge, len(log.samples)
     if 2 * edge >= samples:
         raise InputError(
@@ -477,7 +476,7 @@ def _split(log: Prepared, holdout: float) -> tuple[slice, slice]:
 
 
 def _settled(log: Prepared, part: slice) -> slice | np.ndarray:
-    """A part to judge by without the ends of the recording and those at gaps, as long as something remains."""
+    """Part to judge by without the ends of the recording and at gaps, unless too little would remain."""
     time, kept = log.recording.time, np.zeros(len(log.samples), bool)
     for run in stretches(time, log.covered):
         first, last = time[run][[0, -1]]
@@ -488,15 +487,15 @@ def _settled(log: Prepared, part: slice) -> slice | np.ndarray:
 
 
 def _excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, ExcitationError | None]:
-    """Singular values of the unit-norm columns, each channel divided by its signal, and what speaks against them.
+    """Singular values of the unit-norm columns, each channel divided by its signal, and an error if some are too small.
 
-    The error names the parameters of which the motion leaves a combination at rounding.
+    The error names the parameters in combinations that the motion does not separate.
     """
     signal = np.maximum(samples.measured.std(axis=0), 1e-300)
     weights = np.broadcast_to(1 / signal, samples.measured.shape)
     columns = accumulate(equations, samples, factors=weights).root[:, : len(equations.names)]
     norms = np.linalg.norm(columns, axis=0)
-    # Of a triangle the decomposition is quicker, and fails to converge less easily, than of all rows.
+    # A decomposition of the triangle is faster than one of all rows, and less likely to fail to converge.
     _, s, directions = np.linalg.svd(triangle_of(columns / np.where(norms > 0, norms, 1)))
     hidden = directions[s <= s[0] / CONDITION_LIMIT]
     if not len(hidden):

@@ -1,40 +1,40 @@
-"""Thresholds and choices that several rooms share, each with its reason; nothing is imported to know them."""
+"""Thresholds and defaults shared by several packages, each with its reason; this module imports nothing."""
 
 HUGE = 1e8
-"""No position, velocity, acceleration, force or torque in SI units is larger."""
+"""Upper limit of every position, velocity, acceleration, force and torque in SI units."""
 
 ZERO_COLUMN = 1e-11
-"""A column below this fraction of the largest column's norm is zero but for rounding."""
+"""Norm of a column, relative to the largest, below which it is zero up to rounding."""
 
 SINGULAR = 1e-10
-"""Singular values of unit-norm columns below this fraction of the largest carry rounding only."""
+"""Singular value of unit-norm columns, relative to the largest, below which it is only rounding."""
 
 CONDITION_LIMIT = 1e4
-"""Condition number of the unit-norm columns from which parameters are not separated."""
+"""Condition number of the unit-norm columns above which parameters are not separated."""
 
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 SIGNIFICANT = 1e-3
-"""Chance of a false alarm in the tests that a verdict rests on."""
+"""Significance level of the tests behind a verdict."""
 
 POOR, UNEXPLAINED, LEFT = 0.5, 0.9, 1.5
-"""Residual over signal from which a channel is predicted poorly, from which it counts as not explained by the motion,
-and from which more is wrong than that."""
+"""Residual over signal above which a channel is predicted poorly, above which the motion does not explain it, and above
+which there must be a grosser error."""
 
 TURNS = 20.0
-"""Range of a hinge's angles, rad, beyond which they are suspected to be degrees."""
+"""Range of a hinge's angles, rad, above which they are suspected to be in degrees."""
 
 KILONEWTONS = 500.0
-"""How many times a force falls short of the weight if it is suspected to be in kilonewtons."""
+"""Ratio of the weight to a force above which the force is suspected to be in kilonewtons."""
 
 HOLDOUT = 0.4
-"""Fraction of a recording, its end, that is kept to judge by."""
+"""Fraction of a recording, its end, that is held out."""
 
 DRIVE = {"rotor": "Ia", "viscous": "Fv", "coulomb": "Fc", "stribeck": "Fs"}
-"""What takes torque at a joint besides the links: rotor inertia times acceleration (kg m²), viscous friction times
-velocity (N m s), Coulomb friction times its sign (N m), and what that is more at low velocity (Hess and Soom, J.
-Tribology 112, 1990): times its sign over `1 + (q̇ / STRIBECK)²` (N m). The names are those of the columns."""
+"""Column names of the drives' torques: rotor inertia (kg m²) times acceleration, viscous friction (N m s) times
+velocity, Coulomb friction (N m) times the sign of velocity, and Stribeck friction (N m), additional at low velocity,
+times the sign over `1 + (q̇ / STRIBECK)²` (Hess and Soom, J. Tribology 112, 1990)."""
 
 STRIBECK = 0.1
-"""Velocity at which the additional friction has halved, rad/s or m/s."""
+"""Velocity at which the Stribeck friction has halved, rad/s or m/s."""

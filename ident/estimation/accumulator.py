@@ -218,7 +218,7 @@ def triangle_of(rows: np.ndarray) -> np.ndarray:
 
 
 def _is_apart(gram: np.ndarray, factor: np.ndarray) -> bool:
-    """True where every column above rounding is far enough from the span of those before it.
+    """True if every column above rounding is far enough from the span of those before it.
 
     Args:
         gram: Gram matrix in coordinates (k, k).

@@ -24,7 +24,7 @@ def _polynomials() -> np.ndarray:
     """Coefficients of the powers of u in [0, 1] of the overlapping functions, first function first (6, 6).
 
     `B(t) = Σ_j (-1)^j C(6, j) (t - j)₊⁵ / 5!`, expanded in powers of u with t = u + 5 - k for function k. This avoids
-    scipy's splines, which import its optimisers and take as long as numpy.
+    scipy's splines, which import its optimisers and take as long to import as numpy.
     """
     out = np.zeros((LOCAL, LOCAL))
     for k in range(LOCAL):

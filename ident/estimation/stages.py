@@ -1,11 +1,11 @@
-"""Stages of the joint estimate: knots, friction near reversals, the noise's weights, the set-up, and intervals.
+"""Stages of the joint estimate: knots, friction near reversals, noise model, set-up, and confidence intervals.
 
-1. Knots get denser as long as that makes the channels' noise smaller, which is taken for white: what jumps needs them,
-   and a model that is not quite right gains nothing by them.
-2. Torques near reversals get a variance of their own (`ident.estimation.reversals`).
-3. Noise is taken for correlated over time if pieces that are left out are then predicted better.
-4. The set-up is searched for faults (`ident.estimation.setup_search`).
-5. Standard deviations follow from noise that is found apart from the weights (`ident.estimation.sandwich`).
+1. Knots are made denser as long as the channels' noise, taken as white, decreases: jumps need denser knots, but model
+   errors do not decrease with them.
+2. Torques near reversals get an additional variance (`ident.estimation.reversals`).
+3. Noise is taken as correlated over time if left-out pieces are then predicted better.
+4. Set-up errors are searched for (`ident.estimation.setup_search`).
+5. Standard deviations follow from noise estimated independently of the weights (`ident.estimation.sandwich`).
 """
 
 from collections.abc import Sequence
@@ -35,49 +35,49 @@ from ident.estimation.smoothing_start import smoothed, start
 from ident.estimation.trajectory_pieces import cut
 
 EXPLORED = 6
-"""Rounds of a fit that knots are chosen by: its noise is then right to some per cent."""
+"""Rounds of a fit by which knots are chosen: its noise is then accurate to some per cent."""
 
 SMALLER = 0.985
-"""Geometric mean of the channels' noise over that with half as many knots, from which denser ones are worth it."""
+"""Geometric mean of the channels' noise, over that with half as many knots, below which denser ones are used."""
 
 MUCH = 0.7
-"""The same from which knots are made four times as dense at once, as where a joint rubs."""
+"""The same ratio below which knots are made four times as dense at once, as for a joint with friction."""
 
 TRIES = 2
-"""How often knots are tried that do not make noise smaller, where residuals are correlated over less than the distance
-of knots: of a touch one halving may follow as little as the other."""
+"""Number of knot spacings tried without a decrease of the noise, where residuals are correlated over less than the knot
+spacing: a single halving may be too little to follow a touch."""
 
 WEIGHED = 20
-"""Rounds after which white and correlated noise are compared, before the better one is fitted until it settles."""
+"""Rounds after which white and correlated noise are compared, before the better one is fitted to convergence."""
 
 OVERRATED = 2.0
-"""Variance of the recordings' gradient over that of the working model from which a prior counts more beside them."""
+"""Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
 
 KNOTS_PER_SAMPLE, ROUNDING = 2.0, 1e-6
-"""Samples from one knot to the next at least, and how exactly that is met."""
+"""Least number of samples per knot, and relative tolerance of that limit."""
 
 UNFOLLOWED = 0.125
-"""Shift in time, over the distance of knots, that jumps of a motion pass for which knots cannot follow: moves with
-trapezoidal velocities at 100 Hz, all else exact, made clocks of a twentieth believed."""
+"""Apparent time shift, over the knot spacing, due to jumps that knots cannot follow: motions with trapezoidal
+velocities at 100 Hz, otherwise exact, gave spurious clock errors with shifts of a twentieth."""
 
 LEAST_PIECES, SHORTEST = 6, 2.0
-"""Pieces that all recordings are cut into together at least, as some are predicted from the others, unless pieces would
-be shorter, s: at a cut accelerations follow from one side alone."""
+"""Least number of pieces of all recordings together, for prediction of some from the others; and shortest length of
+such a piece, s: at a cut accelerations depend on one side only."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stages:
-    """An estimate that is to be made of recordings.
+    """Stages of the joint estimate of given recordings.
 
     Attributes:
         measurement: Channels, and the parameters of one recording.
-        recordings: Mechanism and recording, and the samples to take.
+        recordings: Mechanism and recording, and the samples to use.
         names: Names of all parameters.
-        selections: Entries of these that each recording has.
-        prior: What is known of them.
-        known: True where that of the model's parameters is put in.
-        search: True where faults of the set-up are to be looked for.
-        executor: Where pieces are worked on.
+        selections: Indices of each recording's parameters among all.
+        prior: Prior of all parameters.
+        known: True if it includes a prior of the model's parameters.
+        search: True to search for set-up errors.
+        executor: Executor for the pieces, None to compute them here.
         report: Called with every round.
     """
 
@@ -97,12 +97,12 @@ class Stages:
         return is_setup(self.measurement, list(self.names))
 
     def explored(self, step: float, share: int, finest: float) -> Joint:
-        """A fit that has not settled, with noise that is white and knots as dense as they are worth it.
+        """Unconverged fit with white noise and the densest knots that decrease the noise enough.
 
         Args:
-            step: Largest distance of the knots to begin with, s.
-            share: One in so many pieces of each recording is taken.
-            finest: Smallest distance of the knots, s.
+            step: Initial knot spacing, s.
+            share: Step k: every k-th piece of each recording is used.
+            finest: Smallest knot spacing, s.
         """
         best = last = self._begun(step, share)
         parts = 2
@@ -134,7 +134,7 @@ class Stages:
         return Joint(self.measurement, Search(fit), counts, step, self.known, reversals=reversals)
 
     def _start(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray], alone: Start) -> Start:
-        """Coordinates smoothed alone, and all recordings with the same parameters by least squares."""
+        """Starting point: coordinates smoothed alone, and parameters by least squares, equal in all recordings."""
         p, free = len(self.measurement.names), ~self.is_setup
         prior = self.prior.mean[:p], self.prior.precision[:p, :p]
         begin = start(self.measurement, pieces, alone, prior[0], prior, free[:p])
@@ -144,7 +144,7 @@ class Stages:
         return Start(theta, begin.noise, begin.coefficients)
 
     def _denser(self, coarse: Joint, step: float, share: int) -> Joint:
-        """The exploring fit with other knots, from where it was."""
+        """Exploring fit with other knots, warm-started from a coarser one."""
         pieces, selected, _ = self._cut(step, share)
         was = coarse.fit
         places = [
@@ -156,13 +156,13 @@ class Stages:
         return replace(coarse.with_fit(fit), step=step)
 
     def _cut(self, step: float, share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
-        """Pieces of all recordings, the entries of θ that each has, and how many each recording has."""
+        """Pieces of all recordings, the indices in θ of each piece's parameters, and numbers of pieces by recording."""
         cuts = [self._cut_one(log, own, step)[::share] for log, own in self.recordings]
         selected = [self.selections[k] for k, own in enumerate(cuts) for _ in own]
         return [piece for own in cuts for piece in own], selected, tuple(map(len, cuts))
 
     def _cut_one(self, log: Prepared, part: slice, step: float) -> list[Piece]:
-        """Pieces of a recording: fewer where a coordinate is missing in one of them."""
+        """Pieces of a recording, fewer if a coordinate is missing in one of them."""
         fewest = 2 if len(self.recordings) == 1 else 1
         try:
             return cut(log, self.measurement, part, step, least=max(fewest, self._least(log, part)))
@@ -170,24 +170,24 @@ class Stages:
             return cut(log, self.measurement, part, step, least=fewest)
 
     def _least(self, log: Prepared, part: slice) -> int:
-        """Pieces that a recording is cut into at least."""
+        """Least number of pieces of a recording."""
         own = -(-LEAST_PIECES // len(self.recordings))
         seconds = float(np.ptp(log.recording.time[part]))
         return min(int(seconds / SHORTEST), own)
 
     def settled(self, estimate: Joint) -> Joint:
-        """The estimate with friction near reversals, fitted until it settles, its noise white or correlated over time.
+        """Converged estimate with friction near reversals, and noise white or correlated over time.
 
-        Both are compared by what they predict of pieces that are left out.
+        The noise model is chosen by the prediction of left-out pieces.
         """
         if estimate.fit.status == "interrupted":
             return estimate
         if estimate.reversals is not None:
             estimate = self._opened(estimate)
-        # Where the fit had not settled a drive may have been thought to be none.
+        # In the unconverged fit a drive may have been set to zero wrongly.
         free = estimate.fit.free | self._is_drive
         white = self._refitted(estimate.with_fit(replace(estimate.fit, free=free)), coloured=False, rounds=WEIGHED)
-        # What is correlated over less than the distance of knots is what they cannot follow.
+        # Residuals correlated over less than the knot spacing are jumps that knots cannot follow.
         slow = (correlation(white, white.step) > CORRELATED).any()
         if white.fit.status == "interrupted" or not slow or len(white.fit.pieces) < 2:
             return self._continued(white)
@@ -207,7 +207,7 @@ class Stages:
         return is_drive(self.measurement, len(self.names))
 
     def _opened(self, estimate: Joint) -> Joint:
-        """The estimate with the slips and the slack that its residuals make likeliest."""
+        """Estimate with the likeliest slips and slack given its residuals."""
         fit, measurement = estimate.fit, self.measurement
         own = [fit.theta[selected] for selected in fit.selections]
         places = list(zip(fit.pieces, fit.coefficients, own, strict=True))
@@ -218,7 +218,7 @@ class Stages:
         return replace(estimate.with_fit(opened), reversals=reversals)
 
     def _continued(self, estimate: Joint) -> Joint:
-        """The estimate fitted on until it settles."""
+        """Estimate after further rounds to convergence."""
         if estimate.fit.status != "stopped":
             return estimate
         return self._refitted(estimate, coloured=estimate.coloured, rounds=joint.ROUNDS - WEIGHED)
@@ -234,7 +234,7 @@ class Stages:
         return replace(estimate.with_fit(again), coloured=coloured, measurement=measurement)
 
     def whole(self, estimate: Joint) -> Joint:
-        """The estimate from all pieces, with knots, noise and set-up of one from fewer."""
+        """Estimate from all pieces, started with knots, noise and set-up of one from fewer pieces."""
         pieces, selected, counts = self._cut(estimate.step, 1)
         alone = smoothed(pieces, estimate.fit.noise, executor=self.executor)
         if estimate.reversals is not None:
@@ -247,7 +247,7 @@ class Stages:
         return self._refitted(replace(estimate.with_fit(begun), counts=counts), coloured=estimate.coloured)
 
     def searched(self, estimate: Joint) -> Joint:
-        """The estimate with faults of the set-up, if these are to be looked for, and with intervals that hold."""
+        """Estimate with set-up errors, if these are searched for, and with sandwich covariance."""
         estimate = self._with_weighted_prior(self._scattered(estimate))
         if not self.search or estimate.search.incredible or len(estimate.fit.pieces) < 2:
             return estimate
@@ -260,7 +260,7 @@ class Stages:
         return replace(estimate, search=left if left is search else replace(left, fit=scatter(left.fit)))
 
     def _unfollowed(self, estimate: Joint) -> np.ndarray:
-        """Sizes of delays and clocks that jumps between knots pass for, where samples let these be no denser (p,)."""
+        """Apparent delays and clock errors due to jumps, zero unless knots are as dense as samples allow (p,)."""
         pieces, out = estimate.fit.pieces, np.zeros(len(self.names))
         between = min(float(np.median(np.diff(piece.when))) for piece in pieces)
         if estimate.step <= KNOTS_PER_SAMPLE * between * (1 + ROUNDING):
@@ -275,11 +275,11 @@ class Stages:
         return estimate.with_fit(with_scatter(estimate.measurement, estimate.fit))
 
     def _with_weighted_prior(self, estimate: Joint) -> Joint:
-        """The estimate with a prior that counts more, where recordings tell less than a fit takes them for.
+        """Estimate with a prior weighted up where recordings carry less information than the fit assumes.
 
-        Weights that take slow residuals for white ones overrate the recordings, several times over on real robots, and
-        with them a prior is outvoted that knows more. The magnitude of the likelihood is adjusted to the covariance of
-        its gradient, as for composite likelihoods (Ribatet, Cooley and Davison, Statistica Sinica 22, 2012,
+        Weights that take autocorrelated residuals as white overrate the recordings, several times on real robots, so
+        that they override a more precise prior. The magnitude of the likelihood is adjusted to the covariance of its
+        gradient, as for composite likelihoods (Ribatet, Cooley and Davison, Statistica Sinica 22, 2012,
         doi:10.5705/ss.2009.248).
         """
         fit = estimate.fit
@@ -294,19 +294,19 @@ class Stages:
         return self._scattered(self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured))
 
     def with_physical_bodies(self, estimate: Joint) -> Joint:
-        """The estimate with bodies that are physical."""
+        """Estimate with physical bodies."""
         refit = self._refit_of(estimate)
         fit = physical_fit(estimate.fit, refit, self.measurement.equations, joint.ROUNDS)
         return self._scattered(estimate.with_fit(fit))
 
     def _measured(self, reversals: Reversals | None) -> Measurement:
-        """The channels, friction with slips that were found."""
+        """Measurement with the estimated slips of friction."""
         if reversals is None:
             return self.measurement
         return self.measurement.with_slips(reversals.slips(self.measurement))
 
     def _refit_of(self, estimate: Joint) -> Refit:
-        """A function that fits the pieces of an estimate again, with its noise model, friction and prior."""
+        """Function that fits the pieces of an estimate again, with its noise model, friction and prior."""
         fit = estimate.fit
         return self._refit(fit.pieces, fit.selections, estimate.coloured, estimate.reversals, prior=fit.prior)
 
@@ -320,7 +320,7 @@ class Stages:
         prior: Prior | None = None,
         explore: bool = False,
     ) -> Refit:
-        """A function that fits pieces, each with its own of the parameters."""
+        """Function that fits pieces, each with its selection of the parameters."""
         solve = partial(
             joint.fit,
             self._measured(reversals),
@@ -337,12 +337,12 @@ class Stages:
 
 
 def _next(step: float, finest: float) -> float:
-    """A distance of knots, or the smallest where that is nearly as small."""
+    """Knot spacing, rounded down to the smallest one if nearly as small."""
     return finest if step < np.sqrt(2) * finest else step
 
 
 def _groups(measurement: Measurement, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Directions in which the axes of all joints turn alike."""
+    """Directions in θ in which the axes of all joints rotate alike, by description (p,) each."""
     axes = {each.name: each.axis for each in measurement.setup if each.kind == "axis"}
     turned = {axis: np.array([axes.get(name) == axis for name in names], float) for axis in range(3)}
     return {f"a turn of all joint axes about {'xyz'[k]}": d for k, d in turned.items() if d.sum() > 1}

@@ -1,4 +1,4 @@
-"""A recording cut into pieces of the joint estimate: coordinates, channels and contacts, each with its own spline."""
+"""Pieces of a recording for the joint estimate: coordinates, channels and contacts, with a spline for each piece."""
 
 from itertools import pairwise
 
@@ -18,24 +18,24 @@ from ident.recordings.table import BASE
 from ident.recordings.wrench import GROUND, Sensor
 
 LONGEST, MOST = 20.0, 5000
-"""Length of a piece, s, and its samples: what is lost at a cut is little beside it, and memory is bounded."""
+"""Largest length of a piece, s, and number of its samples: losses at cuts are relatively small, memory is bounded."""
 
 KNOTS = 2.3
-"""Knots in a period of the highest frequency that angles tell of: wrenches tell of higher ones."""
+"""Knots per period of the highest frequency in the angles: wrenches contain higher ones."""
 
 WIDEST, WIDEST_BESIDE_TORQUES = 0.15, 0.3
-"""Largest distance of knots, s, where a wrench is measured, and where joint torques alone are: friction jumps in these,
-which denser knots follow."""
+"""Largest knot spacing, s, if a wrench is measured, and for joint torques alone, whose jumps of friction lead to denser
+knots later."""
 
 MARGIN = 0.15
-"""How far a trajectory reaches beyond its samples for a wrench that is late, s."""
+"""Extension of a trajectory beyond its samples, for a delayed wrench, s."""
 
 AVERAGED = 0.05
-"""Time to either side over which contacts are averaged, s."""
+"""Time on either side over which contacts are averaged, s."""
 
 
 def knot_distance(recording: Recording, joints: tuple[str, ...], widest: float) -> float:
-    """Distance of the knots that the motion asks for, s, or the largest one that there may be."""
+    """Knot spacing for the highest frequency of the motion, s, `widest` at most."""
     try:
         highest = chosen_cutoff(coordinates(recording.without_streams, joints).values, recording.rate)
     except InputError:
@@ -44,7 +44,7 @@ def knot_distance(recording: Recording, joints: tuple[str, ...], widest: float) 
 
 
 def coordinates(recording: Recording, joints: tuple[str, ...]) -> Sampled:
-    """Measured coordinates: position and quaternion of a moving base, then those of the joints (N, n)."""
+    """Measured coordinates: position and quaternion of a moving base, then the joints' (N, n)."""
     parts = [recording.as_measured(f"{joint}_position") for joint in joints]
     parts = [Sampled(t, without_jumps(x)) if x.ndim == 2 else Sampled(t, x) for t, x in parts]
     if recording.base is not None:
@@ -54,7 +54,7 @@ def coordinates(recording: Recording, joints: tuple[str, ...]) -> Sampled:
 
 
 def _positions_and_quaternions(poses: np.ndarray) -> np.ndarray:
-    """Of poses (N, 4, 4), quaternions without jumps of sign; NaN where a pose is missing (N, 7)."""
+    """Positions, and quaternions without jumps of sign, of poses (N, 4, 4); NaN where a pose is missing (N, 7)."""
     there = np.isfinite(poses).all(axis=(1, 2))
     out = np.full((len(poses), 7), np.nan)
     out[there] = np.hstack([poses[there, :3, 3], continuous_quaternions(poses[there, :3, :3])])
@@ -62,17 +62,17 @@ def _positions_and_quaternions(poses: np.ndarray) -> np.ndarray:
 
 
 def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, *, least: int = 2) -> list[Piece]:
-    """A part of a recording as two pieces or more, or as many as asked for; streams at times of their own.
+    """Pieces of a part of a recording, at least `least` of them, with streams at their own times.
 
     Args:
         prepared: The recording.
         measurement: Its channels.
-        part: Which of the samples at common times, from whose first to whose last one it is.
-        step: Largest distance of the knots, s.
-        least: How many pieces at least; at a cut accelerations follow from one side alone.
+        part: Samples at common times that the part spans.
+        step: Largest knot spacing, s.
+        least: Least number of pieces; at a cut accelerations depend on one side only.
 
     Raises:
-        InputError: In one of the pieces a coordinate has hardly any samples.
+        InputError: In one of the pieces a coordinate has too few samples.
     """
     recording = prepared.recording
     states, time = coordinates(recording, prepared.mechanism.joints), recording.time
@@ -96,7 +96,7 @@ def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, 
 
 
 def _check(samples: np.ndarray, start: float, end: float) -> None:
-    """Refuses a piece of coordinates (N, n) whose samples leave open what the prior cannot see."""
+    """Raises an InputError if a coordinate (N, n) has too few samples to determine what the prior does not penalise."""
     samples_of = np.isfinite(samples).sum(axis=0)
     if samples_of.min() < ORDER:
         raise InputError(
@@ -106,7 +106,7 @@ def _check(samples: np.ndarray, start: float, end: float) -> None:
 
 
 def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np.ndarray]:
-    """Measured channels (M, C), and wrenches of contacts then, averages and what is left of them (M, 2, 6 k)."""
+    """Measured channels (M, C), and wrenches of contacts at the same times: averages and the rest (M, 2, 6 k)."""
     recording = prepared.recording
     contacts = [_on_mechanism(recording, name) for name in measurement.contacts]
     parts = []
@@ -114,7 +114,7 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
         time, ground = _on_mechanism(recording, GROUND)
         parts = [Sampled(time, ground[:, list(measurement.components)])]
     elif measurement.components:
-        # Nothing holds the base: all wrenches come to zero, as often as the slowest contact says.
+        # Nothing holds the base: the sum of all wrenches is zero, at the times of the slowest contact.
         time = min((contact.time for contact in contacts), key=len, default=recording.time)
         parts = [Sampled(time, np.zeros((len(time), len(measurement.components))))]
     freedoms = [(body.joint, k) for body in prepared.mechanism.tree.bodies for k in range(body.freedoms)]
@@ -131,18 +131,18 @@ def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np
 
 
 def _on_mechanism(recording: Recording, name: str) -> Sampled:
-    """A wrench `[F; τ]` that the surroundings exert on the mechanism, in the sensor's frame (N, 6)."""
+    """Wrench `[F; τ]` of the surroundings on the mechanism, in the sensor's frame (N, 6)."""
     time, values = side_by_side([recording.as_measured(f"{name}_{kind}") for kind in ("force", "torque")])
     return Sampled(time, values if recording.sensors.get(name, Sensor()).applied_to_link else -values)
 
 
 def _reach(contact: Sampled) -> float:
-    """Longest time between samples of a contact over which it is interpolated, s."""
+    """Longest time between samples of a contact across which it is interpolated, s."""
     return max(AVERAGED, 2 * float(np.median(np.diff(contact.time))))
 
 
 def average_of_neighbours(x: np.ndarray, reach: int) -> np.ndarray:
-    """Averages of samples over those before and after them, themselves left out (N, k)."""
+    """Means over the `reach` samples before and after each sample, without the sample itself (N, k)."""
     kernel = np.ones(2 * reach + 1)
     kernel[reach] = 0
     there = ndimage.convolve1d(np.ones(len(x)), kernel, mode="constant")
