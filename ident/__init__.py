@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from ident.errors import ExcitationError, InputError, LogError, ModelError
     from ident.estimate import Estimate
     from ident.estimation.equations import Equations
-    from ident.estimation.least_squares import least_squares
     from ident.estimation.samples import Samples
     from ident.identification import identify
     from ident.mechanism.axes import recover_axes
@@ -60,6 +59,7 @@ if TYPE_CHECKING:
     from ident.recordings.log import read_log
     from ident.recordings.recording import Recording
     from ident.recordings.wrench import Sensor, Wrench, total_wrench
+    from ident.regression.ordinary import least_squares
 
 __all__ = [
     "BaseMotion",
@@ -118,7 +118,7 @@ _MODULES = {
     "identify": "ident.identification",
     "identify_payload": "ident.payload.identification",
     "joint_torque_regressor": "ident.model.regressor",
-    "least_squares": "ident.estimation.least_squares",
+    "least_squares": "ident.regression.ordinary",
     "read_log": "ident.recordings.log",
     "recover_axes": "ident.mechanism.axes",
     "total_wrench": "ident.recordings.wrench",

@@ -8,11 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimation.accumulator import accumulate
-from ident.estimation.joint_result import Joint
-from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared
-from ident.estimation.reversals import rubbing
-from ident.estimation.robust import spread
 from ident.estimation.samples import Samples, joined
 from ident.geometry.inertia import PARAMETERS
 from ident.judgement.candidates import Candidates
@@ -27,7 +23,11 @@ from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters
 from ident.parameters.consistency import ConsistentParameters, consistent_parameters
 from ident.parameters.prior import KNOWN, known_covariance
+from ident.regression.ordinary import Fit
+from ident.regression.robust import spread
 from ident.tolerances import UNEXPLAINED
+from ident.trajectory.result import Joint
+from ident.trajectory.reversals import rubbing
 
 SHOWN = 30
 """Largest number of base parameters that `print` shows."""

@@ -13,21 +13,13 @@ from ident.errors import ExcitationError, InputError
 from ident.estimate import Estimate, HeldOut
 from ident.estimation import repairs
 from ident.estimation.accumulator import accumulate, triangle_of
-from ident.estimation.angles_alone import LARGEST_END, UNSETTLED
-from ident.estimation.corrected import as_fit, corrected
 from ident.estimation.equations import Equations
 from ident.estimation.excitation import blamed
-from ident.estimation.filtered import filtered_least_squares
 from ident.estimation.flat_channels import flat_channels, without_channels
-from ident.estimation.joint import Report
-from ident.estimation.joint_estimate import OWN, joint_estimate
-from ident.estimation.joint_result import Joint
-from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, prepared
-from ident.estimation.robust import robust_fit, separable
 from ident.estimation.samples import Samples, joined
+from ident.estimation.separable import separable
 from ident.estimation.setup import PRIORS
-from ident.estimation.smoothing_choice import chosen_smoothing
 from ident.judgement.checks import wrench_checks
 from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
 from ident.judgement.torque_checks import torque_checks
@@ -37,7 +29,16 @@ from ident.parameters.prior import KNOWN, known_covariance
 from ident.recordings.gaps import stretches
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND
+from ident.regression.filtered import filtered_least_squares
+from ident.regression.ordinary import Fit
+from ident.regression.robust import robust_fit
 from ident.tolerances import CONDITION_LIMIT, HOLDOUT
+from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
+from ident.trajectory.corrected import as_fit, corrected
+from ident.trajectory.estimate import OWN, joint_estimate
+from ident.trajectory.fit.iteration import Report
+from ident.trajectory.result import Joint
+from ident.trajectory.smoothing_choice import chosen_smoothing
 
 ESTIMATORS = ("joint", "weighted", "ordinary")
 

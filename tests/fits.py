@@ -3,10 +3,10 @@
 from mechanisms import GRAVITY
 
 from ident.estimation.equations import Equations
-from ident.estimation.least_squares import least_squares
 from ident.estimation.samples import Samples
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
+from ident.regression.ordinary import least_squares
 
 
 def sampled(q, dq, ddq, measured, base=None, covariance=None):

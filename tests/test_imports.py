@@ -10,7 +10,17 @@ import ident
 from experiments.cli.command import FROM_A_CLONE
 
 ROOT = Path(ident.__file__).parents[1]
-LADDER = ("geometry", "mechanism", "model", "parameters", "recordings", "estimation", "judgement")
+LADDER = (
+    "geometry",
+    "mechanism",
+    "model",
+    "parameters",
+    "recordings",
+    "estimation",
+    "regression",
+    "trajectory",
+    "judgement",
+)
 """Rooms of `ident`; each imports from those before it, and from `errors`."""
 
 ALLOWED = {

@@ -7,8 +7,8 @@ from recorded_faults import PENDULUM, TRUTH, faulty, shortened
 
 import ident
 from experiments.output.identify_figures import held_out_figure
-from ident.estimation.angles_alone import LARGEST_END, UNSETTLED
 from ident.estimation.preparation import prepared
+from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 
 GAP = 4.0, 7.4
 

@@ -10,7 +10,7 @@ import ident
 import scenes
 import sim
 from experiments import identify, stream
-from ident.estimation.least_squares import huber_white
+from ident.regression.ordinary import huber_white
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 SAMPLES = 600

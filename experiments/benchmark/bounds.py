@@ -8,10 +8,10 @@ import numpy as np
 
 from experiments.benchmark.mechanisms import Subject, double_pendulum
 from ident.errors import InputError
-from ident.estimation.least_squares import least_squares
 from ident.estimation.pieces import Source
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
+from ident.regression.ordinary import least_squares
 
 PIECE = 10_000
 """Samples in a piece of a stream that is made while it is read."""

@@ -9,10 +9,10 @@ from experiments.benchmark.mechanisms import Subject, chain, double_pendulum, me
 from experiments.benchmark.peers import PINOCCHIO_NAME, Pinocchio
 from experiments.benchmark.timing import Comparison, Effort, alternating, with_and_without
 from ident.estimation.accumulator import Accumulator, accumulate
-from ident.estimation.least_squares import Fit, least_squares
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import STANDARD_GRAVITY
+from ident.regression.ordinary import Fit, least_squares
 
 REGRESSOR, ACCUMULATION = "regressor", "accumulation"
 AGAIN = "regressor, memory used again"

@@ -13,10 +13,10 @@ from experiments.benchmark.peers import PINOCCHIO_NAME, Pinocchio
 from experiments.benchmark.timing import Comparison, Effort, alternating, with_and_without
 from experiments.cli.defaults import SCENE
 from ident.estimation.accumulator import accumulate
-from ident.estimation.least_squares import least_squares
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import STANDARD_GRAVITY
+from ident.regression.ordinary import least_squares
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 

@@ -12,7 +12,7 @@ from experiments.benchmark.monte_carlo import BLOCKS, Trials
 from experiments.benchmark.timing import Effort, alternating
 from experiments.runs.workers import WorkerPool, worker_pool
 from ident.estimation.in_order import in_order
-from ident.estimation.least_squares import least_squares
+from ident.regression.ordinary import least_squares
 
 
 @dataclass(frozen=True)

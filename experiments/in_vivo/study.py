@@ -15,12 +15,12 @@ from scipy.signal import butter, sosfiltfilt
 from experiments.studies.competitors import USUAL
 from ident.errors import InputError
 from ident.estimate import Estimate
-from ident.estimation.joint import Report
 from ident.estimation.preparation import prepared
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.log import read_log
 from ident.recordings.recording import Recording
+from ident.trajectory.fit.iteration import Report
 from sim.models.mechanism import mechanism
 
 FILES = {"model": "three_link_human.xml", "recording": "bowing.csv"}

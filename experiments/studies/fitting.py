@@ -7,7 +7,6 @@ import numpy as np
 
 from ident.errors import ExcitationError
 from ident.estimation.equations import Equations
-from ident.estimation.least_squares import Fit, huber_white, least_squares
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
 from ident.estimation.setup import PRIORS
@@ -18,6 +17,7 @@ from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters
 from ident.recordings.recording import STATES, Recording
+from ident.regression.ordinary import Fit, huber_white, least_squares
 
 ESTIMATORS = {
     "ordinary": "the paper's least squares, at measured joint angles, velocities and accelerations",

@@ -16,15 +16,15 @@ from experiments.studies.person_recordings import SENSORS, Laboratory, humanoid,
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.accumulator import accumulate
-from ident.estimation.joint import Report
-from ident.estimation.piece import Piece, linearised
-from ident.estimation.precision import inverse_of_precision
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import joined
 from ident.identification import identified
 from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.prior import conditioned, known_covariance
+from ident.trajectory.fit.iteration import Report
+from ident.trajectory.fit.piece import Piece, linearised
+from ident.trajectory.fit.precision import inverse_of_precision
 from sim.motion.person import ACTIVITIES
 
 UNSEEN = 1000

@@ -9,9 +9,8 @@ import numpy as np
 from ident.errors import LogError, ModelError
 from ident.estimation.accumulator import Accumulator
 from ident.estimation.equations import COMPONENTS, Equations
-from ident.estimation.least_squares import Fit
-from ident.estimation.robust import independent, separable
 from ident.estimation.samples import Samples
+from ident.estimation.separable import independent, separable
 from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import FrameCheck
 from ident.judgement.finding import Finding, Place
@@ -24,6 +23,7 @@ from ident.mechanism.tree import Tree
 from ident.recordings.column import UNITS
 from ident.recordings.mapping import joint_kinds
 from ident.recordings.recording import STATES, Recording
+from ident.regression.ordinary import Fit
 from ident.tolerances import HUGE, KILONEWTONS, TURNS
 
 MOVES = 0.01

@@ -32,7 +32,6 @@ from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.in_order import in_order
-from ident.estimation.least_squares import PIECE, Fit, huber_white, solve
 from ident.estimation.pieces import pieces
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
@@ -41,6 +40,7 @@ from ident.recordings.atomic import save_arrays
 from ident.recordings.log import read_log_pieces
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND, Sensor
+from ident.regression.ordinary import PIECE, Fit, huber_white, solve
 from sim.models.mechanism import mechanism
 
 FILE = "accumulated.npz"

@@ -14,8 +14,8 @@ from ident.estimation import repairs
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.measurement import base_motion, joint_states
 from ident.estimation.repairs import Clipped
-from ident.estimation.robust import separable
 from ident.estimation.samples import Samples
+from ident.estimation.separable import separable
 from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism

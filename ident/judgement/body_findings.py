@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.estimation.robust import separable
+from ident.estimation.separable import separable
 from ident.geometry.inertia import body_of_parameter, with_bodies
 from ident.judgement.finding import Finding, Place
 from ident.mechanism.mechanism import Mechanism

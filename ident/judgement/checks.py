@@ -8,13 +8,13 @@ import numpy as np
 
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.least_squares import Fit
 from ident.estimation.preparation import Prepared, predicted_channels
 from ident.geometry.se3 import coAd, inverse
 from ident.judgement import diagnosis
 from ident.judgement.diagnosis import BaseCheck, ContactCheck, FrameCheck
 from ident.judgement.torque_checks import TorqueChecks, torque_checks
 from ident.recordings.wrench import GROUND, pose_in_base
+from ident.regression.ordinary import Fit
 
 Found = TypeVar("Found")
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy import special
 
 from ident.errors import InputError
-from ident.estimation.least_squares import Fit
 from ident.geometry.inertia import with_bodies
+from ident.regression.ordinary import Fit
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ P_k and g_k are the precision and the right side of a part at the estimate, its 
 import numpy as np
 
 from ident.errors import ExcitationError
-from ident.estimation import left_out
-from ident.estimation.joint_result import Joint
-from ident.estimation.precision import embedded, inverse_of_precision, sandwich
+from ident.trajectory import left_out
+from ident.trajectory.fit.precision import embedded, inverse_of_precision, sandwich
+from ident.trajectory.result import Joint
 
 DISAGREE = 2.0
 """Root mean square z of the differences between halves from which standard deviations are too small."""

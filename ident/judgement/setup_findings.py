@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS
-from ident.estimation.joint_result import Joint
 from ident.estimation.setup import TOGETHER, SetupParameter
 from ident.judgement.finding import NOWHERE, Place
+from ident.trajectory.result import Joint
 
 
 @dataclass(frozen=True)

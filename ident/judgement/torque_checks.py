@@ -10,7 +10,6 @@ import numpy as np
 
 from ident.estimation.accumulator import accumulate
 from ident.estimation.equations import Equations
-from ident.estimation.least_squares import Fit
 from ident.estimation.loads import SLIP
 from ident.estimation.preparation import Prepared
 from ident.estimation.samples import Samples
@@ -19,6 +18,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.model.regressor import joint_torque_regressor
 from ident.parameters.prior import known_roots
+from ident.regression.ordinary import Fit
 from ident.tolerances import DRIVE, SINGULAR
 
 FRICTION, SLOW = ("viscous", "coulomb"), "stribeck"

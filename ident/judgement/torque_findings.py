@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.estimation.reversals import rubbing
 from ident.judgement.finding import Finding, Place
 from ident.judgement.torque_checks import SLOW, lacking_drive
 from ident.mechanism.mechanism import Mechanism
 from ident.tolerances import DRIVE
+from ident.trajectory.reversals import rubbing
 
 if TYPE_CHECKING:
     from ident.estimate import Estimate

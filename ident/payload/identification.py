@@ -11,7 +11,6 @@ import numpy as np
 
 from ident.arguments import checked_deviations
 from ident.errors import InputError
-from ident.estimation.joint import Report
 from ident.estimation.preparation import prepared
 from ident.estimation.setup import PRIORS
 from ident.identification import identified
@@ -22,6 +21,7 @@ from ident.payload.weight import known, likely, weighing
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND
 from ident.tolerances import HOLDOUT
+from ident.trajectory.fit.iteration import Report
 
 
 def identify_payload(

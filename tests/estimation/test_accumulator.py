@@ -13,9 +13,9 @@ from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, tilt
 from scipy import linalg
 
 from ident.estimation.accumulator import Accumulator, _factor, _regular_triangle, accumulate
-from ident.estimation.least_squares import huber_white, solve
 from ident.model.regressor import CHUNK, base_wrench_regressor
 from ident.parameters.base_parameters import find_base_parameters
+from ident.regression.ordinary import huber_white, solve
 
 STRAIGHT = double_pendulum()
 TILTED = STRAIGHT.with_twists(np.tile([0, 0, 0, *tilted_axis(5, 120)], (2, 1)))
@@ -199,7 +199,7 @@ def test_memory_is_flat(monkeypatch):
     assert many < 1.1 * few < 10
     made = (moved_by(1.0, CHUNK, seed=k) for k in range(20))
     assert peak(made) < 10
-    monkeypatch.setattr("ident.estimation.least_squares.PIECE", 2 * CHUNK)
+    monkeypatch.setattr("ident.regression.ordinary.PIECE", 2 * CHUNK)
     peaks = []
     for count in (4, 20):
         parts = [long[k * 1000 : (k + 1) * 1000] for k in range(count * CHUNK // 1000)]

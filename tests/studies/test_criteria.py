@@ -10,12 +10,12 @@ from scipy.linalg import block_diag
 import scenes
 from experiments.studies import criteria, excitation
 from ident.estimation.equations import Equations
-from ident.estimation.least_squares import least_squares
 from ident.estimation.samples import Samples
 from ident.geometry.se3 import pose
 from ident.mechanism.motion import Motion
 from ident.parameters.prior import body_covariance
 from ident.recordings.wrench import transform_covariance
+from ident.regression.ordinary import least_squares
 from sim.models.mechanism import mechanism
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.motion.excitation_design import Limits

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from opensim_files import quietly_read
 
-from ident.estimation import joint
 from ident.estimation.preparation import prepared
 from ident.estimation.setup import PRIORS
 from ident.identification import identified
 from ident.judgement.unmeasured import unmeasured_contacts
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.log import read_log
+from ident.trajectory.fit import iteration
 
 WALK = gait.Walk(seed=1)
 
@@ -78,7 +78,7 @@ def test_a_chair_is_named_by_who_sits_on_it(laboratory):
 
 def test_two_walks_are_identified_without_the_samples_beside_the_plates(laboratory, monkeypatch):
     # The fit that is taken settles in fewer; others do not in twice as many.
-    monkeypatch.setattr(joint, "ROUNDS", 30)
+    monkeypatch.setattr(iteration, "ROUNDS", 30)
     known = laboratory[1]["known", False]
     walks = (WALK, gait.Walk(1.05, 1.05, 1.2, 0.2, seed=3))
     logs = [prepared(known, recorded(laboratory, walk, arms=False)[0]) for walk in walks]

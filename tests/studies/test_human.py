@@ -13,7 +13,7 @@ from pages import replayed
 from experiments.human import main
 from experiments.studies import human
 from experiments.studies.person_recordings import Laboratory
-from ident.estimation.piece import linearised
+from ident.trajectory.fit.piece import linearised
 
 
 @pytest.fixture

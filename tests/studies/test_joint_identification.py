@@ -15,11 +15,11 @@ import ident
 import scenes
 import sim
 from experiments import identify
-from ident.estimation.angles_alone import UNSETTLED
 from ident.estimation.preparation import prepared
 from ident.geometry.inertia import pseudo_inertia
 from ident.identification import identified
 from ident.recordings.smoothing import smoothed
+from ident.trajectory.angles_alone import UNSETTLED
 from sim.motion.excitation import DOUBLE_PENDULUM
 
 MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"

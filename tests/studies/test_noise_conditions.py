@@ -17,11 +17,11 @@ from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.recordings import MOTIONS, exact_recording, noisy_recording, true_bodies
 from experiments.noise.truth import drawn_bodies, drives, truth
 from experiments.studies.noise_processes import flicker, quantised, random_walk, student
-from ident.estimation.least_squares import least_squares
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
 from ident.parameters.prior import body_covariance
+from ident.regression.ordinary import least_squares
 from sim.simulation.simulate import simulate
 
 ARM = SUBJECTS["arm"]

@@ -9,11 +9,11 @@ from fits import fitted
 import scenes
 from experiments.stream import main
 from experiments.studies import stream
-from ident.estimation.least_squares import huber_white
 from ident.geometry.se3 import inverse
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import transform_wrench
+from ident.regression.ordinary import huber_white
 from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree_from_model
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate

@@ -1,0 +1,1 @@
+"""Least squares on measured or filtered states: ordinary, weighted and robust."""

@@ -1,0 +1,1 @@
+"""The trajectory estimator: motion, parameters, set-up and noise estimated together."""

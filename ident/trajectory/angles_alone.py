@@ -1,0 +1,142 @@
+"""Motion smoothed from joint angles alone, from which all candidates predict held-out samples.
+
+    minimise  Σ_k (x_k - s(t_k))² + r T⁶ ∫ s⃛² dt,      gain at frequency f:  1 / (1 + (2 π f T)⁶)
+
+over splines s, with r samples per second. T is the same for all coordinates, like the cut-off of a usual filter.
+The likeliest smoothness of each coordinate, with white-noise jerk, is no substitute: it leaves accelerations too rough
+for any parameters to predict well.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import linalg
+
+from ident.recordings.despike import GROSS
+from ident.recordings.gaps import longest_step
+from ident.recordings.sampled import Sampled
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Local, Spline
+
+PASSES = 4
+"""Largest number of smoothing passes: small outliers show once large ones are removed."""
+
+MOST, NORMAL_QUANTILE = 0.9, 1.645
+"""Quantile of the samples by which noise is scaled, high because most may be of a resting joint; and the same quantile
+of normal noise, in standard deviations."""
+
+UNSETTLED, LARGEST_END = 0.3, 1 / 6
+"""Time at either end of a stretch that is not judged, s, as accelerations there depend on angles on one side only; and
+its largest share of a short stretch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Coordinates as functions of time, on stretches between gaps.
+
+    Attributes:
+        splines: Spline space of each stretch.
+        coefficients: Spline coefficients of each stretch (size, n).
+    """
+
+    splines: Sequence[Spline]
+    coefficients: Sequence[np.ndarray]
+
+    @property
+    def spans(self) -> np.ndarray:
+        """First and last times of the stretches, s (k, 2)."""
+        return np.array([(spline.start, spline.start + spline.intervals * spline.step) for spline in self.splines])
+
+    def evaluate(self, time: np.ndarray) -> np.ndarray:
+        """Coordinates and first three derivatives (4, M, n); in gaps and beyond the ends, values of the nearest end."""
+        starts, ends = self.spans.T
+        which = np.searchsorted((ends[:-1] + starts[1:]) / 2, time)
+        out = np.empty((4, len(time), self.coefficients[0].shape[1]))
+        for k, (spline, c) in enumerate(zip(self.splines, self.coefficients, strict=True)):
+            own = which == k
+            out[:, own] = spline.evaluate(c, np.clip(time[own], starts[k], ends[k]))
+        return out
+
+    def settled(self, time: np.ndarray) -> np.ndarray:
+        """Mask of the times within a stretch, except its ends (M,)."""
+        first, last = self.spans.T[..., None]
+        edges = np.minimum(UNSETTLED, LARGEST_END * (last - first))
+        return np.asarray(((time > first + edges) & (time < last - edges)).any(axis=0))
+
+
+def smoothed(coordinates: Sampled, T: float) -> Trajectory:
+    """Each coordinate smoothed, separately on either side of a gap.
+
+    Args:
+        coordinates: Samples of all coordinates, NaN where one is missing (N, n).
+        T: Time constant of the filter, s.
+    """
+    splines, coefficients = [], []
+    for part in _stretches(coordinates):
+        time, columns = coordinates.time[part], coordinates.values[part].T
+        spline = Spline.over(time[0], time[-1], T)
+        local, rate = spline.local(time), (len(time) - 1) / (time[-1] - time[0])
+        stiffness = _banded(np.arange(spline.intervals), rate * T**6 * spline.penalty[None], spline.size)
+        splines.append(spline)
+        coefficients.append(np.stack([_without_outliers(local, x, stiffness) for x in columns], axis=1))
+    return Trajectory(splines, coefficients)
+
+
+def _stretches(coordinates: Sampled) -> list[slice]:
+    """Stretches of samples between gaps, those in which each coordinate has more samples than the penalty needs."""
+    time, there = coordinates.time, np.isfinite(coordinates.values)
+    inside = np.ones(len(time), bool)
+    for own in there.T:
+        at = np.flatnonzero(own)
+        reach = longest_step(Sampled(time[at], time[at]))
+        for gap in np.flatnonzero(np.diff(time[at]) > reach):
+            inside[at[gap] + 1 : at[gap + 1] + 1] = False
+    borders = [0, *(np.flatnonzero(~inside)).tolist(), len(time)]
+    parts = [slice(a, b) for a, b in pairwise(borders)]
+    return [part for part in parts if there[part].sum(axis=0).min() > ORDER] or [slice(0, len(time))]
+
+
+def _without_outliers(local: Local, x: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Coefficients of one coordinate (size,), fitted without gross outliers among its samples (N,)."""
+    there = np.isfinite(x)
+    for _ in range(PASSES):
+        c = _solved(local, x, there, stiffness)
+        residual = (x - local.combined(c[:, None])[0, :, 0])[there]
+        outliers = _outliers(residual)
+        if not outliers.any():
+            break
+        there[np.flatnonzero(there)[outliers]] = False
+    return c
+
+
+def _outliers(residual: np.ndarray) -> np.ndarray:
+    """Mask of the samples that deviate grossly from the mean of their neighbours, and more than these do (N,).
+
+    Residuals next to an outlier and near a corner are smooth, so neither is masked.
+    """
+    out = np.zeros(len(residual), bool)
+    size = np.abs(residual[1:-1] - (residual[:-2] + residual[2:]) / 2)
+    if len(size):
+        beside = np.pad(size, 1)
+        most = np.maximum(beside[:-2], beside[2:])
+        out[1:-1] = (size > GROSS * np.quantile(size, MOST) / NORMAL_QUANTILE) & (size >= most)
+    return out
+
+
+def _solved(local: Local, x: np.ndarray, there: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Coefficients that minimise the squared residuals of the samples present plus the penalty (size,)."""
+    basis, interval, size = local.basis[0, there], local.interval[there], stiffness.shape[1]
+    matrix = _banded(interval, basis[:, :, None] * basis[:, None, :], size) + stiffness
+    right = np.zeros(size)
+    np.add.at(right, interval[:, None] + np.arange(LOCAL), basis * x[there, None])
+    return np.asarray(linalg.solveh_banded(matrix, right, lower=True))
+
+
+def _banded(first: np.ndarray, blocks: np.ndarray, size: int) -> np.ndarray:
+    """Sum of blocks (N, 6, 6), or of a repeated one, at rows from `first` (N,), as a lower band (6, size)."""
+    blocks, out = np.broadcast_to(blocks, (len(first), LOCAL, LOCAL)), np.zeros((LOCAL, size))
+    for a in range(LOCAL):
+        for b in range(a, LOCAL):
+            out[b - a] += np.bincount(first + a, blocks[:, a, b], size)
+    return out

@@ -1,0 +1,120 @@
+"""Joint estimate of parameters, set-up, trajectories and noise from recordings."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+
+from ident.arguments import checked_names
+from ident.estimation.equations import Equations
+from ident.estimation.measurement import Measurement
+from ident.estimation.preparation import Prepared
+from ident.estimation.setup import setup_parameters
+from ident.parameters.prior import known_covariance
+from ident.recordings.wrench import GROUND
+from ident.trajectory.fit.fitted import Prior
+from ident.trajectory.fit.iteration import Report
+from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
+from ident.trajectory.result import Joint
+from ident.trajectory.stages import KNOTS_PER_SAMPLE, Stages
+
+FINEST = 0.005
+"""Smallest knot spacing, s: no drive's torque is known to change faster."""
+
+ENOUGH = 10_000
+"""Number of samples for the first estimate of noise, knots and set-up: more would hardly improve it."""
+
+OWN = ("offset", "delay")
+"""Kinds of parameters that each recording may have separately."""
+
+
+def joint_estimate(
+    recordings: Sequence[tuple[Prepared, slice]],
+    equations: Equations,
+    *,
+    setup: Mapping[str, float] | None = None,
+    known: Mapping[str, float] | None = None,
+    own: Sequence[str] = (),
+    search: bool = True,
+    physical: bool = False,
+    knots: float | None = None,
+    executor: Executor | None = None,
+    report: Report | None = None,
+) -> Joint:
+    """Estimates trajectories, parameters, set-up and noise of recordings that share their parameters.
+
+    Args:
+        recordings: Mechanism and recording, and the samples to use.
+        equations: Channels and columns.
+        setup: Standard deviations of the set-up, as for `setup_parameters`.
+        known: Standard deviations of the model's φ, as for `known_deviations`; None for no prior.
+        own: Kinds of parameters that each recording has separately, out of `OWN`.
+        search: True to search for set-up errors.
+        physical: True to require physical bodies.
+        knots: Knot spacing of the trajectory, s; by default chosen by the motion.
+        executor: Executor for the pieces; by default they are computed here.
+        report: Called with every round and its step in standard deviations.
+    """
+    own = checked_names("own", own, OWN)
+    first, joints = recordings[0][0], recordings[0][0].mechanism.joints
+    measurement = _measurement(first, equations, setup)
+    names, selections = _shared(measurement, len(recordings), own)
+    prior = _prior(measurement, names, known)
+    stages = Stages(measurement, recordings, names, selections, prior, known is not None, search, executor, report)
+    samples = sum(part.stop - part.start for _, part in recordings)
+    share = max(1, round(samples / ENOUGH))
+    finest = KNOTS_PER_SAMPLE / min(prepared.recording.rate for prepared, _ in recordings)
+    widest = WIDEST if measurement.components else WIDEST_BESIDE_TORQUES
+    step = knots or min(knot_distance(prepared.recording, joints, widest) for prepared, _ in recordings)
+    estimate = stages.searched(stages.settled(stages.explored(step, share, knots or max(finest, FINEST))))
+    if share > 1:
+        estimate = stages.searched(stages.whole(estimate))
+    return stages.with_physical_bodies(estimate) if physical else estimate
+
+
+def _measurement(prepared: Prepared, equations: Equations, setup: Mapping[str, float] | None) -> Measurement:
+    recording = prepared.recording
+    # The source of a mechanism is not needed in other processes, and cannot be pickled.
+    equations = replace(equations, mechanism=replace(equations.mechanism, source=None))
+    contacts = {name: recording.sensors[name] for name in recording.wrenches if name != GROUND}
+    plates = dict.fromkeys(sensor.plate or name for name, sensor in contacts.items())
+    held = GROUND in recording.wrenches
+    seen = np.isfinite(prepared.wrench).all(axis=0)
+    return Measurement(
+        equations,
+        prepared.frame if held else None,
+        tuple(np.flatnonzero(seen).tolist()),
+        contacts,
+        setup_parameters(equations, tuple(plates), dict(setup or {}), held=held),
+        recording.base is not None,
+    )
+
+
+def _shared(measurement: Measurement, recordings: int, own: Sequence[str]) -> tuple[list[str], list[np.ndarray]]:
+    """Names of all parameters, and the indices of each recording's."""
+    names, selections = list(measurement.names), [np.arange(len(measurement.names))]
+    mine = [k for k, name in enumerate(measurement.names) if name.partition("(")[0] in own]
+    for number in range(2, recordings + 1):
+        chosen = np.arange(len(measurement.names))
+        chosen[mine] = len(names) + np.arange(len(mine))
+        names += [f"{measurement.names[k]} of log {number}" for k in mine]
+        selections.append(chosen)
+    return names, selections
+
+
+def _prior(measurement: Measurement, names: Sequence[str], known: Mapping[str, float] | None) -> Prior:
+    """Prior of all parameters."""
+    std = {each.name: each.std for each in measurement.setup}
+    precision = np.diag(
+        [1 / std[base] ** 2 if base in std else 0.0 for base in (n.partition(" of log ")[0] for n in names)]
+    )
+    mean = np.zeros(len(names))
+    if known is not None:
+        parameters, mechanism = measurement.equations.parameters, measurement.equations.mechanism
+        mean[: parameters.rank] = parameters.regroup(mechanism.known)
+        beforehand = known_covariance(mechanism, parameters, known)
+        # A plain inverse may be asymmetric by more than the smallest eigenvalue.
+        precision[: parameters.rank, : parameters.rank] = inverse_of_precision(beforehand)
+    return Prior(mean, precision)

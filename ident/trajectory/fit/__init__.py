@@ -1,0 +1,1 @@
+"""One fit of trajectories and parameters: its iteration, likelihoods and covariances."""

@@ -1,0 +1,176 @@
+"""Start and result of a fit of trajectory, parameters and noise, and the prior of the parameters."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.fit.precision import LEAST_SCATTER, embedded, inverse_of_precision, sandwich
+
+
+class Prior(NamedTuple):
+    """Gaussian prior of θ.
+
+    Attributes:
+        mean: Mean (p,).
+        precision: Precision in the fit, weight included, zero where nothing is known (p, p).
+        weight: Factor on the prior's precision in the fit, because autocorrelated residuals carry less information than
+            the fit assumes.
+    """
+
+    mean: np.ndarray
+    precision: np.ndarray
+    weight: float = 1.0
+
+    @property
+    def known(self) -> np.ndarray:
+        """Precision without the weight (p, p)."""
+        return self.precision / self.weight
+
+    def weighted(self, weight: float) -> "Prior":
+        """Prior with another weight."""
+        return Prior(self.mean, weight * self.known, weight)
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Starting point of an iteration.
+
+    Attributes:
+        theta: Parameters (p,).
+        noise: Standard deviations, correlation and smoothness.
+        coefficients: Spline coefficients of every piece (size, n).
+        marginal: Terms of θ's marginal likelihood, None if not computed yet.
+    """
+
+    theta: np.ndarray
+    noise: Noise
+    coefficients: Sequence[np.ndarray]
+    marginal: "Marginal | None" = None
+
+    @property
+    def pulls(self) -> Sequence[np.ndarray]:
+        """Terms of the marginal likelihood of every piece, empty if not computed yet."""
+        return self.marginal.pulls if self.marginal else ()
+
+
+class Marginal(NamedTuple):
+    """Terms that the marginal likelihood of θ adds to the gradient.
+
+    Attributes:
+        pulls: Term of every piece, subtracted from its right side (p,).
+        theta: Parameters at which they were computed (p,).
+        noise: Noise with which they were computed.
+        whole: False if they went only part of the way from the previous terms.
+    """
+
+    pulls: Sequence[np.ndarray]
+    theta: np.ndarray
+    noise: Noise
+    whole: bool
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Result of a fit of trajectory, parameters and noise.
+
+    Attributes:
+        names: Names of θ.
+        selections: Indices in θ of each piece's parameters.
+        prior: Prior of θ.
+        theta: Parameters θ = [ψ, drives, offsets, set-up] (p,).
+        shares: Precision and right side of θ from every piece, trajectory eliminated: (p, p) and (p,).
+        free: Mask of the fitted parameters (p,).
+        noise: Standard deviations, correlation and smoothness.
+        coefficients: Spline coefficients of every piece (size, n).
+        pieces: Measured samples.
+        trace: Largest step of θ of every round, in standard deviations.
+        status: `converged`, `stopped` after the largest number of rounds, `stuck` if no step lowers the cost, or
+            `interrupted`.
+        scatters: Covariance of every piece's right side under the estimated noise (p, p); None for that of the working
+            model, which is its precision.
+        bounded: Mask of the parameters at a bound (p,), None for none.
+        marginal: Terms of the marginal likelihood of θ, which the shares include.
+    """
+
+    names: Sequence[str]
+    selections: Sequence[np.ndarray]
+    prior: Prior
+    theta: np.ndarray
+    shares: Sequence[tuple[np.ndarray, np.ndarray]]
+    free: np.ndarray
+    noise: Noise
+    coefficients: Sequence[np.ndarray]
+    pieces: Sequence[Piece]
+    trace: tuple[float, ...]
+    status: str
+    scatters: Sequence[np.ndarray] | None = None
+    bounded: np.ndarray | None = None
+    marginal: Marginal | None = None
+
+    @property
+    def end(self) -> Start:
+        """End point, as a warm start for another fit of the same pieces."""
+        return Start(self.theta, self.noise, self.coefficients, self.marginal)
+
+    @property
+    def counted(self) -> np.ndarray:
+        """Mask of the parameters that count as fitted, including those at a bound (p,)."""
+        return self.free if self.bounded is None else self.free | self.bounded
+
+    @property
+    def scatter_shares(self) -> Sequence[np.ndarray]:
+        """Covariance of every piece's right side, by default of the working model (p, p) each."""
+        return [schur for schur, _ in self.shares] if self.scatters is None else self.scatters
+
+    @cached_property
+    def scatter(self) -> np.ndarray:
+        """Covariance of the gradient, prior included (p, p)."""
+        return sum(self.scatter_shares, start=self.prior.weight * self.prior.precision)
+
+    @cached_property
+    def precision(self) -> np.ndarray:
+        """Precision of θ, prior included (p, p)."""
+        return sum((schur for schur, _ in self.shares), start=self.prior.precision)
+
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """Right side of the equations at θ, zero for the fitted parameters (p,)."""
+        pull = -self.prior.precision @ (self.theta - self.prior.mean)
+        return sum((right for _, right in self.shares), start=pull)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance of θ due to the noise, zero for parameters that were not fitted (p, p).
+
+        Parameters at a bound count as fitted: the bound does not make those correlated with them more certain.
+        """
+        taken = self.counted
+        own = np.ix_(taken, taken)
+        names = [name for name, one in zip(self.names, taken, strict=True) if one]
+        return embedded(sandwich(self.precision[own], self.scatter[own], names), taken)
+
+    def scores(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Steps of θ in directions that were not fitted, with the others refitted, and their standard deviations.
+
+        Args:
+            directions: Directions, one in each row, zero for the fitted parameters (k, p).
+
+        Returns:
+            Steps and their standard deviations, infinite where the data do not determine a direction (k,).
+        """
+        free = self.free
+        inside = inverse_of_precision(self.precision[np.ix_(free, free)])
+        across = directions @ self.precision
+        regressed = across[:, free] @ inside
+        curvature = ((across - regressed @ self.precision[free]) * directions).sum(axis=1)
+        pull = directions @ self.gradient - regressed @ self.gradient[free]
+        told = curvature > 0
+        curvature = np.where(told, curvature, 1.0)
+        alone = directions.copy()
+        alone[:, free] -= regressed
+        variance = np.maximum(((alone @ self.scatter) * alone).sum(axis=1), LEAST_SCATTER * curvature)
+        return np.where(told, pull / curvature, 0.0), np.where(told, np.sqrt(variance) / curvature, np.inf)

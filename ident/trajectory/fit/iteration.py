@@ -1,0 +1,381 @@
+"""Simultaneous estimate of trajectory, parameters, set-up and noise of a recording.
+
+minimise  Σ_m ‖x_m - C_m c‖² / σ_m² + Σ_c ‖w_c - f_c(c, θ)‖² / σ_c² + Σ_j λ_j ∫ x⃛_j² dt + ‖θ - θ_0‖²_prior
+
+over spline coefficients c and parameters θ by Gauss-Newton steps; the gradient of θ includes the terms of its marginal
+likelihood (`ident.trajectory.fit.marginal_likelihood`). After each step, noise and smoothness are updated by
+restricted maximum likelihood (`ident.trajectory.fit.restricted_likelihood`). Ordered by time the curvature is banded,
+with a border for θ; pieces share only θ, so that their Schur complements add.
+"""
+
+import pickle
+from collections.abc import Callable, Collection, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import Any, cast
+
+import numpy as np
+
+from ident.trajectory.fit.fitted import JointFit, Marginal, Prior, Start
+from ident.trajectory.fit.marginal_likelihood import pull
+from ident.trajectory.fit.piece import Linearised, Misfit, Noise, Piece, Predictor, linearised, misfit
+from ident.trajectory.fit.precision import root_of_inverse
+from ident.trajectory.fit.restricted_likelihood import TINIEST, Stride, hastened, renewed
+
+ROUNDS = 60
+"""Largest number of rounds of the iteration."""
+
+SETTLED, SETTLED_NOISE, SETTLED_MOTION = 0.02, 0.02, 0.1
+"""Tolerances of convergence: steps of θ, in its standard deviations; relative changes of the noise's standard
+deviations; and steps of coefficients, in standard deviations of the coordinates."""
+
+SETTLED_EXPLORING = 0.005
+"""Relative change of the geometric mean of the channels' noise that ends an exploring fit: a third of the difference
+by which knots are chosen."""
+
+NEAR = 0.1
+"""Largest step of θ, in its standard deviations, below which only smoothness has not converged."""
+
+DRIFTED, DRIFTED_NOISE = 0.5, 0.1
+"""Changes of θ, in its standard deviations, and of the log of the noise's standard deviations, from which the terms of
+the marginal likelihood are computed again."""
+
+DRAWN = 2000
+"""Samples of random trajectories that give the terms of the marginal likelihood to a tenth of a standard deviation."""
+
+FARTHEST = 1.0
+"""Largest step of θ, in its standard deviations, that a change of these terms may cause at once: they are not
+linear."""
+
+COLOURED = 3
+"""Round after which noise that was white at the start may be correlated, earlier if θ has nearly converged: while the
+fit is poor, all residuals are correlated."""
+
+SMOOTHEST = 1e7
+"""Largest λ over `h⁶ rate / σ²`, which averages samples over some fifteen knots. With ten times as much, rounding may
+reverse steps of resting coordinates."""
+
+CYCLE = 0.5
+"""Part of the previous step that a step reverses, from which noise and parameters are taken to alternate."""
+
+SMALLEST_STEP = 1 / 64
+"""Least step length: if it does not lower the cost, no step is taken."""
+
+Report = Callable[[int, float], None]
+"""Callback with the number of each round and its largest step of θ, in standard deviations."""
+
+
+def fit(
+    measurement: Predictor,
+    pieces: Sequence[Piece],
+    start: Start,
+    *,
+    prior: Prior,
+    free: np.ndarray,
+    names: Sequence[str] = (),
+    selections: Sequence[np.ndarray] | None = None,
+    coloured: bool = True,
+    kept: Collection[str] = (),
+    explore: bool = False,
+    executor: Executor | None = None,
+    rounds: int = ROUNDS,
+    report: Report | None = None,
+) -> JointFit:
+    """Fits trajectory, parameters and noise from a starting point.
+
+    An interrupt (Ctrl-C) ends the iteration and returns its current state.
+
+    Args:
+        measurement: Channels and parameters.
+        pieces: Measured samples.
+        start: Starting point.
+        prior: Prior of θ.
+        free: Mask of the entries of θ to fit (p,).
+        names: Names of θ, by default those of the measurement.
+        selections: Indices in θ of each piece's parameters; by default all entries for every piece.
+        coloured: True if noise may be correlated over time.
+        kept: Parts of the noise kept as at the start, out of `states`, `channels` and `jerk`; by default none.
+        explore: True to end as soon as the channels' noise has converged, without the shares of the pieces.
+        executor: Executor for the pieces; by default they are computed here.
+        rounds: Largest number of rounds.
+        report: Called with every round.
+
+    Raises:
+        ExcitationError: The motion leaves parameters undetermined.
+    """
+    every = [np.arange(len(free))] * len(pieces)
+    run = map if executor is None else executor.map
+    shared = measurement if executor is None else cast(Predictor, _Sent(measurement))
+    problem = _Problem(shared, pieces, prior, free, names or measurement.names, selections or every, run)
+    iteration = _Iteration(problem, coloured, kept, explore, start)
+    status = iteration.ended(rounds, report)
+    at = iteration.at
+    # For the fixed parameters as well: score tests need them.
+    unasked = not len(free) or (explore and status != "interrupted")
+    last = [] if unasked else problem.linearised(at, np.arange(len(free)))
+    pulls = problem.spread(at.pulls)[: len(last)]
+    return JointFit(
+        problem.names,
+        problem.selections,
+        prior,
+        at.theta,
+        [(part.schur, part.gradient - pulled) for part, pulled in zip(last, pulls, strict=True)],
+        free,
+        at.noise,
+        at.coefficients,
+        pieces,
+        tuple(iteration.trace),
+        status,
+        marginal=at.marginal,
+    )
+
+
+class _Iteration:
+    """Gauss-Newton iteration of trajectory and parameters, with the state kept between steps.
+
+    Attributes:
+        at: Current point.
+        trace: Largest step of θ of every round, in standard deviations.
+    """
+
+    def __init__(self, problem: "_Problem", coloured: bool, kept: Collection[str], explore: bool, start: Start) -> None:
+        self.at, self.trace = start, list[float]()
+        self._problem, self._coloured, self._kept, self._explore = problem, coloured, kept, explore
+        self._was_coloured, self._now_coloured = False, bool(start.noise.channels_rho.any())
+        self._step, self._stride = np.zeros_like(start.theta), cast("Stride | None", None)
+        self._leads_back, self._stalled = False, 0
+
+    def ended(self, rounds: int, report: Report | None) -> str:
+        """Iterates to the end, and returns the `JointFit.status`."""
+        fitted, root = np.flatnonzero(self._problem.free), None
+        try:
+            for _ in range(rounds):
+                parts = self._problem.linearised(self.at, fitted, root)
+                root = self._problem.root(parts)
+                quiet = self._round(parts, root)
+                if quiet or self._stalled > 1:
+                    return "converged" if quiet else "stuck"
+                if report:
+                    report(len(self.trace) - 1, self.trace[-1])
+        except KeyboardInterrupt:
+            return "interrupted"
+        return "stopped"
+
+    def _round(self, parts: Sequence[Linearised], root: np.ndarray) -> bool:
+        """Takes one step, and returns True if the iteration has converged."""
+        problem, free, at = self._problem, self._problem.free, self.at
+        if not self._explore and problem.drifted(at, root):
+            at = replace(at, marginal=problem.marginal(at, root, part=0.5 if self._leads_back else 1.0))
+        step = problem.step(at, parts, root)
+        moves = [part.step - part.by_theta @ step[free] for part in parts]
+        self.trace.append(float(np.max(np.abs(step[free]) / np.linalg.norm(root, axis=1), initial=0)))
+        moved, misfits = problem.lower(at, step, moves, parts)
+        noise = self._noise(at.noise, parts, misfits)
+        self._stalled = 0 if moved is not at else self._stalled + 1
+        self._leads_back = _leads_back(step[free], self._step[free], problem.precision(parts))
+        self.at, self._step = replace(moved, noise=noise.midway(at.noise) if self._leads_back else noise), step
+        if self._explore and len(self.trace) > 1 and _found(noise, at.noise):
+            return True
+        return (self._was_coloured or not self._coloured) and _quiet(problem.pieces, at, self.trace[-1], moves, noise)
+
+    def _noise(self, before: Noise, parts: Sequence[Linearised], misfits: Sequence[Misfit]) -> Noise:
+        """Noise updated after a step, smoothness with longer steps once θ has nearly converged."""
+        near, self._was_coloured = self.trace[-1] < NEAR, self._now_coloured
+        self._now_coloured = self._coloured and (self._was_coloured or near or len(self.trace) > COLOURED)
+        noise = renewed(before, parts, misfits, coloured=self._now_coloured)
+        last, self._stride = self._stride, Stride(np.log(before.jerk), np.log(noise.jerk / before.jerk))
+        jerk = hastened(last, self._stride) if near else noise.jerk
+        noise = replace(noise, jerk=np.minimum(jerk, self._problem.smoothest(noise)))
+        return replace(noise, **{name: getattr(before, name) for name in self._kept})
+
+
+class _Sent:
+    """Measurement for other processes, which unpickle it once: its programs may be large. Threads use it directly."""
+
+    def __init__(self, measurement: Predictor) -> None:
+        self._measurement, self._packed = measurement, pickle.dumps(measurement)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._measurement, name)
+
+    def __reduce__(self) -> tuple[Callable[[bytes], Predictor], tuple[bytes]]:
+        return _unpacked, (self._packed,)
+
+
+@lru_cache(maxsize=1)
+def _unpacked(packed: bytes) -> Predictor:
+    return cast(Predictor, pickle.loads(packed))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Minimisation problem over all pieces."""
+
+    measurement: Predictor
+    pieces: Sequence[Piece]
+    prior: Prior
+    free: np.ndarray
+    names: Sequence[str]
+    selections: Sequence[np.ndarray]
+    run: Callable[..., Iterable[Any]]
+
+    def linearised(self, at: Start, wanted: np.ndarray, root: np.ndarray | None = None) -> list[Linearised]:
+        """Normal equations of every piece for some entries of θ, trajectories eliminated, other entries fixed.
+
+        Args:
+            at: Point of linearisation.
+            wanted: Indices of these entries (k,).
+            root: Root of their covariance (k, k), if known.
+        """
+        work = partial(_linearised, self.measurement, at.noise, wanted, root)
+        return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta), self.selections))
+
+    def _own(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Parameters of each piece."""
+        return [theta[own] for own in self.selections]
+
+    def root(self, parts: Sequence[Linearised]) -> np.ndarray:
+        """Root of the covariance of the fitted parameters (k, k)."""
+        names = [name for name, fitted in zip(self.names, self.free, strict=True) if fitted]
+        return root_of_inverse(self.precision(parts), names)
+
+    def step(self, at: Start, parts: Sequence[Linearised], root: np.ndarray) -> np.ndarray:
+        """Gauss-Newton step of θ (p,), from a root of the covariance of the fitted parameters (k, k)."""
+        pulled = -self.prior.precision @ (at.theta - self.prior.mean) - sum(self.spread(at.pulls))
+        gradient = sum((part.gradient for part in parts), start=pulled[self.free])
+        step = np.zeros_like(at.theta)
+        step[self.free] = root @ (root.T @ gradient)
+        return step
+
+    def precision(self, parts: Sequence[Linearised]) -> np.ndarray:
+        """Precision of the fitted parameters, prior included (k, k)."""
+        return sum((part.schur for part in parts), start=self.prior.precision[np.ix_(self.free, self.free)])
+
+    def smoothest(self, noise: Noise) -> np.ndarray:
+        """Largest λ with which the equations can be solved (n,): that of a resting coordinate would be infinite."""
+        scales = [piece.spline.step**6 * len(piece.time) / float(np.ptp(piece.time)) for piece in self.pieces]
+        return SMOOTHEST * min(scales) / noise.states[0] ** 2
+
+    def lower(
+        self, at: Start, step: np.ndarray, moves: Sequence[np.ndarray], parts: Sequence[Linearised]
+    ) -> tuple[Start, list[Misfit]]:
+        """Point after a step that lowers the cost, halved as often as needed, and misfits there.
+
+        The point is `at` itself if no step length lowers the cost.
+        """
+        before = self._whole(parts, at)
+        size = 1.0
+        while size >= SMALLEST_STEP:
+            moved = _moved(at, size, step, moves)
+            misfits = self._misfits(moved)
+            if self._whole(misfits, moved) <= before * (1 + 1e-12):
+                return moved, misfits
+            size /= 2
+        return at, self._misfits(at)
+
+    def _misfits(self, at: Start) -> list[Misfit]:
+        """Misfits of all pieces."""
+        work = partial(_misfit, self.measurement, at.noise)
+        return list(self.run(work, self.pieces, at.coefficients, self._own(at.theta)))
+
+    def _whole(self, parts: Sequence[Misfit | Linearised], at: Start) -> float:
+        """Cost of all pieces and of θ."""
+        off = at.theta - self.prior.mean
+        of_theta = off @ self.prior.precision @ off + 2 * off @ sum(self.spread(at.pulls))
+        return sum(each.cost for each in parts) + float(of_theta)
+
+    def drifted(self, at: Start, root: np.ndarray) -> bool:
+        """True if θ or the noise has moved away from where the marginal likelihood's terms were computed, or none were.
+
+        Args:
+            at: Current point.
+            root: Root of the covariance of the fitted parameters (k, k).
+        """
+        if not len(self.free) or not len(at.noise.channels):
+            return False
+        if at.marginal is None or not at.marginal.whole or at.noise.change(at.marginal.noise) > DRIFTED_NOISE:
+            return True
+        moved = np.abs(at.theta - at.marginal.theta)[self.free] / np.linalg.norm(root, axis=1)
+        return bool(moved.max(initial=0) > DRIFTED)
+
+    def marginal(self, at: Start, root: np.ndarray, part: float) -> Marginal:
+        """Terms that the marginal likelihood of θ adds to the gradient.
+
+        Args:
+            at: Point at which they are computed.
+            root: Root of the covariance of the fitted parameters (k, k).
+            part: Step length from the previous terms to the new ones, shortened where θ would move too far.
+        """
+        draws = -(-DRAWN // sum(len(piece.when) for piece in self.pieces))
+        work = partial(pull, self.measurement, at.noise, draws)
+        pulls = self.run(work, self.pieces, at.coefficients, self._own(at.theta), range(len(self.pieces)))
+        old = at.pulls or [np.zeros(len(own)) for own in self.selections]
+        changes = [new - was for new, was in zip(pulls, old, strict=True)]
+        change = np.sum(self.spread(changes), axis=0)[self.free]
+        far = np.abs(root @ (root.T @ change)) / np.linalg.norm(root, axis=1)
+        part *= min(1.0, FARTHEST / max(far.max(initial=0), TINIEST))
+        pulls = [was + part * each for was, each in zip(old, changes, strict=True)]
+        return Marginal(pulls, at.theta, at.noise, part == 1)
+
+    def spread(self, pulls: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Terms of every piece at the indices of its parameters in θ, zero if not computed yet (p,)."""
+        out = [np.zeros(len(self.free)) for _ in self.pieces]
+        for whole, own, pulled in zip(out, self.selections, pulls, strict=False):
+            whole[own] = pulled
+        return out
+
+
+def _misfit(measurement: Predictor, noise: Noise, piece: Piece, coefficients: np.ndarray, theta: np.ndarray) -> Misfit:
+    return misfit(measurement, piece, coefficients, theta=theta, noise=noise)
+
+
+def _linearised(
+    measurement: Predictor,
+    noise: Noise,
+    wanted: np.ndarray,
+    root: np.ndarray | None,
+    piece: Piece,
+    coefficients: np.ndarray,
+    theta: np.ndarray,
+    own: np.ndarray,
+) -> Linearised:
+    """Linearised piece, with derivatives by its own parameters placed among the wanted entries of θ."""
+    columns = np.flatnonzero(np.isin(own, wanted))
+    place = np.searchsorted(wanted, own[columns])
+    root = None if root is None else root[place]
+    part = linearised(measurement, piece, coefficients, theta=theta, noise=noise, columns=columns, root=root)
+    if len(columns) == len(wanted):
+        return part
+    schur, gradient = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
+    by_theta = np.zeros((len(part.by_theta), len(wanted)))
+    schur[np.ix_(place, place)], gradient[place], by_theta[:, place] = part.schur, part.gradient, part.by_theta
+    return part._replace(schur=schur, gradient=gradient, by_theta=by_theta)
+
+
+def _moved(at: Start, size: float, step: np.ndarray, moves: Sequence[np.ndarray]) -> Start:
+    places = [c + size * move.reshape(c.shape) for c, move in zip(at.coefficients, moves, strict=True)]
+    return replace(at, theta=at.theta + size * step, coefficients=places)
+
+
+def _quiet(pieces: Sequence[Piece], at: Start, step: float, moves: Sequence[np.ndarray], noise: Noise) -> bool:
+    """True if θ, noise and the trajectory between its first and last sample have converged."""
+    std = at.noise.states[0]
+    motion = 0.0
+    for piece, move in zip(pieces, moves, strict=True):
+        inside = piece.spline.within(piece.time[0], piece.time[-1])
+        motion = max(motion, float(np.max(np.abs(move.reshape(-1, len(std))[inside]) / std, initial=0)))
+    return step < SETTLED and motion < SETTLED_MOTION and noise.change(at.noise) < SETTLED_NOISE
+
+
+def _found(noise: Noise, before: Noise) -> bool:
+    """True if the geometric mean of the channels' noise has converged."""
+    return bool(abs(np.log(noise.channels / before.channels).mean()) < SETTLED_EXPLORING)
+
+
+def _leads_back(step: np.ndarray, before: np.ndarray, precision: np.ndarray) -> bool:
+    """True if a step reverses at least `CYCLE` of the one before (k,), as when noise and parameters alternate.
+
+    Taking the noise midway between two rounds ends such a cycle.
+    """
+    return bool(step @ precision @ before < -CYCLE * (before @ precision @ before) < 0)

@@ -1,0 +1,200 @@
+"""Linear response of a piece of the joint estimate to noise: changes of the estimate, and residuals.
+
+    [A  B ] [δc]   [Jᵀ W ε]
+    [Bᵀ D ] [δθ] = [Tᵀ W ε]                  r = ε - J δc - T δθ,        R = T - J A⁻¹ B
+
+J and T are the derivatives of all streams by the spline coefficients c and by θ, W the weights, which may be those of
+autocorrelated noise. R are the rows of θ with the trajectory eliminated: δθ = P⁻¹ Rᵀ W ε.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from ident.trajectory.algebra.arrow import stacked
+from ident.trajectory.algebra.block_tridiagonal import Factor
+from ident.trajectory.algebra.spline import LOCAL, Local
+from ident.trajectory.algebra.whitening import Innovations
+from ident.trajectory.fit.piece import Noise, Piece, Predictor, normal_equations
+
+CLEAR = 0.5
+"""Share of the noise in a sample's variance above which its residual is used to estimate the noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Weights of streams: products with the inverse of the noise covariance assumed by the fit.
+
+    Attributes:
+        scale: Factors of innovations (N, s).
+        rho: Part of the preceding sample that innovations subtract (N, s).
+    """
+
+    scale: np.ndarray
+    rho: np.ndarray
+
+    @classmethod
+    def of(cls, new: Innovations) -> "Weights":
+        """Weights of a fit's innovations."""
+        return cls(new.there * np.sqrt(new.weight) / new.std, new.rho)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Weighted signals (N, s, k)."""
+        scale, rho = self.scale[..., None], self.rho[..., None]
+        z = x.copy()
+        z[1:] -= rho[1:] * x[:-1]
+        z *= scale**2
+        return self._transposed(z)
+
+    def scores(self, u: np.ndarray) -> np.ndarray:
+        """Weighted noise of the assumed covariance, from independent normal deviates u (N, s, k)."""
+        return self._transposed(self.scale[..., None] * u)
+
+    def _transposed(self, z: np.ndarray) -> np.ndarray:
+        out = z.copy()
+        out[:-1] -= self.rho[1:, :, None] * z[1:]
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """Signals measured at the same times: coordinates, a derivative of them, or channels that share a clock.
+
+    Attributes:
+        which: Order of the derivative, or the channels.
+        time: Sample times, s (N,).
+        bases: Values of the spline functions at samples; for channels, of the first two derivatives as well.
+        weights: Weights of the samples.
+        residual: Residuals, zero where a sample is missing (N, s).
+        clear: Mask of the samples from which noise is estimated (N, s).
+        std: Standard deviations of the noise assumed by the fit (s,).
+        slack: Standard deviations of the error in addition to noise (N, s), None for none.
+        by_states: Derivatives of channels by coordinates and their derivatives (s, 3, n, N), None of coordinates.
+        by_theta: Derivatives of channels by θ (s, p, N).
+    """
+
+    which: int | slice
+    time: np.ndarray
+    bases: Sequence[sparse.csr_matrix]
+    weights: Weights
+    residual: np.ndarray
+    clear: np.ndarray
+    std: np.ndarray
+    slack: np.ndarray | None
+    by_states: np.ndarray | None
+    by_theta: np.ndarray | None
+
+    @property
+    def step(self) -> float:
+        """Time between samples, s."""
+        return float(np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Piece linearised at an estimate.
+
+    Attributes:
+        streams: Coordinates by order of the derivative, then channels.
+        zeros: Indices in θ of the coordinates' zeros, by coordinate.
+        factor: Cholesky factor of A.
+        follows: A⁻¹ B (size n, p).
+        coordinates: Number of coordinates n.
+    """
+
+    streams: Sequence[Stream]
+    zeros: dict[int, int]
+    factor: Factor
+    follows: np.ndarray
+    coordinates: int
+
+    def rows(self) -> list[np.ndarray]:
+        """Rows R of θ of every stream, the trajectory eliminated (N, s, p)."""
+        return self.signals(-self.follows, np.eye(self.follows.shape[1]))
+
+    def signals(self, coefficients: np.ndarray, theta: np.ndarray) -> list[np.ndarray]:
+        """`J c + T θ` for coefficients (size n, k) and parameters (p, k): (N, s, k) of every stream."""
+        n, k = self.coordinates, theta.shape[1]
+        flat, out = coefficients.reshape(-1, n * k), []
+        for stream in self.streams:
+            moved = [(basis @ flat).reshape(-1, n, k) for basis in stream.bases]
+            if stream.by_states is None or stream.by_theta is None:
+                out.append(moved[0])
+                continue
+            by_states = np.einsum("cdjm,dmjk->mck", stream.by_states, np.stack(moved), optimize=True)
+            out.append(by_states + np.einsum("cpm,pk->mck", stream.by_theta, theta, optimize=True))
+        for j, at in self.zeros.items():
+            out[0][:, j] += theta[at]
+        return out
+
+    def adjoint(self, signals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """`Jᵀ y` (size n, k) and `Tᵀ y` (p, k) for signals y (N, s, k) of every stream."""
+        n, k = self.coordinates, signals[0].shape[2]
+        size = len(self.follows) // n
+        c, theta = np.zeros((size, n * k)), np.zeros((self.follows.shape[1], k))
+        for stream, y in zip(self.streams, signals, strict=True):
+            if stream.by_states is None or stream.by_theta is None:
+                pulled = y[None]
+            else:
+                pulled = np.einsum("cdjm,mck->dmjk", stream.by_states, y, optimize=True)
+                theta += np.einsum("cpm,mck->pk", stream.by_theta, y, optimize=True)
+            for basis, own in zip(stream.bases, pulled, strict=True):
+                c += basis.T @ own.reshape(len(own), -1)
+        for j, at in self.zeros.items():
+            theta[at] += signals[0][:, j].sum(axis=0)
+        return c.reshape(size * n, k), theta
+
+    def weighted(self, signals: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Weighted signals."""
+        return [stream.weights(x) for stream, x in zip(self.streams, signals, strict=True)]
+
+    def solved(self, right: np.ndarray) -> np.ndarray:
+        """`A⁻¹ right` for right sides (size n, k)."""
+        n = self.coordinates
+        blocks, b = self.factor.diagonal.shape[:2]
+        padded = np.zeros((blocks * b, right.shape[1]))
+        padded[n : n + len(right)] = right
+        return stacked(self.factor.solve(padded.reshape(blocks, b, -1)))[n : n + len(right)]
+
+
+def response(
+    measurement: Predictor, piece: Piece, coefficients: np.ndarray, theta: np.ndarray, noise: Noise
+) -> Response:
+    """Linear response of a piece at an estimate, with all entries of θ as columns.
+
+    Args:
+        measurement: Channels and parameters.
+        piece: Measured samples.
+        coefficients: Spline coefficients (size, n).
+        theta: Parameters (p,).
+        noise: Standard deviations, correlation and smoothness of the fit.
+    """
+    equations = normal_equations(measurement, piece, coefficients, theta, noise, np.arange(len(theta)))
+    size, streams = piece.spline.size, []
+    for kind, new in equations.states.items():
+        bases = [_matrix(piece.local, kind, size)]
+        streams.append(Stream(kind, piece.time, bases, *_of(new), noise.states[kind], None, None, None))
+    for each in equations.channels:
+        local = piece.spline.local(each.when)
+        bases = [_matrix(local, d, size) for d in range(3)]
+        std = noise.channels[each.channels]
+        by = each.by_states, each.by_theta
+        slack = None if piece.slack is None else piece.slack[:, each.channels]
+        streams.append(Stream(each.channels, piece.when, bases, *_of(each.new), std, slack, *by))
+    eliminated = equations.eliminated
+    zeros = dict(measurement.zeros) if 0 in equations.states else {}
+    return Response(streams, zeros, eliminated.factor, eliminated.by_theta, coefficients.shape[1])
+
+
+def _of(new: Innovations) -> tuple[Weights, np.ndarray, np.ndarray]:
+    return Weights.of(new), new.residual, new.there & (new.clarity > CLEAR)
+
+
+def _matrix(local: Local, derivative: int, size: int) -> sparse.csr_matrix:
+    """Values of the functions at samples (N, size)."""
+    N = len(local.interval)
+    places = local.interval[:, None] + np.arange(LOCAL)
+    start = np.arange(0, LOCAL * N + 1, LOCAL)
+    return sparse.csr_matrix((local.basis[derivative].ravel(), places.ravel(), start), shape=(N, size))

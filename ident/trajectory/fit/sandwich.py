@@ -1,0 +1,77 @@
+"""Sandwich covariance of the joint estimate, valid if the fit's noise model is wrong.
+
+    cov θ = P⁻¹ M P⁻¹,        M = P - Σ Rᵀ W R + Σ (W R)ᵀ Γ (W R)
+
+P is the precision of θ under the working model, W its weights, R the rows of θ with the trajectory eliminated, and Γ
+the covariance of the noise estimated independently of the weights (`ident.trajectory.fit.noise_colours`). Working
+weights with such a covariance are those of generalised estimating equations (Liang and Zeger, Biometrika 73, 1986,
+doi:10.1093/biomet/73.1.13).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.fit.noise_colours import NoiseColours, autoregressive, noise_colours
+from ident.trajectory.fit.piece import Predictor
+from ident.trajectory.fit.response import response
+
+
+def with_scatter(measurement: Predictor, fit: JointFit) -> JointFit:
+    """Fit with the covariance of its gradient under the estimated noise.
+
+    Args:
+        measurement: Channels and parameters.
+        fit: The fit.
+    """
+    colours, scatters, tails = noise_colours(measurement, fit), list[np.ndarray](), _Tails()
+    for k, (piece, own) in enumerate(zip(fit.pieces, fit.selections, strict=True)):
+        if k and not _goes_on(fit, k):
+            tails = _Tails()
+        here = response(measurement, piece, fit.coefficients[k], fit.theta[own], fit.noise)
+        scatter = np.zeros((len(own), len(own)))
+        for which, (stream, rows) in enumerate(zip(here.streams, here.rows(), strict=True)):
+            pulls = stream.weights(rows)
+            scatter -= np.einsum("nsp,nsq->pq", rows, pulls, optimize=True)
+            if stream.slack is not None:
+                scatter += np.einsum("nsp,ns,nsq->pq", pulls, stream.slack**2, pulls, optimize=True)
+            for s, std in enumerate(stream.std):
+                scatter += std**2 * _through(pulls[:, s], colours, which, s, stream.step, tails)
+        whole = fit.shares[k][0].copy()
+        whole[np.ix_(own, own)] += (scatter + scatter.T) / 2
+        scatters.append(whole)
+    return replace(fit, scatters=scatters)
+
+
+_Tails = dict[tuple[int, int, int], np.ndarray]
+"""State of the recursion for slow noise at the end of a piece, by stream, column and correlation time."""
+
+
+def _goes_on(fit: JointFit, k: int) -> bool:
+    """True if a piece continues the one before in the same recording."""
+    before, here = fit.pieces[k - 1], fit.pieces[k]
+    gap = here.time[0] - before.time[-1]
+    usual = (before.time[-1] - before.time[0]) / max(len(before.time) - 1, 1)
+    same = np.array_equal(fit.selections[k], fit.selections[k - 1]) and here.origin == before.origin
+    return bool(same and 0 < gap < 2 * usual)
+
+
+def _through(y: np.ndarray, colours: NoiseColours, which: int, s: int, step: float, tails: _Tails) -> np.ndarray:
+    """`yᵀ Γ y` for weighted rows y of θ (N, p), with Γ relative to the noise variance of the fit."""
+    out = np.zeros((y.shape[1], y.shape[1]))
+    for b, (time, size) in enumerate(zip(colours.times, colours.amplitudes[which][:, s], strict=True)):
+        if not size:
+            continue
+        white = y.T @ y
+        if not time:
+            out += size * white
+            continue
+        # The sum over all pairs of samples, each weighted by exp(-|t| / τ), in one pass.
+        rho = np.exp(-step / time)
+        start = tails.get((which, s, b), np.zeros(y.shape[1]))
+        z = autoregressive(y, rho, start)
+        tails[which, s, b] = z[-1]
+        across = y.T @ z
+        out += size * (across + across.T - white)
+    return out

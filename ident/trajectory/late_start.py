@@ -1,0 +1,123 @@
+"""Starting values for long delays, which the score test misses because their effect is not linear.
+
+A force plate under a person may be late by a tenth of a second or more, as long as accelerations take to change sign.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ident.errors import ExcitationError
+from ident.estimation.measurement import Measurement
+from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.from_angles import FromAngles, unexplained_anew
+from ident.trajectory.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
+
+SPACING, FURTHEST = 0.05, 3.0
+"""Delays to try: their spacing in seconds, half of which the score test covers, and the largest one in standard
+deviations of its prior."""
+
+BETTER = 0.9
+"""Largest geometric mean of the channels' residuals, over that without a delay, with which a delay is tried."""
+
+SMOOTHED = 0.02, 0.08
+"""Time constants of smoothing to try, s: for motions of robots and of people."""
+
+REMAINING = 0.9
+"""Least share of the samples that must overlap with the motion after a delay: few can be explained by chance."""
+
+IDLE = 4.0
+"""Standard deviations below which a delay is removed again, about the significance level of a search among many
+candidates."""
+
+TRIED, COMPARED = 20_000, 400
+"""Approximate largest numbers of samples: of angles to smooth, and of channels to compare."""
+
+
+def with_long_delays(search: Search, refit: Refit, measurement: Measurement, candidates: np.ndarray) -> Search:
+    """Adds delays far from zero to a search if the channels' noise is smaller with them.
+
+    Args:
+        search: The fit with the set-up as stated, or as estimated so far.
+        refit: Function that fits again.
+        measurement: Channels and parameters.
+        candidates: Mask of the set-up parameters (p,).
+    """
+    tried = candidates & ~search.fit.free & (search.fit.status != "interrupted")
+    for at in np.flatnonzero(tried).tolist():
+        name = search.fit.names[at]
+        if name.startswith("delay(") and (delay := likely_delay(search.fit, measurement, at)):
+            search = _with(search, refit, at, delay)
+    return search
+
+
+def without_idle_delays(search: Search, refit: Refit) -> Search:
+    """Search without delays that are no longer significant because a clock error found later explains them."""
+    fit = search.fit
+    idle = [each for each in search.deviations if fit.names[each.index].startswith("delay(")]
+    idle = [
+        each for each in idle if abs(fit.theta[each.index]) < IDLE * np.sqrt(fit.covariance[each.index, each.index])
+    ]
+    if not idle or fit.status == "interrupted":
+        return search
+    held = np.isin(np.arange(len(fit.theta)), [each.index for each in idle])
+    start = replace(fit.end, theta=np.where(held, 0.0, fit.theta))
+    kept = tuple(each for each in search.deviations if each not in idle)
+    return replace(search, fit=refit(start, fit.free & ~held, SEARCH_ROUNDS), deviations=kept)
+
+
+def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
+    """Search with a delay, if the channels' noise is smaller with it."""
+    fit, own = search.fit, np.arange(len(search.fit.theta)) == at
+    start = replace(fit.end, theta=np.where(own, delay, fit.theta))
+    try:
+        late = refit(start, fit.free | own, SEARCH_ROUNDS)
+    except ExcitationError:
+        return search
+    better = np.log(late.noise.channels / fit.noise.channels).mean() < np.log(BETTER)
+    if not better and late.status != "interrupted":
+        return search
+    return replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
+
+
+def likely_delay(fit: JointFit, measurement: Measurement, at: int) -> float:
+    """Delay with which the motion from angles alone predicts channels best, columns fitted again, s.
+
+    Args:
+        fit: Pieces and parameters.
+        measurement: Channels, and the parameters of one recording.
+        at: Index of the delay among all parameters.
+
+    Returns:
+        The delay, zero if none is clearly better than no delay.
+    """
+    own = [(piece, chosen) for piece, chosen in zip(fit.pieces, fit.selections, strict=True) if at in chosen]
+    own = own[:: -(-sum(len(piece.time) for piece, _ in own) // TRIED)]
+    share = -(-sum(len(piece.when) for piece, _ in own) // COMPARED)
+    pieces = [(FromAngles(measurement, piece, share), chosen) for piece, chosen in own]
+    longest = max(piece.time[-1] - piece.time[0] for piece, _ in own)
+    delays = _candidates(float(np.sqrt(fit.prior.known[at, at])), longest)
+    number = len(delays) // 2
+
+    def left(T: float) -> list[float]:
+        thetas = [np.where(np.arange(len(fit.theta)) == at, delay, fit.theta) for delay in delays]
+        every = [[x.compared(T, theta[chosen], columns=True) for x, chosen in pieces] for theta in thetas]
+        numbers = np.array([sum(len(each.residual) for each in compared) for compared in every])
+        enough = numbers >= max(REMAINING * numbers[number], len(measurement.equations.names))
+        return [unexplained_anew(x) if some else np.inf for x, some in zip(every, enough, strict=True)]
+
+    every = min(map(left, SMOOTHED), key=min)
+    best = int(np.argmin(every))
+    better = np.isfinite(every[number]) and every[best] < every[number] + np.log(BETTER)
+    return float(delays[best]) if better else 0.0
+
+
+def _candidates(root: float, longest: float) -> np.ndarray:
+    """Delays to try, symmetric about zero, s.
+
+    Args:
+        root: Inverse of the prior's standard deviation, zero for none, 1/s.
+        longest: Length of the longest piece, s: after a longer delay, channels and motion do not overlap.
+    """
+    number = int((min(FURTHEST / root, longest) if root else longest) / SPACING)
+    return SPACING * np.arange(-number, number + 1)

@@ -1,0 +1,160 @@
+"""Prediction of pieces left out of a fit, by which noise models and set-up errors are chosen.
+
+    θ_-k = θ + (P - P_k)⁻¹ (g - g_k)                          parameters without piece k
+    e_k  = y_k - f(x_k, θ_-k)                                 errors of its channels, motion from its angles alone
+    c_k  = (θ_-k - θ)ᵀ P_k (θ_-k - θ) - 2 g_kᵀ (θ_-k - θ)      its cost with its own motion, less that at θ
+
+P_k and g_k are the precision and the right side of piece k at the estimate θ, its trajectory eliminated.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ident.errors import ExcitationError
+from ident.estimation.measurement import Measurement
+from ident.recordings.sampled import Sampled
+from ident.tolerances import UNEXPLAINED
+from ident.trajectory.angles_alone import smoothed
+from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.fit.piece import Piece, channel_times, predicted
+from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.from_angles import without_zeros
+
+SMOOTHING = 0.01 * 2.0 ** np.arange(6)
+"""Time constants with which angles alone are smoothed, s; the one that predicts best is used."""
+
+CLEARLY = 0.03
+"""Decrease of the mean log error, over the explained channels, with which another fit replaces the usual one: white
+weights cost less and are more robust to model errors."""
+
+TINIEST = 1e-9
+"""Least error relative to the signal, so that its logarithm is finite."""
+
+LOSSES = 3.0
+"""Ratio of the gains of pieces to the losses of others above which a parameter is accepted: pieces carry different
+information on it, so that neither their number nor a mean would do."""
+
+DETERMINED = 1e-9
+"""Least share of a parameter's precision in the other pieces with which it is fitted without one."""
+
+
+def without(fit: JointFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parameters fitted without some pieces.
+
+    Returns:
+        θ (p,), the inverse of its precision (k, k) over the fitted parameters, and their mask (p,).
+
+    Raises:
+        ExcitationError: The other pieces do not determine the parameters.
+    """
+    own = fit.shares[pieces]
+    precision = sum((-schur for schur, _ in own), start=fit.precision)
+    right = sum((-gradient for _, gradient in own), start=fit.gradient)
+    free = fit.free & (np.diag(precision) > DETERMINED * np.diag(fit.precision))
+    theta, inverse = fit.theta.copy(), inverse_of_precision(precision[np.ix_(free, free)])
+    theta[free] += inverse @ right[free]
+    return theta, inverse, free
+
+
+def prediction_errors(measurement: Measurement, fit: JointFit, least: np.ndarray) -> np.ndarray:
+    """Root mean squared errors of channels predicted from other pieces, relative to their signal (C,).
+
+    Channels that other pieces do not explain count as 1.
+
+    Args:
+        measurement: Channels and parameters.
+        fit: The estimate.
+        least: Slack above which samples are left out (C,).
+    """
+    measured = np.concatenate([piece.measured for piece in fit.pieces])
+    spread = np.maximum(np.nan_to_num(np.nanstd(measured, axis=0)), 1e-300)
+    try:
+        thetas = [without(fit, slice(k, k + 1))[0][own] for k, own in enumerate(fit.selections)]
+    except ExcitationError:
+        return np.ones(len(spread))
+    every = []
+    for T in SMOOTHING:
+        each = [_squares(measurement, *pair, T, least) for pair in zip(fit.pieces, thetas, strict=True)]
+        squares, number = (np.sum(parts, axis=0) for parts in zip(*each, strict=True))
+        every.append(np.where(number > 0, np.sqrt(squares / np.maximum(number, 1)) / spread, 1.0))
+    return min((np.maximum(np.where(each > UNEXPLAINED, 1.0, each), TINIEST) for each in every), key=_mean_logarithm)
+
+
+def _mean_logarithm(errors: np.ndarray) -> float:
+    return float(np.log(errors).mean())
+
+
+def preferred(errors: Mapping[str, np.ndarray], usual: str) -> str:
+    """Name of the usual fit, or of another one that predicts clearly better.
+
+    Args:
+        errors: Errors of the channels from `prediction_errors`, by name of the fit (C,).
+        usual: Name of the usual fit.
+    """
+    explained = np.any([each < 1 for each in errors.values()], axis=0)
+    means = {name: _mean_logarithm(each[explained]) if explained.any() else 0.0 for name, each in errors.items()}
+    best = min(means, key=lambda name: means[name])
+    return best if means[best] < means[usual] - CLEARLY else usual
+
+
+def _squares(
+    measurement: Measurement, piece: Piece, theta: np.ndarray, T: float, least: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of squared errors of a piece's channels, and their numbers of samples (C,)."""
+    motion = smoothed(without_zeros(Sampled(piece.time, piece.states[0]), measurement, theta), T)
+    error = piece.measured - predicted(measurement, piece, motion.evaluate, theta)
+    clear = motion.settled(channel_times(measurement, piece, theta))[:, None] & np.isfinite(error)
+    if piece.slack is not None:
+        clear &= piece.slack < least
+    return (np.where(clear, error, 0.0) ** 2).sum(axis=0), clear.sum(axis=0)
+
+
+def gains(fit: JointFit, candidate: int, held: np.ndarray | None = None) -> np.ndarray:
+    """Decrease of each piece's predicted cost if a parameter is fitted as well (K,).
+
+    Args:
+        fit: The estimate with the parameter fixed.
+        candidate: Index of the parameter.
+        held: The pieces' `costs` with it fixed (K,), if computed already for several candidates.
+
+    Raises:
+        ExcitationError: Pieces do not determine the parameters without one.
+    """
+    more = fit.free.copy()
+    more[candidate] = True
+    return (costs(fit, fit.free) if held is None else held) - costs(fit, more)
+
+
+def costs(fit: JointFit, free: np.ndarray) -> np.ndarray:
+    """Predicted costs of the pieces with some parameters fitted, less those at the estimate (K,).
+
+    Args:
+        fit: The estimate.
+        free: Mask of the fitted parameters (p,).
+
+    Raises:
+        ExcitationError: Pieces do not determine the parameters without one.
+    """
+    return np.array([_cost(fit, k, free) for k in range(len(fit.shares))])
+
+
+def _cost(fit: JointFit, k: int, free: np.ndarray) -> float:
+    """Cost of a piece at the parameters fitted to the others, less that at the estimate.
+
+    Parameters that the others do not determine, as an offset of one recording, are fitted to the piece.
+    """
+    schur, right = fit.shares[k]
+    others = fit.precision - schur
+    shared = free & (np.diag(others) - np.diag(fit.prior.precision) > DETERMINED * np.diag(fit.precision))
+    apart = free & ~shared
+    step, own = np.zeros(len(free)), np.ix_(apart, apart)
+    step[shared] = inverse_of_precision(others[np.ix_(shared, shared)]) @ (fit.gradient - right)[shared]
+    pull = fit.gradient - (fit.gradient - right) * shared - schur @ step
+    step[apart] = inverse_of_precision((schur + fit.prior.precision)[own]) @ pull[apart]
+    return float(step @ schur @ step - 2 * right @ step)
+
+
+def clearly_better(gain: np.ndarray) -> bool:
+    """True if the pieces that gain (K,) gain far more than the others lose."""
+    return bool(gain[gain > 0].sum() > LOSSES * -gain[gain < 0].sum())

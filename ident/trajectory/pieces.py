@@ -1,0 +1,149 @@
+"""Pieces of a recording for the joint estimate: coordinates, channels and contacts, with a spline for each piece."""
+
+from itertools import pairwise
+
+import numpy as np
+from scipy import ndimage
+
+from ident.errors import InputError
+from ident.estimation.measurement import Measurement
+from ident.estimation.preparation import Prepared
+from ident.geometry.quaternion import continuous_quaternions, without_jumps
+from ident.recordings.recording import Recording
+from ident.recordings.sampled import Sampled, between_samples, interpolated, side_by_side
+from ident.recordings.smoothing import chosen_cutoff
+from ident.recordings.table import BASE
+from ident.recordings.wrench import GROUND, Sensor
+from ident.trajectory.algebra.spline import ORDER, Spline
+from ident.trajectory.fit.piece import Piece
+
+LONGEST, MOST = 20.0, 5000
+"""Largest length of a piece, s, and number of its samples: losses at cuts are relatively small, memory is bounded."""
+
+KNOTS = 2.3
+"""Knots per period of the highest frequency in the angles: wrenches contain higher ones."""
+
+WIDEST, WIDEST_BESIDE_TORQUES = 0.15, 0.3
+"""Largest knot spacing, s, if a wrench is measured, and for joint torques alone, whose jumps of friction lead to denser
+knots later."""
+
+MARGIN = 0.15
+"""Extension of a trajectory beyond its samples, for a delayed wrench, s."""
+
+AVERAGED = 0.05
+"""Time on either side over which contacts are averaged, s."""
+
+
+def knot_distance(recording: Recording, joints: tuple[str, ...], widest: float) -> float:
+    """Knot spacing for the highest frequency of the motion, s, `widest` at most."""
+    try:
+        highest = chosen_cutoff(coordinates(recording.without_streams, joints).values, recording.rate)
+    except InputError:
+        return widest
+    return float(np.clip(1 / (KNOTS * highest), 2 / recording.rate, widest))
+
+
+def coordinates(recording: Recording, joints: tuple[str, ...]) -> Sampled:
+    """Measured coordinates: position and quaternion of a moving base, then the joints' (N, n)."""
+    parts = [recording.as_measured(f"{joint}_position") for joint in joints]
+    parts = [Sampled(t, without_jumps(x)) if x.ndim == 2 else Sampled(t, x) for t, x in parts]
+    if recording.base is not None:
+        time, poses = recording.as_measured(BASE)
+        parts.insert(0, Sampled(time, _positions_and_quaternions(poses.reshape(-1, 4, 4))))
+    return side_by_side(parts)
+
+
+def _positions_and_quaternions(poses: np.ndarray) -> np.ndarray:
+    """Positions, and quaternions without jumps of sign, of poses (N, 4, 4); NaN where a pose is missing (N, 7)."""
+    there = np.isfinite(poses).all(axis=(1, 2))
+    out = np.full((len(poses), 7), np.nan)
+    out[there] = np.hstack([poses[there, :3, 3], continuous_quaternions(poses[there, :3, :3])])
+    return out
+
+
+def cut(prepared: Prepared, measurement: Measurement, part: slice, step: float, *, least: int = 2) -> list[Piece]:
+    """Pieces of a part of a recording, at least `least` of them, with streams at their own times.
+
+    Args:
+        prepared: The recording.
+        measurement: Its channels.
+        part: Samples at common times that the part spans.
+        step: Largest knot spacing, s.
+        least: Least number of pieces; at a cut accelerations depend on one side only.
+
+    Raises:
+        InputError: In one of the pieces a coordinate has too few samples.
+    """
+    recording = prepared.recording
+    states, time = coordinates(recording, prepared.mechanism.joints), recording.time
+    channels, wrenches = _channels(prepared, measurement)
+    first, last = part.start, part.stop
+    number = max(least, int(np.ceil(max((time[last - 1] - time[first]) / LONGEST, (last - first) / MOST))))
+    borders = np.linspace(first, last, number + 1).round().astype(int)
+    ends = np.append(time, np.nextafter(time[-1], np.inf))
+    pieces = []
+    for a, b in pairwise(borders):
+        x, y = (slice(*np.searchsorted(each.time, (ends[a], ends[b]))) for each in (states, channels))
+        _check(states.values[x], ends[a], ends[b])
+        end = max(time[b - 1], *states.time[x][-1:], *channels.time[y][-1:])
+        spline = Spline.over(time[a] - MARGIN, end + MARGIN, step)
+        coordinate_samples = states.time[x], (states.values[x], None, None)
+        late = None if measurement.frame is None else len(measurement.components)
+        pieces.append(
+            Piece(spline, *coordinate_samples, channels.time[y], channels.values[y], wrenches[y], float(time[0]), late)
+        )
+    return pieces
+
+
+def _check(samples: np.ndarray, start: float, end: float) -> None:
+    """Raises an InputError if a coordinate (N, n) has too few samples to determine what the prior does not penalise."""
+    samples_of = np.isfinite(samples).sum(axis=0)
+    if samples_of.min() < ORDER:
+        raise InputError(
+            f"Coordinate {int(samples_of.argmin()) + 1} needs at least {ORDER} samples from {start:g} to "
+            f"{end:g} s, it has {samples_of.min()}; leave that part of the recording out."
+        )
+
+
+def _channels(prepared: Prepared, measurement: Measurement) -> tuple[Sampled, np.ndarray]:
+    """Measured channels (M, C), and wrenches of contacts at the same times: averages and the rest (M, 2, 6 k)."""
+    recording = prepared.recording
+    contacts = [_on_mechanism(recording, name) for name in measurement.contacts]
+    parts = []
+    if measurement.frame is not None:
+        time, ground = _on_mechanism(recording, GROUND)
+        parts = [Sampled(time, ground[:, list(measurement.components)])]
+    elif measurement.components:
+        # Nothing holds the base: the sum of all wrenches is zero, at the times of the slowest contact.
+        time = min((contact.time for contact in contacts), key=len, default=recording.time)
+        parts = [Sampled(time, np.zeros((len(time), len(measurement.components))))]
+    freedoms = [(body.joint, k) for body in prepared.mechanism.tree.bodies for k in range(body.freedoms)]
+    for joint, component in (freedoms[k] for k in measurement.equations.torques):
+        stream = recording.as_measured(f"{joint}_torque")
+        parts.append(Sampled(stream.time, stream.columns[:, component]))
+    time, values = side_by_side(parts)
+    there = [between_samples(contact, time, _reach(contact)) for contact in contacts]
+    values = np.where(np.all([prepared.usable(time), *there], axis=0)[:, None], values, np.nan)
+    wrenches = np.hstack([np.zeros((len(time), 0)), *(interpolated(contact, time) for contact in contacts)])
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    averages = average_of_neighbours(wrenches, max(1, round(AVERAGED * rate)))
+    return Sampled(time, values), np.stack([averages, wrenches - averages], axis=1)
+
+
+def _on_mechanism(recording: Recording, name: str) -> Sampled:
+    """Wrench `[F; τ]` of the surroundings on the mechanism, in the sensor's frame (N, 6)."""
+    time, values = side_by_side([recording.as_measured(f"{name}_{kind}") for kind in ("force", "torque")])
+    return Sampled(time, values if recording.sensors.get(name, Sensor()).applied_to_link else -values)
+
+
+def _reach(contact: Sampled) -> float:
+    """Longest time between samples of a contact across which it is interpolated, s."""
+    return max(AVERAGED, 2 * float(np.median(np.diff(contact.time))))
+
+
+def average_of_neighbours(x: np.ndarray, reach: int) -> np.ndarray:
+    """Means over the `reach` samples before and after each sample, without the sample itself (N, k)."""
+    kernel = np.ones(2 * reach + 1)
+    kernel[reach] = 0
+    there = ndimage.convolve1d(np.ones(len(x)), kernel, mode="constant")
+    return ndimage.convolve1d(x, kernel, axis=0, mode="constant") / there[:, None]

@@ -1,0 +1,143 @@
+"""Result of the joint estimate: parameters of each recording, and the uncertainty due to the set-up."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+
+from ident.estimation.measurement import Measurement
+from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.fit.piece import Piece
+from ident.trajectory.fit.precision import inverse_of_precision
+from ident.trajectory.reversals import Reversals
+from ident.trajectory.setup_search import Search
+
+ONE_SIDED = 0.95
+"""Confidence level of a one-sided interval."""
+
+TINY = 1e-9
+"""Part of the scatter's trace added to its diagonal, because directions without data have no scatter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint estimate.
+
+    Attributes:
+        measurement: Channels, and the parameters of one recording.
+        search: Trajectories, parameters and noise, and the set-up parameters that are not as stated.
+        counts: Number of pieces of each recording.
+        step: Largest knot spacing, s.
+        known: True if a prior of the model's parameters was used.
+        coloured: True if the fit's weights assume noise correlated over time.
+        reversals: Slack of the torques at low velocity, None if no joint has friction.
+        errors: Root mean squared errors of left-out pieces relative to their signals, by noise model (C,).
+    """
+
+    measurement: Measurement
+    search: Search
+    counts: tuple[int, ...]
+    step: float
+    known: bool
+    coloured: bool = False
+    reversals: Reversals | None = None
+    errors: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def fit(self) -> JointFit:
+        """Trajectories, parameters and noise."""
+        return self.search.fit
+
+    def with_fit(self, fit: JointFit) -> "Joint":
+        """Estimate with another fit."""
+        return replace(self, search=replace(self.search, fit=fit))
+
+    @cached_property
+    def is_setup(self) -> np.ndarray:
+        """Mask of the parameters that belong to the set-up (p,)."""
+        return is_setup(self.measurement, self.fit.names)
+
+    @cached_property
+    def covariance_of_setup(self) -> np.ndarray:
+        """Covariance of all parameters due to the uncertainty of the set-up (p, p).
+
+        With B the derivative of the fitted parameters by the fixed ones h of the set-up, J and K the precision and the
+        scatter of h from the data, and Λ the precision of their prior,
+
+            B Σ Bᵀ + B m mᵀ Bᵀ,        Σ = (J K⁻¹ J + Λ)⁻¹,        m = Σ J K⁻¹ u
+
+        The step m by which the data would move h counts as uncertainty, because h was not fitted.
+        """
+        fit = self.fit
+        held, free = self.is_setup & ~fit.free, fit.counted
+        p, inverse = fit.precision, inverse_of_precision(fit.precision[np.ix_(free, free)])
+        B = -inverse @ p[np.ix_(free, held)]
+        prior, weight = np.sqrt(np.diag(fit.prior.known)[held]), fit.prior.weight
+        alone = np.zeros((held.sum(), len(held)))
+        alone[:, held] = np.eye(held.sum())
+        alone[:, free] = B.T
+        known = np.outer(prior, prior)
+        J = (alone @ p @ alone.T) / known - weight * np.eye(len(prior))
+        K = (alone @ fit.scatter @ alone.T) / known - weight**2 * np.eye(len(prior))
+        u = (alone @ fit.gradient) / prior
+        JK = np.linalg.solve(K + TINY * max(np.trace(K), 1.0) * np.eye(len(K)), J).T
+        covariance = np.linalg.inv(JK @ J + np.eye(len(J)))
+        moves = B @ ((covariance @ JK @ u) / prior)
+        out = np.zeros_like(p)
+        out[np.ix_(free, free)] = B @ (covariance / known) @ B.T + np.outer(moves, moves)
+        return out
+
+    @cached_property
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Drives at their bound of zero: upper limit of the one-sided 95 % interval, and standard deviation if free.
+
+        The unbounded estimate is normal about a value below zero; the limit is that of the distribution truncated at
+        zero.
+        """
+        fit = self.fit
+        held = np.flatnonzero(np.zeros(0) if fit.bounded is None else fit.bounded)
+        values, stds = fit.scores(np.eye(len(fit.theta))[held])
+        finite = np.isfinite(stds)
+        held, values, stds = held[finite], values[finite], stds[finite]
+        limits = values - stds * special.ndtri_exp(np.log(1 - ONE_SIDED) + special.log_ndtr(values / stds))
+        return {fit.names[k]: (float(x), float(s)) for k, x, s in zip(held.tolist(), limits, stds, strict=True)}
+
+    def as_stated(self) -> "Joint":
+        """Estimate with the set-up as stated."""
+        fit = replace(self.fit, theta=np.where(self.is_setup, 0.0, self.fit.theta))
+        return replace(self, search=replace(self.search, fit=fit, deviations=()))
+
+    def pieces_of(self, which: int) -> slice:
+        """Indices of the pieces of one recording."""
+        first = sum(self.counts[:which])
+        return slice(first, first + self.counts[which])
+
+    def parameters_of(self, which: int) -> np.ndarray:
+        """Parameters of one recording."""
+        return self.fit.theta[self.fit.selections[self.pieces_of(which).start]]
+
+    def places_of(self, which: int) -> list[tuple[Piece, np.ndarray]]:
+        """Pieces and spline coefficients of one recording."""
+        own = self.pieces_of(which)
+        return list(zip(self.fit.pieces[own], self.fit.coefficients[own], strict=True))
+
+    def offsets_beside_first(self, which: int) -> np.ndarray:
+        """Constant offsets of the first recording less those of another one (C,)."""
+        constants = self.measurement.constants
+        return constants(self.parameters_of(0)) - constants(self.parameters_of(which))
+
+
+def is_setup(measurement: Measurement, names: Sequence[str]) -> np.ndarray:
+    """Mask of the parameters that belong to the set-up (p,)."""
+    own = {each.name for each in measurement.setup}
+    return np.array([name.partition(" of log ")[0] in own for name in names], bool)
+
+
+def is_drive(measurement: Measurement, parameters: int) -> np.ndarray:
+    """Mask of the parameters that are friction or rotor inertia (p,)."""
+    first = measurement.equations.parameters.rank
+    out = np.zeros(parameters, bool)
+    out[first : first + len(measurement.equations.drives)] = True
+    return out

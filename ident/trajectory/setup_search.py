@@ -1,0 +1,146 @@
+"""Search for set-up errors: set-up parameters are fitted one by one, the most significant first."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from ident.errors import ExcitationError
+from ident.tolerances import SIGNIFICANT
+from ident.trajectory.fit.fitted import JointFit, Start
+from ident.trajectory.left_out import clearly_better, costs, gains
+
+MOST_FOUND = 10
+"""Largest number of set-up parameters that are fitted."""
+
+ALIKE, ALIKE_SHARE = 15.0, 0.1
+"""Deficit in χ² from the best candidate, absolute or as a share, up to which another one is an alternative."""
+
+INCREDIBLE = 6.0
+"""Size of a set-up parameter, in standard deviations of its prior, above which another error must be the cause."""
+
+NEGLIGIBLE = 0.04
+"""Size of a set-up parameter, in standard deviations of its prior, below which it is negligible even if significant."""
+
+PROMISING = 2.5
+"""Score, in standard deviations, above which a set-up parameter is tried: low, because the effect of a parameter that
+is not fitted increases the noise."""
+
+SEARCH_ROUNDS = 40
+"""Largest number of rounds of each fit of the search."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A set-up parameter that is not zero.
+
+    Attributes:
+        index: Index in θ.
+        alternatives: Other parameters that would explain about as much.
+        together: Groups of parameters that would, all changed by the same amount.
+    """
+
+    index: int
+    alternatives: tuple[int, ...]
+    together: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Result of a search for set-up errors.
+
+    Attributes:
+        fit: The fit with the set-up errors.
+        deviations: Set-up errors, the most significant first.
+        incredible: True if errors beyond `INCREDIBLE` were needed; then nothing is changed.
+    """
+
+    fit: JointFit
+    deviations: tuple[Deviation, ...] = ()
+    incredible: bool = False
+
+
+Refit = Callable[[Start, np.ndarray, int], JointFit]
+"""Function that fits from a start with given parameters free (p,) in a largest number of rounds."""
+
+
+def searched(
+    first: Search,
+    refit: Refit,
+    candidates: np.ndarray,
+    groups: Mapping[str, np.ndarray],
+    scattered: Callable[[JointFit], JointFit],
+    least: np.ndarray | float = 0.0,
+) -> Search:
+    """Frees set-up parameters as long as one is significant and improves the prediction of left-out pieces.
+
+    Args:
+        first: The fit with the set-up as stated, or as estimated so far.
+        refit: Function that fits again.
+        candidates: Mask of the set-up parameters (p,).
+        groups: Directions in which several parameters change alike, by description (p,) each.
+        scattered: Function that gives a fit its covariance under the estimated noise.
+        least: Sizes below which parameters are rejected (p,), in addition to `NEGLIGIBLE`.
+    """
+    fitted, deviations = first.fit, list(first.deviations)
+    # Bonferroni: the chance of a false alarm is that of one test for all candidates together.
+    threshold = -float(special.ndtri(SIGNIFICANT / 2 / max(candidates.sum(), 1)))
+    known = 1 / np.sqrt(np.maximum(np.diag(fitted.prior.known), 1e-300))
+    least = np.maximum(NEGLIGIBLE * known, least)
+    while len(deviations) < MOST_FOUND and fitted.status != "interrupted":
+        left = np.flatnonzero(candidates & ~fitted.free)
+        if not len(left):
+            break
+        values, spread = fitted.scores(np.eye(len(candidates))[left])
+        likely = (np.abs(values) > least[left]) & (np.abs(values / spread) > PROMISING)
+        likely[likely] = _predict(fitted, left[likely].tolist())
+        if not likely.any():
+            break
+        # Ranked by χ² under the working model: while errors are not fitted, the noise estimate includes their effects
+        # and makes all candidates about equally significant.
+        working = replace(fitted, scatters=None)
+        z = np.where(likely, np.abs(values / working.scores(np.eye(len(candidates))[left])[1]), 0.0)
+        best = int(np.argmax(z))
+        close = np.sqrt(max(z[best] ** 2 - max(ALIKE, ALIKE_SHARE * z[best] ** 2), PROMISING**2))
+        alike = sorted((k for k in np.flatnonzero(z > close) if k != best), key=lambda k: -z[k])
+        found = Deviation(int(left[best]), tuple(left[alike].tolist()), _together(working, groups, close))
+        theta = fitted.theta.copy()
+        theta[found.index] += values[best]
+        free = fitted.free | (np.arange(len(theta)) == found.index)
+        try:
+            tried = scattered(refit(replace(fitted.end, theta=theta), free, SEARCH_ROUNDS))
+        except ExcitationError:
+            return replace(first, incredible=True)
+        if not abs(tried.theta[found.index]) > threshold * np.sqrt(tried.covariance[found.index, found.index]):
+            break
+        if (np.abs(tried.theta) > INCREDIBLE * known)[candidates].any():
+            return replace(first, incredible=True)
+        fitted = tried
+        deviations.append(found)
+    return replace(first, fit=fitted, deviations=tuple(deviations))
+
+
+def _predict(fitted: JointFit, candidates: Sequence[int]) -> list[bool]:
+    """True for each parameter that improves the prediction of left-out pieces if it is fitted."""
+    try:
+        held = costs(fitted, fitted.free)
+    except ExcitationError:
+        return [False] * len(candidates)
+
+    def better(candidate: int) -> bool:
+        try:
+            return clearly_better(gains(fitted, candidate, held))
+        except ExcitationError:
+            return False
+
+    return [better(candidate) for candidate in candidates]
+
+
+def _together(fitted: JointFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:
+    """Groups without fitted parameters whose score exceeds `least`."""
+    open_ = {name: direction for name, direction in groups.items() if not direction[fitted.free].any()}
+    if not open_:
+        return ()
+    values, spread = fitted.scores(np.array(list(open_.values())))
+    return tuple(name for name, z in zip(open_, np.abs(values / spread), strict=True) if z > least)

@@ -1,0 +1,348 @@
+"""Stages of the joint estimate: knots, friction near reversals, noise model, set-up, and confidence intervals.
+
+1. Knots are made denser as long as the channels' noise, taken as white, decreases: jumps need denser knots, but model
+   errors do not decrease with them.
+2. Torques near reversals get an additional variance (`ident.trajectory.reversals`).
+3. Noise is taken as correlated over time if left-out pieces are then predicted better.
+4. Set-up errors are searched for (`ident.trajectory.setup_search`).
+5. Standard deviations follow from noise estimated independently of the weights (`ident.trajectory.fit.sandwich`).
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from ident.errors import ExcitationError, InputError
+from ident.estimation.measurement import Measurement
+from ident.estimation.preparation import Prepared
+from ident.trajectory.fit import iteration
+from ident.trajectory.fit.fitted import Prior, Start
+from ident.trajectory.fit.iteration import Report
+from ident.trajectory.fit.piece import Piece
+from ident.trajectory.fit.positive_drives import with_positive
+from ident.trajectory.fit.sandwich import with_scatter
+from ident.trajectory.late_start import with_long_delays, without_idle_delays
+from ident.trajectory.left_out import prediction_errors, preferred
+from ident.trajectory.physical import physical_fit
+from ident.trajectory.pieces import cut
+from ident.trajectory.residual_correlation import CORRELATED, correlated, correlation, jumps, residual
+from ident.trajectory.result import Joint, is_drive, is_setup
+from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
+from ident.trajectory.setup_search import Refit, Search, searched
+from ident.trajectory.start import smoothed, start
+
+EXPLORED = 6
+"""Rounds of a fit by which knots are chosen: its noise is then accurate to some per cent."""
+
+SMALLER = 0.985
+"""Geometric mean of the channels' noise, over that with half as many knots, below which denser ones are used."""
+
+MUCH = 0.7
+"""The same ratio below which knots are made four times as dense at once, as for a joint with friction."""
+
+TRIES = 2
+"""Number of knot spacings tried without a decrease of the noise, where residuals are correlated over less than the knot
+spacing: a single halving may be too little to follow a touch."""
+
+WEIGHED = 20
+"""Rounds after which white and correlated noise are compared, before the better one is fitted to convergence."""
+
+OVERRATED = 2.0
+"""Variance of the recordings' gradient over that of the working model from which the prior is weighted up."""
+
+KNOTS_PER_SAMPLE, ROUNDING = 2.0, 1e-6
+"""Least number of samples per knot, and relative tolerance of that limit."""
+
+UNFOLLOWED = 0.125
+"""Apparent time shift, over the knot spacing, due to jumps that knots cannot follow: motions with trapezoidal
+velocities at 100 Hz, otherwise exact, gave spurious clock errors with shifts of a twentieth."""
+
+LEAST_PIECES, SHORTEST = 6, 2.0
+"""Least number of pieces of all recordings together, for prediction of some from the others; and shortest length of
+such a piece, s: at a cut accelerations depend on one side only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """Stages of the joint estimate of given recordings.
+
+    Attributes:
+        measurement: Channels, and the parameters of one recording.
+        recordings: Mechanism and recording, and the samples to use.
+        names: Names of all parameters.
+        selections: Indices of each recording's parameters among all.
+        prior: Prior of all parameters.
+        known: True if it includes a prior of the model's parameters.
+        search: True to search for set-up errors.
+        executor: Executor for the pieces, None to compute them here.
+        report: Called with every round.
+    """
+
+    measurement: Measurement
+    recordings: Sequence[tuple[Prepared, slice]]
+    names: Sequence[str]
+    selections: Sequence[np.ndarray]
+    prior: Prior
+    known: bool
+    search: bool
+    executor: Executor | None
+    report: Report | None
+
+    @cached_property
+    def is_setup(self) -> np.ndarray:
+        """Mask of the parameters that belong to the set-up (p,)."""
+        return is_setup(self.measurement, list(self.names))
+
+    def explored(self, step: float, share: int, finest: float) -> Joint:
+        """Unconverged fit with white noise and the densest knots that decrease the noise enough.
+
+        Args:
+            step: Initial knot spacing, s.
+            share: Step k: every k-th piece of each recording is used.
+            finest: Smallest knot spacing, s.
+        """
+        best = last = self._begun(step, share)
+        parts = 2
+        patience = TRIES if jumps(best) else 1
+        tries = patience if correlated(best) else 0
+        try:
+            while tries and last.step > finest and last.fit.status != "interrupted":
+                last = self._denser(last, _next(last.step / parts, finest), share)
+                if last.fit.status == "interrupted":
+                    return last
+                ratio = np.exp(np.log(last.fit.noise.channels / best.fit.noise.channels).mean())
+                parts, better = 4 if ratio < MUCH else 2, ratio < SMALLER
+                best, tries = (last, patience) if better else (best, tries - 1)
+        except (ExcitationError, np.linalg.LinAlgError):
+            pass
+        return best
+
+    def _begun(self, step: float, share: int) -> Joint:
+        pieces, selected, counts = self._cut(step, share)
+        alone = smoothed(pieces, executor=self.executor)
+        theta = self.prior.mean[: len(self.measurement.names)]
+        reversals = None
+        if rubbing(self.measurement):
+            rates = [speeds(self.measurement, *pair, theta) for pair in zip(pieces, alone.coefficients, strict=True)]
+            reversals = at_first([piece.measured for piece in pieces], rates)
+            pieces = reversals.opened(pieces, rates)
+        at = self._start(pieces, selected, alone)
+        fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup, EXPLORED)
+        return Joint(self.measurement, Search(fit), counts, step, self.known, reversals=reversals)
+
+    def _start(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray], alone: Start) -> Start:
+        """Starting point: coordinates smoothed alone, and parameters by least squares, equal in all recordings."""
+        p, free = len(self.measurement.names), ~self.is_setup
+        prior = self.prior.mean[:p], self.prior.precision[:p, :p]
+        begin = start(self.measurement, pieces, alone, prior[0], prior, free[:p])
+        theta = self.prior.mean.copy()
+        for chosen in selected:
+            theta[chosen] = begin.theta
+        return Start(theta, begin.noise, begin.coefficients)
+
+    def _denser(self, coarse: Joint, step: float, share: int) -> Joint:
+        """Exploring fit with other knots, warm-started from a coarser one."""
+        pieces, selected, _ = self._cut(step, share)
+        was = coarse.fit
+        places = [
+            old.spline.refined(c, new.spline) for old, new, c in zip(was.pieces, pieces, was.coefficients, strict=True)
+        ]
+        pieces = [replace(new, slack=old.slack) for new, old in zip(pieces, was.pieces, strict=True)]
+        at = Start(was.theta, was.noise, places)
+        fit = self._refit(pieces, selected, explore=True)(at, was.free, EXPLORED)
+        return replace(coarse.with_fit(fit), step=step)
+
+    def _cut(self, step: float, share: int) -> tuple[list[Piece], list[np.ndarray], tuple[int, ...]]:
+        """Pieces of all recordings, the indices in θ of each piece's parameters, and numbers of pieces by recording."""
+        cuts = [self._cut_one(log, own, step)[::share] for log, own in self.recordings]
+        selected = [self.selections[k] for k, own in enumerate(cuts) for _ in own]
+        return [piece for own in cuts for piece in own], selected, tuple(map(len, cuts))
+
+    def _cut_one(self, log: Prepared, part: slice, step: float) -> list[Piece]:
+        """Pieces of a recording, fewer if a coordinate is missing in one of them."""
+        fewest = 2 if len(self.recordings) == 1 else 1
+        try:
+            return cut(log, self.measurement, part, step, least=max(fewest, self._least(log, part)))
+        except InputError:
+            return cut(log, self.measurement, part, step, least=fewest)
+
+    def _least(self, log: Prepared, part: slice) -> int:
+        """Least number of pieces of a recording."""
+        own = -(-LEAST_PIECES // len(self.recordings))
+        seconds = float(np.ptp(log.recording.time[part]))
+        return min(int(seconds / SHORTEST), own)
+
+    def settled(self, estimate: Joint) -> Joint:
+        """Converged estimate with friction near reversals, and noise white or correlated over time.
+
+        The noise model is chosen by the prediction of left-out pieces.
+        """
+        if estimate.fit.status == "interrupted":
+            return estimate
+        if estimate.reversals is not None:
+            estimate = self._opened(estimate)
+        # In the unconverged fit a drive may have been set to zero wrongly.
+        free = estimate.fit.free | self._is_drive
+        white = self._refitted(estimate.with_fit(replace(estimate.fit, free=free)), coloured=False, rounds=WEIGHED)
+        # Residuals correlated over less than the knot spacing are jumps that knots cannot follow.
+        slow = (correlation(white, white.step) > CORRELATED).any()
+        if white.fit.status == "interrupted" or not slow or len(white.fit.pieces) < 2:
+            return self._continued(white)
+        try:
+            coloured = self._refitted(white, coloured=True, rounds=WEIGHED)
+        except (ExcitationError, np.linalg.LinAlgError):
+            return self._continued(white)
+        if coloured.fit.status == "interrupted":
+            return coloured
+        both = {"white": white, "coloured": coloured}
+        least = np.minimum(white.fit.noise.channels, coloured.fit.noise.channels)
+        errors = {name: prediction_errors(each.measurement, each.fit, least) for name, each in both.items()}
+        return self._continued(replace(both[preferred(errors, "white")], errors=errors))
+
+    @cached_property
+    def _is_drive(self) -> np.ndarray:
+        return is_drive(self.measurement, len(self.names))
+
+    def _opened(self, estimate: Joint) -> Joint:
+        """Estimate with the likeliest slips and slack given its residuals."""
+        fit, measurement = estimate.fit, self.measurement
+        own = [fit.theta[selected] for selected in fit.selections]
+        places = list(zip(fit.pieces, fit.coefficients, own, strict=True))
+        rates = [speeds(measurement, *place) for place in places]
+        left = np.concatenate([residual(measurement, *place) for place in places])
+        reversals = likeliest(measurement, left, np.concatenate(rates), own[0])
+        opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
+        return replace(estimate.with_fit(opened), reversals=reversals)
+
+    def _continued(self, estimate: Joint) -> Joint:
+        """Estimate after further rounds to convergence."""
+        if estimate.fit.status != "stopped":
+            return estimate
+        return self._refitted(estimate, coloured=estimate.coloured, rounds=iteration.ROUNDS - WEIGHED)
+
+    def _refitted(self, estimate: Joint, *, coloured: bool, rounds: int = iteration.ROUNDS) -> Joint:
+        fit = estimate.fit
+        rounds = 0 if fit.status == "interrupted" else rounds
+        at = fit.end
+        refit = self._refit_of(replace(estimate, coloured=coloured))
+        again = refit(at, fit.free, rounds)
+        again = replace(again, status="interrupted") if not rounds else again
+        measurement = self._measured(estimate.reversals)
+        return replace(estimate.with_fit(again), coloured=coloured, measurement=measurement)
+
+    def whole(self, estimate: Joint) -> Joint:
+        """Estimate from all pieces, started with knots, noise and set-up of one from fewer pieces."""
+        pieces, selected, counts = self._cut(estimate.step, 1)
+        alone = smoothed(pieces, estimate.fit.noise, executor=self.executor)
+        if estimate.reversals is not None:
+            theta = [estimate.fit.theta[own] for own in selected]
+            rates = [speeds(self.measurement, *x) for x in zip(pieces, alone.coefficients, theta, strict=True)]
+            pieces = estimate.reversals.opened(pieces, rates)
+        begun = replace(estimate.fit, pieces=pieces, selections=selected, coefficients=alone.coefficients)
+        begun = replace(begun, marginal=None, theta=np.where(begun.free | ~self.is_setup, begun.theta, self.prior.mean))
+        begun = replace(begun, free=begun.free | self._is_drive)
+        return self._refitted(replace(estimate.with_fit(begun), counts=counts), coloured=estimate.coloured)
+
+    def searched(self, estimate: Joint) -> Joint:
+        """Estimate with set-up errors, if these are searched for, and with sandwich covariance."""
+        estimate = self._with_weighted_prior(self._scattered(estimate))
+        if not self.search or estimate.search.incredible or len(estimate.fit.pieces) < 2:
+            return estimate
+        refit = self._refit_of(estimate)
+        groups, scatter = _groups(self.measurement, self.names), partial(with_scatter, estimate.measurement)
+        first = with_long_delays(estimate.search, refit, estimate.measurement, self.is_setup)
+        first = first if first is estimate.search else replace(first, fit=scatter(first.fit))
+        search = searched(first, refit, self.is_setup, groups, scatter, self._unfollowed(estimate))
+        left = search if search.incredible else without_idle_delays(search, refit)
+        return replace(estimate, search=left if left is search else replace(left, fit=scatter(left.fit)))
+
+    def _unfollowed(self, estimate: Joint) -> np.ndarray:
+        """Apparent delays and clock errors due to jumps, zero unless knots are as dense as samples allow (p,)."""
+        pieces, out = estimate.fit.pieces, np.zeros(len(self.names))
+        between = min(float(np.median(np.diff(piece.when))) for piece in pieces)
+        if estimate.step <= KNOTS_PER_SAMPLE * between * (1 + ROUNDING):
+            half = max(float(piece.when[-1] - piece.origin) for piece in pieces) / 2
+            sizes = {"delay": UNFOLLOWED * estimate.step, "clock": UNFOLLOWED * estimate.step / half}
+            out += [sizes.get(name.partition("(")[0], 0.0) for name in self.names]
+        return out
+
+    def _scattered(self, estimate: Joint) -> Joint:
+        if estimate.fit.status == "interrupted":
+            return estimate
+        return estimate.with_fit(with_scatter(estimate.measurement, estimate.fit))
+
+    def _with_weighted_prior(self, estimate: Joint) -> Joint:
+        """Estimate with a prior weighted up where recordings carry less information than the fit assumes.
+
+        Weights that take autocorrelated residuals as white overrate the recordings, several times on real robots, so
+        that they override a more precise prior. The magnitude of the likelihood is adjusted to the covariance of its
+        gradient, as for composite likelihoods (Ribatet, Cooley and Davison, Statistica Sinica 22, 2012,
+        doi:10.5705/ss.2009.248).
+        """
+        fit = estimate.fit
+        if not self.known or fit.scatters is None or fit.prior.weight > 1:
+            return estimate
+        rank = self.measurement.equations.parameters.rank
+        told, scatter = (np.diag(each - fit.prior.precision)[:rank] for each in (fit.precision, fit.scatter))
+        weight = float(np.median(scatter[told > 0] / told[told > 0])) if (told > 0).any() else 1.0
+        if weight < OVERRATED:
+            return estimate
+        weighted = replace(fit, prior=fit.prior.weighted(weight), free=fit.free | self._is_drive)
+        return self._scattered(self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured))
+
+    def with_physical_bodies(self, estimate: Joint) -> Joint:
+        """Estimate with physical bodies."""
+        refit = self._refit_of(estimate)
+        fit = physical_fit(estimate.fit, refit, self.measurement.equations, iteration.ROUNDS)
+        return self._scattered(estimate.with_fit(fit))
+
+    def _measured(self, reversals: Reversals | None) -> Measurement:
+        """Measurement with the estimated slips of friction."""
+        if reversals is None:
+            return self.measurement
+        return self.measurement.with_slips(reversals.slips(self.measurement))
+
+    def _refit_of(self, estimate: Joint) -> Refit:
+        """Function that fits the pieces of an estimate again, with its noise model, friction and prior."""
+        fit = estimate.fit
+        return self._refit(fit.pieces, fit.selections, estimate.coloured, estimate.reversals, prior=fit.prior)
+
+    def _refit(
+        self,
+        pieces: Sequence[Piece],
+        selected: Sequence[np.ndarray],
+        coloured: bool = False,
+        reversals: Reversals | None = None,
+        *,
+        prior: Prior | None = None,
+        explore: bool = False,
+    ) -> Refit:
+        """Function that fits pieces, each with its selection of the parameters."""
+        solve = partial(
+            iteration.fit,
+            self._measured(reversals),
+            pieces,
+            prior=prior or self.prior,
+            names=self.names,
+            selections=selected,
+            coloured=coloured,
+            explore=explore,
+            executor=self.executor,
+            report=self.report,
+        )
+        return partial(with_positive, solve, self._is_drive)
+
+
+def _next(step: float, finest: float) -> float:
+    """Knot spacing, rounded down to the smallest one if nearly as small."""
+    return finest if step < np.sqrt(2) * finest else step
+
+
+def _groups(measurement: Measurement, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Directions in θ in which the axes of all joints rotate alike, by description (p,) each."""
+    axes = {each.name: each.axis for each in measurement.setup if each.kind == "axis"}
+    turned = {axis: np.array([axes.get(name) == axis for name in names], float) for axis in range(3)}
+    return {f"a turn of all joint axes about {'xyz'[k]}": d for k, d in turned.items() if d.sum() > 1}

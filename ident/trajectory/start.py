@@ -1,0 +1,246 @@
+"""Starting point of the joint estimate: each coordinate smoothed alone, and parameters by least squares on these."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ident.estimation.least_noise import least_noise, rounding
+from ident.estimation.measurement import Measurement
+from ident.recordings.resolution import at_rest, white_noise
+from ident.trajectory.fit import iteration
+from ident.trajectory.fit.fitted import Prior, Start
+from ident.trajectory.fit.piece import Noise, Piece, channel_times
+
+REWEIGHTED = 4
+"""Number of least-squares fits, each with the channels weighted by the residuals of the one before."""
+
+TOGETHER = 8
+"""Number of coordinates smoothed at once, between many calls and many zero blocks: they do not interact."""
+
+FIRST_FITS, FITS = 3, 40
+"""Rounds of smoothing: before the noise is estimated, and with it."""
+
+SMOOTH = 2 * np.pi
+"""Angular frequency ω of a motion as smooth as the first guess of λ, rad/s: its jerk is ω³ times its size."""
+
+LOOSE = 0.05
+"""Slack over the spread of its channel above which a sample is left out of the first least-squares fit."""
+
+NOTHING = 1e-6
+"""Least noise over the spread of a coordinate."""
+
+AT_REST = 1e-3
+"""Least noise of a coordinate at rest, over the largest spread of all coordinates. Its samples may show none, and its
+zero follows from differences between their weight and the trajectory's: with a tenth of this noise these are lost to
+rounding."""
+
+TINY = 1e-12, 1e-9
+"""Noise and spread assumed for a constant stream."""
+
+
+@dataclass(frozen=True)
+class _Coordinates:
+    """`Predictor` for coordinates alone, without channels and parameters."""
+
+    names: tuple[str, ...] = ()
+
+    @property
+    def zeros(self) -> dict[int, int]:
+        """No zeros."""
+        return {}
+
+    def of_kind(self, kind: str, of: str = "") -> dict[int | None, int]:
+        """No set-up parameters."""
+        return {}
+
+    def values(self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """No channels (0, M)."""
+        return np.zeros((0, len(wrenches)))
+
+    def derivatives(
+        self, states: np.ndarray, wrenches: np.ndarray, theta: np.ndarray, columns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """No channels (0, M), and no derivatives (0, 3, n, M), (0, 0, M)."""
+        _, M, n = states.shape
+        return np.zeros((0, M)), np.zeros((0, 3, n, M)), np.zeros((0, 0, M))
+
+
+def start(
+    measurement: Measurement,
+    pieces: Sequence[Piece],
+    alone: Start,
+    theta: np.ndarray,
+    prior: tuple[np.ndarray, np.ndarray],
+    free: np.ndarray,
+) -> Start:
+    """Starting point of smoothed coordinates, and parameters by weighted least squares.
+
+    Args:
+        measurement: Channels and parameters.
+        pieces: Measured samples.
+        alone: Coordinates smoothed alone.
+        theta: Initial parameters (p,).
+        prior: Mean (p,) and precision (p, p) of θ, zero where nothing is known.
+        free: Mask of the entries of θ to fit (p,).
+    """
+    theta, channels = _regressed(measurement, pieces, alone.coefficients, theta, prior, free)
+    floor = least_noise([piece.measured for piece in pieces], measurement.equations.channels)
+    rho = np.zeros(len(channels))
+    channels = np.maximum(channels, floor)
+    noise = replace(alone.noise, channels=channels, channels_rho=rho, floor_channels=floor, alike=_alike(measurement))
+    return Start(theta, noise, alone.coefficients)
+
+
+def smoothed(pieces: Sequence[Piece], noise: Noise | None = None, *, executor: Executor | None = None) -> Start:
+    """Every coordinate smoothed alone, with smoothness, and noise unless given, by restricted likelihood.
+
+    Args:
+        pieces: Measured samples.
+        noise: The noise, if known.
+        executor: Executor for the pieces; by default they are computed here.
+    """
+    none = np.zeros(0)
+    own = _first_noise(pieces) if noise is None else noise
+    own = replace(own, channels=none, channels_rho=none, floor_channels=none, alike=())
+    n = len(own.jerk)
+    groups = [slice(first, first + TOGETHER) for first in range(0, n, TOGETHER)]
+    starts = [_smoothed(pieces, own, some, executor, known=noise is not None) for some in groups]
+    of_states = "states", "states_rho", "floor_states", "jerk"
+    joined: dict[str, Any] = {
+        k: np.concatenate([getattr(each.noise, k) for each in starts], axis=-1) for k in of_states
+    }
+    places = [np.hstack(parts) for parts in zip(*(each.coefficients for each in starts), strict=True)]
+    return Start(none, replace(own, **joined), places)
+
+
+def _smoothed(pieces: Sequence[Piece], noise: Noise, some: slice, executor: Executor | None, *, known: bool) -> Start:
+    """Some of the coordinates, each smoothed alone, with estimated or known noise."""
+    none = np.zeros(0)
+    bare = [_bare(piece, some) for piece in pieces]
+    own = replace(
+        noise,
+        states=noise.states[:, some],
+        states_rho=noise.states_rho[:, some],
+        floor_states=noise.floor_states[:, some],
+        jerk=noise.jerk[some],
+    )
+    begin = Start(none, own, [_interpolated(piece) for piece in bare])
+    at_first = [] if known else [(FIRST_FITS, ("states", "jerk"))]
+    for rounds, kept in [*at_first, (FITS, ("states",) if known else ())]:
+        fit = iteration.fit(
+            _Coordinates(),
+            bare,
+            begin,
+            prior=Prior(none, np.zeros((0, 0))),
+            free=np.zeros(0, bool),
+            coloured=False,
+            kept=kept,
+            executor=executor,
+            rounds=rounds,
+        )
+        begin = fit.end
+    return begin
+
+
+def _bare(piece: Piece, some: slice) -> Piece:
+    """Piece with some of its coordinates and no channels."""
+    q, dq, ddq = piece.states
+    states = q[:, some], None if dq is None else dq[:, some], None if ddq is None else ddq[:, some]
+    none = np.zeros(0)
+    return replace(piece, states=states, when=none, measured=np.zeros((0, 0)), wrenches=piece.wrenches[:0], slack=None)
+
+
+def _first_noise(pieces: Sequence[Piece]) -> Noise:
+    """First guess of the coordinates' noise and smoothness, without channels."""
+    spread = np.maximum(np.nanstd(np.concatenate([piece.states[0] for piece in pieces]), axis=0), TINY[1])
+    n, none = len(spread), np.zeros(0)
+    std = np.ones((3, n))
+    for kind in range(3):
+        every = [x for piece in pieces if (x := piece.states[kind]) is not None]
+        if every:
+            std[kind] = [white_noise(*parts) for parts in zip(*(x.T for x in every), strict=True)]
+    rests = np.where(_resting(pieces), AT_REST * spread.max(), 0.0)
+    floor = np.tile(np.maximum(NOTHING * spread, rests), (3, 1))
+    floor[0] = np.maximum(floor[0], rounding([piece.states[0] for piece in pieces]))
+    std = np.maximum(std, np.maximum(floor, TINY[0]))
+    return Noise(std, none, 1 / (spread**2 * SMOOTH**6), np.zeros((3, n)), none, floor, none)
+
+
+def _resting(pieces: Sequence[Piece]) -> np.ndarray:
+    """Mask of the coordinates that rest in every piece (n,)."""
+    q = np.concatenate([piece.states[0] for piece in pieces])
+    largest = float(np.max(np.nanmax(q, axis=0) - np.nanmin(q, axis=0)))
+    each = [[at_rest(x, largest) for x in piece.states[0].T] for piece in pieces]
+    return np.asarray(np.all(each, axis=0))
+
+
+def _alike(measurement: Measurement) -> tuple[int, ...]:
+    """Group number of each channel: forces of a sensor, its moments, and each joint torque separately."""
+    groups = [component // 3 for component in measurement.components]
+    return (*groups, *range(2, 2 + len(measurement.equations.channels) - len(groups)))
+
+
+def _interpolated(piece: Piece) -> np.ndarray:
+    """Coefficients near the samples: the coordinate at the middle of each basis function (size, n)."""
+    middle = piece.spline.start + (np.arange(piece.spline.size) - 2) * piece.spline.step
+    columns = []
+    for x in piece.states[0].T:
+        there = np.isfinite(x)
+        columns.append(np.interp(middle, piece.time[there], x[there]))
+    return np.stack(columns, axis=1)
+
+
+def _regressed(
+    measurement: Measurement,
+    pieces: Sequence[Piece],
+    coefficients: Sequence[np.ndarray],
+    theta: np.ndarray,
+    prior: tuple[np.ndarray, np.ndarray],
+    free: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """θ by least squares on given trajectories, and standard deviations of the channels' residuals (C,)."""
+    A, b = _linear(measurement, pieces, coefficients, theta, free)
+    there = np.isfinite(b) & ~_loose(pieces)
+    std = np.maximum(np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0), TINY[1])
+    A, b = np.where(there[..., None], A, 0), np.where(there, b, 0)
+    mean, precision = prior
+    pull = -(precision @ (theta - mean))[free]
+    step = np.zeros(A.shape[-1])
+    columns = A.transpose(1, 2, 0)
+    normals, rights = columns @ A.swapaxes(0, 1), (columns @ b.T[:, :, None])[..., 0]
+    for _ in range(REWEIGHTED):
+        normal = np.tensordot(std**-2, normals, axes=1) + precision[np.ix_(free, free)]
+        right = std**-2 @ rights + pull
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
+        std = np.maximum(np.sqrt(((b - A @ step) ** 2).sum(axis=0) / there.sum(axis=0)), TINY[1])
+    out = theta.copy()
+    out[free] += step
+    return out, std
+
+
+def _loose(pieces: Sequence[Piece]) -> np.ndarray:
+    """Mask of the channels' samples whose slack is not small relative to the signal (N, C)."""
+    spread = np.nanstd(np.concatenate([piece.measured for piece in pieces]), axis=0)
+    nothing = (np.zeros(piece.measured.shape) if piece.slack is None else piece.slack for piece in pieces)
+    return np.asarray(np.concatenate(list(nothing)) > LOOSE * spread)
+
+
+def _linear(
+    measurement: Measurement,
+    pieces: Sequence[Piece],
+    coefficients: Sequence[np.ndarray],
+    theta: np.ndarray,
+    free: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of all pieces' channels by the free entries of θ (N, C, f), and their residuals (N, C)."""
+    rows, right = [], []
+    for piece, c in zip(pieces, coefficients, strict=True):
+        x = piece.spline.evaluate(c, channel_times(measurement, piece, theta))
+        values, _, by_theta = measurement.derivatives(x[:3], piece.wrenches, theta, np.flatnonzero(free))
+        rows.append(by_theta.transpose(2, 0, 1))
+        right.append(piece.measured - values.T)
+    return np.concatenate(rows), np.concatenate(right)

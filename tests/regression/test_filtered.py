@@ -1,0 +1,115 @@
+"""Least squares at the best of several cut-offs, beside which an estimate is judged."""
+
+from dataclasses import replace
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+import wrist
+from recorded_faults import PENDULUM, angles_and_wrench, faulty, wrench_of
+
+import ident
+import sim
+from ident.estimation.preparation import prepared
+from ident.regression.filtered import _Sums, filtered_least_squares
+
+NOTHING = np.zeros(13), np.zeros((13, 13))
+
+
+def ready(seed=0, noise=1.0):
+    """A recording of the pendulum whose angles are so many times as noisy."""
+    recording, rng = faulty(seed), np.random.default_rng(seed)
+    q = recording.of_joints(PENDULUM.tree.joints, "position")
+    q = q + np.sqrt(noise**2 - 1) * 0.004 * rng.normal(size=q.shape)
+    return prepared(PENDULUM, angles_and_wrench(recording.time, q, wrench_of(recording)))
+
+
+def left(log, part, found):
+    """Residual over signal of the channels but for Fx, which nothing moves."""
+    measured = log.recording.total_wrench(PENDULUM.tree).values[log.taken(part)]
+    return (np.sqrt(((measured - found.predicted[0]) ** 2).mean(axis=0)) / measured.std(axis=0))[1:]
+
+
+@pytest.mark.parametrize("noise", [1.0, 4.0])
+def test_halves_of_what_is_fitted_choose_a_cut_off_that_is_hardly_worse_than_the_best(noise, monkeypatch):
+    log, fitted, judged = ready(noise=noise), slice(0, 560), slice(560, 913)
+    chosen = filtered_least_squares([(log, fitted)], [(log, judged)], log.equations, NOTHING)
+    each = []
+    for factor in (0.25, 0.5, 1.0, 2.0, 4.0):
+        monkeypatch.setattr("ident.regression.filtered.FACTORS", (factor,))
+        each.append(left(log, judged, filtered_least_squares([(log, fitted)], [(log, judged)], log.equations, NOTHING)))
+    overall = np.exp(np.log(each).mean(axis=1))
+    assert np.exp(np.log(left(log, judged, chosen)).mean()) < 1.1 * overall.min() < 0.5 * overall.max()
+
+
+def test_what_is_judged_has_no_say_but_by_its_angles():
+    logs = [ready(seed) for seed in range(3)]
+    parts = [(log, slice(0, 943)) for log in logs]
+    every = filtered_least_squares(parts, parts, logs[0].equations, NOTHING, others=True)
+    wrong = logs[2].recording
+    wrong = replace(wrong, measured=wrong.measured | {"ground_torque": 2 * wrong["ground_torque"]})
+    parts[2] = (prepared(PENDULUM, wrong), slice(0, 943))
+    spoilt = filtered_least_squares(parts, parts, logs[0].equations, NOTHING, others=True)
+    np.testing.assert_array_equal(every.predicted[2], spoilt.predicted[2])
+    assert np.abs(every.predicted[1] - spoilt.predicted[1]).max() > 1
+
+
+def test_there_is_a_candidate_where_the_motion_does_not_determine_all_parameters():
+    time = np.arange(600) / 100
+    first = np.sin(2 * time), 2 * np.cos(2 * time), -4 * np.sin(2 * time)
+    q, dq, ddq = (np.stack([x, np.full_like(x, rest)], axis=1) for x, rest in zip(first, (0.3, 0, 0), strict=True))
+    wrench = ident.base_wrench_regressor(PENDULUM.tree, q, dq, ddq, gravity=PENDULUM.gravity) @ PENDULUM.known
+    rng = np.random.default_rng(0)
+    log = angles_and_wrench(time, q + 1e-3 * rng.normal(size=q.shape), wrench + rng.normal(size=wrench.shape))
+    estimate = ident.identify(PENDULUM, log)
+    assert estimate.joint.known and (estimate.rivals["least squares"][1:] < 1).any()
+
+
+@cache
+def arm():
+    return sim.mechanism(mujoco.MjSpec.from_string(wrist.model()))
+
+
+def rubbing(seconds=10.0, seed=0):
+    """Angles and torques of an arm whose joints rub by 2 N m and stick for 20 ms around each reversal."""
+    mechanism, (t, q, dq, ddq) = arm(), wrist.motion(seconds, 100.0)
+    rng = np.random.default_rng(seed)
+    torque = ident.joint_torque_regressor(mechanism.tree, q, dq, ddq, gravity=mechanism.gravity) @ mechanism.known
+    torque += 2 * np.where(np.abs(dq) < 0.05, rng.uniform(-1, 1, dq.shape), np.sign(dq))
+    torque += 0.02 * rng.normal(size=q.shape)
+    channels = {
+        f"{joint}_position": x for joint, x in zip(wrist.JOINTS, q.T + 1e-4 * rng.normal(size=q.T.shape), strict=True)
+    }
+    return ident.Recording(t, channels | {f"{j}_torque": x for j, x in zip(wrist.JOINTS, torque.T, strict=True)})
+
+
+def test_samples_near_reversals_are_left_alone(monkeypatch):
+    log = prepared(arm(), rubbing(), drive=("viscous", "coulomb"))
+    rank, fitted, judged = log.equations.parameters.rank, slice(0, 600), slice(600, 970)
+    known = np.zeros(rank), np.zeros((rank, rank))
+    moving = np.abs(wrist.motion(10.0, 100.0)[2][judged]) > 0.2
+    errors = []
+    for slow in (0.1, 0.0):
+        monkeypatch.setattr("ident.regression.filtered.SLOW", slow)
+        found = filtered_least_squares([(log, fitted)], [(log, judged)], log.equations, known)
+        error = log.recording.torques(arm().tree.joints)[judged] - found.predicted[0]
+        errors.append(np.sqrt((error[moving] ** 2).mean()))
+    assert errors[0] < 0.8 * errors[1]
+
+
+def test_signals_and_residuals_of_sums_are_those_of_their_samples():
+    """Of `[Y | low-passed | raw]`, in two parts, a channel being raw more than what is low-passed of it."""
+    rng = np.random.default_rng(0)
+    Y, low, x = rng.normal(size=(2, 50, 3)), rng.normal(size=(2, 50)) + 3, np.array([1.0, -2, 0.5])
+    raw = low + 2 * rng.normal(size=(2, 50))
+    stacked = np.concatenate([Y, low[..., None], raw[..., None]], axis=2)
+
+    def sums(part):
+        rows = stacked[:, part]
+        return _Sums(rows.transpose(0, 2, 1) @ rows, np.full(2, rows.shape[1]), rows[..., -1].sum(axis=1))
+
+    both = sums(slice(0, 20)) + sums(slice(20, None))
+    np.testing.assert_allclose(both.signal, raw.std(axis=1))
+    np.testing.assert_allclose(both.residual(x, -1), np.sqrt(((raw - Y @ x) ** 2).mean(axis=1)))
+    np.testing.assert_allclose(both.residual(x, -2), np.sqrt(((low - Y @ x) ** 2).mean(axis=1)))

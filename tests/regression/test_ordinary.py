@@ -1,0 +1,359 @@
+import pickle
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import nullcontext
+from itertools import pairwise
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from fits import fitted, sampled
+from mechanisms import GRAVITY, double_pendulum, random_phi, random_states, random_tree
+from scipy.signal import lfilter
+
+from ident.errors import ExcitationError
+from ident.estimation.excitation import check_excitation
+from ident.mechanism.motion import BaseMotion, Motion
+from ident.model.regressor import base_wrench_regressor
+from ident.parameters.base_parameters import find_base_parameters
+from ident.parameters.structure import Sensors
+from ident.regression import ordinary as module
+from ident.regression.ordinary import huber_white
+
+STD = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
+CONSTANT = np.diag(STD**2)
+LEVER = np.random.default_rng(5).normal(size=(200, 6, 6)) * 0.3
+MOVING = CONSTANT + LEVER @ CONSTANT @ LEVER.transpose(0, 2, 1)
+TREE = double_pendulum()
+BASE = find_base_parameters(TREE, gravity=GRAVITY)
+PHI = random_phi(np.random.default_rng(0), 3)
+STATES = random_states(np.random.default_rng(0), TREE, 200)
+Y = base_wrench_regressor(TREE, *STATES, gravity=GRAVITY)
+ROWS = BASE.reduce(Y).reshape(-1, 13)
+
+
+def identified(wrench, states=STATES, **options):
+    covariance = options.pop("covariance", None)
+    return fitted(TREE, sampled(*states, wrench, covariance=covariance), gravity=GRAVITY, **options)
+
+
+def noisy(seed=1):
+    return Y @ PHI + STD * np.random.default_rng(seed).normal(size=(200, 6))
+
+
+@pytest.mark.parametrize("covariance", [None, CONSTANT, MOVING])
+def test_without_noise_the_truth_comes_back(covariance):
+    estimate = identified(Y @ PHI, covariance=covariance)
+    np.testing.assert_allclose(estimate.psi, BASE.regroup(PHI), atol=1e-11)
+    assert estimate.epsilon < 1e-9
+    if covariance is None:
+        assert estimate.rows == 5 * 200
+
+
+def test_ordinary_least_squares_is_numpys():
+    wrench = noisy()
+    estimate = identified(wrench)
+    psi, squares, _, s = np.linalg.lstsq(ROWS, wrench.ravel(), rcond=None)
+    np.testing.assert_allclose(estimate.psi, psi, atol=1e-12)
+    np.testing.assert_allclose(estimate.singular_values, s, rtol=1e-12)
+    residual = wrench - estimate.predicted(Motion(*STATES))
+    np.testing.assert_allclose(estimate.residual_norms, np.linalg.norm(residual, axis=0), rtol=1e-11)
+    assert np.isclose(estimate.epsilon**2, squares[0], rtol=1e-12)
+    assert np.isclose(estimate.condition_number, s[0] / s[-1], rtol=1e-12)
+
+
+def test_weighted_least_squares_is_ordinary_on_whitened_rows():
+    wrench = noisy()
+    rows = (BASE.reduce(Y) / STD[:, None]).reshape(-1, 13)
+    estimate = identified(wrench, covariance=CONSTANT)
+    np.testing.assert_allclose(estimate.psi, np.linalg.lstsq(rows, (wrench / STD).ravel(), rcond=None)[0], atol=1e-11)
+    np.testing.assert_allclose(estimate.covariance, np.linalg.inv(rows.T @ rows), rtol=1e-9, atol=1e-18)
+    each = identified(wrench, covariance=np.tile(CONSTANT, (200, 1, 1)))
+    np.testing.assert_allclose(each.psi, estimate.psi, atol=1e-12)
+
+
+@pytest.mark.parametrize("noise", [np.tile(CONSTANT, (200, 1, 1)), MOVING], ids=["constant", "moving"])
+def test_standard_deviations_are_the_spread_of_the_estimates(noise):
+    """One pass knows the components' own noise, two passes and a covariance also how it is correlated and changes."""
+    rng, root = np.random.default_rng(0), np.linalg.cholesky(noise)
+    trials = []
+    for _ in range(600):
+        wrench = Y @ PHI + (root @ rng.normal(size=(200, 6, 1)))[..., 0]
+        trials.append([*both_passes(sampled(*STATES, wrench)), identified(wrench, covariance=noise, parameters=BASE)])
+    for way, estimates in zip(("one pass", "two passes", "weighted"), zip(*trials, strict=True), strict=True):
+        spread = np.std([estimate.psi for estimate in estimates], axis=0)
+        # 600 trials know a standard deviation to 3 %; 13 of them stay within 4 standard errors.
+        off = 0.6 if (way, noise is MOVING) == ("one pass", True) else 0.12
+        np.testing.assert_allclose(np.mean([estimate.std for estimate in estimates], axis=0), spread, rtol=off)
+        bias = np.mean([estimate.psi for estimate in estimates], axis=0) - BASE.regroup(PHI)
+        assert (abs(bias) < 4.5 * spread / np.sqrt(600)).all()
+
+
+def test_weights_reduce_the_uncertainty():
+    ratio = identified(noisy(), covariance=CONSTANT).std / identified(noisy()).std
+    # Ten times less noise on the moments is worth most where they say most; residuals know a std to some 10 %.
+    assert ratio.max() < 1.4
+    assert ratio.min() < 0.5
+
+
+@pytest.mark.parametrize("covariance", [np.zeros((6, 6)), np.triu(np.ones((6, 6))), np.eye(5)])
+def test_a_covariance_must_be_one(covariance):
+    with pytest.raises(ValueError, match=r"covariance.* (positive definite|symmetric|shape)"):
+        identified(Y @ PHI, covariance=covariance)
+
+
+def test_a_moving_base_has_more_base_parameters():
+    rng = np.random.default_rng(0)
+    base = BaseMotion.from_free_joint(rng.normal(size=(200, 7)), *rng.normal(size=(2, 200, 6)))
+    wrench = base_wrench_regressor(TREE, *STATES, gravity=GRAVITY, base=base) @ PHI
+    estimate = fitted(TREE, sampled(*STATES, wrench, base), gravity=GRAVITY)
+    expected = find_base_parameters(TREE, gravity=GRAVITY, sensors=Sensors(moving_base=True))
+    assert estimate.names == expected.names and len(estimate.names) > 13
+    np.testing.assert_allclose(estimate.psi, expected.regroup(PHI), atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_any_split_gives_the_same_answer(seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, 4, kinds=("revolute", "ball"))
+    states = random_states(rng, tree, 500)
+    wrench = base_wrench_regressor(tree, *states, gravity=GRAVITY) @ rng.normal(size=10 * len(tree.inertial))
+    whole = sampled(*states, wrench + rng.normal(size=wrench.shape))
+    cuts = [0, *np.sort(rng.integers(1, 500, size=6)).tolist(), 500]
+    parts = [whole[a:b] for a, b in pairwise(cuts) if a < b]
+    rng.shuffle(parts)
+    first = fitted(tree, whole, gravity=GRAVITY)
+    with ThreadPoolExecutor(2) as pool:
+        for source, executor in ((parts, None), (iter(parts), pool)):
+            found = fitted(tree, source, gravity=GRAVITY, executor=executor)
+            np.testing.assert_allclose(found.psi, first.psi, rtol=1e-9, atol=1e-11)
+            np.testing.assert_allclose(found.covariance, first.covariance, rtol=1e-8, atol=1e-12)
+            np.testing.assert_allclose(found.residual_norms, first.residual_norms, rtol=1e-9)
+            np.testing.assert_allclose(found.singular_values, first.singular_values, rtol=1e-9)
+
+
+def test_processes_share_the_work(monkeypatch):
+    monkeypatch.setattr(module, "PIECE", 64)
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        found = identified(noisy(), executor=pool)
+    np.testing.assert_allclose(found.psi, identified(noisy()).psi, rtol=1e-12)
+    assert "of 4 chunks" in found.method
+
+
+def test_a_joint_at_rest_is_named():
+    states = np.stack(STATES)
+    states[:, :, 1] = 0
+    wrench = base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI
+    with pytest.raises(ExcitationError, match=r"200 samples.*m2rz2.*m3rz3.* combinations") as raised:
+        identified(wrench, states)
+    assert {"m2rz2", "m3rz3"} <= set(raised.value.parameters) < set(find_base_parameters(TREE, gravity=GRAVITY).names)
+    # A worker process sends its errors home.
+    sent = pickle.loads(pickle.dumps(raised.value))
+    assert (str(sent), sent.parameters) == (str(raised.value), raised.value.parameters)
+
+
+def test_noise_alone_is_not_excitation():
+    rng, noise = np.random.default_rng(0), np.array([0.001, 0.01, 0.05])
+    known = tuple(np.full(2, level) for level in noise)
+    states = np.stack(STATES)
+    states[:, :, 1] = 0
+    for excited, x in ((False, states), (True, np.stack(STATES))):
+        measured = x + noise[:, None, None] * rng.normal(size=x.shape)
+        wrench = base_wrench_regressor(TREE, *measured, gravity=GRAVITY) @ PHI
+        identified(wrench, measured)
+        if excited:
+            identified(wrench, measured, state_noise=known)
+        else:
+            with pytest.raises(ExcitationError, match="does not separate"):
+                identified(wrench, measured, state_noise=known)
+
+
+def test_the_check_takes_noise_of_some_samples_for_that_of_all():
+    triangle = np.diag([10.0, 1.0])
+    names = ("a", "b")
+    noise = np.zeros((60, 2))
+    noise[:, 1] = 0.05
+    check_excitation(triangle, names, 10, noise)
+    with pytest.raises(ExcitationError, match="parameters b: 1 of 2"):
+        check_excitation(triangle, names, 100, noise)
+
+
+def test_what_counts_as_excited_and_who_is_named():
+    """Columns at a small angle are told from rounding, and columns from their own noise if half as long again."""
+    names = ("a", "b", "c")
+    for ratio, excited in ((2e-10, True), (0.5e-10, False)):
+        triangle = np.eye(3)
+        triangle[:2, 1] = 1, 2 * ratio
+        with nullcontext() if excited else pytest.raises(ExcitationError, match="parameters a, b: 2 of 3"):
+            check_excitation(triangle, names, 10)
+    for level, excited in ((0.65, True), (0.68, False)):
+        # Ten rows of noise stand for those of ten samples, six times as many.
+        noise = np.tile([level / np.sqrt(60), 0, 0], (10, 1))
+        with nullcontext() if excited else pytest.raises(ExcitationError, match="parameters a: 2 of 3"):
+            check_excitation(np.eye(3), names, 10, noise)
+    # Unit columns that add up to nothing as a + b + share c, which is named from a tenth on.
+    for share, named in ((0.05, "a, b"), (0.2, "a, b, c")):
+        b = np.array([-share / 2, np.sqrt(1 - share**2 / 4), 0])
+        triangle = np.column_stack([-b - [share, 0, 0], b, [1, 0, 0]])
+        with pytest.raises(ExcitationError, match=f"parameters {named}: 2 of 3"):
+            check_excitation(triangle, names, 10)
+    with pytest.raises(ExcitationError, match="parameters a, b, c: 0 of 3"):
+        check_excitation(np.zeros((3, 3)), names, 10)
+
+
+def test_too_few_samples_are_not_enough():
+    states = random_states(np.random.default_rng(0), TREE, 2)
+    with pytest.raises(ExcitationError, match="2 samples"):
+        identified(base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI, states)
+
+
+@pytest.mark.parametrize("samples", [20, 100])
+def test_a_loud_component_does_not_hide_a_quiet_one(samples):
+    """Standard deviations in one pass where the noise of forces is twenty times that of moments, and few samples."""
+    rng, level = np.random.default_rng(0), np.array([1, 1, 1, 0.05, 0.05, 0.05])
+    states = random_states(rng, TREE, samples)
+    true = base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI
+    trials = [identified(true + level * rng.normal(size=true.shape), states, parameters=BASE) for _ in range(400)]
+    spread = np.std([trial.psi for trial in trials], axis=0)
+    predicted = np.sqrt(np.mean([trial.std**2 for trial in trials], axis=0))
+    np.testing.assert_allclose(predicted, spread, rtol=0.17)
+
+
+def test_the_scale_of_a_covariance_does_not_change_what_counts_as_excited():
+    noise = tuple(np.full(2, level) for level in (0.001, 0.01, 0.05))
+    resting = np.stack(STATES)
+    resting[:, :, 1] = 0
+    measured = resting + np.array([0.001, 0.01, 0.05])[:, None, None] * np.random.default_rng(0).normal(
+        size=resting.shape
+    )
+    for scale in (1e-4, 1.0, 1e6):
+        identified(Y @ PHI, covariance=scale * np.eye(6), state_noise=noise)
+        with pytest.raises(ExcitationError):
+            identified(Y @ PHI, measured, covariance=scale * np.eye(6), state_noise=noise)
+
+
+def test_few_samples_and_no_residual_have_standard_deviations():
+    few = sampled(*(x[:13] for x in STATES), (Y @ PHI)[:13])
+    for wrench in (few.measured, 0 * few.measured):
+        samples = sampled(*few.motion.states, wrench)
+        found = huber_white(fitted(TREE, samples, gravity=GRAVITY), samples)
+        assert np.isfinite(found.std).all() and found.std.max() < 1e-9
+    weighted = identified(Y @ PHI, covariance=np.eye(6))
+    with pytest.raises(ValueError, match="noise of a weighted fit is taken as known"):
+        huber_white(weighted, sampled(*STATES, Y @ PHI))
+
+
+def smooth_states(samples=600):
+    """A double pendulum that swings, recorded at 100 Hz."""
+    t = np.arange(samples)[:, None] / 100
+    waves = [(0.8, 2 * np.pi * np.array([0.31, 0.47])), (0.5, 2 * np.pi * np.array([0.83, 1.1]))]
+    q = sum(size * np.sin(rate * t + rate) for size, rate in waves)
+    dq = sum(size * rate * np.cos(rate * t + rate) for size, rate in waves)
+    return q, dq, -sum(size * rate**2 * np.sin(rate * t + rate) for size, rate in waves)
+
+
+def autoregressive(rng, correlation, samples=600):
+    """Noise of the levels above that has a correlation from one sample to the next."""
+    u = rng.normal(size=(samples + 300, 6))
+    return STD * np.sqrt(1 - correlation**2) * lfilter([1], [1, -correlation], u, axis=0)[300:]
+
+
+SMOOTH = smooth_states()
+SWING = base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY) @ PHI
+
+
+def both_passes(samples, parameters=BASE):
+    found = fitted(TREE, samples, gravity=GRAVITY, parameters=parameters)
+    return found, huber_white(found, samples)
+
+
+@pytest.mark.parametrize(
+    ("correlation", "weighted", "one_pass", "two_passes"),
+    [
+        (0, False, (0.93, 0.97), (0.93, 0.97)),
+        (0.5, False, (0, 0.85), (0.92, 0.985)),
+        (0.9, False, (0, 0.5), (0.92, 0.985)),
+        (0.9, True, (0, 0.5), (0.92, 0.985)),
+    ],
+)
+def test_intervals_hold_for_noise_that_is_correlated_over_time(correlation, weighted, one_pass, two_passes):
+    """Two passes cover the truth of every parameter; one pass takes all noise for white."""
+    rng, covered = np.random.default_rng(1), []
+    covariance = CONSTANT if weighted else None
+    for _ in range(200):
+        wrench = SWING + autoregressive(rng, correlation)
+        trials = both_passes(sampled(*SMOOTH, wrench, covariance=covariance))
+        covered.append([abs(trial.psi - BASE.regroup(PHI)) < 1.96 * trial.std for trial in trials])
+    for (low, high), share in zip((one_pass, two_passes), np.mean(covered, axis=0), strict=True):
+        assert low < share.mean() < high, share
+    # 200 trials know a share of 0.95 to 0.015.
+    assert share.min() >= 0.9, share
+
+
+def test_white_noise_leaves_huber_and_whites_formula(monkeypatch):
+    """To the last digit where no correlation is beyond chance, also in parts; five of six components have rows."""
+    wrench = SWING + autoregressive(np.random.default_rng(1), 0)
+    first, found = both_passes(sampled(*SMOOTH, wrench))
+    columns = BASE.reduce(base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY))
+    rows, residual = columns.reshape(-1, 13), wrench - columns @ found.psi
+    pulls, bread = np.einsum("ncr,nc->nr", columns, residual), np.linalg.inv(rows.T @ rows)
+    usual = bread @ pulls.T @ pulls @ bread * 3000 / (3000 - 13)
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "PIECE", 300)
+        in_parts = huber_white(first, sampled(*SMOOTH, wrench))
+    for covariance in (found.covariance, in_parts.covariance):
+        np.testing.assert_allclose(covariance, usual, rtol=1e-8, atol=1e-16)
+    # Of a covariance only the proportions are needed.
+    one, nine = (both_passes(sampled(*SMOOTH, wrench, covariance=scale * CONSTANT))[1] for scale in (1, 9))
+    np.testing.assert_allclose(nine.std, one.std, rtol=1e-9)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, weighted):
+    """Also where a part is longer than the pieces, or they are longer than a part, and it remembers across borders."""
+    wrench = SWING + autoregressive(np.random.default_rng(0), 0.9)
+    covariance = np.tile(CONSTANT, (600, 1, 1)) if weighted else None
+    samples = sampled(*SMOOTH, wrench, covariance=covariance)
+    first, whole = both_passes(samples)
+    cuts = [0, *range(1, 60), 61, 300, 555, 600]
+    parts = [samples[a:b] for a, b in pairwise(cuts)]
+    ways = [huber_white(first, source) for source in (parts, iter(parts))]
+    for chunk in (64, 599):
+        with monkeypatch.context() as patched:
+            patched.setattr("ident.estimation.equations.chunk", lambda program, size=chunk: size)
+            ways.append(huber_white(first, iter(parts)))
+    for found in ways:
+        np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-9, atol=1e-15)
+    monkeypatch.setattr(module, "PIECE", 250)
+    for source in (samples, parts):
+        halves = huber_white(first, source)
+        # Either half knows its own correlation, and what the other leaves to it.
+        np.testing.assert_allclose(halves.std, whole.std, rtol=0.3)
+    np.testing.assert_allclose(halves.std, huber_white(first, samples).std, rtol=1e-9)
+
+
+def test_a_second_pass_takes_the_samples_of_the_first():
+    samples = sampled(*SMOOTH, SWING)
+    found = fitted(TREE, samples, gravity=GRAVITY)
+    for other in (samples[:599], [samples, samples[:1]]):
+        with pytest.raises(ValueError, match=r"made of 600 samples, these are (599|601)"):
+            huber_white(found, other)
+    with pytest.raises(ValueError, match="covariance; those of an ordinary one have none"):
+        huber_white(found, sampled(*SMOOTH, SWING, covariance=CONSTANT))
+
+
+def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():
+    one, two = both_passes(sampled(*SMOOTH, SWING + autoregressive(np.random.default_rng(0), 0.9)))
+    assert (one.noise, two.noise) == ("white from sample to sample", "correlated over time or not")
+    assert (two.std > 2 * one.std).all()
+    np.testing.assert_array_equal(two.psi, one.psi)
+
+
+def test_variances_of_the_components_are_unbiased():
+    """The expected squares of residuals, from the fit's projection, give back the variances they were made of."""
+    rng, samples = np.random.default_rng(0), 5
+    Q = np.linalg.qr(rng.normal(size=(6 * samples, 4)))[0].reshape(samples, 6, 4)
+    flat, variances = Q.reshape(-1, 4), rng.uniform(0.1, 5, size=6)
+    left = (np.eye(6 * samples) - flat @ flat.T).reshape(samples, 6, samples, 6)
+    squares = np.einsum("ncmd,d->c", left**2, variances)
+    shares = np.einsum("nci,ncj->cij", Q, Q)
+    np.testing.assert_allclose(module._variances(squares, shares, samples), variances, rtol=1e-10)

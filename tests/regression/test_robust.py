@@ -1,0 +1,208 @@
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy import linalg
+from scipy.signal import butter, lfilter, sosfilt
+
+from ident.errors import ExcitationError
+from ident.estimation.noise import Sandwich, innovations, remembered
+from ident.estimation.samples import Samples
+from ident.estimation.separable import separable
+from ident.regression.robust import robust_fit, spread
+
+TRUE = np.array([2.0, -1.0, 0.5])
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Equations whose columns (N, C, m) are given in the place of a motion."""
+
+    channels: tuple[str, ...]
+    names: tuple[str, ...]
+    drives: tuple[str, ...] = ()
+    offsets: tuple[int, ...] = ()
+
+    def checked(self, samples, where=""):
+        return samples
+
+    straight = False
+
+    def order(self, samples):
+        return np.arange(len(self.names) + 1), (0,) * len(self.channels)
+
+    def rows(self, samples, factors=None, order=None):
+        rows = np.concatenate([samples.motion, samples.measured[..., None]], axis=2).transpose(2, 1, 0)
+        yield rows if factors is None else rows * factors.T
+
+
+def fit_of(columns, measured, **options):
+    names = [tuple(f"{letter}{k}" for k in range(n)) for letter, n in zip("cx", columns.shape[1:], strict=True)]
+    return robust_fit(Columns(*names), Samples(columns, measured), **options)
+
+
+def case(rng, samples=1000, noise=(0.1, 3.0)):
+    columns = rng.normal(size=(samples, len(noise), 3))
+    return columns, columns @ TRUE + np.array(noise) * rng.normal(size=(samples, len(noise)))
+
+
+def test_noise_of_each_channel_is_found_and_weighted():
+    rng = np.random.default_rng(0)
+    columns, measured = case(rng)
+    fit, ordinary = fit_of(columns, measured), fit_of(columns, measured, weighted=False)
+    np.testing.assert_allclose(spread(measured - columns @ fit.values), [0.1, 3.0], rtol=0.1)
+    assert (fit.std < 0.1 * ordinary.std).all()
+    np.testing.assert_array_less(abs(fit.values - TRUE), 4 * fit.std)
+
+
+def test_the_fit_solves_hubers_equations():
+    rng = np.random.default_rng(2)
+    columns, measured = case(rng)
+    measured += 2 * rng.standard_t(2, size=measured.shape)
+    fit = fit_of(columns, measured)
+    residual = measured - columns @ fit.values
+    scale = spread(residual)
+    pulls = columns * (np.clip(residual / scale, -1.345, 1.345) / scale)[..., None]
+    assert (abs(pulls.sum(axis=(0, 1))) < 1e-4 * abs(pulls).sum(axis=(0, 1))).all()
+
+
+def test_a_channel_that_is_fitted_exactly_keeps_a_finite_weight():
+    """Where nothing is measured the coefficient goes to zero, and the channel's residual with it."""
+    columns, measured = case(np.random.default_rng(3))
+    columns[:, 1, :2] = measured[:, 1] = 0
+    fit = fit_of(columns, measured)
+    assert abs(fit.values[2]) < 1e-4
+    assert (abs(fit.values[:2] - TRUE[:2]) < 4 * fit.std[:2]).all()
+
+
+def test_ordinary_least_squares_is_lstsq():
+    columns, measured = case(np.random.default_rng(0))
+    expected = np.linalg.lstsq(columns.reshape(-1, 3), measured.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(fit_of(columns, measured, weighted=False).values, expected, rtol=1e-10)
+
+
+def test_gross_outliers_move_the_fit_by_less_than_its_interval():
+    rng = np.random.default_rng(1)
+    columns, measured = case(rng)
+    clean = fit_of(columns, measured)
+    bad = rng.choice(len(measured), len(measured) // 100, replace=False)
+    measured[bad] += 1000 * rng.choice([-1, 1], size=(len(bad), 2))
+    spoilt = fit_of(columns, measured)
+    assert (abs(spoilt.values - clean.values) < 1.96 * clean.std).all()
+    assert (abs(fit_of(columns, measured, weighted=False).values - TRUE) > 0.5).any()
+
+
+@pytest.mark.parametrize("colour", [None, 0.02])
+def test_standard_deviations_are_right_for_white_and_for_slow_noise(colour):
+    """Over 200 recordings the errors are as large as predicted, whatever the noise's autocorrelation."""
+    samples, errors, predicted = 600, [], []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        t = np.arange(samples) / 100
+        columns = np.stack([np.sin(2 * np.pi * f * t) for f in (0.3, 0.7, 1.1)], axis=1)[:, None]
+        noise = rng.normal(size=samples + 500)
+        if colour:
+            noise = sosfilt(butter(1, colour, output="sos"), noise)
+        noise = noise[500:] / noise[500:].std()
+        fit = fit_of(columns, (columns @ TRUE) + noise[:, None])
+        errors.append(fit.values - TRUE)
+        predicted.append(fit.std)
+    found = np.std(errors, axis=0) / np.sqrt(np.mean(np.square(predicted), axis=0))
+    assert (found > 0.75).all() and (found < 1.15).all()
+
+
+def autoregressive(rng, correlation, shape):
+    """Noise of variance one with a correlation from one sample to the next, samples last."""
+    u = rng.normal(size=(*shape[:-1], shape[-1] + 2000))
+    return lfilter([np.sqrt(1 - correlation**2)], [1, -correlation], u, axis=-1)[..., 2000:]
+
+
+def errors_over_predicted(columns, correlation, recordings=300):
+    """Root mean square errors of ordinary least squares over the root mean square of their standard deviations."""
+    noise = autoregressive(np.random.default_rng(0), correlation, (recordings, len(columns)))
+    fits = [fit_of(columns[:, None], x[:, None], weighted=False) for x in noise]
+    squares, variances = (
+        np.mean([f(fit) for fit in fits], axis=0) for f in (lambda f: f.values**2, lambda f: f.std**2)
+    )
+    return np.sqrt(squares / variances)
+
+
+def test_what_a_fit_takes_of_the_noise_is_given_back():
+    """With few samples for their number of columns, and in recordings of a few of the noise's correlation times."""
+    few = errors_over_predicted(np.random.default_rng(1).normal(size=(20, 8)), 0)
+    assert (few > 0.9).all() and (few < 1.1).all()
+    t = np.arange(300) / 100
+    slow = errors_over_predicted(np.stack([np.sin(2 * np.pi * f * t + f) for f in (0.3, 0.7, 1.1)], axis=1), 0.98)
+    assert (slow > 0.6).all() and (slow < 1).all()
+
+
+def test_how_long_noise_is_taken_to_remember():
+    rng = np.random.default_rng(0)
+    # The residuals' correlation time is stretched by a fifth; a sum of correlations counts, not the first alone.
+    decay, size = innovations(autoregressive(rng, 0.9, (4, 100_000)), 1)
+    np.testing.assert_allclose(decay, 0.9 ** (1 / 1.2), atol=0.004)
+    np.testing.assert_allclose((size**2).mean(axis=1), 1 - decay**2, rtol=0.05)
+    u = rng.normal(size=(4, 100_000))
+    blocks = (u[:, 2:] + u[:, 1:-1] + u[:, :-2]) / np.sqrt(3)
+    # Correlations 2/3 and 1/3 add up to ρ / (1 - ρ) = 1 in the lags and as much again beyond, as an exponential.
+    total = 2 / 3 + 1 / 3 / (1 - np.sqrt(1 / 3))
+    np.testing.assert_allclose(innovations(blocks, 1)[0], (total / (1 + total)) ** (1 / 1.2), atol=0.01)
+    # White noise shows more than two standard deviations in one of 44 cases.
+    assert 0.95 < (innovations(rng.normal(size=(1000, 500)), 1)[0] == 0).mean() < 0.99
+
+
+def test_the_middle_of_the_sandwich_is_the_sum_over_all_pairs_of_samples():
+    rng = np.random.default_rng(0)
+    columns, pull = rng.normal(size=(80, 3, 4)).cumsum(axis=0), autoregressive(rng, 0.8, (3, 80))
+    decay, size = innovations(pull, 4 / 3)
+    rows, channels = columns.transpose(2, 1, 0), columns.swapaxes(0, 1)
+    each = [remembered(x.T, rho, np.zeros(4)) for x, rho in zip(channels, decay, strict=True)]
+    pulls = sum(z * u for z, u in zip(each, size, strict=True))
+    steady = sum(
+        x.T @ (s / (1 - rho**2) * linalg.toeplitz(rho ** np.arange(80))) @ x
+        for x, rho, s in zip(channels, decay, (size**2).mean(axis=1), strict=True)
+    )
+    for chunks in ([rows], [rows[..., :30], rows[..., 30:]]):
+        for kind, expected in ((True, steady), (False, pulls @ pulls.T)):
+            found = Sandwich(4, 3, steady=kind).add(chunks, pull, 4 / 3).middle
+            np.testing.assert_allclose(found, expected, rtol=1e-9)
+    # The same in two parts.
+    z = remembered(columns[:, 0].T, 0.8, np.zeros(4))
+    after = remembered(columns[30:, 0].T, 0.8, z[:, 29])
+    np.testing.assert_allclose(after, z[:, 30:], rtol=1e-12)
+    np.testing.assert_allclose(z[:, 79], 0.8 ** np.arange(79, -1, -1) @ columns[:, 0], rtol=1e-12)
+
+
+def test_a_perfect_fit_is_perfect():
+    columns, _ = case(np.random.default_rng(0))
+    fit = fit_of(columns, columns @ TRUE)
+    np.testing.assert_allclose(fit.values, TRUE, atol=1e-12)
+
+
+def test_what_cannot_be_told_apart_is_left_out():
+    rng = np.random.default_rng(0)
+    a, b, c = rng.normal(size=(3, 50, 2))
+    columns = np.stack(
+        [a, b, a + b, c, 1e-3 * c, 0 * c, np.tile([1.0, 0], (50, 1)), np.tile([0, 1.0], (50, 1))], axis=2
+    )
+    drives = ("a + b", "c", "0.001 c", "0")
+    equations = Columns(("x", "y"), ("a", "b", *drives, "offset(x)", "offset(y)"), drives, (0, 1))
+    left = separable(equations, Samples(columns, a))
+    assert (left.drives, left.offsets) == (("c",), (0, 1))
+
+
+def test_what_barely_sticks_out_does_not_spoil_the_next():
+    a, b, c, d = linalg.qr(np.random.default_rng(0).normal(size=(100, 4)), mode="economic")[0].T
+    candidates = {"b": a + 3e-6 * b, "c": a + 3e-6 * c, "c more": c, "b more": b, "b + c": b + c}
+    candidates |= {"d, too little": a + 0.7e-6 * d}
+    columns = np.stack([a, *candidates.values()], axis=1)[:, None]
+    equations = Columns(("x",), ("a", *candidates), tuple(candidates))
+    assert separable(equations, Samples(columns, a[:, None])).drives == ("b", "c")
+    enough = Columns(("x",), ("a", "d"), ("d",))
+    columns = np.stack([a, a + 1.4e-6 * d], axis=1)[:, None]
+    assert separable(enough, Samples(columns, a[:, None])).drives == ("d",)
+
+
+def test_what_cannot_be_told_apart_is_not_fitted():
+    with pytest.raises(ExcitationError, match="does not separate the base parameters x0, x1: 1 of 2"):
+        fit_of(np.ones((5, 1, 2)), np.arange(5.0)[:, None])

@@ -1,0 +1,105 @@
+"""Pieces that are left out, against equations solved without them."""
+
+import numpy as np
+import pytest
+from recorded_faults import PENDULUM, faulty, shortened
+
+from ident.estimation.preparation import prepared
+from ident.identification import identified
+from ident.trajectory.fit.fitted import JointFit, Prior
+from ident.trajectory.fit.piece import Noise
+from ident.trajectory.left_out import clearly_better, gains, preferred, without
+from ident.trajectory.result import Joint
+from ident.trajectory.setup_search import Search
+
+
+def quadratic(seed, pieces=4, p=5):
+    """A fit of linear equations, pieces of which see all parameters but the last, which is held."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(pieces, 12, p))
+    y = rows @ rng.normal(size=p) + 0.1 * rng.normal(size=(pieces, 12))
+    free, prior = np.arange(p) < p - 1, np.diag([0, 0, 0, 0.5, 4.0])
+    A = rows[..., free].reshape(-1, free.sum())
+    theta = np.zeros(p)
+    theta[free] = np.linalg.solve(A.T @ A + prior[np.ix_(free, free)], A.T @ y.ravel())
+    shares = [(X.T @ X, X.T @ (z - X @ theta)) for X, z in zip(rows, y, strict=True)]
+    none = np.zeros(0)
+    noise = Noise(np.zeros((3, 0)), none, none, np.zeros((3, 0)), none, np.zeros((3, 0)), none)
+    names = [f"x{k}" for k in range(p)]
+    fit = JointFit(names, [], Prior(np.zeros(p), prior), theta, shares, free, noise, [], [], (), "converged")
+    return fit, rows, y
+
+
+def solved(rows, y, prior, free):
+    A = rows[..., free].reshape(-1, free.sum())
+    out = np.zeros(len(free))
+    out[free] = np.linalg.solve(A.T @ A + prior[np.ix_(free, free)], A.T @ y.ravel())
+    return out
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_parameters_without_a_piece(seed):
+    fit, rows, y = quadratic(seed)
+    for k in range(len(rows)):
+        others = np.arange(len(rows)) != k
+        expected = solved(rows[others], y[others], fit.prior.precision, fit.free)
+        np.testing.assert_allclose(without(fit, slice(k, k + 1))[0], expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gains_are_what_left_out_pieces_cost_less(seed):
+    fit, rows, y = quadratic(seed)
+    more = np.ones(5, bool)
+    for k, gain in enumerate(gains(fit, 4)):
+        others = np.arange(len(rows)) != k
+        cost = [
+            np.sum((y[k] - rows[k] @ solved(rows[others], y[others], fit.prior.precision, free)) ** 2)
+            for free in (fit.free, more)
+        ]
+        assert gain == pytest.approx(cost[0] - cost[1])
+    assert clearly_better(gains(fit, 4))
+
+
+def test_a_parameter_that_one_piece_alone_sees_is_fitted_to_it():
+    fit, rows, y = quadratic(0)
+    rows[1:, :, 0] = 0
+    shares = [(X.T @ X, X.T @ (z - X @ fit.theta)) for X, z in zip(rows, y, strict=True)]
+    assert np.isfinite(gains(JointFit(**{**vars(fit), "shares": shares}), 4)).all()
+
+
+def test_what_predicts_no_better_than_chance_is_not_believed():
+    assert clearly_better(np.array([1.0, 2.0])) and clearly_better(np.array([9.0, -1.0]))
+    assert not clearly_better(np.array([2.0, -1.0])) and not clearly_better(np.zeros(3))
+
+
+@pytest.mark.parametrize("rounds", [2, 9, 12, 15])
+def test_an_interrupt_ends_every_stage(rounds):
+    """Whether knots, weights or the set-up are looked at."""
+    calls = []
+
+    def interrupt(*_):
+        calls.append(1)
+        if len(calls) == rounds:
+            raise KeyboardInterrupt
+
+    log = prepared(PENDULUM, shortened(faulty(3, delay=0.03), 500))
+    estimate = identified(log, report=interrupt)
+    assert estimate.joint.fit.status == "interrupted" and len(calls) == rounds
+    assert np.isfinite(estimate.std).all()
+
+
+def test_a_limit_of_what_is_far_below_its_bound_is_finite():
+    fit, _, _ = quadratic(0)
+    theta, bounded = fit.theta.copy(), np.arange(5) == 4
+    shares = [(schur, right - 1e6 * bounded) for schur, right in fit.shares]
+    far = JointFit(**{**vars(fit), "theta": theta, "shares": shares, "bounded": bounded})
+    ((limit, std),) = Joint(None, Search(far), (4,), 0.1, False).bounds.values()
+    assert 0 < limit < std
+
+
+def test_white_weights_are_kept_unless_others_predict_clearly_better():
+    """Channels that neither explains have no say."""
+    white = np.array([0.2, 0.3, 1.0])
+    assert preferred({"white": white, "coloured": np.array([0.2, 0.295, 1.0])}, "white") == "white"
+    assert preferred({"white": white, "coloured": np.array([0.15, 0.3, 1.0])}, "white") == "coloured"
+    assert preferred({"white": np.ones(2), "coloured": np.ones(2)}, "white") == "white"

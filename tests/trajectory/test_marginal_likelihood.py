@@ -1,0 +1,32 @@
+"""What the marginal likelihood of θ adds, against determinants."""
+
+import numpy as np
+import pytest
+from test_piece import problem
+
+from ident.trajectory.algebra import whitening
+from ident.trajectory.fit.marginal_likelihood import pull
+from ident.trajectory.fit.response import response
+
+RUNS, DRAWS, STEP = 12, 100, 1e-5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pull_is_half_the_gradient_of_the_determinant_as_the_trajectory_follows(seed, monkeypatch):
+    """Of all parameters but the clock's, by whose little the determinant hardly changes."""
+    monkeypatch.setattr(whitening, "HUBER", 1e6)  # Weights of outliers change with θ, which the gradient leaves out.
+    p = problem(seed)
+    every = np.arange(RUNS) + RUNS * seed
+    pulls = np.array([pull(p.measurement, p.noise, DRAWS, p.piece, p.coefficients, p.theta, k) for k in every])
+    follows = response(p.measurement, p.piece, p.coefficients, p.theta, p.noise).follows
+
+    def log_determinant(e):
+        c = p.coefficients - (follows @ e).reshape(p.coefficients.shape)
+        return response(p.measurement, p.piece, c, p.theta + e, p.noise).factor.log_determinant
+
+    slopes = np.array([(log_determinant(e) - log_determinant(-e)) / (2 * STEP) for e in STEP * np.eye(len(p.theta))])
+    clocks = [k for kind in ("clock", "delay") for k in p.measurement.of_kind(kind).values()]
+    others = np.delete(np.arange(len(p.theta)), clocks)
+    off, error = (pulls.mean(axis=0) - slopes / 2)[others], (pulls.std(axis=0) / np.sqrt(RUNS))[others]
+    assert np.all(np.abs(off) <= 5 * error + 1e-4 * np.abs(slopes).max())
+    assert np.sqrt(np.mean(off**2)) < 0.1 * np.sqrt(np.mean(slopes[others] ** 2))

@@ -1,0 +1,277 @@
+"""A piece's normal equations and statistics against dense ones, whose derivatives are differences of its residuals."""
+
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+
+import numpy as np
+import pytest
+from measurements import at, random_measurement
+
+from ident.estimation.measurement import Measurement
+from ident.trajectory.algebra.spline import LOCAL, ORDER, Spline
+from ident.trajectory.algebra.whitening import HUBER
+from ident.trajectory.fit.piece import Noise, Piece, channel_times, linearised, misfit
+
+
+@dataclass(eq=False)
+class Problem:
+    """A piece at a trajectory and at θ."""
+
+    measurement: Measurement
+    piece: Piece
+    coefficients: np.ndarray
+    theta: np.ndarray
+    noise: Noise
+
+    @cached_property
+    def linearised(self):
+        return self.linearised_with(None)
+
+    def linearised_with(self, root):
+        m, piece, c = self.measurement, self.piece, self.coefficients
+        return linearised(m, piece, c, theta=self.theta, noise=self.noise, root=root)
+
+    @cached_property
+    def misfit(self):
+        return misfit(self.measurement, self.piece, self.coefficients, theta=self.theta, noise=self.noise)
+
+    @cached_property
+    def size(self):
+        return self.coefficients.size
+
+    def cost(self, c, theta):
+        c = c.reshape(self.coefficients.shape)
+        return misfit(self.measurement, self.piece, c, theta=theta, noise=self.noise).cost
+
+    def residuals(self, c, theta):
+        """Measured less predicted of every kind of stream: values (N, s), times, std and ρ of each."""
+        m, piece, noise = self.measurement, self.piece, self.noise
+        c = c.reshape(self.coefficients.shape)
+        x = piece.spline.evaluate(c, piece.time)
+        for j, k in m.zeros.items():
+            x[0, :, j] += theta[k]
+        for kind, measured in enumerate(piece.states):
+            if measured is not None:
+                yield measured - x[kind], piece.time, noise.states[kind], noise.states_rho[kind]
+        late, rate = theta[at(m, "delay(ground)")], theta[at(m, "clock(ground)")]
+        of_wrench = piece.when + rate * (piece.when - piece.origin) - late
+        for own, when in ((slice(0, piece.late), of_wrench), (slice(piece.late, None), piece.when)):
+            x = piece.spline.evaluate(c, when)
+            values = (piece.measured - m.values(x[:3], piece.wrenches, theta).T)[:, own]
+            yield values, when, noise.channels[own], noise.channels_rho[own]
+
+    def innovations(self, c, theta):
+        """Innovations in standard deviations, and their slow and fast halves (3, s, N), zero where missing."""
+        out = []
+        for values, when, std, rho in self.residuals(c, theta):
+            z = np.zeros((3, values.shape[1], max(len(self.piece.time), len(self.piece.when))))
+            before = np.concatenate([np.full_like(values[:1], np.nan), values[:-1]])
+            before[1:][np.diff(self.piece.spline.local(when).interval) > 1] = np.nan
+            scale = std * np.sqrt(1 - rho**2)
+            new = np.where(np.isfinite(before), (values - rho * before) / scale, values / std)
+            slow, fast = (1 - rho) * (values + before) / (2 * scale), (1 + rho) * (values - before) / (2 * scale)
+            z[:, :, : len(when)] = np.nan_to_num(np.stack([new, slow, fast])).swapaxes(1, 2)
+            out.append(z)
+        return np.concatenate(out, axis=1)
+
+    @cached_property
+    def dense(self):
+        """Innovations and halves (3, s, N), and minus their derivatives by c and θ (3, s, N, size n + p)."""
+        x, h = np.concatenate([self.coefficients.ravel(), self.theta]), 1e-5
+        steps = h * np.eye(len(x))
+        columns = [self.innovations(*self.split(x - e)) - self.innovations(*self.split(x + e)) for e in steps]
+        return self.innovations(*self.split(x)), np.stack(columns, axis=-1) / (2 * h)
+
+    @property
+    def numbers(self):
+        """Samples that follow another one, times the variances of slow and of fast halves (2, s)."""
+        out = []
+        for values, when, _, rho in self.residuals(self.coefficients, self.theta):
+            apart = np.diff(self.piece.spline.local(when).interval) > 1
+            linked = (np.isfinite(values[1:] + values[:-1]) & ~apart[:, None]).sum(axis=0)
+            out.append(linked * np.stack([1 - rho, 1 + rho]) / 2)
+        return np.concatenate(out, axis=1)
+
+    def split(self, x):
+        return x[: self.size], x[self.size :]
+
+    @cached_property
+    def penalty(self):
+        """Σ λ ∫ x⃛² dt as a matrix."""
+        spline, n = self.piece.spline, self.coefficients.shape[1]
+        P = np.zeros((spline.size, spline.size))
+        for k in range(spline.intervals):
+            P[k : k + LOCAL, k : k + LOCAL] += spline.penalty
+        return np.kron(P, np.diag(self.noise.jerk)), np.kron(P, np.eye(n))
+
+
+@cache
+def problem(seed, outliers=0.0):
+    """Samples with gaps, missing ones and correlated noise; small residuals, so that none of them loses weight."""
+    rng = np.random.default_rng(seed)
+    m = random_measurement(rng, 3, ("revolute",), torques=seed % 2 == 0, contacts=seed % 3)
+    n, C, p = m.coordinates, len(m.equations.channels), len(m.names)
+    time = np.cumsum(rng.uniform(0.02, 0.06, 45))
+    time[30:] += 0.4
+    when = time[0] + np.cumsum(rng.uniform(0.02, 0.05, 50))
+    spline = Spline.over(time[0] - 0.2, time[-1] + 0.2, 0.2)
+    c, theta = rng.normal(size=(spline.size, n)), rng.normal(size=p)
+    theta[len(m.equations.names) :] *= 0.01
+    noise = Noise(
+        states=rng.uniform(0.005, 0.02, size=(3, n)),
+        channels=rng.uniform(5, 10, size=C),
+        jerk=rng.uniform(1e-3, 1e-2, size=n),
+        states_rho=rng.uniform(0, 0.9, size=(3, n)),
+        channels_rho=rng.uniform(0, 0.9, size=C),
+        floor_states=np.zeros((3, n)),
+        floor_channels=np.zeros(C),
+    )
+    noise.channels_rho[0] = 0
+    wrenches = rng.normal(size=(len(when), 2, 6 * len(m.contacts)))
+    zeros = np.zeros((len(time), n))
+    late = len(m.components)  # Joint torques are on the angles' clock.
+    nothing = Piece(spline, time, (zeros, zeros, None), when, np.zeros((len(when), C)), wrenches, 0.3, late)
+    empty = Problem(m, nothing, c, theta, noise)
+    measured = []
+    for values, _, std, _ in empty.residuals(c, theta):
+        size = np.where(rng.uniform(size=values.shape) < outliers, 20, 0.3)
+        own = size * std * rng.uniform(-1, 1, size=values.shape) - values
+        own[rng.uniform(size=own.shape) < 0.1] = np.nan
+        measured.append(own)
+    empty.piece = replace(empty.piece, states=(measured[0], measured[1], None), measured=np.hstack(measured[2:]))
+    return empty
+
+
+def close(own, expected, rtol=1e-5):
+    np.testing.assert_allclose(own, expected, rtol=rtol, atol=rtol * np.abs(expected).max(initial=0))
+
+
+SEEDS = range(4)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_normal_equations_are_the_dense_ones_with_the_trajectory_eliminated(seed):
+    own = problem(seed)
+    z, J = own.dense
+    assert abs(z[0]).max() < HUBER
+    weighted, _ = own.penalty
+    rows, size = J[0].reshape(z[0].size, -1), own.size
+    H, right = rows.T @ rows, rows.T @ z[0].ravel()
+    H[:size, :size] += weighted
+    right[:size] -= weighted @ own.coefficients.ravel()
+    A, B, D = H[:size, :size], H[:size, size:], H[size:, size:]
+    W = np.linalg.solve(A, B)
+    close(own.linearised.schur, D - B.T @ W)
+    close(own.linearised.gradient, right[size:] - W.T @ right[:size])
+    close(own.linearised.step, np.linalg.solve(A, right[:size]))
+    close(own.linearised.by_theta, W)
+    # What is left when the trajectory takes its step is the whole system's solution.
+    tight = np.diag(np.r_[np.zeros(size), np.full(len(D), 1e-3 * np.diag(D).max())])
+    whole = np.linalg.solve(H + tight, right)
+    step = np.linalg.solve(own.linearised.schur + tight[size:, size:], own.linearised.gradient)
+    close(step, whole[size:])
+    close(own.linearised.step - own.linearised.by_theta @ step, whole[:size])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_streams_take_is_what_they_add_to_the_curvature(seed):
+    own = problem(seed)
+    _, J = own.dense
+    weighted, plain = own.penalty
+    size, n = own.size, own.coefficients.shape[1]
+    rows = J[0].reshape(-1, J.shape[-1])
+    H = rows.T @ rows
+    H[:size, :size] += weighted
+    root = np.random.default_rng(seed).normal(size=(len(own.theta), len(own.theta)))
+    # With the covariance of θ, here any, that of the coefficients follows.
+    inverse, W = np.linalg.inv(H[:size, :size]), np.linalg.solve(H[:size, :size], H[:size, size:])
+    moves = np.vstack([-W, np.eye(len(own.theta))]) @ root
+    covariance = moves @ moves.T
+    covariance[:size, :size] += inverse
+    taken = ((J @ covariance) * J).sum(axis=(2, 3))
+    white = np.concatenate([rho for *_, rho in own.residuals(own.coefficients, own.theta)]) == 0
+    assert white.any()
+    taken[1:, white] = 0  # What is taken of halves is known where noise is correlated.
+    found = own.linearised_with(root)
+    close(found.taken, np.insert(taken, [2 * n] * n, 0, axis=1))
+    for j in range(n):
+        mine = np.pad(np.arange(size) % n == j, (0, len(own.theta)))
+        part = own.noise.jerk[j] * plain * np.outer(mine, mine)[:size, :size]
+        close(found.held[j], np.trace(covariance[:size, :size] @ part))
+    alone = own.linearised
+    close(alone.taken[0, :n], ((J[0, :n, :, :size] @ inverse) * J[0, :n, :, :size]).sum(axis=(1, 2)))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_sums_are_those_of_innovations_and_halves(seed):
+    own = problem(seed)
+    z, _ = own.dense
+    n, c = own.coefficients.shape[1], own.coefficients.ravel()
+    _, plain = own.penalty
+    nothing = [2 * n] * n
+    close(own.misfit.squares, np.insert((z**2).sum(axis=2), nothing, 0, axis=1))
+    close(own.misfit.number[1:], np.insert(own.numbers, nothing, 0, axis=1))
+    there = [np.isfinite(values).sum(axis=0) for values, *_ in own.residuals(own.coefficients, own.theta)]
+    np.testing.assert_array_equal(own.misfit.number[0], np.insert(np.concatenate(there), nothing, 0))
+    assert (np.diff(own.piece.spline.local(own.piece.time).interval) > 1).any()
+    for j in range(n):
+        close(own.misfit.bends[j], c @ (plain * (np.arange(own.size) % n == j)) @ c)
+    assert (own.misfit.rank == own.piece.spline.size - ORDER).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_everything_together_takes_one_for_each_unknown(seed):
+    """`tr(H⁻¹ H) = size n + p`, H being the sum of all streams' parts and the prior's."""
+    own = problem(seed)
+    prior = np.diag(np.full(len(own.theta), 1.0))
+    covariance = np.linalg.inv(own.linearised.schur + prior)
+    found = own.linearised_with(np.linalg.cholesky(covariance))
+    total = found.taken[0].sum() + found.held.sum() + np.trace(covariance @ prior)
+    assert total == pytest.approx(own.size + len(own.theta))
+
+
+@pytest.mark.parametrize("outliers", [0.0, 0.1])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_equations_know_the_cost_where_they_are_made(seed, outliers):
+    own = problem(seed, outliers)
+    assert own.linearised.cost == pytest.approx(own.misfit.cost, rel=1e-14)
+
+
+@pytest.mark.parametrize("outliers", [0.0, 0.1])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_gradient_is_that_of_the_cost(seed, outliers):
+    """With outliers, too; along the trajectories that follow θ, and along the step at fixed θ."""
+    own = problem(seed, outliers)
+    L, c = own.linearised, own.coefficients.ravel()
+    some = np.random.default_rng(seed).choice(len(own.theta), 12, replace=False)
+    for k in {at(own.measurement, "delay(ground)"), at(own.measurement, "clock(ground)"), *some}:
+        scale = 1e-4 / np.sqrt(L.schur[k, k]) if L.schur[k, k] > 1e-12 else 1e-4
+        e = scale * np.eye(len(own.theta))[k]
+        up, down = (own.cost(c - s * L.by_theta @ e, own.theta + s * e) for s in (1, -1))
+        assert (up - down) / 2 == pytest.approx(-2 * L.gradient @ e, rel=1e-3, abs=1e-7 * abs(up))
+    up, down, here = (own.cost(c + s * L.step, own.theta) for s in (1e-4, -1e-4, 0))
+    assert (up - down) / 2e-4 < 0
+    assert own.cost(c + 0.2 * L.step, own.theta) < here
+
+
+def test_cost_is_the_sum_of_squares_and_beyond_outliers_grows_linearly():
+    for outliers in (0.0, 0.2):
+        own = problem(0, outliers)
+        z = own.innovations(own.coefficients, own.theta)[0]
+        weighted, _ = own.penalty
+        c = own.coefficients.ravel()
+        beyond = np.maximum(abs(z) - HUBER, 0)
+        expected = (z**2 - beyond**2).sum() + c @ weighted @ c
+        assert (beyond > 0).any() == (outliers > 0)
+        assert own.cost(c, own.theta) == pytest.approx(expected, rel=1e-10)
+
+
+def test_a_late_wrench_tells_of_the_time_before():
+    own = problem(1)
+    m, theta = own.measurement, np.zeros_like(own.theta)
+    np.testing.assert_array_equal(channel_times(m, own.piece, theta), own.piece.when)
+    theta[at(m, "delay(ground)")] = 0.02
+    np.testing.assert_allclose(channel_times(m, own.piece, theta), own.piece.when - 0.02)
+    theta[at(m, "clock(ground)")] = 0.001
+    fast = own.piece.when + 0.001 * (own.piece.when - own.piece.origin) - 0.02
+    np.testing.assert_allclose(channel_times(m, own.piece, theta), fast)

@@ -1,0 +1,125 @@
+"""The joint estimate takes samples where they are: other rates, jitter, missing samples, gaps."""
+
+import numpy as np
+import pytest
+from recorded_faults import PENDULUM, faulty, shortened
+from scipy.spatial.transform import Rotation
+from swinging import JOINTS, NOISE, identified, motion, pendulum, sampled, streams, ticks, z_of
+
+import ident
+from ident.estimation.preparation import prepared
+from ident.estimation.setup import PRIORS
+from ident.recordings.wrench import Sensor, transform_wrench
+from ident.trajectory.estimate import joint_estimate
+from ident.trajectory.pieces import coordinates
+
+CASES = {
+    "rates": {"wrench": 250.0, "jitter": 2e-3},
+    "missing": {"missing": 0.05},
+    "gap": {"gap": (4.0, 4.3)},
+    "all": {"wrench": 250.0, "jitter": 2e-3, "missing": 0.05, "gap": (4.0, 4.3)},
+}
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+def test_parameters_are_found_from_streams_with_times_of_their_own(case):
+    own = streams(np.random.default_rng(0), **case)
+    estimate = identified(own)
+    z = z_of(estimate.psi, estimate.covariance)
+    assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.5
+    noise = estimate.joint.fit.noise
+    np.testing.assert_allclose(noise.states[0], [NOISE[f"{joint}_position"] for joint in JOINTS], rtol=0.1)
+    np.testing.assert_allclose(noise.channels, [0.5] * 3 + [0.05] * 3, rtol=0.1)
+    # Reports have them at common times.
+    common = estimate.prepared
+    assert len(common.samples) == len(common.recording.time) and np.isfinite(common.samples.measured).all()
+    np.testing.assert_allclose(common.samples.motion.q, motion(common.recording.time).q, atol=4e-3)
+
+
+def test_of_eight_recordings_the_intervals_cover_the_truth():
+    z = []
+    for seed in range(8):
+        own = streams(np.random.default_rng(seed), wrench=250.0, missing=0.05)
+        # The joint estimate has no cut-off: one that is given needs no search.
+        log = prepared(pendulum(), ident.Recording.from_streams(own), cutoff=10.0)
+        fit = joint_estimate([(log, slice(0, len(log.samples)))], log.equations, search=False, knots=0.1).fit
+        z.append(z_of(fit.theta, fit.covariance))
+    assert 0.9 < np.mean(np.abs(z) < 1.96) < 0.99
+
+
+def test_a_log_gives_the_times_that_it_has(tmp_path):
+    rng = np.random.default_rng(0)
+    time = ticks(100.0, 2e-3, rng)
+    columns = {name: sampled(rng, name, time)[1].reshape(len(time), -1) for name in NOISE}
+    suffixes = {1: ("",), 3: (".x", ".y", ".z")}
+    header = ["time", *(f"{name}{suffix}" for name, x in columns.items() for suffix in suffixes[x.shape[1]])]
+    table = np.hstack([time[:, None], *columns.values()])
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([",".join(header), *(",".join(map(repr, row)) for row in table.tolist())]))
+    estimate = ident.identify(pendulum(), ident.read_log(path, pendulum()), holdout=0.2)
+    pieces, end = estimate.joint.fit.pieces, estimate.prepared.recording.time[estimate.part.stop]
+    for times in ([piece.time for piece in pieces], [piece.when for piece in pieces]):
+        np.testing.assert_allclose(np.concatenate(times), time[time < end], rtol=1e-12)
+    z = z_of(estimate.psi, estimate.covariance)
+    assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.5
+    assert max(estimate.held_out.ratio[1:]) < 0.25
+
+
+def test_contacts_and_torques_may_have_clocks_of_their_own():
+    rng = np.random.default_rng(0)
+    own = streams(rng, missing=0.05)
+    arm = pendulum()
+
+    def pull(time):
+        return 8 * np.sin(np.outer(time, [1, 2, 3, 4, 5, 6]) + np.arange(6)) * [1, 1, 1, 0.2, 0.2, 0.2]
+
+    time = own["ground_force"][0]
+    felt = transform_wrench(arm.tree.poses(motion(time).q)[:, -1], pull(time))
+    for k, kind in enumerate(("force", "torque")):
+        own[f"ground_{kind}"][1][...] -= felt[:, 3 * k : 3 * k + 3]
+        when = ticks(400.0) + 7e-4
+        when = when[(when < 4) | (when > 4.3)]
+        own[f"hand_{kind}"] = when, pull(when)[:, 3 * k : 3 * k + 3]
+    recording = ident.Recording.from_streams(own, sensors={"hand": Sensor(arm.tree.names[-1])})
+    estimate = ident.identify(arm, recording, holdout=0)
+    z = z_of(estimate.psi, estimate.covariance)
+    assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.5
+    away = [(piece.when > 4.001) & (piece.when < 4.299) for piece in estimate.joint.fit.pieces]
+    assert sum(map(np.sum, away)) == 29
+    for piece, without in zip(estimate.joint.fit.pieces, away, strict=True):
+        assert np.isnan(piece.measured[without]).all() and np.isfinite(piece.measured[~without]).mean() > 0.94
+
+
+def test_coordinates_of_a_moving_base_keep_its_clock():
+    when, poses = np.arange(0, 2, 0.02), np.tile(np.eye(4), (100, 1, 1))
+    poses[:, :3, :3] = Rotation.from_rotvec(np.outer(3 * when, [0, 0, 1])).as_matrix()
+    poses[:, 0, 3] = when
+    poses[40:60] = np.nan
+    time = np.arange(0.005, 2, 0.01)
+    own = {"base:pose": (when, poses.reshape(100, 16)), "joint1_position": (time, 2 * time)}
+    every, x = coordinates(ident.Recording.from_streams(own), ("joint1",))
+    of_base, of_joint = (np.isin(every, t) for t in (when, time))
+    assert (of_base.sum(), of_joint.sum(), len(every)) == (100, 200, 300)
+    np.testing.assert_array_equal(x[of_joint, 7], 2 * time)
+    assert np.isnan(x[of_joint, :7]).all() and np.isnan(x[of_base][40:60]).all()
+    expected = np.stack([when, 0 * when, 0 * when, np.cos(1.5 * when), 0 * when, 0 * when, np.sin(1.5 * when)], axis=1)
+    expected[:, 3:] *= np.sign(x[of_base][0, 3])
+    there = np.r_[:40, 60:100]
+    np.testing.assert_allclose(x[of_base][there, :7], expected[there], atol=1e-12)
+
+
+def test_a_coordinate_that_is_away_for_too_long_is_one_sentence():
+    own = streams(np.random.default_rng(0))
+    own["joint2_position"][1][2:480] = np.nan
+    with pytest.raises(ident.InputError, match=r"Coordinate 2 needs at least 3 samples from 0 to 4.71 s, it has 2; "):
+        identified(own)
+
+
+@pytest.mark.parametrize(
+    ("samples", "counts"), [([943], (4,)), ([943, 943], (3, 3)), ([943, 250], (3, 1)), ([300], (2,))]
+)
+def test_recordings_are_cut_into_six_pieces_of_two_seconds_or_more(samples, counts):
+    """All together; one by itself into two at least, so that one is predicted from the other."""
+    logs = [shortened(faulty(k), number) for k, number in enumerate(samples)]
+    estimate = ident.identify(PENDULUM, logs, holdout=0, setup=dict.fromkeys(PRIORS, 0.0))
+    assert estimate.joint.counts == counts

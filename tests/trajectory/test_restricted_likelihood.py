@@ -1,0 +1,282 @@
+"""Updates of the noise against the restricted likelihood itself, dense, and its maximum."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.optimize import minimize
+
+from ident.trajectory.algebra import whitening
+from ident.trajectory.algebra.spline import LOCAL, Spline
+from ident.trajectory.fit import iteration
+from ident.trajectory.fit.fitted import Prior, Start
+from ident.trajectory.fit.iteration import COLOURED, fit
+from ident.trajectory.fit.piece import Misfit, Noise, Piece, linearised, misfit
+from ident.trajectory.fit.restricted_likelihood import MOST_CORRELATED, Stride, hastened, renewed
+from ident.trajectory.start import smoothed
+
+STEP = 0.02
+SIGMA, SIGMA_CHANNEL, JERK = 0.05, 2.0, 1e-4
+
+
+class Linear:
+    """One channel `ẍ + w·θ` of one coordinate x, w being what a contact measures."""
+
+    names = ("a", "b")
+    zeros = {}  # noqa: RUF012
+
+    def of_kind(self, kind, of=""):
+        return {}
+
+    def values(self, states, wrenches, theta):
+        return (states[2, :, 0] + wrenches[:, 0, :2] @ theta)[None]
+
+    def derivatives(self, states, wrenches, theta, columns):
+        by_states = np.zeros((1, 3, 1, len(wrenches)))
+        by_states[:, 2] = 1
+        return self.values(states, wrenches, theta), by_states, wrenches[:, 0, :2].T[None, columns]
+
+
+class Turned:
+    """One channel `θ ẍ` of one coordinate x: a larger inertia goes with a smaller motion."""
+
+    names = ("inertia",)
+    zeros = {}  # noqa: RUF012
+
+    def of_kind(self, kind, of=""):
+        return {}
+
+    def values(self, states, wrenches, theta):
+        return (theta[0] * states[2, :, 0])[None]
+
+    def derivatives(self, states, wrenches, theta, columns):
+        by_states = np.zeros((1, 3, 1, len(wrenches)))
+        by_states[:, 2] = theta[0]
+        return self.values(states, wrenches, theta), by_states, states[2, :, 0][None, None][:, columns]
+
+
+def correlated(rng, number, rho):
+    """AR(1) noise of variance one, stationary from the first sample on (N,)."""
+    x = rng.normal(size=number)
+    for k in range(1, number):
+        x[k] = rho * x[k - 1] + np.sqrt(1 - rho**2) * x[k]
+    return x
+
+
+def recording(rng, rho, number=240, gap=0.0):
+    """A coordinate with correlated noise, a channel with white noise."""
+    time = STEP * np.arange(number)
+    time[number // 3 :] += gap
+    spline = Spline.over(-0.1, time[-1] + 0.1, 0.1)
+    wrenches = rng.normal(size=(number, 2, 6))
+    x = np.stack([np.sin(2 * time), 2 * np.cos(2 * time), -4 * np.sin(2 * time)])
+    measured = x[0] + SIGMA * correlated(rng, number, rho)
+    channel = x[2] + wrenches[:, 0, :2] @ [1.0, -0.5] + SIGMA_CHANNEL * rng.normal(size=number)
+    return Piece(spline, time, (measured[:, None], None, None), time, channel[:, None], wrenches)
+
+
+def noise_of(sigma, rho):
+    states, zero = np.full((3, 1), sigma), np.zeros((3, 1))
+    return Noise(states, np.array([SIGMA_CHANNEL]), np.array([JERK]), zero + rho, zero[0], zero, zero[0])
+
+
+def renewal(piece, noise, c, theta, coloured=True):
+    """A step of c and θ, and the noise that follows."""
+    part = linearised(Linear(), piece, c, theta=theta, noise=noise)
+    root = np.linalg.cholesky(np.linalg.inv(part.schur))
+    part = linearised(Linear(), piece, c, theta=theta, noise=noise, root=root)
+    step = root @ root.T @ part.gradient
+    c, theta = c + (part.step - part.by_theta @ step)[:, None], theta + step
+    return c, theta, renewed(noise, [part], [misfit(Linear(), piece, c, theta=theta, noise=noise)], coloured=coloured)
+
+
+def unmoved(piece, noise, c, coloured=True):
+    """The noise that follows without a step."""
+    at = {"theta": np.zeros(2), "noise": noise}
+    part, there = (f(Linear(), piece, np.full((piece.spline.size, 1), c), **at) for f in (linearised, misfit))
+    return renewed(noise, [part], [there], coloured=coloured)
+
+
+def updated(piece, rounds=20):
+    """σ and ρ of the coordinate that updates end at, all else given, and the residuals' own correlation."""
+    noise, c, theta = noise_of(SIGMA, 0.0), np.zeros((piece.spline.size, 1)), np.zeros(2)
+    for k in range(rounds):
+        c, theta, new = renewal(piece, noise, c, theta, coloured=k >= COLOURED)
+        noise = replace(noise, states=new.states, states_rho=new.states_rho)
+    residual = piece.states[0][:, 0] - piece.spline.evaluate(c, piece.time)[0, :, 0]
+    return noise.states[0, 0], noise.states_rho[0, 0], residual[1:] @ residual[:-1] / (residual @ residual)
+
+
+def twice_lost(piece, sigma, rho):
+    """-2 log of the restricted likelihood, but for a constant:  log |R| + log |Jᵀ R⁻¹ J + S| + yᵀ R⁻¹ (y - J x̂)."""
+    number, spline = len(piece.time), piece.spline
+    interval, basis = spline.local(piece.time)
+    J, S = np.zeros((2 * number, spline.size + 2)), np.zeros((spline.size + 2,) * 2)
+    for k in range(number):
+        J[k, interval[k] : interval[k] + LOCAL] = basis[0, k]
+        J[number + k, interval[k] : interval[k] + LOCAL] = basis[2, k]
+    J[number:, -2:] = piece.wrenches[:, 0, :2]
+    for k in range(spline.intervals):
+        S[k : k + LOCAL, k : k + LOCAL] += noise_of(sigma, rho).jerk * spline.penalty
+    y = np.concatenate([piece.states[0][:, 0], piece.measured[:, 0]])
+    runs = np.split(np.arange(number), np.flatnonzero(np.diff(interval) > 1) + 1)
+    # The channel's noise is white and given.
+    R = block_diag(*(sigma**2 * rho ** np.abs(np.subtract.outer(run, run)) for run in runs))
+    both = np.column_stack([J, y])
+    weighted = np.vstack([np.linalg.solve(R, both[:number]), both[number:] / SIGMA_CHANNEL**2])
+    H = J.T @ weighted[:, :-1] + S
+    x = np.linalg.solve(H, weighted[:, :-1].T @ y)
+    return np.linalg.slogdet(R)[1] + np.linalg.slogdet(H)[1] + y @ (weighted @ [*-x, 1])
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.5])
+@pytest.mark.parametrize("rho", [0.3, 0.6, 0.85])
+def test_updates_end_at_the_maximum_of_the_restricted_likelihood(rho, gap, monkeypatch):
+    """But for the ends of the recording, where likelihood and updates count half a sample differently."""
+    monkeypatch.setattr(whitening, "HUBER", 100.0)
+    piece = recording(np.random.default_rng(round(100 * rho)), rho, gap=gap)
+    best = minimize(lambda x: twice_lost(piece, *x), [SIGMA, rho], method="Nelder-Mead", options={"fatol": 1e-4})
+    *found, plain = updated(piece)
+    assert twice_lost(piece, *found) - best.fun < 0.03
+    np.testing.assert_allclose(found, best.x, rtol=0.02)
+    # The trajectory has taken what is slow: residuals themselves are less correlated.
+    assert found[1] - plain > 0.05
+
+
+def turned(rng, rho, sigma, inertia=2.0, number=300):
+    """By how many deviations θ is off where noise is told, but not smoothness, of a motion by some tenths."""
+    time = STEP * np.arange(number)
+    w, phase, size = rng.uniform(1.5, 6, 4), rng.uniform(0, 2 * np.pi, 4), 0.1 * rng.normal(size=4)
+    waves = np.sin(np.outer(time, w) + phase)
+    measured = (waves @ size + sigma * correlated(rng, number, rho))[:, None]
+    channel = (-inertia * waves @ (size * w**2) + 0.1 * rng.normal(size=number))[:, None]
+    piece = Piece(
+        Spline.over(-0.1, time[-1] + 0.1, 0.1),
+        time,
+        (measured, None, None),
+        time,
+        channel,
+        np.zeros((number, 2, 0)),
+    )
+    noise = replace(noise_of(sigma, rho), channels=np.array([0.1]))
+    start = Start(np.array([inertia]), noise, smoothed([piece], noise).coefficients)
+    found = fit(Turned(), [piece], start, prior=Prior(np.zeros(1), np.zeros((1, 1))), free=np.array([True]))
+    return (found.theta[0] - inertia) / np.sqrt(found.covariance[0, 0])
+
+
+@pytest.mark.parametrize(("rho", "sigma"), [(0.0, 0.1), (0.9, 0.02)])
+def test_smoothness_takes_nothing_of_the_motion_that_matters(rho, sigma, monkeypatch):
+    """θ without its marginal likelihood is two to four deviations too large, and half of the intervals hold."""
+    monkeypatch.setattr(
+        iteration, "renewed", lambda noise, *at, **how: replace(noise, jerk=renewed(noise, *at, **how).jerk)
+    )
+    z = np.array([turned(np.random.default_rng(seed), rho, sigma) for seed in range(24)])
+    assert abs(z.mean()) < 0.5
+    assert np.mean(np.abs(z) < 1.96) >= 0.9
+
+
+def test_white_noise_stays_white():
+    rho = [updated(recording(np.random.default_rng(seed), 0.0))[1] for seed in range(8)]
+    assert np.count_nonzero(rho) <= 1
+    assert max(rho) < 0.2
+
+
+def test_correlation_is_kept_unless_asked_for():
+    piece = recording(np.random.default_rng(1), 0.9)
+    noise = noise_of(SIGMA, 0.0)
+    kept, coloured = (unmoved(piece, noise, 0.0, asked) for asked in (False, True))
+    assert kept.states_rho[0, 0] == 0
+    assert coloured.states_rho[0, 0] > 0.9
+    assert kept.states[0, 0] == coloured.states[0, 0]
+
+
+def test_correlation_is_capped():
+    """Where residuals are all of a curve that the trajectory does not follow yet."""
+    piece = recording(np.random.default_rng(1), 0.9)
+    new = unmoved(piece, noise_of(9.0, 0.0), 9.0)
+    assert new.states_rho[0, 0] == MOST_CORRELATED
+
+
+def test_coordinates_that_are_exact_have_no_correlation():
+    piece = recording(np.random.default_rng(1), 0.9)
+    piece.states[0][:] = 0
+    with np.errstate(all="raise"):
+        new = unmoved(piece, noise_of(SIGMA, 0.5), 0.0)
+    assert new.states_rho[0, 0] == 0 and new.states[0, 0] == 0
+
+
+def test_outliers_hide_a_part_of_the_correlation_at_most():
+    rng, found = np.random.default_rng(50), []
+    for outliers in (0.0, 0.02):
+        piece = recording(np.random.default_rng(0), 0.6)
+        gross = rng.uniform(size=piece.states[0].shape) < outliers
+        piece.states[0][:] += 20 * SIGMA * gross * rng.normal(size=gross.shape)
+        found.append(updated(piece))
+    without, having = found
+    assert abs(having[1] - without[1]) < 0.3
+    assert having[0] < 1.7 * without[0]
+    assert having[2] < 0.3
+
+
+def without_residuals(rho, floor=0.3):
+    """Noise that follows where nothing is left of the measurements, and the trajectory takes all of the rank."""
+    noise = replace(noise_of(SIGMA, 0.0), channels_rho=np.array([rho]), floor_channels=np.array([floor]))
+    streams, one = np.zeros((3, 4)), np.ones(1)
+    part = SimpleNamespace(taken=streams, held=100 * one)
+    return renewed(noise, [part], [Misfit(0.0, streams, streams + 50, 2 * one, 100 * one)], coloured=False)
+
+
+def test_the_floor_of_a_channels_noise_is_higher_where_that_is_correlated():
+    """There the model is not quite right, and no residual says how much of the channel the trajectory took."""
+    assert without_residuals(0.0).channels == pytest.approx(0.3)
+    halfway, wholly = (without_residuals(rho).channels[0] / 0.3 for rho in (0.5, 1.0))
+    assert 10 < wholly < 20 and halfway - 1 == pytest.approx((wholly - 1) / 4)
+
+
+def test_no_component_of_a_sensor_is_far_quieter_than_the_others():
+    """Than their median, in its own group; where all that is left of one is rounding, its noise was taken."""
+    zero, streams, one = np.zeros((3, 0)), np.zeros((3, 6)), np.ones(6)
+    channels = np.array([5.0, 4.0, 6.0, 0.1, 0.3, 80.0])
+    noise = Noise(zero, channels, zero[0], zero, 0 * one, zero, 0.05 * one, (0, 0, 0, 1, 1, 2))
+    part = SimpleNamespace(taken=streams, held=zero[0])
+    new = renewed(noise, [part], [Misfit(0.0, streams, streams + 50, zero[0], zero[0])], coloured=False)
+    np.testing.assert_allclose(new.channels, [0.5, 0.5, 0.5, 0.05, 0.05, 8])
+
+
+def test_smoothness_stays_above_nothing_where_the_trajectory_takes_all():
+    assert 1e-4 < without_residuals(0.0).jerk[0] < 1e-3
+
+
+def test_the_change_of_noise_is_the_largest_of_its_parts():
+    noise = noise_of(SIGMA, 0.3)
+    assert noise.change(noise) == 0
+    assert replace(noise, channels=noise.channels * 1.1).change(noise) == pytest.approx(np.log(1.1))
+    assert replace(noise, states_rho=noise.states_rho + 0.2).change(noise) == pytest.approx(0.2)
+
+
+def rounds_until_smooth(rate, *, hasten):
+    """Rounds until updates that leave a share of each coordinate's distance have got there."""
+    jerk, wanted, last = np.full(len(rate), 1e3), np.array([1e-2, 1.0, 1e2, 1e4]), None
+    rounds = 0
+    while (left := np.log(wanted / jerk)) @ left > 0.1**2:
+        stride = Stride(np.log(jerk), (1 - rate) * left)
+        jerk = hastened(last if hasten else None, stride)
+        last, rounds = stride, rounds + 1
+    return rounds
+
+
+def test_hastened_smoothness_gets_to_the_same_in_fewer_rounds():
+    rate = np.array([0.95, 0.8, 0.5, 0.1])
+    assert 4 * rounds_until_smooth(rate, hasten=True) < rounds_until_smooth(rate, hasten=False)
+
+
+def test_steps_of_smoothness_are_lengthened_where_they_lead_on_and_within_bounds():
+    before = Stride(np.zeros(4), np.array([0.5, 0.5, 2.0, 0.5]))
+    now = Stride(np.full(4, 0.5), np.array([0.4, -0.2, 2.0, 0.6]))
+    steps = np.log(hastened(before, now)) - now.place
+    np.testing.assert_allclose(steps, [4 * 0.4, -0.2, 3.0, 4 * 0.6])
+    np.testing.assert_allclose(np.log(hastened(None, now)), now.place + now.step)
+    far = Stride(np.zeros(2), np.array([10.0, -10.0]))
+    np.testing.assert_allclose(np.log(hastened(far, far)), far.step)

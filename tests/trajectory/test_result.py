@@ -1,0 +1,75 @@
+"""What is not known of the set-up, in the covariance of a joint estimate: against that of all parameters at once."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ident.trajectory.result import Joint
+from ident.trajectory.setup_search import Search
+
+NAMES = ("a", "b", "delay", "tilt of log 2")
+FREE, HELD = slice(0, 2), slice(2, 4)
+KNOWN = np.diag([0, 0, 4.0, 25.0])
+
+
+def data(rng, of=NAMES):
+    rows = rng.normal(size=(9, len(of))) * np.geomspace(1, 5, len(of))
+    return rows.T @ rows
+
+
+def joint(told, *, scatter=None, gradient=0.0, weight=0.3):
+    """With the set-up held, whose prior the fit had with a weight.
+
+    Args:
+        told: Precision that data give (4, 4).
+        scatter: Covariance of the data's right side, the same where noise is as supposed (4, 4).
+        gradient: What they would move the set-up by, times their precision (4,).
+        weight: Of the prior.
+    """
+    fit = SimpleNamespace(
+        names=NAMES,
+        free=np.array([True, True, False, False]),
+        counted=np.array([True, True, False, False]),
+        precision=told + weight * KNOWN,
+        scatter=(told if scatter is None else scatter) + weight**2 * KNOWN,
+        gradient=np.zeros(4) + gradient,
+        prior=SimpleNamespace(known=KNOWN, weight=weight),
+    )
+    setup = [SimpleNamespace(name=name) for name in ("delay", "tilt")]
+    return Joint(SimpleNamespace(setup=setup), Search(fit), (1,), 0.1, False)
+
+
+@pytest.mark.parametrize("weight", [0.3, 1.0])
+def test_it_is_what_the_set_up_would_add_were_it_fitted_as_well(weight):
+    told = data(np.random.default_rng(0))
+    added = joint(told, weight=weight).covariance_of_setup
+    expected = np.linalg.inv(told + KNOWN)[FREE, FREE] - np.linalg.inv(told[FREE, FREE])
+    np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)
+    assert not added[HELD].any() and not added[:, HELD].any()
+
+
+def test_how_far_the_set_up_would_move_belongs_to_it():
+    """θ would move by its share of the step of all parameters; that of the fitted ones alone is zero."""
+    told, pull = data(np.random.default_rng(1)), np.array([0, 0, 3.0, -7.0])
+    moved = np.linalg.solve(told + KNOWN, pull)[FREE]
+    added = joint(told, gradient=pull).covariance_of_setup - joint(told).covariance_of_setup
+    np.testing.assert_allclose(added[FREE, FREE], np.outer(moved, moved), rtol=1e-6)
+
+
+def test_noise_that_is_really_more_tells_less_of_the_set_up():
+    """Four times the scatter is a quarter of what data tell of it, beside the prior."""
+    told = data(np.random.default_rng(2))
+    B = np.linalg.solve(told[FREE, FREE], told[FREE, HELD])
+    alone = told[HELD, HELD] - told[HELD, FREE] @ B
+    added = joint(told, scatter=4 * told).covariance_of_setup
+    expected = B @ np.linalg.inv(alone / 4 + KNOWN[HELD, HELD]) @ B.T
+    np.testing.assert_allclose(added[FREE, FREE], expected, rtol=1e-6)
+
+
+def test_what_no_data_see_of_the_set_up_adds_nothing():
+    told = data(np.random.default_rng(3))
+    told[3] = told[:, 3] = 0
+    added = joint(told).covariance_of_setup
+    seen = np.linalg.inv((told + KNOWN)[:3, :3])[FREE, FREE] - np.linalg.inv(told[FREE, FREE])
+    np.testing.assert_allclose(added[FREE, FREE], seen, rtol=1e-6)

@@ -1,0 +1,74 @@
+"""Friction near reversals: its law from residuals, and arms whose joints rub."""
+
+import numpy as np
+import pytest
+
+import ident
+import scenes
+from experiments.noise.conditions import CONDITIONS
+from experiments.noise.recordings import SUBJECTS, noisy_recording, true_bodies
+from experiments.noise.truth import drives, truth
+from ident.trajectory.reversals import Reversals, _law
+
+
+def rubbing(rng, slip, *, stuck=0.0, samples=4000):
+    """Velocities, and torques with friction of 2 N m that changes its sign over a slip; at rest it is anything."""
+    rate = np.sin(np.linspace(0, 60, samples)) * rng.uniform(0.3, 1, samples)
+    torque = 2 * np.tanh(rate / slip) + 0.5 * rate + 0.02 * rng.normal(size=samples)
+    return rate, torque + stuck * np.exp(-((rate / 0.025) ** 2) / 2) * rng.normal(size=samples)
+
+
+@pytest.mark.parametrize("slip", [0.003, 0.1])
+def test_the_slip_of_a_joint_is_found(slip):
+    rate, torque = rubbing(np.random.default_rng(0), slip)
+    law = _law(torque, rate)
+    assert law.coulomb == pytest.approx(2, rel=0.05) and 0.5 * slip <= law.slip <= 2 * slip
+
+
+def test_torques_at_rest_are_open_where_they_are_anything():
+    rate, torque = rubbing(np.random.default_rng(1), 0.003, stuck=1.0)
+    law = _law(torque, rate)
+    assert law.coulomb == pytest.approx(2, rel=0.02) and law.size == pytest.approx(1, rel=0.3)
+    assert 0.015 <= law.velocity <= 0.04
+    free = _law(rubbing(np.random.default_rng(1), 0.003)[1], rubbing(np.random.default_rng(1), 0.003)[0])
+    assert free.size < 0.1
+
+
+def test_slack_fades_over_its_velocity_either_way():
+    """As a bell curve: one deviation is v0. A channel without friction has none."""
+    reversals = Reversals(np.array([2.0, 0.0]), np.array([0.1, 1.0]), np.zeros(2))
+    speed = np.array([0, 0.1, -0.1, 0.2, 1.0])
+    slack = reversals.slack(np.stack([speed, speed], axis=1))
+    np.testing.assert_allclose(slack[:, 0], 2 * np.exp([0, -0.5, -0.5, -2, -50]))
+    assert not slack[:, 1].any()
+
+
+@pytest.mark.parametrize("name", ["rubs_sinusoids_200", "rubs_trapezoids_100"])
+def test_arms_whose_joints_rub(name):
+    """Where knots are far apart and noise may be correlated, friction comes out a third of what it is, for certain."""
+    condition = CONDITIONS[name]
+    who, recording = SUBJECTS[condition.subject], noisy_recording(condition, 0, 0)
+    estimate = ident.identify(who.mechanism, recording, **condition.options)
+    stated = drives(who.mechanism, scenes.load("arm").compile())
+    true = truth(estimate.fit.equations, true_bodies(condition, 0, 0), stated)
+    names = estimate.names[: len(true)]
+    values = estimate.fit.values[: len(true)]
+    z = (values - true) / estimate.fit.std[: len(true)]
+    friction = [k for k, each in enumerate(names) if each.startswith("Fc(")]
+    assert len(friction) == 4
+    assert values[friction] == pytest.approx(true[friction], rel=0.02)
+    assert (np.abs(z) < 1.96).mean() > 0.8 and not estimate.setup
+    assert any("Friction at rest" in finding.text for finding in estimate.findings)
+
+
+def test_a_drive_at_its_bound_has_a_one_sided_interval():
+    """The arm's last rotor turned into none: what the noise makes negative is at most so much."""
+    condition = CONDITIONS["rubs_sinusoids_200"]
+    who, recording = SUBJECTS[condition.subject], noisy_recording(condition, 0, 0)
+    estimate = ident.identify(who.mechanism, recording, drive=["rotor", "viscous", "coulomb", "stribeck"])
+    limits = {name: limit for name, (limit, _) in estimate.bounded.items()}
+    assert limits and all(name.startswith("Fs(") for name in limits)
+    for name, limit in limits.items():
+        k = estimate.names.index(name)
+        assert estimate.fit.values[k] == 0 and estimate.fit.std[k] > 0 and 0 < limit < 4 * estimate.fit.std[k]
+    assert any("bound of zero: at most" in finding.text for finding in estimate.findings)

@@ -1,0 +1,86 @@
+"""Sums over coloured noise in one pass, against those over all pairs of samples."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ident.trajectory.fit import sandwich
+from ident.trajectory.fit.sandwich import _goes_on, _through, with_scatter
+
+STEP, TIMES = 0.02, np.array([0.0, 0.05, 0.4])
+AMPLITUDES = np.array([[0.3, 0.0], [0.5, 0.0], [0.2, 1.5]])
+COLOURS = SimpleNamespace(times=TIMES, amplitudes=[AMPLITUDES])
+
+
+def dense(y, sizes):
+    """`yᵀ Γ y` with Γ written out."""
+    apart = STEP * np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y))))
+    noise = sizes[0] * np.eye(len(y)) + sum(
+        size * np.exp(-apart / time) for size, time in zip(sizes[1:], TIMES[1:], strict=True)
+    )
+    return y.T @ noise @ y
+
+
+@pytest.mark.parametrize("s", [0, 1])
+@pytest.mark.parametrize("cuts", [[], [17], [17, 60]])
+def test_sums_over_coloured_noise_go_on_from_piece_to_piece(s, cuts):
+    y, tails = np.random.default_rng(s).normal(size=(90, 3)), {}
+    found = sum(_through(part, COLOURS, 0, s, STEP, tails) for part in np.split(y, cuts))
+    np.testing.assert_allclose((found + found.T) / 2, dense(y, AMPLITUDES[:, s]), rtol=1e-9, atol=1e-9)
+
+
+def test_sums_of_other_signals_and_streams_are_none_of_its_own():
+    y, tails = np.random.default_rng(2).normal(size=(90, 3)), {}
+    colours = SimpleNamespace(times=TIMES, amplitudes=[AMPLITUDES, AMPLITUDES])
+    for which, s in ((0, 1), (1, 0), (0, 0)):
+        found = _through(y, colours, which, s, STEP, tails)
+        np.testing.assert_allclose((found + found.T) / 2, dense(y, AMPLITUDES[:, s]), rtol=1e-9, atol=1e-9)
+
+
+def piece(start, *, samples=50, origin=0.0):
+    return SimpleNamespace(time=start + STEP * np.arange(samples), origin=origin)
+
+
+@pytest.mark.parametrize(
+    ("start", "change", "goes_on"),
+    [
+        (1.0, {}, True),
+        (1.01, {}, True),
+        (1.05, {}, False),
+        (0.9, {}, False),
+        (1.0, {"origin": 5.0}, False),
+        (1.0, {"selection": [0, 2]}, False),
+    ],
+)
+def test_noise_goes_on_in_the_next_piece_of_the_same_recording(start, change, goes_on):
+    """Not over a gap, nor from one recording to another."""
+    selection = np.array(change.get("selection", [0, 1]))
+    fit = SimpleNamespace(
+        pieces=[piece(0.0), piece(start, origin=change.get("origin", 0.0))], selections=[np.array([0, 1]), selection]
+    )
+    assert _goes_on(fit, 1) == goes_on
+
+
+@pytest.mark.parametrize("start", [1.0, 3.0])
+def test_the_scatter_is_that_of_the_noise_in_place_of_the_working_models(monkeypatch, start):
+    """Of white weights one each: `P - RᵀR + Rᵀ Γ R`, over two pieces next to each other as over one."""
+    rows, share = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
+    streams = [SimpleNamespace(weights=lambda x: x, slack=None, std=np.array([2.0]), step=STEP)]
+    places = iter(rows)
+
+    def response(*at):
+        own = next(places)
+        return SimpleNamespace(streams=streams, rows=lambda: [own])
+
+    monkeypatch.setattr(sandwich, "noise_colours", lambda measurement, fit: COLOURS)
+    monkeypatch.setattr(sandwich, "response", response)
+    monkeypatch.setattr(sandwich, "replace", lambda fit, scatters: scatters)
+    pieces, both = [piece(0.0), piece(start)], [np.array([0, 1])] * 2
+    fit = SimpleNamespace(
+        pieces=pieces, selections=both, coefficients=both, theta=np.zeros(2), noise=None, shares=[(share, None)] * 2
+    )
+    every = np.concatenate(rows)[:, 0]
+    parts = [every] if start == 1.0 else [rows[0][:, 0], rows[1][:, 0]]
+    expected = 2 * share - every.T @ every + 4 * sum(dense(part, AMPLITUDES[:, 0]) for part in parts)
+    np.testing.assert_allclose(sum(with_scatter(None, fit)), expected, rtol=1e-9)

@@ -1,0 +1,110 @@
+"""The search for what of the set-up is not as stated, over parameters that data tell one by one."""
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ident.trajectory import setup_search
+from ident.trajectory.setup_search import MOST_FOUND, Search, searched
+
+
+@dataclass(frozen=True)
+class Independent:
+    """A fit of parameters of which data tell each by itself, to a standard deviation, and of which ± one is known."""
+
+    told: np.ndarray
+    std: np.ndarray
+    theta: np.ndarray
+    free: np.ndarray
+    status: str = "converged"
+    scatters: None = None
+    noise: None = None
+    coefficients: tuple = ()
+
+    @property
+    def end(self):
+        return setup_search.Start(self.theta, self.noise, self.coefficients)
+
+    @property
+    def covariance(self):
+        return np.diag(self.std**2)
+
+    @property
+    def prior(self):
+        return SimpleNamespace(known=np.eye(len(self.theta)))
+
+    def scores(self, directions):
+        return directions @ (self.told - self.theta), np.sqrt(directions**2 @ self.std**2)
+
+
+@pytest.fixture(autouse=True)
+def left_out_pieces_agree(monkeypatch):
+    monkeypatch.setattr(setup_search, "_predict", lambda fitted, candidates: [True] * len(candidates))
+
+
+def found(told, std, groups=None, scattered=lambda fitted: fitted):
+    """What is found where data say so of each parameter."""
+    told = np.asarray(told, float)
+    first = Independent(told, np.broadcast_to(std, told.shape), np.zeros(len(told)), np.zeros(len(told), bool))
+
+    def refit(start, free, rounds):
+        return replace(first, theta=np.where(free, told, start.theta), free=free)
+
+    return searched(Search(first), refit, np.ones(len(told), bool), groups or {}, scattered)
+
+
+def deviating(search):
+    return [each.index for each in search.deviations]
+
+
+def test_noise_of_many_parameters_is_no_fault():
+    """All together raise a false alarm in one of a thousand searches; each by itself would, one in ten would."""
+    rng = np.random.default_rng(0)
+    alarms = sum(bool(found(0.1 * rng.normal(size=100), 0.1).deviations) for _ in range(300))
+    assert alarms <= 3
+
+
+def test_what_is_wrong_is_fitted_the_most_significant_first():
+    search = found([0, 2.0, 0.01, -3.0, 0.8], 0.1)
+    assert deviating(search) == [3, 1, 4]
+    np.testing.assert_array_equal(search.fit.theta, [0, 2.0, 0, -3.0, 0.8])
+    assert not search.incredible
+
+
+@pytest.mark.parametrize(("size", "counts"), [(0.035, False), (0.045, True)])
+def test_what_is_far_less_than_anybody_promises_is_no_fault_however_well_it_is_told(size, counts):
+    for sign in (1, -1):
+        assert deviating(found([sign * size, 0], 1e-4)) == [0] * counts
+
+
+@pytest.mark.parametrize(("size", "credible"), [(5.5, True), (6.5, False)])
+def test_what_no_laboratory_gets_wrong_stands_for_something_else(size, credible):
+    for sign in (1, -1):
+        search = found([0.5, sign * size], 0.01)
+        assert search.incredible == (not credible)
+        # Then nothing is changed.
+        assert deviating(search) == ([1, 0] if credible else [])
+        np.testing.assert_array_equal(search.fit.theta, [0.5, sign * size] if credible else [0, 0])
+
+
+@pytest.mark.parametrize(("size", "counts"), [(0.31, False), (0.36, True)])
+def test_significance_is_that_of_the_noise_that_is_really_there(size, counts):
+    """Which may be more than the noise that a parameter is tried by: a tenth here, a twentieth there."""
+    wider = lambda fitted: replace(fitted, std=2 * fitted.std)  # noqa: E731
+    assert deviating(found([size], 0.05, scattered=wider)) == [0] * counts
+    assert deviating(found([size], 0.05)) == [0]
+
+
+def test_what_explains_as_much_is_named_beside_it():
+    # χ² 100, 90, 25 and 0, and of the groups 105 and 12, where 15 less is as much.
+    groups = {"second and third": np.array([0, 1, 1, 0]), "third and fourth": np.array([0, 0, 1, 1])}
+    first = found([1.0, 0.95, 0.5, 0.0], 0.1, groups).deviations[0]
+    assert (first.index, first.alternatives, first.together) == (0, (1,), ("second and third",))
+    # Of a χ² of 10 000 a tenth less is as much: 9216, not 8100.
+    assert found([1.0, 0.96, 0.9], 0.01).deviations[0].alternatives == (1,)
+
+
+def test_so_many_faults_are_fitted_and_no_more():
+    assert len(found(np.full(MOST_FOUND + 5, 1.0), 0.1).deviations) == MOST_FOUND

@@ -1,0 +1,65 @@
+"""What is held out is predicted from angles alone nearly as well as true parameters can."""
+
+import lifting
+import numpy as np
+import pytest
+import swinging
+
+import ident
+from ident.model.regressor import base_wrench_regressor
+from ident.trajectory.angles_alone import smoothed
+from ident.trajectory.pieces import coordinates
+
+CONSTANTS = np.geomspace(0.005, 0.4, 40)
+
+
+def pendulum(angle, rate, monkeypatch):
+    """An estimate, the truth, the recording and times that it is judged by, the motion then, and the wrench's noise."""
+    noise = {"joint1_position": angle, "joint2_position": angle, "ground_force": 0.5, "ground_torque": 0.05}
+    monkeypatch.setattr(swinging, "NOISE", noise)
+    streams = swinging.streams(np.random.default_rng(0), angles=rate, wrench=rate)
+    recording = ident.Recording.from_streams(streams)
+    estimate = ident.identify(swinging.pendulum(), recording)
+    when = estimate.held_out.time
+    return estimate, swinging.pendulum(), recording, when, swinging.motion(when), np.repeat([0.5, 0.05], 3)
+
+
+def lifter(skin):
+    """The same of somebody who lifts, judged by another lift; her angles are found from markers on skin that moves."""
+    who, lows = lifting.lifter(0), (lifting.SQUAT, lifting.STOOP)
+    logs = [lifting.recorded(who, low, 0.3, seed, seconds=8, skin=skin) for seed, low in enumerate(lows)]
+    judge = lifting.recorded(who, lifting.SQUAT, 0.35, 7, seconds=8, skin=skin)
+    estimate = ident.identify(lifting.table(), logs, known=True, held_out=judge)
+    when = estimate.held_out.time - lifting.LATE
+    motion = lifting.motion(when, lifting.SQUAT, 0.35, 7)
+    return estimate, who, judge, when, motion, lifting.FORCE * np.array([1, 1, 0.2])
+
+
+def errors(estimate, arm, recording, when, motion, channels):
+    """What smoothing makes wrong in the channels, with the best constant of all and with the one that was chosen."""
+
+    def wrench(states):
+        return (base_wrench_regressor(arm.tree, *states, gravity=arm.gravity) @ arm.known)[:, channels]
+
+    angles, exact = coordinates(recording, arm.tree.joints), wrench(motion.states)
+    every = [wrench(smoothed(angles, T).evaluate(when)[:3]) - exact for T in CONSTANTS]
+    return every, wrench(estimate.held_out.samples.motion.states) - exact
+
+
+@pytest.mark.parametrize(("angle", "rate"), [(1e-4, 100), (1e-3, 100), (5e-3, 100), (1e-3, 500)])
+def test_a_pendulum_is_judged_by_a_motion_as_good_as_its_angles(angle, rate, monkeypatch):
+    check(*pendulum(angle, rate, monkeypatch), range(6))
+
+
+@pytest.mark.parametrize("skin", [0.0, 0.004])
+def test_somebody_who_lifts_is_judged_by_a_motion_as_good_as_her_angles(skin):
+    check(*lifter(skin), [0, 2, 4])
+
+
+def check(estimate, arm, recording, when, motion, noise, channels):
+    """Compares what true parameters leave with the noise, and with what angles smoothed otherwise would leave."""
+    rms = np.sqrt((estimate.held_out.residual_with(estimate.base.regroup(arm.known)) ** 2).mean(axis=0)) / noise
+    every, chosen = errors(estimate, arm, recording, when, motion, list(channels))
+    every, chosen = (np.sqrt(1 + (np.array(x) ** 2).mean(axis=-2) / noise**2) for x in (every, chosen))
+    assert (rms < 1.2 * chosen).all()
+    assert np.exp(np.log(chosen).mean()) < 1.1 * np.exp(np.log(every).mean(axis=1)).min()

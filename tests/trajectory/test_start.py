@@ -1,0 +1,97 @@
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measurements import random_measurement
+
+from ident.trajectory.algebra.spline import Spline
+from ident.trajectory.fit.piece import Noise, Piece
+from ident.trajectory.start import _interpolated, smoothed, start
+
+SIGMA = np.array([0.01, 0.2])
+
+
+def curves(time):
+    """Two smooth coordinates (N, 2)."""
+    return np.stack([np.sin(2 * time) + 0.5 * np.cos(5 * time), 3 * np.sin(1.3 * time + 1)], axis=1)
+
+
+def piece(rng, missing=0.0):
+    """Their noisy samples, without channels."""
+    time = np.arange(0, 12, 0.01)
+    measured = curves(time) + SIGMA * rng.normal(size=(len(time), 2))
+    measured[rng.uniform(size=measured.shape) < missing] = np.nan
+    nothing = time[:0]
+    return Piece(
+        Spline.over(-0.1, 12.1, 0.1), time, (measured, None, None), nothing, np.zeros((0, 0)), np.zeros((0, 2, 0))
+    )
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.2])
+@pytest.mark.parametrize("seed", range(3))
+def test_smoothing_finds_the_noise_and_beats_the_samples(seed, missing):
+    own = piece(np.random.default_rng(seed), missing)
+    found = smoothed([own])
+    np.testing.assert_allclose(found.noise.states[0], SIGMA, rtol=0.1)
+    x = own.spline.evaluate(found.coefficients[0], own.time)
+    inner = slice(50, -50)
+    error = np.sqrt(np.mean((x[0] - curves(own.time))[inner] ** 2, axis=0))
+    assert (error < 0.4 * SIGMA).all()
+    velocity = np.gradient(curves(own.time), own.time, axis=0)
+    difference = np.gradient(own.states[0], own.time, axis=0)
+    wrong = np.sqrt(np.nanmean((difference - velocity)[inner] ** 2, axis=0))
+    assert (np.sqrt(np.mean((x[1] - velocity)[inner] ** 2, axis=0)) < 0.1 * wrong).all()
+
+
+def test_smoothing_begins_at_the_samples():
+    """Where they are on a straight line the first curve is that line; what is missing lies between."""
+    own = piece(np.random.default_rng(0))
+    line = np.stack([3 - 2 * own.time, 0.5 * own.time], axis=1)
+    lost = line.copy()
+    lost[300:320, 0] = np.nan
+    first = own.spline.evaluate(_interpolated(replace(own, states=(lost, None, None))), own.time)[0]
+    np.testing.assert_allclose(first[30:-30], line[30:-30], atol=1e-9)
+
+
+def test_pieces_share_their_noise_and_known_noise_is_kept():
+    rng = np.random.default_rng(0)
+    pieces = [piece(rng), piece(rng, 0.1)]
+    found = smoothed(pieces)
+    np.testing.assert_allclose(found.noise.states[0], SIGMA, rtol=0.06)
+    with ThreadPoolExecutor(2) as executor:
+        shared = smoothed(pieces, executor=executor)
+    np.testing.assert_array_equal(shared.coefficients[1], found.coefficients[1])
+    known = replace(found.noise, states=2 * found.noise.states)
+    again = smoothed(pieces, known)
+    np.testing.assert_array_equal(again.noise.states, known.states)
+    assert len(again.coefficients) == 2 and len(again.theta) == 0
+    assert not np.array_equal(again.coefficients[0], found.coefficients[0])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
+    """Angles almost free of noise: what remains are the channels' standard deviations, and parameters within theirs."""
+    rng = np.random.default_rng(seed)
+    m = random_measurement(rng, 3, ("revolute",), contacts=0)
+    time = np.arange(0, 8, 0.01)
+    spline, n, r = Spline.over(-0.1, 8.1, 0.1), m.coordinates, len(m.equations.names)
+    phases = rng.uniform(0, 6, (2, n))
+    c = 1.5 * np.sin(np.arange(spline.size)[:, None] * 0.3 + phases[0]) + np.sin(
+        np.arange(spline.size)[:, None] * 0.11 + phases[1]
+    )
+    theta = np.where(np.arange(len(m.names)) < r, rng.normal(size=len(m.names)), 0)
+    x, nothing = spline.evaluate(c, time), np.zeros((len(time), 2, 0))
+    clean = m.values(x[:3], nothing, theta).T
+    std = 0.02 * clean.std(axis=0) + 1e-3
+    measured = clean + std * rng.normal(size=clean.shape)
+    measured[rng.uniform(size=measured.shape) < 0.05] = np.nan
+    own = Piece(spline, time, (x[0] + 1e-6 * rng.normal(size=x[0].shape), None, None), time, measured, nothing)
+    p = len(m.names)
+    found = start(m, [own], smoothed([own]), np.zeros(p), (np.zeros(p), np.zeros((p, p))), np.arange(p) < r)
+    assert not found.theta[r:].any()
+    np.testing.assert_allclose(found.noise.channels, std, rtol=0.15)
+    np.testing.assert_allclose(found.noise.floor_channels, 1e-3 * np.nanstd(measured, axis=0))
+    assert isinstance(found.noise, Noise) and not found.noise.channels_rho.any()
+    fitted = m.values(x[:3], nothing, found.theta).T
+    assert (np.sqrt(np.mean((fitted - clean) ** 2, axis=0)) < 0.25 * std).all()
