@@ -1,1 +1,1 @@
-"""What was measured: recordings, the files that hold them, and the total wrench."""
+"""Measured data: recordings, the files that hold them, and the total wrench."""

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and what runs that were killed have left of them."""
+"""Atomic writing of files and folders, and removal of partial ones that killed runs have left."""
 
 import io
 import os
@@ -16,18 +16,18 @@ except ImportError:  # Not on Windows.
     fcntl = None  # type: ignore[assignment]
 
 PARTIAL = ".multicontact-partial-"
-"""How names of files and folders begin that are not whole yet."""
+"""Prefix of the names of files and folders that are still being written."""
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its name when the block ends well, and vanishes when it does not.
+    """A temporary path beside `path`: renamed to `path` when the block succeeds, removed when it fails.
 
     Args:
         path: File to write; its folder must exist. The temporary name keeps the suffix.
 
     Raises:
-        OSError: The file could not be written, see `unwritten`; the one that was there is whole.
+        OSError: The file could not be written, see `unwritten`; an existing file is unchanged.
     """
 
     def made() -> Path:
@@ -48,10 +48,10 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _no_device(path: Path) -> Iterator[None]:
-    """Refuses what a file would take the place of for everybody: a device, a pipe or a folder.
+    """Refuses to replace a device, a pipe or a folder by a file.
 
     Raises:
-        OSError: The path is one.
+        OSError: The path exists and is no regular file.
     """
     if path.exists() and not path.is_file():
         raise OSError("it is no regular file")
@@ -60,18 +60,17 @@ def _no_device(path: Path) -> Iterator[None]:
 
 @contextmanager
 def claimed(folder: Path, make: Callable[[], Path], remove: Callable[[Path], None]) -> Iterator[Path]:
-    """A new file or folder that is not whole yet, after those that killed runs have left there are gone.
+    """Creates a partial file or folder and locks it for the block; first removes partial ones of killed runs.
 
-    As long as the block lasts it is locked, and the system gives locks back when a process dies. Where there are no
-    locks, nothing is removed.
+    The system releases the locks of a process that dies. On systems without file locks nothing is removed.
 
     Args:
-        folder: Where it is made.
-        make: Makes it, under a name that begins with `PARTIAL`.
-        remove: Removes one that was left.
+        folder: Folder in which it is created.
+        make: Creates it, under a name that begins with `PARTIAL`.
+        remove: Removes one that a killed run has left.
     """
     with ExitStack() as stack:
-        # Nobody looks for what was left while there is something without a lock.
+        # The folder is locked until the new file is, so that no other process takes it for a leftover.
         with _locked(folder):
             for path in folder.glob(f"{PARTIAL}*"):
                 with _locked(path, wait=False) as left, suppress(OSError):
@@ -84,7 +83,7 @@ def claimed(folder: Path, make: Callable[[], Path], remove: Callable[[Path], Non
 
 @contextmanager
 def _locked(path: Path, *, wait: bool = True) -> Iterator[bool]:
-    """Whether a file or folder could be locked for the duration of a block."""
+    """Locks a file or folder for the duration of a block and yields True if that succeeded."""
     if fcntl is None:
         yield False
         return
@@ -101,9 +100,9 @@ def _locked(path: Path, *, wait: bool = True) -> Iterator[bool]:
 
 @contextmanager
 def unwritten(path: Path) -> Iterator[None]:
-    """Says in one sentence which file or folder a block could not write, and why, as when the disk is full.
+    """Turns an OSError of a block into one sentence that names the file or folder and the reason.
 
-    Systems name no file then, or a temporary one. Of blocks in each other the outermost names what it writes, with the
+    The system's own error names no file or a temporary one. Of nested blocks the outermost names its path, with the
     reason of the innermost.
 
     Raises:
@@ -122,7 +121,7 @@ def unwritten(path: Path) -> Iterator[None]:
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Writes arrays as an npz file, whole or not at all."""
+    """Writes arrays as an npz file, atomically."""
     # In memory first: older versions of numpy leave an archive open when the disk is full.
     with replacing(path) as temporary, io.BytesIO() as archive:
         np.savez(archive, **arrays)

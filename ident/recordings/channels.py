@@ -1,4 +1,4 @@
-"""The channels of a log: what columns hold, found by name where no mapping says, complete and in SI units."""
+"""The channels of a log in SI units: columns by the mapping, or else by their names."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from ident.recordings.wrench import GROUND, Sensor, sensors_told
 from ident.tolerances import HUGE
 
 SUGGESTION = " python -m experiments.columns MODEL LOG writes a mapping to correct."
-"""What to do where names do not tell what columns hold, and nothing else does."""
+"""Advice for logs whose columns cannot be assigned by name."""
 
 
 class NoPositionError(LogError):
@@ -24,16 +24,16 @@ class NoPositionError(LogError):
 
 
 def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) -> ColumnMapping:
-    """A mapping and what a file tells besides: by the names of its columns, and of their units.
+    """The mapping completed by the names of the file's columns and the units that the file states.
 
     Args:
-        mapping: What is known of the columns.
+        mapping: The mapping so far.
         table: The file.
-        joints: Whether each joint is a `hinge`, a `slide` or a `ball`, by name.
+        joints: Kind of each joint, `hinge`, `slide` or `ball`, by name.
 
     Raises:
-        LogError: A mapped column, the time or the position of a joint is not to be found, names are ambiguous, or a
-            column has two uses, or is mapped in another unit than the file's.
+        LogError: A mapped column, the time or the position of a joint is missing, names are ambiguous, or a column is
+            used twice or mapped in another unit than the file's.
     """
     columns, sensors = dict(mapping.columns), dict(mapping.sensors)
     suggestion = "" if columns else SUGGESTION
@@ -78,14 +78,14 @@ def with_names(mapping: ColumnMapping, table: Table, joints: Mapping[str, str]) 
 
 
 def _of_joint(table: Table, joint: str, joint_kind: str, kind: str) -> Columns:
-    """Columns of a joint by their names, "" for those that are missing."""
+    """Columns of one quantity of a joint, found by name; "" for missing ones."""
     ends = [f".{component}" for component in BALL[kind]] if joint_kind == "ball" else [""]
     what = f"the {kind} of joint '{joint}'"
     return Columns(tuple(_named(table, what, [f"{p.format(joint)}{end}" for p in KINDS[kind]]) for end in ends))
 
 
 def _with_unit_of_file(key: str, columns: Columns, table: Table, joints: Mapping[str, str]) -> Columns:
-    """Columns in the unit that the file says they have, if it does.
+    """Columns in the unit that the file states, if it states one.
 
     Raises:
         LogError: They are mapped in another one.
@@ -117,13 +117,13 @@ def _named(table: Table, what: str, names: Sequence[str]) -> str:
 def read_channels(
     table: Table, mapping: ColumnMapping, notes: list[str], *, gaps: bool = False
 ) -> dict[str, np.ndarray]:
-    """Numbers of everything but the time.
+    """Numbers of all mapped channels but the time.
 
     Args:
         table: The file.
-        mapping: What its columns hold, complete.
+        mapping: Its complete mapping.
         notes: Sentences on what was detected; more are appended.
-        gaps: Whether samples may be missing, but for those of a moving base.
+        gaps: True if samples may be missing, except those of a moving base.
 
     Returns:
         By key of the mapping, in SI units, NaN where something is missing (N, 1), (N, 3) or (N, 4).
@@ -137,7 +137,7 @@ def read_channels(
         if key != "time" and not key.endswith(".point")
     }
     for key in (key for key in mapping.columns if key.endswith(".point")):
-        # Where no force acts there is none, or a quotient of noise: nothing to talk about.
+        # Without a force the point is missing or a quotient of noise, so no notes about it.
         channels[key] = _read(_tame(table, mapping.columns[key].names), key, mapping.columns[key], [], True)
     others = [n for n in table.cells if n not in mapping.used and re.fullmatch(r".+_(force\.[xyz]|f[xyz])", n)]
     if others:
@@ -166,7 +166,7 @@ def _read(table: Table, key: str, columns: Columns, notes: list[str], gaps: bool
 
 
 def _tame(table: Table, names: Sequence[str]) -> Table:
-    """A table in whose columns of these names infinite and huge numbers are missing."""
+    """The table with infinite and huge numbers of the named columns replaced by missing ones."""
 
     def tame(cell: str) -> str:
         try:

@@ -1,4 +1,4 @@
-"""Samples that a sensor's range has cut off: a signal with flat ends, at a value that it reads again and again."""
+"""Detection of clipped signals: a sensor at the limit of its range repeats one extreme value."""
 
 from typing import NamedTuple
 
@@ -8,27 +8,27 @@ from scipy import ndimage
 from ident.recordings.resolution import white_noise
 
 SHARE, FEWEST = 0.005, 5
-"""Share of the samples, and their number, that have to read an extreme value exactly before it is a limit."""
+"""Least share and least number of samples at an extreme value for it to be a limit."""
 
 LASTS = 3
-"""Samples in a row that have to, once at least: single ones are chance where values are rounded."""
+"""Least length of the longest run of such samples: with rounded values single ones occur by chance."""
 
 CROWDED = 4.0
-"""How many times more samples an extreme value has to have than any of the `NEXT` values beside it. The peak of a
-sinusoid that is rounded to a resolution has up to 2.4 times as many, 1 over √2 - 1."""
+"""Least ratio of the samples at an extreme value to those at any of the `NEXT` adjacent values. At the peak of a
+rounded sinusoid the ratio is up to 2.4, 1 over √2 - 1."""
 
 NEXT = 3
-"""Values beside an extreme one that its samples are compared with."""
+"""Number of values adjacent to the extreme one that are compared."""
 
 LEVELS = 10
-"""Values that the other samples have to have at least: a channel that goes from one step to the next is not clipped."""
+"""Least number of distinct other values: a channel that switches between few levels is not clipped."""
 
 SAME = 1e-9
-"""Difference from the extreme value, of the range, up to which a sample reads the same."""
+"""Difference from the extreme value, relative to the range, up to which a sample counts as equal to it."""
 
 STILL, BY_NOISE = 0.003, 6.0
-"""Part of its range, and how many standard deviations of its noise besides, that a coordinate has to cross while a
-signal reads a limit: less is a rest, in which sensors read the same value again and again."""
+"""A coordinate moves during a run at a limit if it changes by more than this share of its range plus this many standard
+deviations of its noise. During a rest sensors repeat a value without being clipped."""
 
 
 class Limit(NamedTuple):
@@ -36,7 +36,7 @@ class Limit(NamedTuple):
 
     Attributes:
         value: The value.
-        samples: Which samples read it (N,).
+        samples: Mask of the samples at it (N,).
     """
 
     value: float
@@ -44,10 +44,10 @@ class Limit(NamedTuple):
 
 
 def limits(x: np.ndarray) -> list[Limit]:
-    """The limits at which a signal is clipped: its smallest value, its largest, both or none.
+    """Limits at which a signal is clipped: its smallest value, its largest, both or none.
 
-    Zero is none: a plate on which nobody stands reads it. A signal may also rest at an extreme value, which the motion
-    tells apart (`moves`).
+    Zero is no limit: an unloaded force plate reads it. A signal may also rest at an extreme value; `moves` tells the
+    two apart by the motion.
 
     Args:
         x: Samples, NaN where one is missing (N,).
@@ -59,7 +59,7 @@ def limits(x: np.ndarray) -> list[Limit]:
 
 
 def _limit(x: np.ndarray, extreme: float) -> Limit | None:
-    """An extreme value as a limit, None where it is not."""
+    """The extreme value as a limit, None if it is none."""
     same = SAME * np.nanmax(np.abs(x - extreme))
     samples = np.abs(x - extreme) <= same
     count = int(samples.sum())
@@ -72,21 +72,21 @@ def _limit(x: np.ndarray, extreme: float) -> Limit | None:
 
 
 def _runs(samples: np.ndarray) -> list[int]:
-    """Lengths of the runs of samples that are true (N,)."""
+    """Lengths of the runs of true samples in a mask (N,)."""
     labels, number = ndimage.label(samples)
     return np.bincount(labels[samples], minlength=number + 1)[1:].tolist() or [0]
 
 
 def moves(samples: np.ndarray, q: np.ndarray) -> bool:
-    """True where the mechanism moves while a signal reads a limit: otherwise it rests there.
+    """True if the mechanism moves while a signal is at a limit; otherwise the signal rests there.
 
     Args:
-        samples: Which samples read it (N,).
+        samples: Mask of the samples at the limit (N,).
         q: Joint coordinates (N, n).
     """
     labels, number = ndimage.label(samples)
     spans = [span for (span,) in ndimage.find_objects(labels, number) if span.stop - span.start >= LASTS]
     enough = STILL * np.ptp(q, axis=0) + BY_NOISE * np.array([white_noise(x) for x in q.T])
     crossed = [(np.ptp(q[span], axis=0) > enough).any() for span in spans]
-    # Of several times most have to be clipped.
+    # The mechanism has to move in most of the runs.
     return bool(np.mean(crossed or [0.0]) > 1 / 2)

@@ -1,4 +1,4 @@
-"""The arithmetic of columns: their units, and what is computed from them with gains, constants and coupled motors."""
+"""Units of columns, and quantities computed from columns by gains, constants and the matrices of coupled motors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ KINDS = {
     "acceleration": ("{}_acceleration", "ddq_{}"),
     "torque": ("{}_torque", "tau_{}"),
 }
-"""What a log may hold of a joint, and the names of the column that holds it; of a ball, before `.w`, `.x` and so on."""
+"""Quantities of a joint and the names of their columns; for a ball, before the suffixes `.w`, `.x` and so on."""
 
 BALL = {"position": "wxyz", "velocity": "xyz", "acceleration": "xyz", "torque": "xyz"}
-"""Suffixes of a ball's columns: a quaternion, and what is in the body's frame."""
+"""Suffixes of a ball's columns: a quaternion, and vectors in the body's frame."""
 
 _DEG = np.pi / 180
 _SQUARED = ("^2", "2", "²")
@@ -44,23 +44,23 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "torque": _MOMENT,
     "length": _LENGTH,
 }
-"""Units of every quantity, as factors to SI; the first is what a log without a mapping has."""
+"""Units of every quantity, as factors to SI; the first is the default."""
 
 CURRENT = {"A": 1.0, "mA": 1e-3}
-"""Units of a motor's current, which a gain makes a torque in N m or a force in N."""
+"""Units of a motor's current; a gain turns it into a torque in N m or a force in N."""
 
 SINGULAR = 1e6
-"""Condition number of a coupling's matrix that no gear has."""
+"""Condition number from which a coupling's matrix counts as singular."""
 
 
 @dataclass(frozen=True)
 class Sum:
-    """A column that a log does not have, but others make: Σ weight · column + constant.
+    """A column computed from others: Σ weight · column + constant.
 
     Attributes:
-        columns: Names of the columns it is made of, each once.
-        weights: What each is multiplied by.
-        constant: What is added.
+        columns: Names of the columns in the sum, each once.
+        weights: Weight of each column.
+        constant: Constant that is added.
     """
 
     columns: tuple[str, ...]
@@ -69,13 +69,13 @@ class Sum:
 
     @property
     def name(self) -> str:
-        """What it is called in messages, and by which a mapping knows it: `0.5*qm5 + 0.5*qm6 - 3`."""
+        """Name in messages and in a mapping, such as `0.5*qm5 + 0.5*qm6 - 3`."""
         terms = [f"{w:+.9g}*{name}" for w, name in zip(self.weights, self.columns, strict=True)]
         terms += [f"{self.constant:+.9g}"] if self.constant else []
         return " ".join(terms).removeprefix("+").replace(" +", " + ").replace(" -", " - ")
 
     def of(self, columns: Sequence[np.ndarray]) -> np.ndarray:
-        """Its numbers from those of its columns (N,), NaN where one of them is missing (N,)."""
+        """Values of the sum from those of its columns (N,), NaN where one of them is missing (N,)."""
         return np.asarray(np.tensordot(self.weights, np.stack(columns), axes=1) + self.constant)
 
 
@@ -87,7 +87,7 @@ class Columns:
         names: Their names, "" for those that are missing.
         factor: Their unit as a factor to the SI's.
         unit: The SI's unit, "" unless a unit is stated.
-        sums: Those of them that are computed, by whose names they are in `names`.
+        sums: Those of them that are computed; `names` has their names.
     """
 
     names: tuple[str, ...]
@@ -97,27 +97,27 @@ class Columns:
 
     @property
     def read(self) -> tuple[str, ...]:
-        """Names of the columns of the file that it takes."""
+        """Names of the columns of the file that are read."""
         computed = {each.name: each.columns for each in self.sums}
         return tuple(column for name in filter(None, self.names) for column in computed.get(name, (name,)))
 
     @property
     def alone(self) -> tuple[str, ...]:
-        """Names of the columns that stand for it alone, if with a gain; a sum of several stands for them together."""
+        """Names of the columns; a sum of one column counts as that column, a sum of several by its own name."""
         single = {each.name: each.columns[0] for each in self.sums if len(each.columns) == 1}
         return tuple(single.get(name, name) for name in filter(None, self.names))
 
 
 def joints_behind_motors(matrix: np.ndarray, kind: str, motors: Sequence[Columns]) -> list[Columns]:
-    """Columns of joints that motors move together: q_motor = R q, so q = R⁻¹ q_motor and τ = Rᵀ τ_motor.
+    """Columns of joints driven by coupled motors: q_motor = R q, so q = R⁻¹ q_motor and τ = Rᵀ τ_motor.
 
     Args:
         matrix: R, of motors by joints (n, n).
-        kind: What the columns hold, `position`, `velocity`, `acceleration` or `torque`.
+        kind: Quantity of the columns, `position`, `velocity`, `acceleration` or `torque`.
         motors: A column of each motor.
 
     Returns:
-        A column of each joint, in SI units; their unit is for the caller to state.
+        A column of each joint, in SI units; the caller sets `unit`.
 
     Raises:
         LogError: R has no inverse.
@@ -130,7 +130,7 @@ def joints_behind_motors(matrix: np.ndarray, kind: str, motors: Sequence[Columns
 
 
 def _combined(weights: np.ndarray, motors: Sequence[Columns]) -> Columns:
-    """Σ weight · motor, whose columns may be sums themselves."""
+    """Σ weight · motor, with motors that may be sums themselves expanded into one sum of columns."""
     terms: dict[str, float] = {}
     constant = 0.0
     for weight, motor in zip(weights, motors, strict=True):

@@ -1,4 +1,4 @@
-"""Entries of a mapping file that name columns: one, several, sums of them, and joints behind coupled motors."""
+"""Entries of a mapping file that name columns: single ones, several, sums, and joints driven by coupled motors."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,11 +13,11 @@ from ident.recordings.table import short
 from ident.tolerances import HUGE
 
 TERM = ("column", "columns", "weights", "gain", "constant")
-"""What is said of a column that has to be computed, but for its unit."""
+"""Keys of the entry of a computed column, except for its unit."""
 
 
 def single(where: str, entry: Any, quantity: str) -> Columns:
-    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`, or what a gain or several columns make of them."""
+    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`, perhaps with a gain or as a sum of several."""
     if isinstance(entry, str):
         return Columns((entry.strip(),))
     check_keys(where, table(where, entry), (*TERM, "unit"))
@@ -32,7 +32,7 @@ def single(where: str, entry: Any, quantity: str) -> Columns:
 
 
 def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[str, tuple[Sum, ...]]:
-    """The name of a column, and how it is computed if it is: factor · gain · Σ weight · column + constant."""
+    """Name of a column and, if it is computed, its sum: factor · gain · Σ weight · column + constant."""
     given: Any = entry["columns"] if "columns" in entry else [entry.get("column")]
     if "column" in entry and "columns" in entry:
         raise LogError(f"{where} needs a column or several columns, got both.")
@@ -54,7 +54,7 @@ def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[st
 
 
 def several(where: str, names: Any, size: int, factor: float = 1.0, unit: str = "", *, gaps: bool = False) -> Columns:
-    """Columns of a vector, each as a name or as what `_term` takes; with gaps, "" stands for a missing one."""
+    """Columns of a vector, each a name or an entry for `_term`; with gaps, "" stands for a missing one."""
     if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str | dict) for name in names):
         raise LogError(f"{where} needs a list of {size} columns, got {short(names)}.")
     for entry in names:
@@ -66,7 +66,7 @@ def several(where: str, names: Any, size: int, factor: float = 1.0, unit: str = 
 
 
 def factor_of(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tuple[float, str]:
-    """The unit that an entry states, as a factor to the SI's, and that of the SI; 1 and "" without one."""
+    """Factor from the unit that an entry states to the SI unit, and the SI unit; 1 and "" if none is stated."""
     choices = UNITS[quantity]
     if key not in entry:
         return 1.0, ""
@@ -76,7 +76,7 @@ def factor_of(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> 
 
 
 def joints_of_motors(where: str, entry: Mapping[str, Any], joints: Mapping[str, str]) -> dict[str, Columns]:
-    """Columns of joints that motors move together: motor angles are `matrix` times joint coordinates."""
+    """Columns of joints driven by coupled motors: motor angles are `matrix` times joint coordinates."""
     check_keys(f"[{where}]", entry, ("joints", "matrix", *KINDS))
     moved = entry.get("joints")
     if not isinstance(moved, list) or not moved or any(joint not in joints for joint in moved):

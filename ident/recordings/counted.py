@@ -1,4 +1,4 @@
-"""Times of logs that have no column of times but a rate: samples are counted."""
+"""Times of logs with a rate instead of a column of times, from the count of the samples."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -11,21 +11,21 @@ from ident.recordings.column import Columns
 from ident.recordings.table import Table, short
 
 COUNT = "(number of the sample)"
-"""Column that counts samples from zero, which no file has."""
+"""Name of the column of sample counts from zero; no file has it."""
 
 LEAST_RATE, MOST_RATE = 1e-3, 1e9
-"""Samples per second that any recording has, Hz."""
+"""Range of accepted rates, Hz."""
 
 
 def clock_of_rate(where: str, rate: Any) -> Columns:
-    """The column of times of a file without one.
+    """The column of times of a file that has a rate instead.
 
     Args:
         where: Entry of the mapping, for the message.
         rate: Samples per second, Hz.
 
     Raises:
-        LogError: It is no number, or none that a recording has.
+        LogError: The rate is no number or out of range.
     """
     if type(rate) not in (int, float) or not LEAST_RATE <= rate <= MOST_RATE:
         raise LogError(f"{where} needs a number of samples per second, in Hz, got {short(rate)}.")
@@ -33,12 +33,12 @@ def clock_of_rate(where: str, rate: Any) -> Columns:
 
 
 def counted(tables: Iterable[Table], clock: Columns | None, overlap: int = 0) -> Iterator[Table]:
-    """Pieces of a file with the count of their samples, if the times are to follow from that.
+    """Pieces of a file, with a column of sample counts if the clock is a rate.
 
     Args:
         tables: The pieces, in order.
-        clock: The mapping's column of times, None where it has none.
-        overlap: Samples of the piece before that each begins with again.
+        clock: The mapping's column of times, None if it has none.
+        overlap: Samples that each piece repeats from the end of the one before.
     """
     if clock is None or clock.names != (COUNT,):
         yield from tables

@@ -1,4 +1,4 @@
-"""Tables as text: remarks, a header row, and a row of numbers for every sample."""
+"""Tables as text: comments, a header row, and a row of numbers for every sample."""
 
 import csv
 import json
@@ -19,11 +19,11 @@ from ident.recordings.text_block import Block
 from ident.recordings.text_file import Text, opened_text
 
 DELIMITERS = ";\t,"
-"""What may stand between cells: the first of them that the header has, or else spaces. Unless it is the comma, decimals
-may have it."""
+"""Delimiters in order of preference: the first that occurs in the header, or else spaces. Decimal commas are accepted
+unless the comma is the delimiter."""
 
 BLOCK = 4096
-"""Rows that are text in memory at a time."""
+"""Rows that are held as text in memory at a time."""
 
 Line = tuple[int, str]
 """A line of a file with its number, from 1."""
@@ -31,11 +31,11 @@ Line = tuple[int, str]
 
 @dataclass(frozen=True)
 class Layout:
-    """How a file of text is laid out.
+    """Layout of a text file.
 
     Attributes:
-        header: Whether its first row has names; columns without are called 1, 2, 3 and so on.
-        skip: How many lines stand before it, remarks that begin with # included.
+        header: True if the first row has names; otherwise columns are called 1, 2, 3 and so on.
+        skip: Number of lines before that row, comments that begin with # included.
     """
 
     header: bool = True
@@ -43,12 +43,12 @@ class Layout:
 
 
 def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
-    """Writes a recording's channels, the time among them.
+    """Writes a recording's channels, including the time.
 
     Args:
         path: File to write.
         channels: Channels (N,) or (N, d) by name; those of true values begin with `TRUE`.
-        metadata: What else is known, in JSON's types.
+        metadata: Metadata of JSON's types.
     """
     columns: dict[str, np.ndarray] = {}
     for name, x in channels.items():
@@ -61,20 +61,20 @@ def write_csv(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[
 
 
 def _quoted(name: str) -> str:
-    """A name as a cell, in which no character separates."""
+    """The name as a cell, quoted if it contains a delimiter or a quotation mark."""
     return '"' + name.replace('"', '""') + '"' if any(c in name for c in f'"{DELIMITERS}') else name
 
 
 def csv_pieces(
     path: Path, samples: int, *, overlap: int = 0, layout: Layout | None = None, limit: int = LIMIT
 ) -> Iterator[Table]:
-    """Tables of at most so many samples at a time.
+    """Yields the file as tables of at most `samples` samples.
 
     Args:
-        path: A file of text, perhaps packed by gzip.
+        path: A text file, perhaps packed by gzip.
         samples: Samples of each piece.
-        overlap: How many of them each piece begins with again.
-        layout: How it is laid out.
+        overlap: Samples that each piece repeats from the end of the one before.
+        layout: Layout of the file.
         limit: Bytes that a piece of a packed file may have, as for `check_size`.
 
     Raises:
@@ -90,7 +90,7 @@ def csv_pieces(
 def tables_of_lines(
     text: Text, lines: Iterator[Line], samples: int, *, overlap: int = 0, header: bool = True
 ) -> Iterator[Table]:
-    """Tables of at most so many rows of a text at a time; arguments as for `csv_pieces`."""
+    """Yields a text as tables of at most `samples` rows; arguments as for `csv_pieces`."""
     metadata: dict[str, Any] = {}
     for first, line in lines:
         if not line.startswith("#"):
@@ -119,7 +119,7 @@ def tables_of_lines(
 
 
 def lines_of(text: Text, skip: int = 0) -> Iterator[Line]:
-    """Lines of a text that hold anything, after so many that are left out.
+    """Lines of a text that are not blank, after the first `skip`.
 
     Raises:
         LogError: The text is not in UTF-8.
@@ -135,7 +135,7 @@ def lines_of(text: Text, skip: int = 0) -> Iterator[Line]:
 
 
 def _said(number: int, remark: str) -> dict[str, Any]:
-    """What a remark says by a name of `METADATA` in JSON; of any other remark nothing."""
+    """Metadata of a comment `# NAME: JSON` with a name of `METADATA`; empty for any other comment."""
     key, _, text = remark[1:].partition(":")
     key = key.strip()
     if key not in METADATA or not text.lstrip().startswith("{" if METADATA[key] is dict else "["):
@@ -147,7 +147,7 @@ def _said(number: int, remark: str) -> dict[str, Any]:
 
 
 def _delimiter(line: str) -> str | None:
-    """What stands between the cells of a line; None for spaces."""
+    """Delimiter between the cells of a line; None for spaces."""
     outside_quotes = re.sub('"[^"]*"', "", line).strip()
     spaces = None if " " in outside_quotes else ","
     return next((d for d in DELIMITERS if d in outside_quotes), spaces)
@@ -168,9 +168,9 @@ def _header(number: int, header: list[str]) -> list[str]:
 
 
 def _cells(block: Sequence[Line], header: Sequence[str], delimiter: str | None) -> Iterable[Sequence[str] | np.ndarray]:
-    """Columns of some lines, as numbers where all of them are."""
+    """Columns of some lines, as numbers if all cells are numbers."""
     lines = [line for _, line in block]
-    # Numpy reads faster, and accepts nothing that `float` does not; but it cannot say where in the file a fault is.
+    # Numpy is faster and accepts nothing that `float` does not, but its errors do not name the row.
     with suppress(ValueError):
         table = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
         if table.shape[1] == len(header):

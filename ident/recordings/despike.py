@@ -1,4 +1,4 @@
-"""Gross outliers of a recording, found before a filter smears them."""
+"""Removal of gross outliers of a recording before a filter spreads them."""
 
 import numpy as np
 from scipy.ndimage import label, median_filter
@@ -10,19 +10,20 @@ WINDOW = 11
 """Samples of the running median."""
 
 GROSS = 8.0
-"""Deviations from it beyond so many typical ones, and beyond the channel's own spread, are outliers..."""
+"""Multiple of the typical deviation from the running median beyond which a sample is an outlier, if it also exceeds
+the channel's own spread."""
 
 ISOLATED = 2
-"""...where they last no longer than so many samples: an impact does."""
+"""Longest run of samples that counts as an outlier; an impact lasts longer."""
 
 
 def despiked(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Channels with their isolated gross outliers interpolated (Hampel's filter).
 
-    A step of the resolution is no outlier, also where a channel that hardly changes makes none for a while.
+    A step of the resolution is no outlier, not even in a channel that is constant for a while.
 
     Args:
-        x: Channels (N, C); those of NaN stay as they are.
+        x: Channels (N, C); those with NaN stay as they are.
 
     Returns:
         The channels (N, C), and the number of samples replaced in each (C,).

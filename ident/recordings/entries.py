@@ -14,7 +14,7 @@ from ident.tolerances import HUGE
 
 
 def toml(path: Path) -> dict[str, Any]:
-    """What a mapping file holds.
+    """Entries of a mapping file.
 
     Raises:
         LogError: It is missing or malformed.
@@ -23,16 +23,16 @@ def toml(path: Path) -> dict[str, Any]:
         raise LogError(f"{path}: a mapping of columns is a TOML file that exists.")
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    # Not all are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
+    # Not all errors are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
     except (ValueError, RecursionError) as error:
         raise LogError(f"{path}: a mapping of columns needs to be TOML in UTF-8 ({error}).") from None
 
 
 def table(where: str, value: Any) -> Mapping[str, Any]:
-    """A table of entries.
+    """The value, checked to be a table of entries.
 
     Raises:
-        LogError: It is none; likewise of all functions here.
+        LogError: It is none; likewise for all functions here.
     """
     if not isinstance(value, dict):
         raise LogError(f"{where} needs a table of entries, got {short(value)}.")
@@ -40,14 +40,14 @@ def table(where: str, value: Any) -> Mapping[str, Any]:
 
 
 def check_keys(where: str, entry: Mapping[str, Any], choices: Sequence[str]) -> None:
-    """Refuses entries that nobody would read."""
+    """Refuses unknown keys."""
     for key in entry:
         if key not in choices:
             raise LogError(f"{where} has no entry '{short(key)}'; valid are {', '.join(choices) or 'none'}.")
 
 
 def vector(where: str, value: Any, size: int) -> np.ndarray:
-    """A list of so many numbers (size,)."""
+    """A list of `size` numbers as an array (size,)."""
     numbers = isinstance(value, list) and all(type(x) in (int, float) and abs(x) < HUGE for x in value)
     if not numbers or len(value) != size:
         raise LogError(f"{where} needs a list of {size} numbers, got {short(value)}.")
@@ -55,7 +55,7 @@ def vector(where: str, value: Any, size: int) -> np.ndarray:
 
 
 def pose(where: str, entry: Mapping[str, Any]) -> np.ndarray:
-    """The pose that `position`, and `quaternion` or `rpy_deg`, of an entry say (4, 4)."""
+    """Pose from an entry's `position` and its `quaternion` or `rpy_deg` (4, 4)."""
     if "quaternion" in entry and "rpy_deg" in entry:
         raise LogError(f"[{where}] needs a quaternion or rpy_deg, got both.")
     T = np.eye(4)

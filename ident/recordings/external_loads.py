@@ -1,4 +1,4 @@
-"""OpenSim's ExternalLoads: which columns of a file are the force, the point and the moment of which body's plate."""
+"""OpenSim's ExternalLoads: the columns of force, point and moment of each plate, and the body on it."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -10,23 +10,23 @@ from ident.recordings.plates import AUTO
 from ident.recordings.table import short
 
 LOADS = ".xml"
-"""What names of OpenSim's files of external loads end in."""
+"""Suffix of OpenSim's files of external loads."""
 
 GROUND = ("", "ground", "/ground")
-"""How OpenSim calls the ground's frame, in which forces and points have to be."""
+"""OpenSim's names for the ground's frame, in which forces and points must be expressed."""
 
 SIDES = (("_r", "_l"), ("_l", "_r"))
 """Ends of the names of bodies on the right and the left."""
 
 QUANTITIES = {"force": "force_identifier", "point": "point_identifier", "free_moment": "torque_identifier"}
-"""Elements that hold what names of columns begin with; x, y and z follow."""
+"""Elements that hold the prefix of the columns' names; x, y and z follow."""
 
 
 def external_loads(path: Path, bodies: Sequence[str]) -> dict[str, Any]:
-    """What a mapping file would say: a plate for each `<ExternalForce>`, in the world's axes.
+    """Entries as in a mapping file: a plate for each `<ExternalForce>`, in the world's axes.
 
-    Files name the wrong foot easily, so that the one a force passes is found among the bodies that are named and those
-    on the other side, and a note says where the file has another.
+    Such files easily name the wrong foot. The body on a plate is therefore found by its force, among the named bodies
+    and their counterparts on the other side; a note says where the file has another.
 
     Args:
         path: The file.
@@ -60,7 +60,7 @@ def external_loads(path: Path, bodies: Sequence[str]) -> dict[str, Any]:
 
 
 def _plate(name: str, force: ET.Element, body: str, among: Sequence[str]) -> dict[str, Any]:
-    """The entry of one force."""
+    """Entry of one force."""
     for frame in ("force_expressed_in_body", "point_expressed_in_body"):
         if (said := _text(force, frame)) not in GROUND:
             raise LogError(f"<ExternalForce name=\"{name}\"> needs the ground as its {frame}, got '{short(said)}'.")
@@ -75,7 +75,7 @@ def _plate(name: str, force: ET.Element, body: str, among: Sequence[str]) -> dic
 
 
 def _body(name: str, force: ET.Element, bodies: Sequence[str]) -> str:
-    """The body that a force is said to act on."""
+    """Body that a force acts on, by the file."""
     body = _text(force, "applied_to_body").rpartition("/")[2]
     if body not in bodies:
         raise LogError(
@@ -86,7 +86,7 @@ def _body(name: str, force: ET.Element, bodies: Sequence[str]) -> str:
 
 
 def _with_other_sides(named: Sequence[str], bodies: Sequence[str]) -> list[str]:
-    """Bodies and those on the other side, each once."""
+    """Bodies and their counterparts on the other side, each once."""
     both = [body.removesuffix(end) + other for body in named for end, other in SIDES if body.endswith(end)]
     return list(dict.fromkeys([*named, *(body for body in both if body in bodies)]))
 

@@ -1,4 +1,4 @@
-"""Entries of a mapping file on the files themselves: how text is laid out, where the times are, and what is taken."""
+"""Entries of a mapping file on the files themselves: layout of text, columns of times, and selection."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,10 +14,10 @@ from ident.recordings.table import short
 
 
 def layouts(entries: Mapping[str, Any]) -> tuple[Layout, ...]:
-    """How text is laid out: of all files as `[file]` says, or of one after the other as every `[[file]]` does.
+    """Layouts of text files: one for all from `[file]`, or one for each file from `[[file]]`.
 
     Raises:
-        LogError: An entry is malformed; likewise of all functions here.
+        LogError: An entry is malformed; likewise for all functions here.
     """
     entry = entries.get("file", {})
     if not isinstance(entry, list):
@@ -36,7 +36,7 @@ def _layout(where: str, entry: Mapping[str, Any]) -> Layout:
 
 
 def clocks(entries: Mapping[str, Any]) -> tuple[Columns, ...]:
-    """The column of times of all files, or those of one after the other; none where nothing is said."""
+    """Columns of times: one for all files, or one for each; empty if the mapping has none."""
     if "rate" in entries:
         if "time" in entries:
             raise LogError("the mapping has time and rate; rate is for a log without times, keep one of them.")
@@ -50,7 +50,7 @@ def clocks(entries: Mapping[str, Any]) -> tuple[Columns, ...]:
 
 
 def _clock(where: str, entry: Any) -> Columns:
-    """A column of times, or what `{ rate = HZ }` counts."""
+    """A column of times, or of sample counts for `{ rate = HZ }`."""
     if isinstance(entry, dict) and "rate" in entry:
         check_keys(where, entry, ("rate",))
         return clock_of_rate(f"{where}.rate", entry["rate"])
@@ -58,7 +58,7 @@ def _clock(where: str, entry: Any) -> Columns:
 
 
 def selection(entries: Mapping[str, Any]) -> Selection:
-    """Which rows and times are taken."""
+    """Rows and times that are selected."""
     entry = table("select", entries.get("select", {}))
     check_keys("[select]", entry, ("rows", "time"))
     return Selection(*(_spans(f"select.{key}", entry.get(key, [])) for key in ("rows", "time")))

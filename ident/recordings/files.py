@@ -1,4 +1,4 @@
-"""Files of recordings, written and read as tables by what their names end in."""
+"""Files of recordings, written and read as tables according to their suffix."""
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -16,7 +16,7 @@ from ident.recordings.npz_file import npz_pieces, write_npz
 from ident.recordings.table import Table, in_pieces
 
 TEXT = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
-"""What names of tables of text end in."""
+"""Suffixes of tables of text."""
 
 ONE_CLOCK: Mapping[str, Callable[[Path, int], list[Table]]] = {
     ".mot": opensim.tables,
@@ -25,7 +25,7 @@ ONE_CLOCK: Mapping[str, Callable[[Path, int], list[Table]]] = {
     ".parquet": parquet.tables,
     ".mat": mat.tables,
 }
-"""What reads files that are one table, given the path and the bytes it may take in memory."""
+"""Readers of files that are one table, by suffix, given the path and the bytes it may take in memory."""
 
 SEVERAL_CLOCKS: Mapping[str, Callable[[Path, int], list[Table]]] = {
     ".c3d": c3d.tables,
@@ -33,17 +33,17 @@ SEVERAL_CLOCKS: Mapping[str, Callable[[Path, int], list[Table]]] = {
     ".mcap": bag.tables,
     ".db3": bag.tables,
 }
-"""What reads files of tables that each have times of their own; so does the folder of a ROS 2 bag."""
+"""Readers of files of tables that each have times of their own, by suffix; the folder of a ROS 2 bag is one too."""
 
 BAG_FOLDER = "metadata.yaml"
-"""What a folder holds that is a ROS 2 bag."""
+"""File that marks a folder as a ROS 2 bag."""
 
 
 def write_channels(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
     """Writes a `.npz` or `.csv` file; arguments as for `write_csv`.
 
     Raises:
-        LogError: The name ends in neither.
+        LogError: The name has another suffix.
     """
     writers = {".npz": write_npz, ".csv": write_csv}
     if path.suffix not in writers:
@@ -53,23 +53,23 @@ def write_channels(path: Path, channels: Mapping[str, np.ndarray], metadata: Map
 
 
 def is_log(path: Path) -> bool:
-    """Whether a name is one of files that are read, or of a bag's folder."""
+    """True if a file can be read by its suffix, or is a bag's folder."""
     known = path.suffix.lower() in (".npz", *ONE_CLOCK, *SEVERAL_CLOCKS)
     return known or path.name.lower().endswith(TEXT) or is_bag(path)
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a file is a ROS bag, or the folder of one."""
+    """True if a file is a ROS bag, or the folder of one."""
     return SEVERAL_CLOCKS.get(path.suffix.lower()) is bag.tables or (path / BAG_FOLDER).is_file()
 
 
 def has_several_clocks(path: Path) -> bool:
-    """Whether a file is one of tables that each have times of their own."""
+    """True if a file holds tables that each have times of their own."""
     return path.suffix.lower() in SEVERAL_CLOCKS or is_bag(path)
 
 
 def read_clocks(path: Path, *, limit: int = LIMIT) -> list[Table]:
-    """Reads a file of tables that each have times of their own, which is in their column `time` in s.
+    """Reads a file of tables that each have times of their own, in their column `time` in s.
 
     Args:
         path: A `.c3d`, `.bag`, `.mcap` or `.db3` file, or the folder of a ROS 2 bag.
@@ -93,19 +93,19 @@ def read_tables(
     limit: int = LIMIT,
     layout: Layout | None = None,
 ) -> Iterator[Table]:
-    """Reads a file that is one table piece by piece, so that text or an archive larger than memory can be read.
+    """Reads a file that is one table piece by piece, so that text or an archive may be larger than memory.
 
     Args:
-        path: A file of text or a `.npz`, `.mot`, `.sto`, `.trc`, `.parquet` or `.mat` file.
-        samples: Samples of each piece, of the last one perhaps fewer.
-        overlap: How many of them each piece begins with again, besides.
-        truth: Whether an archive's true values are read as well.
+        path: A text file or a `.npz`, `.mot`, `.sto`, `.trc`, `.parquet` or `.mat` file.
+        samples: Samples of each piece; the last one may have fewer.
+        overlap: Samples that each piece repeats from the one before, in addition.
+        truth: True to read an archive's true values as well.
         limit: Bytes that a piece of an archive, or a file that is read whole, may take in memory, as for
             `npz.check_size`.
-        layout: How text is laid out, if not as usual.
+        layout: Layout of text, if it is not the default.
 
     Raises:
-        LogError: The file is missing or malformed; a fault is found when its piece is due.
+        LogError: The file is missing or malformed; an error in a later piece is raised when that piece is read.
         InputError: The library that reads it is not installed.
     """
     name, suffix = path.name.lower(), path.suffix.lower()

@@ -1,4 +1,4 @@
-"""Gaps of a recording: where its channels at common times are straight lines between samples that are far apart."""
+"""Gaps of a recording: times at which a channel is interpolated between samples that are far apart."""
 
 from collections.abc import Iterable
 
@@ -8,17 +8,17 @@ from ident.recordings.recording import Recording
 from ident.recordings.sampled import Sampled, between_samples
 
 INTERPOLATED = 0.05
-"""Longest time between samples over which a channel may be interpolated, s: motions of people and robots at some hertz
-are a straight line over it to some per cent of their size; a stream with fewer samples may miss one."""
+"""Longest time between samples that is no gap, s: over it a motion of a few hertz is linear to some per cent of its
+size. In a stream with a lower rate one missing sample is no gap."""
 
 
 def longest_step(stream: Sampled) -> float:
-    """Time between samples of a stream from which it has a gap, s."""
+    """Longest time between samples of a stream that is no gap, s."""
     return max(INTERPOLATED, 2 * float(np.median(np.diff(stream.time)))) if len(stream.time) > 1 else INTERPOLATED
 
 
 def covered(recording: Recording, channels: Iterable[str]) -> np.ndarray:
-    """Mask of the common times that lie in no gap of some channels (N,)."""
+    """Mask of the common times that lie in no gap of any of the channels (N,)."""
     inside = np.ones(len(recording.time), bool)
     for name in (name for name in channels if name in recording.streams):
         stream = recording.streams[name]
@@ -30,11 +30,11 @@ def covered(recording: Recording, channels: Iterable[str]) -> np.ndarray:
 
 
 def stretches(time: np.ndarray, inside: np.ndarray) -> list[slice]:
-    """Samples that follow one another without a gap.
+    """Slices of consecutive samples without a gap.
 
     Args:
         time: Common times, s (N,).
-        inside: Whether each lies in no gap (N,).
+        inside: Mask of the times that lie in no gap (N,).
     """
     at = np.flatnonzero(inside)
     if not len(at):

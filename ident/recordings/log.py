@@ -1,4 +1,4 @@
-"""A user's recording of a mechanism: columns found by name or by a mapping file, units converted, time repaired."""
+"""Reading of a user's log: columns found by name or by a mapping file, units converted, times repaired."""
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ from ident.recordings.table import BASE, TRUE, Table, in_pieces
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
 
 MARKERS = " Positions of markers become angles by python -m experiments.angles MODEL {}."
-"""What is said of a file of markers where angles are needed."""
+"""Advice for a file of markers where joint angles are needed."""
 
 
 def read_log(
@@ -38,29 +38,27 @@ def read_log(
 ) -> Recording:
     """Reads a log of joint states and wrenches.
 
-    Where its times jitter, samples are missing or channels have times of their own, the recording also has the streams
-    as they were measured, which the joint estimate takes.
+    If times jitter, samples are missing or channels have times of their own, the recording also has the streams as they
+    were measured, for the joint estimate.
 
     Args:
         path: A table of text (.csv, .tsv, .txt, perhaps packed as .gz), a .npz or .mat file of arrays by name, an
             OpenSim .mot or .sto file, a .parquet or .c3d file, a ROS bag (.bag, .mcap, .db3, or a ROS 2 bag's
             folder), or what `Recording.save` wrote. `FILE+FILE` is one log in several files, each with times of its own
             on one clock, as angles in one and forces in another.
-        mechanism: Whose joints and bodies are looked for. Its weight, if it has a prior, tells whether a force is in
-            kilonewtons.
-        columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. What it
-            does not mention is found by name.
-        gaps: Whether samples may be missing, as empty cells or as rows: for the joint estimate, which does without
-            them, where a filter would invent them.
-        limit: Bytes that an archive, or what has to be unpacked, may take in memory.
+        mechanism: The mechanism that was recorded. Its weight, if it has a prior, shows if a force is in kilonewtons.
+        columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. Columns
+            that it does not mention are found by name.
+        gaps: True if samples may be missing, as empty cells or as rows. The joint estimate does without them; a filter
+            would have to invent them.
+        limit: Bytes that an archive, or an unpacked file, may take in memory.
 
     Returns:
-        The recording, uniformly sampled and in SI units; velocities and accelerations only if it has those of all
-        joints.
+        The recording, uniformly sampled and in SI units; velocities and accelerations only if all joints have them.
 
     Raises:
-        LogError: A file is missing or malformed, holds what the mechanism does not have, or lacks what it needs; the
-            message names file, row and column.
+        LogError: A file is missing or malformed, or does not fit the mechanism; the message names file, row and
+            column.
         InputError: The library that reads such files is not installed.
     """
     (recording,) = _pieces(Path(path), mechanism, columns, sys.maxsize, gaps=gaps, limit=limit)
@@ -75,10 +73,10 @@ def read_log_pieces(
     *,
     limit: int = LIMIT,
 ) -> Iterator[Recording]:
-    """Reads a log piece by piece, as one that is larger than memory has to be.
+    """Reads a log piece by piece, for logs larger than memory.
 
-    Units are doubted by what the first piece holds, whose step of time is that of all. A piece whose times jitter is
-    resampled by itself. Text and npz archives take no more memory than a piece, unless rows or times are selected.
+    Units are checked on the first piece, and its time step is used for all. A piece whose times jitter is resampled by
+    itself. Text and npz archives take no more memory than a piece, unless rows or times are selected.
 
     Args:
         path: The log; `mechanism`, `columns` and `limit` as for `read_log`.
@@ -129,7 +127,7 @@ def _pieces(
 
 
 def _tables(path: Path, mapping: ColumnMapping, kinds: Mapping[str, str], samples: int, limit: int) -> Iterator[Table]:
-    """Pieces of a file of one table, of what is selected of it."""
+    """Pieces of the selected samples of a file of one table."""
     whole = bool(mapping.selection)
     samples_of_file = sys.maxsize if whole else samples
     pieces = read_tables(path, samples_of_file, overlap=1, limit=limit, layout=mapping.layouts[0])
@@ -153,7 +151,7 @@ def _of_several_clocks(
     whole: bool,
     limit: int,
 ) -> Recording:
-    """What files, or tables of one, hold that have times of their own."""
+    """Recording from files, or from tables of one file, that have times of their own."""
     if not whole:
         raise LogError("what has times of its own for each channel is not read in pieces; `identify` takes it whole.")
     notes: list[str] = []
@@ -174,7 +172,7 @@ def _of_several_clocks(
 def _check(
     recording: Recording, mapping: ColumnMapping, mechanism: Mechanism, kinds: Mapping[str, str], notes: list[str]
 ) -> None:
-    """Refuses units that can hardly be, and notes those that may not."""
+    """Refuses units that are implausible, and notes those that are doubtful."""
     hinges = [joint for joint, kind in kinds.items() if kind == "hinge"]
     check_angles(recording, mapping, hinges)
     check_rates(recording, hinges)
@@ -187,7 +185,7 @@ def _check_length(samples: int) -> None:
 
 
 def _recording(repaired: Repaired, mapping: ColumnMapping) -> Recording:
-    """Channels by the names that recordings have for them, without those of joints that are missing."""
+    """Recording with the channels under its own names, without joint channels that are missing."""
     measured: dict[str, np.ndarray] = {}
     streams: dict[str, Sampled] = {}
     units: dict[str, str] = {}

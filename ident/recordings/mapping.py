@@ -1,4 +1,4 @@
-"""The mapping of a log: which of its columns hold what, in which units, as names or a TOML file tell."""
+"""The mapping of a log's columns to quantities and units, from a TOML file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,27 +27,27 @@ SETUP = {
     **dict.fromkeys(("delay", "clock", "origin", "gain"), 1.0),
     **dict.fromkeys(("rotation_deg", "gravity_deg", "zero_deg", "axis_deg"), np.pi / 180),
 }
-"""What may be known of a set-up: s, 1, m, 1, and angles; factors to SI and radians."""
+"""Set-up errors whose standard deviation may be stated, in s, 1, m, 1, and degrees; factors to SI and radians."""
 
 KNOWN = dict.fromkeys(OF_BODIES, 1.0)
-"""What may be known of bodies beforehand: relative to the model's, m, relative."""
+"""Body parameters whose standard deviation may be stated: relative to the model's, m, relative."""
 
 
 @dataclass
 class ColumnMapping:
-    """Which columns hold what.
+    """Columns of each quantity of a log, and what the mapping file states of sensors, set-up and files.
 
     Attributes:
         columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, and
             `base.position` and `base.quaternion`, or `base.pose`.
         sensors: Sensors of the wrenches by name.
         plates: Those of them that rest in the world, by name.
-        held: Whether something holds the base, as for `Recording`.
-        setup: Standard deviations of what is known of the set-up, as for `Recording`.
-        known: How well φ of the model is known, as for `Recording`.
-        clocks: Columns of times of a log's files, one after the other, where they are told one by one.
-        layouts: How its files of text are laid out, one for all or one after the other.
-        selection: Which of its rows or times are taken.
+        held: True if something holds the base, as for `Recording`.
+        setup: Standard deviations of set-up errors, as for `Recording`.
+        known: Standard deviations of the model's φ, as for `Recording`.
+        clocks: Columns of times, one for each file, if they are stated one by one.
+        layouts: Layouts of text files, one for all or one for each.
+        selection: Rows and times that are selected.
     """
 
     columns: dict[str, Columns] = field(default_factory=dict)
@@ -62,7 +62,7 @@ class ColumnMapping:
 
     @property
     def has_base(self) -> bool:
-        """Whether the base moves."""
+        """True if the base moves."""
         return any(key.startswith("base.") for key in self.columns)
 
     @property
@@ -72,18 +72,18 @@ class ColumnMapping:
 
     @property
     def without_files(self) -> "ColumnMapping":
-        """The same without what is said of the files, which have been read."""
+        """The mapping without columns of times and layouts, once the files have been read."""
         columns = {key: used for key, used in self.columns.items() if key != "time"}
         return replace(self, columns=columns, clocks=(), layouts=(Layout(),))
 
     @property
     def sums(self) -> dict[str, Sum]:
-        """All columns that are computed from others, by their names."""
+        """All columns that are computed from others, by name."""
         return {each.name: each for columns in self.columns.values() for each in columns.sums}
 
 
 def joint_kinds(tree: Tree) -> dict[str, str]:
-    """Whether each joint is a `hinge`, a `slide` or a `ball`, by its name."""
+    """Kind of each joint, `hinge`, `slide` or `ball`, by name."""
     bodies = [tree.bodies[i] for i in tree.moving]
     return {body.joint: "ball" if body.is_ball else "hinge" if body.turns else "slide" for body in bodies}
 
@@ -102,7 +102,7 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
 
 
 def check_text_alone(mapping: ColumnMapping) -> None:
-    """Refuses what is said of rows, of a file that has several tables of them, and of the layout of text."""
+    """Refuses selected rows and layouts of text, for files with several tables that are no text."""
     if any(layout != Layout() for layout in mapping.layouts):
         raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
     if mapping.selection.rows:
@@ -110,7 +110,7 @@ def check_text_alone(mapping: ColumnMapping) -> None:
 
 
 def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
-    """Refuses a column that would stand for two quantities; in sums with others it may be as often as it wants."""
+    """Refuses a column that is mapped to two quantities; in sums with others it may occur any number of times."""
     users: dict[str, str] = {}
     for user, used in columns.items():
         for name in used.alone:
@@ -167,7 +167,7 @@ def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequ
 
 
 def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, float]:
-    """Standard deviations by what they are of; zero or false for what is exactly as stated."""
+    """Standard deviations by kind; zero or false for what is exactly as stated."""
     entry = table(name, entries.get(name, {}))
     check_keys(f"[{name}]", entry, tuple(factors))
     deviations = checked_deviations(name, entry, factors, LogError)

@@ -1,4 +1,4 @@
-"""Files of markers: those of motion capture, which state their unit, and tables."""
+"""Files of markers: motion-capture formats, which state their unit, and tables."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,10 +14,10 @@ from ident.recordings.npz import LIMIT
 from ident.recordings.table import SUFFIXES, Table, short
 
 CAPTURED: Mapping[str, Callable[[Path, int], Markers]] = {".trc": trc.markers, ".c3d": c3d.markers}
-"""What reads files that state their unit, given the path and the bytes it may take in memory."""
+"""Readers of files that state their unit, by suffix, given the path and the bytes it may take in memory."""
 
 TABLES = (".csv", ".tsv", ".txt", ".npz")
-"""What names of tables with markers end in."""
+"""Suffixes of tables with markers."""
 
 
 def read_markers(path: str | Path, unit: str | None = None, *, limit: int = LIMIT) -> Markers:
@@ -25,7 +25,7 @@ def read_markers(path: str | Path, unit: str | None = None, *, limit: int = LIMI
 
     Args:
         path: A `.trc` or `.c3d` file, or a table (`.csv`, `.tsv`, `.txt`, `.npz`) with a column `time` in s and the
-            columns LABEL.x, LABEL.y and LABEL.z of every marker, cells being empty or NaN where it was not seen.
+            columns LABEL.x, LABEL.y and LABEL.z of every marker; cells are empty or NaN where it was not seen.
         unit: Unit of the lengths in a table, `m` if not given; refused where a file states its own.
         limit: Bytes that the file may take in memory, as for `npz.check_size`.
 
@@ -48,7 +48,7 @@ def read_markers(path: str | Path, unit: str | None = None, *, limit: int = LIMI
 
 
 def _of_table(path: Path, factor: float, limit: int) -> Markers:
-    """Markers of a table, in a unit of so many metres."""
+    """Markers of a table; `factor` converts its unit to metres."""
     tables = list(read_tables(path, limit=limit))
     if not tables:
         raise LogError("a file of markers needs frames, it has none.")

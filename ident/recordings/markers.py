@@ -41,19 +41,19 @@ class Markers:
         self._refuse((np.abs(self.positions) >= HUGE).any(axis=2), f"needs positions below {HUGE:g} m")
 
     def _refuse(self, wrong: np.ndarray, what: str) -> None:
-        """Refuses the first marker that something is wrong with (N, M)."""
+        """Raises an error on the first true entry of a mask of frames and markers (N, M)."""
         if wrong.any():
             k, m = np.argwhere(wrong)[0]
             raise LogError(f"frame {k + 1}: marker '{short(self.labels[m])}' {what}.")
 
     @property
     def seen(self) -> np.ndarray:
-        """Whether each marker was seen (N, M)."""
+        """Mask of the markers seen in each frame (N, M)."""
         return np.isfinite(self.positions).all(axis=2)
 
     @property
     def table(self) -> Table:
-        """The same as columns `LABEL.x`, `LABEL.y` and `LABEL.z` beside `time`."""
+        """Table with the columns `time`, `LABEL.x`, `LABEL.y` and `LABEL.z`."""
         cells = {"time": self.time}
         for label, x in zip(self.labels, self.positions.swapaxes(0, 1), strict=True):
             cells |= vector_columns(label, x)
@@ -61,10 +61,10 @@ class Markers:
 
 
 def check_labels(labels: Sequence[str]) -> None:
-    """Refuses labels that are given twice.
+    """Refuses duplicate labels.
 
     Raises:
-        LogError: One is.
+        LogError: A label occurs twice.
     """
     twice = [label for label in labels if labels.count(label) > 1]
     if twice:

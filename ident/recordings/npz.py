@@ -1,4 +1,4 @@
-"""Npz archives of whatever origin: what is damaged, pickled or unpacks to too much is refused in one sentence."""
+"""Npz archives from any source: damaged, pickled or too large content is refused in one sentence."""
 
 import math
 from collections.abc import Iterator
@@ -12,17 +12,17 @@ import numpy as np
 from ident.errors import LogError
 
 LIMIT = 500_000_000
-"""Bytes that arrays may take in memory if nobody says otherwise: a million samples of sixty channels."""
+"""Default of the bytes that arrays may take in memory: a million samples of sixty channels."""
 
 NUMBER = 8
-"""Bytes of a number in memory, which in the file may have been one."""
+"""Bytes of a number in memory; in the file it may be one byte."""
 
 
 def arrays(path: Path) -> dict[str, np.ndarray]:
     """All arrays of an archive by name.
 
     Raises:
-        LogError: The file is no archive or too large, or a member is damaged or no array; the message names it.
+        LogError: The file is no archive or too large, or a member is damaged or no array; the message names the member.
     """
     with opened(path) as archive:
         members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
@@ -34,12 +34,12 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
 
 @contextmanager
 def opened(path: Path) -> Iterator[ZipFile]:
-    """An archive for the duration of a block.
+    """Opens an archive for the duration of a block.
 
     Raises:
         LogError: The file is no archive.
     """
-    # A file handle of our own: an archive that is broken would leave its own open.
+    # With its own file handle: `ZipFile` would leave that of a broken archive open.
     with path.open("rb") as stream:
         try:
             if stream.read(2) != b"PK":
@@ -52,18 +52,21 @@ def opened(path: Path) -> Iterator[ZipFile]:
 
 
 def member_of(archive: ZipFile, member: ZipInfo) -> IO[bytes]:
-    """A member to read, which gives no more than the bytes it says it has."""
-    # Of LZMA and bzip2 `zipfile` unpacks all that it has read, of what numpy writes as much as was asked for.
+    """A stream of a member that unpacks no more bytes than were asked for.
+
+    Raises:
+        LogError: It is compressed by LZMA or bzip2, of which `zipfile` unpacks all that it has read.
+    """
     if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
         raise LogError("it is compressed in another way than by numpy.savez_compressed")
     return archive.open(member)
 
 
 def check_size(path: Path, size: int, limit: int) -> None:
-    """Refuses bytes in memory above a limit, unless the file has them as well.
+    """Refuses a size in memory above a limit, unless the file itself is as large.
 
     Raises:
-        LogError: There are more than the limit, and than numbers in a file of that size.
+        LogError: The size exceeds the limit and `NUMBER` times the size of the file.
     """
     if size > max(limit, NUMBER * path.stat().st_size):
         raise LogError(
@@ -74,7 +77,7 @@ def check_size(path: Path, size: int, limit: int) -> None:
 
 @contextmanager
 def reading(member: str) -> Iterator[None]:
-    """Says which member cannot be read, whatever is wrong with it.
+    """Turns any error of a block into one that names the member that cannot be read.
 
     Raises:
         LogError: The block failed.
@@ -89,14 +92,14 @@ def reading(member: str) -> Iterator[None]:
 def _array(archive: ZipFile, name: str, member: ZipInfo) -> np.ndarray:
     with reading(name), member_of(archive, member) as stream:
         array = np.lib.format.read_array(stream, allow_pickle=False)
-        # Without numbers a shape may be anything.
+        # An empty array may claim any shape.
         if math.prod(max(1, n) for n in array.shape) * array.itemsize > member.file_size:
             raise LogError(f"an array of {array.shape} is none")
         return array
 
 
 def reason(error: Exception) -> str:
-    """An error as one line that fits a message."""
+    """The error as one line, short enough for a message."""
     if "allow_pickle" in str(error):
         return "pickled objects are not read"
     line = " ".join(str(error).split()) or type(error).__name__

@@ -1,4 +1,4 @@
-"""Tables as arrays: an npz archive, whose members are read side by side, some samples at a time."""
+"""Tables as npz archives, whose members are read in parallel piece by piece."""
 
 import json
 import math
@@ -16,10 +16,10 @@ from ident.recordings.npz import LIMIT, NUMBER, check_size, member_of, opened, r
 from ident.recordings.table import METADATA, TRUE, Memory, Table, short, vector_columns
 
 HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-"""What reads the header of an array, by the version of numpy's format."""
+"""Readers of the header of an array, by the version of numpy's format."""
 
 MEASURED = "measured/"
-"""How names of members begin that hold channels."""
+"""Prefix of the names of members that hold channels."""
 
 
 def write_npz(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
@@ -35,19 +35,19 @@ def write_npz(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[
 def npz_pieces(
     path: Path, samples: int, *, overlap: int = 0, truth: bool = False, limit: int = LIMIT
 ) -> Iterator[Table]:
-    """Tables of at most so many samples at a time.
+    """Yields an archive as tables of at most `samples` samples.
 
-    Of an archive that `write_npz` wrote they hold the channels, of any other all arrays of numbers.
+    From an archive of `write_npz` they hold the channels, from any other all arrays of numbers.
 
     Args:
         path: The archive.
         samples: Samples of each piece.
-        overlap: How many of them each piece begins with again.
-        truth: Whether true values are read as well.
+        overlap: Samples that each piece repeats from the end of the one before.
+        truth: True to read true values as well.
         limit: Bytes that a piece may take, as for `check_size`.
 
     Raises:
-        LogError: The file is no archive, or a piece of it is too large; or a member is damaged or no channel, the
+        LogError: The file is no archive, or a piece of it is too large; or a member is damaged or no channel, and the
             message names it.
     """
     with ExitStack() as streams:
@@ -110,11 +110,11 @@ class _Member:
 
     @property
     def holds_columns(self) -> bool:
-        """Whether these are real numbers, one or several a sample."""
+        """True if these are real numbers, one or several for each sample."""
         return self.dtype.kind in "biuf" and len(self.shape) in (1, 2)
 
     def check(self, samples: int) -> None:
-        """Refuses what holds no columns, and what cannot be read in pieces of so many samples."""
+        """Refuses a member that holds no columns or cannot be read in pieces of `samples` samples."""
         if not self.holds_columns:
             raise LogError(f"a channel needs real numbers in one or two dimensions, it holds {self.dtype} {self.shape}")
         if math.prod(self.shape) * self.dtype.itemsize != self.size or min(self.shape) < 0:
@@ -123,7 +123,7 @@ class _Member:
             raise LogError("an array in Fortran order is not read in pieces; load it whole, and save it anew")
 
     def columns(self, rows: int) -> dict[str, np.ndarray]:
-        """The next samples (rows,) by name, those of vectors and quaternions by component."""
+        """The next samples by name (rows,), vectors and quaternions split into components."""
         true = self.name.startswith("true/")
         name = self.name.replace("true/", TRUE, 1) if true else self.name.removeprefix(MEASURED)
         return vector_columns(name, np.asarray(self.read(rows), float))
@@ -140,7 +140,7 @@ class _Member:
 
 
 def _opened(archive: ZipFile, name: str, streams: ExitStack) -> _Member:
-    """A member of an archive after its header."""
+    """A member of an archive, opened after its header."""
     with reading(name):
         information = archive.getinfo(f"{name}.npy")
         stream = streams.enter_context(member_of(archive, information))

@@ -1,4 +1,4 @@
-"""Force plates and handles that rest in the world, as a mapping file tells of them."""
+"""Force plates and handles that rest in the world, from the entries of a mapping file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,19 +13,19 @@ from ident.recordings.table import short
 from ident.recordings.wrench import GROUND, Sensor
 
 KEYS = ("frame", "corners", "origin", "on", "among", "expected", "point", "point_unit", "free_moment", "threshold")
-"""What a mapping file says of a wrench whose frame rests in the world, besides what it says of any wrench."""
+"""Keys of a wrench whose frame rests in the world, in addition to those of any wrench."""
 
 FRAMES = ("body", "world", "plate")
-"""In whose axes a wrench is written: the frame that moves with the body, the world's, or the plate's own."""
+"""Axes of a wrench: those of the frame that moves with the body, the world's, or the plate's own."""
 
 AUTO = "auto"
-"""The body on a plate, if it is to be found."""
+"""Value of `on` for a body that is to be found by its force."""
 
 THRESHOLD = 20.0
-"""Force up to which nobody stands on a plate, N: below it a centre of pressure is a quotient of noise."""
+"""Force up to which a plate counts as unloaded, N: below it a centre of pressure is a quotient of noise."""
 
 RECTANGLE = 0.01
-"""How far corners may be off those of a rectangle, relative to its shorter side: a tape measure does better."""
+"""Largest deviation of corners from a rectangle, relative to its shorter side; a tape measure is more accurate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +33,12 @@ class Plate:
     """A force plate or handle that rests in the world.
 
     Attributes:
-        pose: Pose in the world of the frame in which its readings are written (4, 4).
+        pose: Pose of the frame of its readings in the world (4, 4).
         bodies: Bodies that may be on it; none for the ground wrench.
-        threshold: Force up to which its readings count as nothing, N.
-        point: Coordinates of the point of application, NaN for those that have columns, m (3,); None where moments are
+        threshold: Force up to which its readings are set to zero, N.
+        point: Coordinates of the point of application, NaN for those that have columns, m (3,); None if moments are
             about the frame's origin.
-        expected: Which of several bodies somebody says is on it, "" where nobody does.
+        expected: Body that is stated to be on it, out of several; "" if none is.
     """
 
     pose: np.ndarray
@@ -48,17 +48,17 @@ class Plate:
     expected: str = ""
 
     def sensor(self, applied_to_link: bool) -> Sensor:
-        """Where it measures, with the first of the bodies on it."""
+        """Sensor at its pose, for the first of its bodies."""
         if not self.bodies:
             return Sensor(None, self.pose, applied_to_link)
         return Sensor(self.bodies[0], self.pose, applied_to_link, "world")
 
 
 def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate | None:
-    """What the entry of a wrench tells of a plate; None where its frame moves with a body.
+    """The plate of a wrench's entry; None if its frame moves with a body.
 
     Raises:
-        LogError: It contradicts itself, lacks something, or names a body that the mechanism does not have.
+        LogError: The entry contradicts itself, is incomplete, or names a body that the mechanism does not have.
     """
     where, frame = f"wrenches.{name}", entry.get("frame", "body")
     if frame not in FRAMES:
@@ -92,10 +92,10 @@ def columns_of_point(where: str, entry: Mapping[str, Any]) -> list[str]:
 
 
 def pose_of_corners(where: str, corners: np.ndarray) -> np.ndarray:
-    """Pose of a plate's frame: in the middle of its surface, z = x × y, as C3D files have it (4, 4).
+    """Pose of a plate's frame: in the middle of its surface, z = x × y, as in C3D files (4, 4).
 
     Args:
-        where: What messages call the corners.
+        where: Name of the corners in messages.
         corners: Corners in the plate's quadrants +x+y, -x+y, -x-y and +x-y, m (4, 3).
 
     Raises:

@@ -1,4 +1,4 @@
-"""Signs in a log that a unit is not what it is taken for: degrees for radians, kilonewtons for newtons."""
+"""Checks of a log for wrong units: degrees for radians, kilonewtons for newtons."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -26,7 +26,7 @@ def check_angles(recording: Recording, mapping: ColumnMapping, hinges: Sequence[
 
 
 def check_rates(recording: Recording, hinges: Sequence[str]) -> None:
-    """Refuses rates of hinges that are in degrees where what they are the rates of is in radians, or the reverse."""
+    """Refuses rates of hinges in degrees whose integrals are in radians, or the reverse."""
     for joint, (kind, rate) in product(hinges, (("position", "velocity"), ("velocity", "acceleration"))):
         x, dx = (recording.measured.get(f"{joint}_{quantity}") for quantity in (kind, rate))
         if x is None or dx is None:
@@ -40,9 +40,9 @@ def check_rates(recording: Recording, hinges: Sequence[str]) -> None:
 
 
 def rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
-    """How many times the derivative of x is dx; 0 where they have little to do with each other."""
+    """Factor of dx to the derivative of x; 0 if the two are hardly correlated."""
     m = max(1, len(time) // 100)
-    # Differences over many samples, and means over them, hold less noise than derivatives.
+    # Differences and integrals over many samples have less noise than derivatives.
     integral = np.append(0, np.cumsum((dx[1:] + dx[:-1]) / 2 * np.diff(time)))
     a, b = x[m:] - x[:-m], integral[m:] - integral[:-m]
     power, other, common = float(a @ a), float(b @ b), float(a @ b)
@@ -50,7 +50,7 @@ def rate_factor(time: np.ndarray, x: np.ndarray, dx: np.ndarray) -> float:
 
 
 def unit_of_force(recording: Recording, mapping: ColumnMapping, mechanism: Mechanism) -> list[str]:
-    """A note if the ground's force is so far below the mechanism's weight that it may be in kilonewtons."""
+    """A note if the ground's force is so far below the mechanism's weight that its unit may be kilonewtons."""
     force = recording.measured.get(f"{GROUND}_force")
     if force is None or recording.base is not None or mechanism.prior is None:
         return []

@@ -1,4 +1,4 @@
-"""What was measured: channels by name, with units, noise levels, true values where they are known, and provenance."""
+"""Recordings: channels by name, with units, noise levels, true values if known, and provenance."""
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -21,39 +21,39 @@ from ident.recordings.table import BASE
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 STATES = ("position", "velocity", "acceleration")
-"""What channels call q, q̇ and q̈ of a joint."""
+"""Names of q, q̇ and q̈ in a joint's channels."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Channels sampled at the same instants, simulated or measured, and as they were measured where that was at others.
+    """Channels at common sample times, simulated or measured, and streams at times of their own.
 
-    Joints are found by the names `JOINT_position`, `JOINT_velocity`, `JOINT_acceleration` and `JOINT_torque`, those of
-    a ball with a quaternion `w, x, y, z` (N, 4) and with three components in the body's frame (N, 3); wrenches by
-    `NAME_force` and `NAME_torque`, poses of bodies in the base frame by `BODY_position` and `BODY_orientation` (a
-    quaternion). What a channel holds is finite, or NaN throughout a column that was not measured.
+    Joint channels are named `JOINT_position`, `JOINT_velocity`, `JOINT_acceleration` and `JOINT_torque`; for a ball the
+    position is a quaternion `w, x, y, z` (N, 4), the others have three components in the body's frame (N, 3). Wrenches
+    are `NAME_force` and `NAME_torque`, poses of bodies in the base frame `BODY_position` and `BODY_orientation` (a
+    quaternion). Values are finite, or NaN throughout a column that was not measured.
 
     Attributes:
         time: Sample times, s (N,).
         measured: Measured channels (N,) or (N, d).
-        true: The same channels without noise, empty where nobody knows them.
+        true: The same channels without noise, empty if they are unknown.
         units: Unit of each channel.
         noise: Standard deviation of each channel's noise in its unit, as far as known; for an orientation, of each
             component of a rotation vector in rad.
-        provenance: Where the recording comes from, in JSON's types.
-        sensors: Where wrenches are measured, by their names. That of the ground sits in the base frame unless this
-            says otherwise, and measures what the ground exerts on the mechanism.
-        base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base that rests.
-        held: Whether something holds the base, whose wrench is the ground's; None for what the mechanism suggests.
-        setup: What is known of the set-up, as far as it is not the usual: standard deviations in SI units and radians,
-            by the kinds of `ident.estimation.setup.PRIORS`; zero for what is exactly as stated.
-        known: How well the model's bodies are known, as far as it is not the usual: by the kinds of
+        provenance: Origin of the recording, in JSON's types.
+        sensors: Sensors of the wrenches, by name. By default the ground's is in the base frame and measures the wrench
+            that the ground exerts on the mechanism.
+        base: Poses of a moving base frame in an inertial frame (N, 4, 4), None for a base at rest.
+        held: True if something holds the base, whose wrench is the ground's; None to infer it from the mechanism.
+        setup: Standard deviations of set-up errors that differ from the defaults, in SI units and radians, by the
+            kinds of `ident.estimation.setup.PRIORS`; zero for what is exactly as stated.
+        known: Standard deviations of the model's body parameters that differ from the defaults, by the kinds of
             `ident.parameters.prior.KNOWN`.
         notes: Sentences on what was detected and repaired.
-        unused: Names of a file's columns that nothing was taken from.
+        unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
-            base's poses as `base:pose` (N, 16). The joint estimate takes these; in `measured` and `base` they are
-            interpolated at the common times, for all else.
+            base's poses as `base:pose` (N, 16). The joint estimate uses these; everything else uses `measured` and
+            `base`, where they are interpolated at the common times.
     """
 
     time: np.ndarray
@@ -100,18 +100,18 @@ class Recording:
     def from_streams(
         cls, streams: Mapping[str, tuple[Any, Any]], *, rate: float | None = None, **others: Any
     ) -> "Recording":
-        """A recording of channels that were measured at times of their own.
+        """Recording of channels that were measured at times of their own.
 
-        The channels at common times are interpolated linearly, over the time that all streams cover.
+        At the common times, which span the time that all streams cover, channels are interpolated linearly.
 
         Args:
             streams: Times (N,) and values (N,) or (N, d) by channel, NaN where a sample is missing; poses of a moving
                 base as `base:pose` (N, 16), row by row.
             rate: Rate of the common times in Hz, by default that of the joint positions.
-            others: Other fields of a recording, as `units` or `sensors`.
+            others: Other fields of a recording, such as `units` or `sensors`.
 
         Raises:
-            LogError: A stream is malformed, they have no time in common, or nothing tells the rate.
+            LogError: A stream is malformed, they have no time in common, or the rate is unknown.
         """
         return cls(**at_common_times(streams, rate), **others)
 
@@ -122,7 +122,7 @@ class Recording:
 
     @property
     def noise_free(self) -> "Recording":
-        """The true values as if they had been measured."""
+        """The recording with the true values in place of the measured ones."""
         if not self.true:
             raise LogError("This recording holds no true values.")
         return replace(self, measured=self.true, streams={})
@@ -133,7 +133,7 @@ class Recording:
         return replace(self, streams={})
 
     def as_measured(self, channel: str) -> Sampled:
-        """A channel at the times it was measured at; the base's poses as `base:pose` (N, 16)."""
+        """A channel at the times at which it was measured; the base's poses as `base:pose` (N, 16)."""
         return self.streams[channel] if channel in self.streams else self._common(channel)
 
     def _common(self, channel: str) -> Sampled:
@@ -142,7 +142,7 @@ class Recording:
         return Sampled(self.time, self[channel])
 
     def with_sensors(self, sensors: Mapping[str, Sensor]) -> "Recording":
-        """The recording, and where some of its wrenches are measured."""
+        """The recording with sensors added or replaced, by the names of their wrenches."""
         return replace(self, sensors={**self.sensors, **sensors})
 
     def __getitem__(self, channel: str) -> np.ndarray:
@@ -162,7 +162,7 @@ class Recording:
         return np.hstack([np.empty((samples, 0)), *(self[f"{j}_{kind}"].reshape(samples, -1) for j in joints)])
 
     def torques(self, joints: Sequence[str]) -> np.ndarray | None:
-        """Torques of the named joints, NaN in the columns of those without (N, n); None without any."""
+        """Torques of the named joints, NaN for joints without (N, n); None if no joint has any."""
         if not any(f"{joint}_torque" in self.measured for joint in joints):
             return None
         columns = []
@@ -184,10 +184,10 @@ class Recording:
         return tuple(name for name in forces if f"{name}_torque" in self.measured)
 
     def wrench(self, name: str) -> Wrench:
-        """The wrench `[F; τ]` of a force and a torque channel, with the covariance of their noise as far as known.
+        """The wrench `[F; τ]` of a force and a torque channel, with the covariance of their noise if known.
 
         Raises:
-            LogError: There is none of that name, or nobody said where it is measured.
+            LogError: There is none of that name, or its sensor is unknown.
         """
         channels = f"{name}_force", f"{name}_torque"
         values = np.hstack([self[channel] for channel in channels])
@@ -204,16 +204,16 @@ class Recording:
         )
 
     def is_held(self, tree: Tree) -> bool:
-        """Whether something holds the base: it rests, and no joints carry the mechanism freely, unless it is stated."""
+        """True if something holds the base: as stated, or else if it rests and no joints leave it floating."""
         return (self.base is None and not tree.floats) if self.held is None else self.held
 
     def total_wrench(self, tree: Tree, without: Iterable[str] = (), *, motion: Motion | None = None) -> TotalWrench:
-        """Eq. 17: the total wrench of all wrenches but those named; where nothing holds the base, of contacts alone.
+        """Total wrench of all wrenches but those named (Eq. 17); of contacts alone if nothing holds the base.
 
         Args:
             tree: The mechanism.
             without: Names of wrenches to leave out.
-            motion: How mechanism and base move, by default joint positions and poses as they were recorded.
+            motion: Motion of mechanism and base, by default the recorded joint positions and poses.
         """
         names = [name for name in self.wrenches if name not in without]
         ground = self.wrench(GROUND) if GROUND in names or self.is_held(tree) else None
@@ -227,12 +227,12 @@ class Recording:
         return poses(self[f"{body}_position"], self[f"{body}_orientation"])
 
     def save(self, path: str | Path) -> None:
-        """Writes a `.npz` or `.csv` file that `load` reads back bit by bit, but for the streams."""
+        """Writes a `.npz` or `.csv` file that `load` reads back exactly, except for the streams."""
         saved.save(Path(path), vars(self))
 
     @classmethod
     def load(cls, path: str | Path, *, limit: int = LIMIT) -> "Recording":
-        """Reads a file whose columns are named like channels, as `save` writes it.
+        """Reads a file written by `save`, or one with columns named like channels.
 
         Args:
             path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
@@ -246,15 +246,15 @@ class Recording:
 
     @classmethod
     def chunks(cls, path: str | Path, samples: int = 10_000, *, limit: int = LIMIT) -> Iterator["Recording"]:
-        """Reads what `load` reads piece by piece, for files that are larger than memory.
+        """Reads a file like `load`, but piece by piece, for files larger than memory.
 
         Args:
             path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
-            samples: Samples of each piece, of the last one perhaps fewer.
+            samples: Samples of each piece; the last one may have fewer.
             limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
 
         Raises:
-            LogError: The file is missing or not a recording, as for `load`; a fault is found when its piece is due.
+            LogError: The file is missing or not a recording, as for `load`; raised when the faulty piece is read.
             InputError: A piece has no samples.
         """
         if samples < 1:

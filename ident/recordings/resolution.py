@@ -1,7 +1,7 @@
-"""The resolution of a signal: the distance of the lattice that a converter or the digits of a file put its samples on.
+"""The resolution of a signal: the step to which a converter or the digits of a file quantize its samples.
 
-A lattice shows in the differences of neighbouring values: they are whole multiples of its distance. A signal that is
-not on one has differences of any size, down to rounding.
+The differences of neighbouring values of a quantized signal are multiples of the step. Those of any other signal are of
+any size, down to rounding.
 """
 
 from collections.abc import Iterable
@@ -11,47 +11,47 @@ import numpy as np
 from ident.tolerances import NORMAL_MAD
 
 UNIFORM = 1 / np.sqrt(12)
-"""Standard deviation of an error that is anything within a step of one: that of rounding to a lattice."""
+"""Standard deviation of the error of rounding to a step of one, which is uniformly distributed."""
 
 REPEATED = 0.8
-"""Share of the samples whose value has to occur again from which values that do not (repaired, interpolated) do not
-count: on a lattice that is coarse beside the range nearly all values do."""
+"""Share of the samples with repeated values above which single values (repaired, interpolated) are ignored: at a
+resolution that is coarse relative to the range nearly all values are repeated."""
 
 OFF = 0.15
-"""Distance from a whole number up to which a difference is taken for a multiple: values are rounded once more where
+"""Distance from an integer up to which a difference counts as a multiple of the step: values are rounded once more when
 they are written in decimals or converted to other units."""
 
 ON_LATTICE = 0.9
-"""Share of the differences that have to be multiples; of a signal on no lattice twice `OFF` are."""
+"""Least share of the differences that are multiples; of a signal without steps it is twice `OFF`."""
 
 FAR = 10
-"""Differences of more steps say nothing: the error of the step is multiplied by their number."""
+"""Differences of at least this many steps are ignored: the error of the step is multiplied by their number."""
 
 ENOUGH = 8
-"""Differences from which a lattice cannot be chance; fewer suffice where every value occurs again."""
+"""Least number of differences, so that they are not multiples by chance; one suffices if every value is repeated."""
 
 MOST = 5000
-"""Samples that are looked at: every second, third, … one of a longer signal, which sorting would be slow for."""
+"""Samples that are used at most: longer signals are thinned, because sorting them would be slow."""
 
 CANDIDATES = 32
-"""Differences that are tried for the step: so many of the smallest, and so many quantiles of the smaller half."""
+"""Number of candidates for the step: this many of the smallest differences, and as many quantiles of the lower half."""
 
 ROUNDING = 1e-9
-"""Difference of two values, of the largest one, up to which they are the same but for rounding."""
+"""Difference of two values, relative to the largest one, up to which they differ by rounding only."""
 
 RESTS, NOISE_ALONE = 1e-4, 1.2
-"""Range of a coordinate, over the largest of all, up to which it rests; and its standard deviation up to which it does,
-over that of its noise, beside which a motion does not show."""
+"""A coordinate rests if its range is at most this share of the largest range of all, or its standard deviation is below
+this multiple of that of its noise."""
 
 FOURTH_DIFFERENCE = np.sqrt(70)
-"""Standard deviation of the fourth difference of unit white noise, `√(1 + 16 + 36 + 16 + 1)`; motion hardly has one."""
+"""Standard deviation of the fourth difference of unit white noise, `√(1 + 16 + 36 + 16 + 1)`; that of motion is
+negligible."""
 
 
 def quantum(x: np.ndarray) -> float:
-    """Distance of the lattice that the samples of a signal lie on, zero where there is none to be seen.
+    """Resolution of a signal: the step of which its values are multiples, zero if none is detected.
 
-    A lattice that is far finer than samples are dense on it is not seen, nor does it matter: it is far finer than the
-    noise.
+    A step much finer than the spacing of the sampled values is not detected; it is far below the noise.
 
     Args:
         x: Samples, NaN where one is missing (N,).
@@ -84,8 +84,8 @@ def white_noise(*parts: np.ndarray, robust: bool = False) -> float:
     """Standard deviation of the white part of a signal's noise, by its fourth differences.
 
     Args:
-        parts: Samples of each stretch of the signal, NaN where one is missing (N,).
-        robust: True to set few jumps aside.
+        parts: Samples of each contiguous part of the signal, NaN where one is missing (N,).
+        robust: True to use the median, which ignores a few jumps.
     """
     fourth = np.concatenate([np.diff(x[np.isfinite(x)], 4) for x in parts])
     if not len(fourth):
@@ -95,7 +95,7 @@ def white_noise(*parts: np.ndarray, robust: bool = False) -> float:
 
 
 def at_rest(x: np.ndarray, largest: float) -> bool:
-    """True where a coordinate rests, to within its resolution or its noise.
+    """True if a coordinate rests, to within its resolution or its noise.
 
     Args:
         x: Its samples, NaN where one is missing (N,).
@@ -109,7 +109,7 @@ def at_rest(x: np.ndarray, largest: float) -> bool:
 
 
 def _distinct(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values that differ by more than rounding, ascending, and how many samples have each."""
+    """Values that differ by more than rounding, ascending, and the number of samples with each."""
     values, counts = np.unique(x, return_counts=True)
     if not len(values):
         return values, counts

@@ -1,7 +1,7 @@
-"""Channels as they were measured, each at its own times: other rates, jitter, gaps; and what they are at common times.
+"""Channels as they were measured, each at its own times, with rates, jitter and gaps, and interpolated at common times.
 
-A channel at common times is interpolated linearly between the samples there are, which invents what is between them:
-only the joint estimate takes samples where they are.
+At common times a channel is interpolated linearly, which is wrong between distant samples. Only the joint estimate
+takes samples at their own times.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,10 +15,10 @@ from ident.mechanism.body import is_rigid
 from ident.recordings.table import BASE
 
 GAP = 1.5
-"""Steps of time in medians: longer ones are gaps."""
+"""Multiple of the median time step above which a step is a gap."""
 
 AS_MEASURED = "The joint estimate does without them; all else sees straight lines between the samples there are."
-"""What becomes of missing samples."""
+"""Note on missing samples."""
 
 
 class Sampled(NamedTuple):
@@ -39,10 +39,10 @@ class Sampled(NamedTuple):
 
 
 def checked_channel(name: str, values: Iterable[float], samples: int | None) -> np.ndarray:
-    """A channel whose columns are finite or NaN throughout, read-only; so many samples or, with None, any number.
+    """The channel as a read-only array, checked: columns finite or NaN throughout, `samples` long (None: any length).
 
     Raises:
-        LogError: It is none.
+        LogError: It is no such channel.
     """
     x = _copied(values)
     dimensions = (1,) if samples is None else (1, 2)
@@ -59,7 +59,7 @@ def checked_channel(name: str, values: Iterable[float], samples: int | None) -> 
 
 
 def checked_stream(name: str, stream: tuple[Iterable[float], Iterable[float]]) -> Sampled:
-    """Samples at times that increase, read-only.
+    """The stream as read-only arrays, checked to have increasing times.
 
     Raises:
         LogError: They are not a pair of times (N,) and values (N,) or (N, d), finite or missing.
@@ -84,13 +84,13 @@ def checked_stream(name: str, stream: tuple[Iterable[float], Iterable[float]]) -
 
 
 def _copied(values: Iterable[float]) -> np.ndarray:
-    """Numbers as an array of our own; what another recording has checked and frozen is not copied."""
+    """Numbers as a new array; an array that another recording has checked and frozen is not copied."""
     frozen = isinstance(values, np.ndarray) and values.flags.owndata and not values.flags.writeable
     return np.asarray(values, float) if frozen else np.array(values, float)
 
 
 def at_common_times(streams: Mapping[str, tuple[Any, Any]], rate: float | None = None) -> dict[str, Any]:
-    """What a recording holds of streams, by the names of its fields.
+    """Fields of a recording made of streams, by name.
 
     Args:
         streams: Times and values by channel; `rate` as for `uniform_times`.
@@ -103,14 +103,14 @@ def at_common_times(streams: Mapping[str, tuple[Any, Any]], rate: float | None =
 
 
 def uniform_times(streams: Mapping[str, Sampled], rate: float | None = None) -> np.ndarray:
-    """Uniform times over what all streams cover, s.
+    """Uniform times over the span that all streams cover, s.
 
     Args:
-        streams: Streams by channel; a column without any sample has no say.
+        streams: Streams by channel; columns without any sample are ignored.
         rate: Samples per second, by default the fastest joint position's, or that of a moving base.
 
     Raises:
-        LogError: Nothing tells the rate, or there is no time that all streams cover.
+        LogError: The rate is unknown, or there is no time that all streams cover.
     """
     if rate is None:
         rates = {k: rate_of(x) for k, x in streams.items() if len(x.time) > 1}
@@ -135,13 +135,13 @@ def uniform_times(streams: Mapping[str, Sampled], rate: float | None = None) -> 
 
 
 def rate_of(stream: Sampled) -> float:
-    """Samples per second of a stream of at least two, by the average of the steps that are no gaps, Hz."""
+    """Rate of a stream of at least two samples, from the mean of the steps that are no gaps, Hz."""
     steps = np.diff(stream.time)
     return float(1 / steps[steps <= GAP * np.median(steps)].mean())
 
 
 def covered(stream: Sampled) -> tuple[float, float] | None:
-    """First and last time at which no component that is measured has yet to begin, or has ended; None without any."""
+    """First and last time that all measured components cover; None if none is measured."""
     there = np.isfinite(stream.columns)
     there = there[:, there.any(axis=0)]
     if not there.size:
@@ -150,7 +150,7 @@ def covered(stream: Sampled) -> tuple[float, float] | None:
 
 
 def interpolated(stream: Sampled, time: np.ndarray) -> np.ndarray:
-    """Linear interpolation over missing samples, columns without any staying NaN (M,) or (M, d)."""
+    """Linear interpolation, also over missing samples; columns without samples stay NaN (M,) or (M, d)."""
     out = np.full((len(time), stream.columns.shape[1]), np.nan)
     for k, column in enumerate(stream.columns.T):
         there = np.isfinite(column)
@@ -160,7 +160,7 @@ def interpolated(stream: Sampled, time: np.ndarray) -> np.ndarray:
 
 
 def interpolated_poses(stream: Sampled, time: np.ndarray) -> np.ndarray:
-    """Poses (M, 4, 4) between those of a stream (N, 16), turned at a constant rate from one to the next.
+    """Poses (M, 4, 4) interpolated between those of a stream (N, 16), rotations at a constant rate.
 
     Raises:
         LogError: They are no poses.
@@ -176,7 +176,7 @@ def interpolated_poses(stream: Sampled, time: np.ndarray) -> np.ndarray:
 
 
 def between_samples(stream: Sampled, time: np.ndarray, reach: float) -> np.ndarray:
-    """Whether times are at complete samples, or between two that are at most so many seconds apart (M,)."""
+    """Mask of times at complete samples, or between two that are at most `reach` seconds apart (M,)."""
     own = stream.time[np.isfinite(stream.columns).all(axis=1)]
     if not len(own):
         return np.zeros(len(time), bool)
@@ -186,7 +186,7 @@ def between_samples(stream: Sampled, time: np.ndarray, reach: float) -> np.ndarr
 
 
 def side_by_side(streams: Iterable[Sampled]) -> Sampled:
-    """Streams at the times of any of them, NaN where one has no sample then (N, d)."""
+    """Streams joined at the times of all of them, NaN where one has no sample (N, d)."""
     streams = list(streams)
     time = streams[0].time
     if all(np.array_equal(stream.time, time) for stream in streams):

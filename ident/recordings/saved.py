@@ -1,4 +1,4 @@
-"""Recordings as files whose columns are named like channels, written and read back bit by bit."""
+"""Recordings as files with columns named like channels, written and read back exactly."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
 
     Args:
         path: File to write.
-        fields: What a recording holds, by the names of its fields.
+        fields: Fields of the recording, by name.
 
     Raises:
         LogError: A channel has a name that a file cannot hold.
@@ -38,15 +38,15 @@ def save(path: Path, fields: Mapping[str, Any]) -> None:
 
 
 def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:
-    """Reads a file piece by piece: what each holds, by the names of a recording's fields.
+    """Reads a file piece by piece and yields the fields of a recording, by name.
 
     Args:
         path: A `.csv`, `.tsv`, `.txt` or `.npz` file.
-        samples: Samples of each piece, of the last one perhaps fewer.
+        samples: Samples of each piece; the last one may have fewer.
         limit: Bytes that a piece of an archive may take in memory, as for `npz.check_size`.
 
     Raises:
-        LogError: The file is missing or not a recording; a fault is found when its piece is due.
+        LogError: The file is missing or not a recording; raised when the faulty piece is read.
     """
     last = -np.inf
     for table in read_tables(path, samples, truth=True, limit=limit):
@@ -63,7 +63,7 @@ def load(path: Path, samples: int, *, limit: int) -> Iterator[dict[str, Any]]:
 
 
 def _fields(channels: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """What a recording holds from what a file does."""
+    """Fields of a recording from the channels and the metadata of a file."""
     time, base = channels.pop("time"), channels.pop(BASE, None)
     true = {name.removeprefix(TRUE): x for name, x in channels.items() if name.startswith(TRUE)}
     measured = {name: x for name, x in channels.items() if not name.startswith(TRUE)}

@@ -1,4 +1,4 @@
-"""Which segments of a person bodies are, as a mapping file tells."""
+"""Assignment of bodies to the segments of a person, from a mapping file."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from ident.recordings.table import short
 
 
 def read_segments(path: Path) -> dict[str, Placed] | None:
-    """What segments of a person bodies are, from `[segments]` of a mapping file; None where it has no such table.
+    """Segments of a person by body, from `[segments]` of a mapping file; None if it has no such table.
 
     Raises:
         LogError: The file is missing or malformed.
@@ -26,7 +26,7 @@ def read_segments(path: Path) -> dict[str, Placed] | None:
 
 
 def segments_told(told: Any) -> dict[str, Placed]:
-    """What segments bodies are: `BODY = "SEGMENT"`, or a table with its ends too."""
+    """Segments by body, from entries `BODY = "SEGMENT"` or tables with the segment and its ends."""
     out = {}
     for body, entry in table("segments", told).items():
         where = f"segments.{body}"

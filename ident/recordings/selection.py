@@ -1,4 +1,4 @@
-"""What of a log is taken: some of its rows, or of its times."""
+"""Selection of rows or times of a log."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,18 +10,18 @@ from ident.recordings.column import Columns
 from ident.recordings.table import Table
 
 EPOCH = 1e6
-"""Clocks that begin beyond it count from another day, s; their times are counted from the first sample."""
+"""First time above which a clock counts from an epoch, s; such times are counted from the first sample instead."""
 
 Span = tuple[float, float]
-"""First and last of what is taken, both included."""
+"""First and last, both included."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Spans of rows and of times; without any, everything.
+    """Spans of rows and of times; without any, everything is selected.
 
     Attributes:
-        rows: Spans of rows, by the numbers that messages give them.
+        rows: Spans of rows, numbered as in messages.
         time: Spans of times, s.
     """
 
@@ -66,12 +66,12 @@ class Selection:
 
 
 def counted(seconds: np.ndarray) -> np.ndarray:
-    """Times as recordings count them: from the first one, where that is of another day (N,)."""
+    """Times of a recording (N,): counted from the first one if that is beyond `EPOCH`."""
     return seconds - seconds[0] if len(seconds) and abs(seconds[0]) > EPOCH else seconds
 
 
 def selected(table: Table, selection: Selection, clock: Columns) -> Table:
-    """What a selection takes of a table, whose times are in a column."""
+    """The selected rows of a table, whose times are in the column `clock`."""
     if not selection:
         return table
     table = selection.of_rows(table)
@@ -80,7 +80,7 @@ def selected(table: Table, selection: Selection, clock: Columns) -> Table:
 
 
 def taken(table: Table, kept: np.ndarray) -> Table:
-    """Some samples of a table, by whether each is kept (N,)."""
+    """The samples of a table where a mask is true (N,)."""
     samples = np.flatnonzero(kept).tolist()
     cells = {
         name: cells[samples] if isinstance(cells, np.ndarray) else [cells[i] for i in samples]

@@ -1,4 +1,4 @@
-"""Tables that each have times of their own, as of bags and C3D files: streams, and what they are at common times."""
+"""Tables that each have times of their own, as from bags and C3D files: streams, and channels at common times."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,10 +20,10 @@ TIME = "time"
 
 
 def mapping_of(tables: Sequence[Table], mapping: ColumnMapping, joints: Mapping[str, str]) -> ColumnMapping:
-    """A mapping and what names of columns of several tables tell besides; arguments as for `with_names`.
+    """The mapping completed by the names of columns of several tables; arguments as for `with_names`.
 
     Raises:
-        LogError: As `with_names`; or times are mapped, which the file knows, or what holds for text alone is said.
+        LogError: As `with_names`; or the mapping has times, which the file states, or entries for text files only.
     """
     check_text_alone(mapping)
     if TIME in mapping.columns:
@@ -41,13 +41,13 @@ def mapping_of(tables: Sequence[Table], mapping: ColumnMapping, joints: Mapping[
 def read_streams(
     tables: Sequence[Table], mapping: ColumnMapping, notes: list[str], *, gaps: bool | None = None
 ) -> Repaired:
-    """What several tables hold, as it was measured, and at common times.
+    """Channels of several tables, as measured and at common times.
 
     Args:
         tables: Tables, each with a column of its times.
-        mapping: What their columns hold, complete.
+        mapping: Their complete mapping.
         notes: Sentences on what was detected; more are appended.
-        gaps: Whether samples may be missing; None where the file's format says that they may.
+        gaps: True if samples may be missing; None if the file's format allows it.
 
     Raises:
         LogError: A column has no numbers or goes back in time, columns of one quantity have different times, no time is
@@ -83,7 +83,7 @@ def read_streams(
 
 
 def _as_sampled(table: Table, channels: dict[str, np.ndarray], notes: list[str]) -> dict[str, Sampled]:
-    """Channels (N, k) at the times of a table, without samples that repeat the one before."""
+    """Channels (N, k) at the times of a table, without repeated samples."""
     time = table.column(TIME)
     kept = increasing(table, TIME, time, channels, notes)
     if len(kept) < LEAST_SAMPLES:
@@ -94,13 +94,13 @@ def _as_sampled(table: Table, channels: dict[str, np.ndarray], notes: list[str])
 def _checked(
     table: Table, clock: Columns, gaps: bool, channels: dict[str, np.ndarray], notes: list[str]
 ) -> dict[str, Sampled]:
-    """The same where steps of time are checked as those of a log with one clock."""
+    """Channels at the times of a table, with time steps checked as in a log with one clock."""
     repaired = Clock(clock, gaps).repaired(table, channels, notes)
     return {key: repaired.streams.get(key, Sampled(repaired.time, x)) for key, x in repaired.channels.items()}
 
 
 def _part(mapping: ColumnMapping, table: Table) -> ColumnMapping:
-    """What one table has of a mapping.
+    """The part of a mapping that concerns one table.
 
     Raises:
         LogError: A quantity has columns of this table and of another one.

@@ -22,7 +22,7 @@ USUAL = ("time", "t")
 
 
 def files_of(log: Path) -> tuple[Path, ...]:
-    """The files of a log, which are itself or, where it is called `FILE+FILE`, all of them."""
+    """Files of a log: the log itself, or each file of `FILE+FILE`."""
     if log.exists():
         return (log,)
     files, name = list[Path](), ""
@@ -34,7 +34,7 @@ def files_of(log: Path) -> tuple[Path, ...]:
 
 
 def name_of(log: Path) -> str:
-    """What a log is called, without folders."""
+    """Name of a log without folders."""
     return "+".join(file.name for file in files_of(log))
 
 
@@ -44,13 +44,13 @@ def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> lis
     Columns that two files have are called `1:NAME` and `2:NAME`, by the number of the file.
 
     Args:
-        files: The files, in the order in which the mapping tells of them.
-        mapping: How they are laid out, and which columns are their times, where names do not tell.
+        files: The files, in the order of the mapping's entries.
+        mapping: Their layouts, and their columns of times if names do not tell.
         limit: Bytes that each may take in memory.
 
     Raises:
-        LogError: One is missing or damaged, its times are not to be found or are of another day than the others', or
-            the mapping tells of another number of files.
+        LogError: One is missing or damaged, its times are missing or of another epoch than the others', or the mapping
+            is for another number of files.
         InputError: The library that reads one is not installed.
     """
     if twice := [file.name for file in files if [each.resolve() for each in files].count(file.resolve()) > 1]:
@@ -67,21 +67,21 @@ def read_files(files: Sequence[Path], mapping: ColumnMapping, limit: int) -> lis
 
 
 def _told(files: Sequence[Path], mapping: ColumnMapping) -> tuple[list[Layout], list[Columns | None]]:
-    """How each file is laid out, and its column of times; None where names tell.
+    """Layout of each file, and its column of times; None to find it by name.
 
     Raises:
-        LogError: The mapping tells of another number of files.
+        LogError: The mapping is for another number of files.
     """
     check_number(len(files), mapping)
     layouts = list(mapping.layouts)
     if len(layouts) == 1:
-        # What is said of all files of text is not said of the others.
+        # A layout for all text files does not apply to other files.
         layouts = [layouts[0] if file.name.lower().endswith(TEXT) else Layout() for file in files]
     return layouts, [*mapping.clocks] or [mapping.columns.get(TIME)] * len(files)
 
 
 def check_number(number: int, mapping: ColumnMapping) -> None:
-    """Refuses a mapping that tells, one by one, of another number of files than a log has."""
+    """Refuses a mapping whose entries for single files differ in number from the log's files."""
     layouts, clocks = len(mapping.layouts), len(mapping.clocks)
     for what, told in (("[[file]]", layouts if layouts > 1 else number), ("time", clocks or number)):
         if told != number:
@@ -105,7 +105,7 @@ def _tables(file: Path, layout: Layout, clock: Columns | None, limit: int) -> li
 
 
 def _timed(table: Table, clock: Columns | None) -> Table:
-    """A table whose times are in the column `time` in s."""
+    """The table with its times in the column `time` in s."""
     named = [name for name in USUAL if name in table.cells] if clock is None else list(clock.names)
     if len(named) != 1 or named[0] not in table.cells:
         needed = f"times in a column '{named[0]}'" if clock else f"one column of times, {' or '.join(USUAL)}"
@@ -122,7 +122,7 @@ def _timed(table: Table, clock: Columns | None) -> Table:
 
 
 def _apart(files: Sequence[Sequence[Table]]) -> list[list[Table]]:
-    """Tables in which columns that several files have carry the file's number."""
+    """The tables, with the file's number in the names of columns that several files have."""
     count = Counter(name for tables in files for name in {name for table in tables for name in table.cells})
 
     def own(number: int, name: str) -> str:
@@ -142,7 +142,7 @@ def _apart(files: Sequence[Sequence[Table]]) -> list[list[Table]]:
 
 
 def _from_one_zero(files: Sequence[Path], tables: Sequence[Sequence[Table]]) -> list[Table]:
-    """Tables whose times are counted from the first of all, where they are of another day."""
+    """The tables, with times counted from the earliest of all files if they are beyond `EPOCH`."""
     starts = [min(float(np.ravel(table.column(TIME))[0]) for table in several) for several in tables]
     late = [abs(start) > EPOCH for start in starts]
     if any(late) and not all(late):

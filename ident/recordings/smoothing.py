@@ -6,13 +6,13 @@ from scipy.linalg import lapack
 from ident.errors import InputError
 
 PADDING = 9
-"""Least samples by which either end is continued: three for each coefficient of the filter's denominator."""
+"""Least padding at either end in samples: three for each coefficient of the filter's denominator."""
 
 SETTLING = 1.5
-"""Time in which filter and differences settle at either end, in periods of the cut-off frequency."""
+"""Settling time of filter and differences at either end, in periods of the cut-off frequency."""
 
 LEAST = 1e-5
-"""Least cut-off that the filter's coefficients can tell from zero, as a share of the rate."""
+"""Least cut-off for which the filter's coefficients differ from those for zero, as a share of the rate."""
 
 LOWEST = 0.005
 HIGHEST = 0.4
@@ -23,10 +23,9 @@ TAIL = 0.1
 
 
 def low_pass(x: np.ndarray, rate: float, cutoff_hz: float) -> np.ndarray:
-    """Samples without what lies above a cut-off frequency, without delay.
+    """Low-pass filtered samples, without delay.
 
-    The filter that smooths positions belongs on the wrenches as well: what it takes from both sides of
-    `Yφ = Γ` alike leaves φ all but unbiased.
+    Wrenches need the same filter as positions: removing the same from both sides of `Yφ = Γ` leaves φ almost unbiased.
 
     Args:
         x: Uniformly sampled columns, in any unit (N,) or (N, k). A column with NaN becomes NaN.
@@ -45,20 +44,20 @@ def low_pass(x: np.ndarray, rate: float, cutoff_hz: float) -> np.ndarray:
             f"A cut-off needs a frequency from {LEAST * rate:g} Hz to below half the rate, {rate / 2:g} Hz, got "
             f"{cutoff_hz:g} Hz."
         )
-    # A motion that stopped a few samples beyond an end would jerk there as far as the filter reaches.
+    # With a short padding the motion would stop a few samples beyond an end, and the jerk would pass the filter.
     reach = min(max(PADDING, 2 * settling(rate, cutoff_hz)), len(x) - 1)
     return _passed(x, cutoff_hz / rate, reach)
 
 
 def _passed(x: np.ndarray, share: float, padding: int = PADDING) -> np.ndarray:
-    """What a filter passes that has its cut-off at a share of the rate, forward and backward.
+    """Output of the filter, applied forward and backward.
 
-    Either end goes on as its mirror image through the last sample, and what was before that as it begins.
+    Either end is padded by the samples next to it, point-reflected about the last one.
 
     Args:
         x: Samples (N,) or (N, k).
-        share: The cut-off as a share of the rate.
-        padding: Samples by which either end goes on.
+        share: Cut-off as a share of the rate.
+        padding: Number of padded samples at either end.
     """
     if len(x) <= PADDING:
         raise InputError(f"Low-pass filtering needs more than {PADDING} samples, got {len(x)}.")
@@ -68,13 +67,13 @@ def _passed(x: np.ndarray, share: float, padding: int = PADDING) -> np.ndarray:
 
 
 def _filtered(x: np.ndarray, share: float) -> np.ndarray:
-    """A Butterworth filter of second order by the bilinear transform, settled at the first sample.
+    """Output of a second-order Butterworth filter by the bilinear transform, in steady state at the first sample.
 
     `(1 + √2 K + K²) y_i + 2 (K² - 1) y_i-1 + (1 - √2 K + K²) y_i-2 = K² (x_i + 2 x_i-1 + x_i-2)` with K = tan(π share)
-    is, divided by the first factor, a banded triangular system in y. It is solved as such: scipy's filters bring its
-    statistics, a third of what starting takes.
+    is, divided by the first factor, a banded triangular system in y. It is solved as such, because importing
+    `scipy.signal` also imports scipy's statistics, a third of the start-up time.
     """
-    # Of no columns scipy's wrapper of LAPACK would write beyond its memory.
+    # With no columns scipy's wrapper of LAPACK writes out of bounds.
     if not x.size:
         return x
     K = np.tan(np.pi * share)
@@ -114,9 +113,9 @@ def differences(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def smoothed(x: np.ndarray, rate: float, cutoff_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions without noise, and their velocities and accelerations.
+    """Low-pass filtered positions, and their velocities and accelerations.
 
-    Quaternions are no columns to filter and to differentiate one by one: keep them out.
+    Do not pass quaternions: their components cannot be filtered and differentiated one by one.
 
     Args:
         x: Uniformly sampled positions, rad or m (N,) or (N, k). A column with NaN becomes NaN.
@@ -124,7 +123,7 @@ def smoothed(x: np.ndarray, rate: float, cutoff_hz: float) -> tuple[np.ndarray, 
         cutoff_hz: Frequency that half of the amplitude passes, Hz.
 
     Returns:
-        x, ẋ and ẍ in the shape of x; `settling` samples at either end are not to be trusted.
+        x, ẋ and ẍ in the shape of x; `settling` samples at either end are unreliable.
 
     Raises:
         InputError: As for `low_pass`.
@@ -134,25 +133,25 @@ def smoothed(x: np.ndarray, rate: float, cutoff_hz: float) -> tuple[np.ndarray, 
 
 
 def settling(rate: float, cutoff_hz: float) -> int:
-    """How many samples at either end filter and differences need to settle."""
+    """Number of samples at either end in which filter and differences settle."""
     return int(np.ceil(SETTLING * rate / cutoff_hz))
 
 
 def chosen_cutoff(x: np.ndarray, rate: float) -> float:
-    """The cut-off frequency that a recording of positions asks for, by residual analysis of its velocities.
+    """Cut-off frequency for a recording of positions, by residual analysis of its velocities.
 
-    After Winter, Biomechanics and Motor Control of Human Movement, 4th ed., section 3.4.4.3: the RMS of what a filter
-    takes away is drawn over its cut-off. Where only noise is left to take, the curve is straight; the line meets the
-    ordinate at the RMS of all noise, and the cut-off that takes away just as much balances noise against distortion.
-    Winter looks at positions; the plain differences looked at here weigh noise as a derivative does, and ask for less:
-    noise in a regressor biases parameters, a cut-off too low that acts on both sides does not.
+    After Winter, Biomechanics and Motor Control of Human Movement, 4th ed., section 3.4.4.3: the RMS of the residual
+    that a filter removes is a function of its cut-off. Where only noise is removed the function is linear; the line
+    meets the ordinate at the RMS of all noise. The cut-off whose residual has that RMS balances noise and distortion.
+    Winter uses positions. Differences of positions, used here, weight noise like a derivative and give a lower cut-off:
+    noise in a regressor biases parameters, a low cut-off on both sides does not.
 
     Args:
-        x: Uniformly sampled positions, rad or m (N,) or (N, k). Columns that rest or hold NaN have no say.
+        x: Uniformly sampled positions, rad or m (N,) or (N, k). Columns that rest or hold NaN are ignored.
         rate: Samples per second, Hz.
 
     Returns:
-        The highest cut-off that any column asks for, Hz, at most 0.4 of the rate.
+        The highest cut-off of all columns, Hz, at most 0.4 of the rate.
 
     Raises:
         InputError: There are too few samples, or no column has a motion well below half the rate.
@@ -170,29 +169,29 @@ def chosen_cutoff(x: np.ndarray, rate: float) -> float:
             f"Choosing a cut-off needs a column that moves below {TAIL * rate:g} Hz, a tenth of the rate, and is not "
             "noise alone; state a cut-off in Hz."
         )
-    # At high rates most of the noise lies where no filter would leave it, and would outweigh what matters.
+    # At high rates most of the noise is far above any cut-off and would dominate, so samples are averaged in blocks.
     block = max(1, min(int(rate / (10 * _residual_cutoff(x, rate))), len(x) // 50))
     x = x[: len(x) // block * block].reshape(-1, block, x.shape[1]).mean(axis=1)
     return _residual_cutoff(np.diff(x, axis=0), rate / block)
 
 
 def _residuals(x: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """RMS of what a filter takes away, per cut-off as a share of the rate, and column (c, k)."""
+    """RMS of the residual that a filter removes, per cut-off as a share of the rate, and column (c, k)."""
     return np.stack([_residual(x, share) for share in shares.tolist()])
 
 
 def _residual(x: np.ndarray, share: float) -> np.ndarray:
-    """RMS of what one filter takes away, per column (k,)."""
+    """RMS of the residual that one filter removes, per column (k,)."""
     return np.asarray(np.sqrt(np.mean((x - _passed(x, share)) ** 2, axis=0)))
 
 
 def _residual_cutoff(x: np.ndarray, rate: float) -> float:
-    """The highest cut-off over the columns at which the residual is that of all noise, Hz."""
+    """Highest cut-off over the columns at which the RMS of the residual equals that of all noise, Hz."""
     x = np.asfortranarray(x)  # Columns are filtered one by one.
     shares = np.geomspace(LOWEST, HIGHEST, 80)
     tail = shares[shares >= TAIL]
     _, noise = np.polyfit(tail, _residuals(x, tail), 1)
-    # A column that asks for no higher cut-off needs no more filters.
+    # Columns whose cut-off is reached are not filtered again.
     for share in shares.tolist():
         higher = ~(noise >= _residual(x, share))
         if not higher.any():

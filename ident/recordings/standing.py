@@ -1,4 +1,4 @@
-"""What plates measure, as wrenches: about the frame's origin, while somebody stands there, and who does."""
+"""Wrenches of force plates: about the frame's origin, zero while unloaded, assigned to the body on the plate."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +17,7 @@ from ident.recordings.table import Table
 from ident.recordings.wrench import Sensor, pose_in_base
 
 CLOSE = 1.5
-"""Distances of two bodies from a force within this factor leave open whose it is."""
+"""Ratio of the distances of two bodies from a force below which the assignment is doubtful."""
 
 TOLD = 4
 """Episodes on a plate that a note lists."""
@@ -28,14 +28,14 @@ def about_origins(
 ) -> dict[str, np.ndarray]:
     """Channels with moments about the plates' origins in place of points of application: `M = M_free + p × F`.
 
-    Where the force is no larger than the threshold, nothing acts.
+    Where the force does not exceed the threshold, the wrench is zero.
 
     Args:
         table: The file, for messages.
-        channels: What was measured, by key of the mapping, in SI units (N, k).
+        channels: Measured channels by key of the mapping, in SI units (N, k).
         plates: Plates by the names of their wrenches.
         notes: Sentences on what was done; more are appended.
-        gaps: Whether samples may be missing.
+        gaps: True if samples may be missing.
 
     Raises:
         LogError: A point of application is missing while a force acts.
@@ -61,7 +61,7 @@ def about_origins(
 
 
 def _is_quiet(force: np.ndarray, threshold: float) -> np.ndarray:
-    """Samples of a force whose measured components are no larger than a threshold in all; missing ones are not (N,)."""
+    """Mask of samples whose force, by its measured components, is at most a threshold; False for missing ones (N,)."""
     known = ~np.isnan(force).all(axis=0)
     return np.linalg.norm(force[:, known], axis=1) <= (threshold if known.any() else -1.0)
 
@@ -69,7 +69,7 @@ def _is_quiet(force: np.ndarray, threshold: float) -> np.ndarray:
 def _moment(
     table: Table, where: str, channels: dict[str, np.ndarray], plate: Plate, quiet: np.ndarray, gaps: bool
 ) -> np.ndarray:
-    """Moment about the frame's origin of a force at a point, which is taken out of the channels (N, 3)."""
+    """Moment about the frame's origin of a force at a point (N, 3); removes point and free moment from the channels."""
     measured, free, force = (
         channels.pop(f"{where}.point"),
         channels.pop(f"{where}.free_moment"),
@@ -88,16 +88,16 @@ def _moment(
 
 
 def placed(recording: Recording, mechanism: Mechanism, plates: Mapping[str, Plate], notes: list[str]) -> Recording:
-    """The recording with its plates where the mechanism's base is, and a wrench for each body on a plate.
+    """The recording with its plates in the frame of a base at rest, and a wrench for each body on a plate.
 
     Args:
         recording: The recording, its plates in the model's world.
-        mechanism: The mechanism, in whose base frame they are put if the base rests.
+        mechanism: The mechanism, into whose base frame they are moved if the base rests.
         plates: Plates by the names of their wrenches.
-        notes: Sentences on who stands where; more are appended.
+        notes: Sentences on the bodies on plates; more are appended.
 
     Raises:
-        LogError: The ground rests in the world while the base moves, or who stands on a plate cannot be found.
+        LogError: The ground rests in the world while the base moves, or the body on a plate cannot be found.
     """
     for name, plate in plates.items():
         sensor = recording.sensors[name]
@@ -115,7 +115,7 @@ def placed(recording: Recording, mechanism: Mechanism, plates: Mapping[str, Plat
 
 
 def _taking_turns(recording: Recording, mechanism: Mechanism, name: str, plate: Plate, notes: list[str]) -> Recording:
-    """The recording with a wrench of its own for each body that may be on a plate, zero while it is not."""
+    """The recording with a separate wrench for each body that may be on a plate, zero while it is not."""
     sensor = recording.sensors[name]
     who, close = _standing(recording, mechanism, sensor, name, plate)
     notes.append(_told(recording.time, who, close, name, plate.bodies))
@@ -141,10 +141,10 @@ def _taking_turns(recording: Recording, mechanism: Mechanism, name: str, plate: 
 def _standing(
     recording: Recording, mechanism: Mechanism, sensor: Sensor, name: str, plate: Plate
 ) -> tuple[np.ndarray, list[tuple[int, str]]]:
-    """Which of its bodies is on a plate, -1 for none (N,), and where another one is nearly as near.
+    """Index of the body on a plate, -1 for none (N,), and starts of doubtful episodes with the next nearest body.
 
-    In every episode of force it is the body whose origin is nearest to the line along which the force acts, on average
-    over the force: |(M - p × F) × F| / F². On the plate that line is at the centre of pressure.
+    In every episode of force it is the body whose origin p is nearest to the line of action of the force, averaged with
+    the force as weight: |(M - p × F) × F| / F². That line meets the plate at the centre of pressure.
     """
     tree = mechanism.tree
     force, torque = recording[f"{name}_force"], recording[f"{name}_torque"]
@@ -157,7 +157,7 @@ def _standing(
     arms = np.cross(torque[:, None] - np.cross(origins, force[:, None]), force[:, None])
     weighted = np.linalg.norm(arms, axis=2) / np.maximum(size, 1e-12)[:, None]
     who, close = np.full(len(size), -1), []
-    # What the threshold leaves; between two samples at other times it is less than that.
+    # Forces above the threshold; interpolated between two samples they may be lower, but not zero.
     episodes, count = label(size > 0)
     for episode in range(1, count + 1):
         during = episodes == episode
@@ -170,7 +170,7 @@ def _standing(
 
 
 def _told(time: np.ndarray, who: np.ndarray, close: Sequence[tuple[int, str]], name: str, bodies: Sequence[str]) -> str:
-    """A note on who was found on a plate, and when."""
+    """A note on the bodies found on a plate, with times."""
     borders = np.flatnonzero(np.diff(who, prepend=-1, append=-1))
     spans = [(a, b - 1) for a, b in pairwise(borders) if who[a] >= 0]
     listed = [f"{bodies[who[a]]} from {time[a]:.2f} to {time[b]:.2f} s" for a, b in spans[:TOLD]]
@@ -180,6 +180,6 @@ def _told(time: np.ndarray, who: np.ndarray, close: Sequence[tuple[int, str]], n
 
 
 def _nearest(time: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """Indices of the times next to those asked for."""
+    """Indices of the times nearest to those asked for."""
     after = np.clip(np.searchsorted(time, asked), 1, len(time) - 1)
     return np.where(asked - time[after - 1] <= time[after] - asked, after - 1, after)

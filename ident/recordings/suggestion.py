@@ -1,4 +1,4 @@
-"""Columns that look like a wrench or like joint torques, and the lines of a mapping that would use them."""
+"""Columns that look like a wrench or like joint torques, and lines of a mapping for them."""
 
 import json
 import re
@@ -8,24 +8,24 @@ from ident.recordings.table import short
 from ident.recordings.wrench_names import Component, wrench_groups
 
 KINDS = ("force", "torque")
-"""What makes a wrench, moments being about the origin."""
+"""Quantities of a wrench; moments are about the origin."""
 
 JOINT_TORQUE = r"torque|moment|effort|(?<![a-z])(tau|trq|t)(?![a-z])"
-"""What the torque of a joint is called, in small letters."""
+"""Pattern of the names of joint torques, in lower case."""
 
 SHOWN = 40
-"""Columns that are listed at most."""
+"""Number of columns that are listed at most."""
 
 
 def suggested_mapping(columns: Sequence[str], joints: Sequence[str]) -> str:
-    """What a log has that nothing was taken from, and how to map what looks like a wrench or like joint torques.
+    """Message on the unused columns of a log, with a mapping for those that look like a wrench or joint torques.
 
     Args:
-        columns: Names of these columns.
+        columns: Names of the unused columns.
         joints: Names of the mechanism's joints.
 
     Returns:
-        A sentence, and below it lines of TOML where there is something to suggest.
+        A sentence, followed by lines of TOML if there is something to suggest.
     """
     names = [name for name in columns if name == name.strip() and name.isprintable()]
     lines = _ground(names) or _torques(names, [joint for joint in joints if joint.isprintable()])
@@ -55,7 +55,7 @@ def _listed(group: dict[Component, str], kind: str) -> str:
 
 
 def _torques(names: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """Lines for the joints' torques: by the joints' names, or in order where there are as many."""
+    """Lines for the joints' torques: by the joints' names, or in order if there are as many."""
     torques = [name for name in names if re.search(JOINT_TORQUE, name.lower().replace("_", " "))]
     found: dict[str, str] = {}
     for joint in sorted(joints, key=len, reverse=True):
@@ -73,5 +73,5 @@ def _torque_lines(joint: str, column: str) -> tuple[str, str]:
 
 
 def _quoted(text: str) -> str:
-    """A string of TOML; the names of columns have nothing that JSON would write otherwise."""
+    """The text as a TOML string; for names of columns JSON writes the same."""
     return json.dumps(text, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""A file of numbers as named columns, whoever wrote it, some samples at a time."""
+"""A file of numbers as named columns, of any format, piece by piece."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,27 +16,27 @@ TRUE = "true:"
 """Prefix of the columns that hold true values."""
 
 BASE = "base:pose"
-"""Columns of a file that hold the poses of a moving base, row by row."""
+"""Prefix of the columns of a file that hold the poses of a moving base, row by row."""
 
 METADATA = {
     **dict.fromkeys(("units", "noise", "provenance", "sensors", "stated"), dict),
     **dict.fromkeys(("notes", "unused"), list),
 }
-"""What a file says about its columns, as JSON has it."""
+"""Metadata of a file and their JSON types, by name."""
 
 
 FAR = 1e100
-"""No number that others are computed from is larger."""
+"""Upper limit of the numbers from which others are computed."""
 
 
 @dataclass
 class Memory:
-    """What the pieces of a file have to agree on.
+    """State that the pieces of a file share, to check that they agree.
 
     Attributes:
-        missing: Whether a column read so far is empty throughout, by its name.
-        separators: A column by each decimal separator found so far.
-        marks: Decimal separators in the cells of columns, by name, of text that is numbers by now.
+        missing: True for columns read so far that are empty throughout, by name.
+        separators: One column with each decimal separator found so far, by separator.
+        marks: Decimal separators in the cells of text columns that have been parsed, by name.
     """
 
     missing: dict[str, bool] = field(default_factory=dict)
@@ -48,18 +48,18 @@ class Memory:
 class Table:
     """Columns of a file by name, as text or numbers.
 
-    Text is parsed column by column, so that a column of remarks does no harm.
+    Text is parsed column by column, when a column is used; a column of comments does no harm.
 
     Attributes:
         cells: Columns by name (N,).
-        rows: Where each sample stands in the file.
-        word: What the file calls that, a row or a sample.
-        metadata: What else the file says, by the names of `METADATA`.
-        memory: What is known from the pieces before.
-        decimal_comma: Whether numbers may have decimal commas.
+        rows: Number of each sample in the file.
+        word: Name of these numbers in messages, such as row or sample.
+        metadata: Metadata of the file, by the names of `METADATA`.
+        memory: State from the pieces before.
+        decimal_comma: True if numbers may have decimal commas.
         sums: Columns that are computed from those of the file, by name.
-        units: What the file says of units, by column: `SI`; or `deg`, of those that are angles, all else being SI.
-        notes: Sentences on what the file says besides.
+        units: Units that the file states, by column: `SI`, or `deg` for SI with angles in degrees.
+        notes: Further sentences on the file.
     """
 
     cells: Mapping[str, Sequence[str] | np.ndarray]
@@ -73,21 +73,21 @@ class Table:
     notes: Sequence[str] = ()
 
     def row(self, i: int) -> str:
-        """Where sample i stands in the file."""
+        """Location of sample i in the file, for messages."""
         return f"{self.word} {self.rows[i]}"
 
     def available(self) -> str:
-        """What the file has, for messages."""
+        """Names of the file's columns, for messages."""
         names = list(map(short, self.cells))
         return f"the file has {', '.join(names[:40])}{', ...' if len(names) > 40 else ''}"
 
     def column(self, name: str, limit: float = np.inf, *, gaps: bool = False) -> np.ndarray:
-        """Numbers of a column, NaN in all of them or in none, unless some may be missing (N,).
+        """Numbers of a column (N,), all NaN or none unless some may be missing.
 
         Args:
             name: Name of the column, of the file or of a sum.
-            limit: No number is larger.
-            gaps: Whether some may be missing.
+            limit: Largest number that is accepted.
+            gaps: True if some may be missing.
 
         Raises:
             LogError: A cell is no number, empty, infinite or too large; the message names it.
@@ -111,7 +111,7 @@ class Table:
         return x
 
     def _numbers(self, name: str) -> np.ndarray:
-        """Numbers of a column, as the file has them or computed (N,)."""
+        """Numbers of a column, from the file or computed (N,)."""
         if name in self.sums:
             return self.sums[name].of([self.column(part, FAR, gaps=True) for part in self.sums[name].columns])
         cells = self.cells[name]
@@ -122,11 +122,11 @@ class Table:
         return np.array([self._number(name, i, cell) for i, cell in enumerate(cells)])
 
     def _fault(self, name: str, wrong: np.ndarray, what: str) -> LogError:
-        """What is wrong with the first such sample of a column."""
+        """Error on the first sample of a column where a mask is true."""
         return LogError(f"{self.row(int(wrong.argmax()))}, column '{name}' {what}")
 
     def _longest(self, missing: np.ndarray) -> str:
-        """Where the longest run of missing samples is, "" if each is alone."""
+        """Location of the longest run of missing samples, for messages; "" if all are isolated."""
         edges = np.flatnonzero(np.diff([False, *missing, False]))
         first, after = edges[::2], edges[1::2]
         k = int((after - first).argmax())
@@ -135,7 +135,7 @@ class Table:
         return f", {int(after[k] - first[k])} in a row from {self.row(first[k])} to {self.row(after[k] - 1)}"
 
     def channels(self) -> dict[str, np.ndarray]:
-        """All columns, those of a vector together, in whatever order they stand (N,) or (N, d)."""
+        """All channels (N,) or (N, d), vectors joined from their columns, which may be in any order."""
         groups: dict[str, dict[str, np.ndarray]] = {}
         for column in self.cells:
             name, _, suffix = column.partition(".")
@@ -143,7 +143,7 @@ class Table:
         return {name: _channel(name, group) for name, group in groups.items()}
 
     def _check_separators(self, name: str, cells: Sequence[str] | np.ndarray) -> None:
-        """Refuses decimal commas where others are points; columns of numbers had points, if they are no integers."""
+        """Refuses files with decimal commas and points; numbers with fractions that are parsed already had points."""
         known = self.memory.separators
         if name in self.memory.marks:
             marks = "".join(sorted(self.memory.marks[name]))
@@ -178,11 +178,11 @@ def _channel(name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def vector_columns(name: str, x: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns of an array by name, those of vectors and quaternions by component (N,) each.
+    """Columns of an array by name (N,), vectors and quaternions split into components.
 
     Args:
         name: Name of the array.
-        x: One number a sample or several (N,) or (N, d).
+        x: One number for each sample or several (N,) or (N, d).
     """
     if x.ndim == 1:
         return {name: x}
@@ -191,7 +191,7 @@ def vector_columns(name: str, x: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def in_pieces(table: Table, samples: int, overlap: int) -> Iterator[Table]:
-    """A table at most so many samples at a time, each piece beginning with so many of the one before besides."""
+    """Yields a table in pieces of at most `samples` samples, each preceded by the last `overlap` of the one before."""
     for first in range(0, len(table.rows), samples):
         piece = slice(max(0, first - overlap), first + samples)
         cells = {name: x[piece] for name, x in table.cells.items()}
@@ -199,10 +199,10 @@ def in_pieces(table: Table, samples: int, overlap: int) -> Iterator[Table]:
 
 
 def number_of(cell: str, decimal_comma: bool) -> float:
-    """The number in a cell, NaN in an empty one.
+    """The number in a cell, NaN for an empty one.
 
     Raises:
-        ValueError: There is none.
+        ValueError: The cell holds no number.
     """
     if "_" in cell:
         raise ValueError(cell)
@@ -210,7 +210,7 @@ def number_of(cell: str, decimal_comma: bool) -> float:
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell holds a number, perhaps with a decimal comma."""
+    """True if a cell holds a number, perhaps with a decimal comma."""
     try:
         float(cell.replace(",", "."))
     except ValueError:
@@ -219,6 +219,6 @@ def is_number(cell: str) -> bool:
 
 
 def short(value: Any) -> str:
-    """What somebody wrote, cut to fit a message."""
+    """The value as text, cut to fit a message."""
     text = str(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

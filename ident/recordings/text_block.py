@@ -1,4 +1,4 @@
-"""Rows of a text as numbers, and as text where they are none: no more memory than what they say needs."""
+"""Rows of a text parsed into numbers, or kept as text, in as little memory as possible."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -10,7 +10,7 @@ from ident.recordings.npz import NUMBER
 from ident.recordings.table import Memory, number_of
 
 TEXT = 64
-"""Bytes that a text takes besides its letters."""
+"""Bytes that a string takes in addition to its characters."""
 
 Cells = Sequence[str] | np.ndarray
 
@@ -20,7 +20,7 @@ class Block:
     """Some rows of a text.
 
     Attributes:
-        rows: Where each stands in the file (N,).
+        rows: Number of each in the file (N,).
         cells: Columns by name, numbers or text (N,) each.
         size: Bytes that they take.
     """
@@ -31,7 +31,7 @@ class Block:
 
     @classmethod
     def of(cls, rows: Sequence[int], cells: Mapping[str, Cells], memory: Memory, decimal_comma: bool) -> "Block":
-        """Rows, of whose columns those are numbers that can be; `memory` takes down how their decimals were written."""
+        """Parses columns into numbers where possible, and records their decimal separators in `memory`."""
         numbers = {name: _numbers(name, column, memory, decimal_comma) for name, column in cells.items()}
         size = NUMBER * len(rows) * (1 + len(cells))
         size += sum(sum(TEXT + len(text) for text in {*x}) for x in numbers.values() if not isinstance(x, np.ndarray))
@@ -39,7 +39,7 @@ class Block:
 
     @classmethod
     def joined(cls, blocks: Sequence["Block"]) -> "Block":
-        """Rows of several blocks; columns that are text in one are text in all."""
+        """Rows of several blocks in one; columns that are text in any of them become text."""
         cells = {name: _joined([block.cells[name] for block in blocks]) for name in blocks[0].cells}
         return cls(np.concatenate([block.rows for block in blocks]), cells, sum(block.size for block in blocks))
 
@@ -50,7 +50,7 @@ class Block:
 
 
 def _numbers(name: str, cells: Cells, memory: Memory, decimal_comma: bool) -> Cells:
-    """A column as numbers, if all of its cells are some or empty; text that comes again is kept once."""
+    """A column as numbers if all of its cells are numbers or empty, else as text with equal strings stored once."""
     if isinstance(cells, np.ndarray):
         if decimal_comma and (np.abs(np.modf(cells)[0]) > 0).any():
             memory.marks.setdefault(name, set()).add(".")

@@ -1,4 +1,4 @@
-"""Text files in UTF-8 or UTF-16, perhaps packed by gzip, which unpack to no more than is expected of them."""
+"""Text files in UTF-8 or UTF-16, perhaps packed by gzip, with a limit on the unpacked size."""
 
 import codecs
 import gzip
@@ -13,7 +13,7 @@ from ident.errors import LogError
 from ident.recordings.npz import LIMIT, check_size
 
 LONGEST = 4_000_000
-"""Characters of the longest line, enough for a hundred thousand columns, or for what a file says of itself in JSON."""
+"""Characters of the longest line, enough for a hundred thousand columns or for metadata in JSON."""
 
 
 class _Counted(io.RawIOBase):
@@ -40,12 +40,12 @@ class Text(io.TextIOWrapper):
     limit: int
 
     def begin_piece(self) -> None:
-        """Begins to count anew what a piece takes."""
+        """Resets the count of unpacked bytes at the start of a piece."""
         if isinstance(counted := getattr(self.buffer, "raw", None), _Counted):
             counted.count = 0
 
     def check_size(self, size: int) -> None:
-        """Refuses so many bytes in memory if they are above the limit, as `npz.check_size`."""
+        """Refuses a size in bytes above the limit, as `npz.check_size`."""
         check_size(self.path, size, self.limit)
 
     def whole_lines(self) -> Iterator[str]:
@@ -64,14 +64,14 @@ class Text(io.TextIOWrapper):
 
 @contextmanager
 def opened_text(path: Path, limit: int = LIMIT) -> Iterator[Text]:
-    """A file of text for the duration of a block.
+    """Opens a text file for the duration of a block.
 
     Args:
         path: The file; one whose name ends in `.gz` is unpacked.
         limit: Bytes that a piece of a packed file may have, as for `check_size`.
 
     Raises:
-        LogError: A packed file is damaged, or unpacks to too much.
+        LogError: A packed file is damaged, or too large when unpacked.
     """
     if path.suffix.lower() != ".gz":
         with path.open("rb") as stream:

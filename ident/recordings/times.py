@@ -1,4 +1,4 @@
-"""The time of a log: repeated samples dropped, gaps refused or kept, jitter resampled beside what was measured."""
+"""Times of a log: repeated samples dropped, gaps refused or kept, jitter resampled, with the streams as measured."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,13 +15,13 @@ LEAST_SAMPLES = 10
 """Fewest samples that a log needs."""
 
 JITTER, UNIFORM = 0.2, 1e-3
-"""Departures of steps of time from their median: of a clock to be doubted; and of one that is as good as uniform."""
+"""Relative deviation of time steps from their median above which a clock is doubtful, and up to which it is uniform."""
 
 SPARSE = 1000
-"""Common times for each sample, from which on a gap is a fault of the clock."""
+"""Number of common times per sample above which a gap is an error of the clock."""
 
 LATEST = 1e12
-"""No clock shows more, s."""
+"""Largest time that is accepted, s."""
 
 
 class Repaired(NamedTuple):
@@ -29,8 +29,8 @@ class Repaired(NamedTuple):
 
     Attributes:
         time: Sample times, s (N,).
-        channels: What was measured, by key of the mapping; complete, or NaN in the columns of what is missing (N, k).
-        streams: The same as it was measured, of those channels where that is something else.
+        channels: Channels by key of the mapping; complete, or NaN in columns that are missing (N, k).
+        streams: Channels as they were measured, for those where this differs.
     """
 
     time: np.ndarray
@@ -44,9 +44,9 @@ class Clock:
 
     Attributes:
         column: Its column of times.
-        gaps: Whether samples may be missing.
-        zero: What the column holds at the first sample; None before that.
-        start: What the recording calls that time, s.
+        gaps: True if samples may be missing.
+        zero: Value of the column at the first sample; None before the first piece.
+        start: Time of that sample in the recording, s.
         step: Median step of the first piece, s.
     """
 
@@ -57,11 +57,11 @@ class Clock:
     step: float = 0.0
 
     def repaired(self, table: Table, channels: dict[str, np.ndarray], notes: list[str]) -> Repaired:
-        """The samples that were not read before, at uniform times.
+        """The new samples of a piece, at uniform times.
 
         Args:
             table: The next piece of the file.
-            channels: What was measured at these times, by name (N, k).
+            channels: Channels at its times, by name (N, k).
             notes: Sentences on what was repaired; more are appended.
 
         Raises:
@@ -92,7 +92,7 @@ class Clock:
         return Repaired(self.start + grid[read_before:], {k: x[read_before:] for k, x in channels.items()}, streams)
 
     def _check_gaps(self, table: Table, time: np.ndarray, kept: np.ndarray, notes: list[str]) -> None:
-        """Refuses gaps, or tells of them."""
+        """Refuses gaps, or notes them if samples may be missing."""
         (name,) = self.column.names
         steps = np.diff(time)
         gaps = self._are_gaps(steps)
@@ -118,7 +118,7 @@ class Clock:
         return steps > GAP * self.step * (1 + 1e-6)
 
     def _jitter(self, table: Table, time: np.ndarray, kept: np.ndarray) -> list[str]:
-        """What there is to say of steps that are no gaps."""
+        """Notes on the jitter of steps that are no gaps."""
         (name,) = self.column.names
         steps = np.diff(time)
         departure = np.where(self._are_gaps(steps), 0.0, np.abs(steps / self.step - 1))
@@ -133,7 +133,7 @@ class Clock:
         ]
 
     def _begin(self, zero: float, time: np.ndarray, notes: list[str]) -> None:
-        """Takes start and step from the first piece."""
+        """Sets start and step from the first piece."""
         (name,) = self.column.names
         if len(time) < LEAST_SAMPLES:
             raise LogError(f"a log needs at least {LEAST_SAMPLES} samples at different times, it has {len(time)}.")
@@ -149,15 +149,15 @@ class Clock:
 
 
 def check_jumps(what: str, time: np.ndarray, step: float) -> None:
-    """Refuses times so far apart that nearly all of the common ones would be in a gap, as one wrong stamp makes them.
+    """Refuses times so far apart that nearly all common times would be in a gap, as after one wrong time stamp.
 
     Args:
-        what: What has these times, for the message.
+        what: Name of the times, for the message.
         time: Sample times, s (N,).
         step: Step of the common times, s.
 
     Raises:
-        LogError: They are.
+        LogError: They are too far apart.
     """
     if time[-1] - time[0] > SPARSE * len(time) * step:
         i = int(np.diff(time).argmax())
@@ -170,7 +170,7 @@ def check_jumps(what: str, time: np.ndarray, step: float) -> None:
 def increasing(
     table: Table, name: str, time: np.ndarray, channels: dict[str, np.ndarray], notes: list[str]
 ) -> np.ndarray:
-    """Indices of the samples without those that repeat the one before."""
+    """Indices of the samples, without those that repeat the one before."""
     steps = np.diff(time)
     if (steps < 0).any():
         i = int((steps < 0).argmax()) + 1
@@ -189,13 +189,13 @@ def increasing(
 
 
 def _has_gaps(x: np.ndarray) -> bool:
-    """Whether columns lack some samples, but not all."""
+    """True if a column lacks some samples, but not all."""
     missing = np.isnan(x)
     return bool((missing.any(axis=0) & ~missing.all(axis=0)).any())
 
 
 def _covered(grid: np.ndarray, streams: dict[str, Sampled]) -> np.ndarray:
-    """Those of some times that all streams cover."""
+    """The times that all streams cover."""
     if not any(_has_gaps(stream.values) for stream in streams.values()):
         return grid
     first, last = zip(*(span for stream in streams.values() if (span := covered(stream)) is not None), strict=True)

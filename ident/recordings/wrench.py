@@ -16,22 +16,22 @@ GROUND = "ground"
 """Name of the wrench at the base; all others are contacts."""
 
 FRAMES = ("body", "world")
-"""What a sensor's frame moves with: the link that it is on, or nothing, as a force plate's."""
+"""Frames of a sensor: it moves with its link, or rests in the world like a force plate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """Where a wrench is measured, and which way round.
+    """Place and sign of a measured wrench.
 
     Attributes:
-        body: Name of the link that touches something; None for the ground wrench.
-        pose: Pose of the sensor's frame in the link's frame, for the ground wrench in the base frame (4, 4). Of one in
-            the world in the frame that the poses of a moving base are in, which is the base frame of a base at rest.
-        applied_to_link: Whether readings are what the surroundings exert on the mechanism; otherwise they are what the
+        body: Name of the link in contact; None for the ground wrench.
+        pose: Pose of the sensor's frame in the link's frame, for the ground wrench in the base frame (4, 4). For a
+            frame at rest, its pose in the frame of a moving base's poses, which is the base frame of a base at rest.
+        applied_to_link: True if readings are what the surroundings exert on the mechanism; otherwise they are what the
             link exerts on its surroundings, Γ_E of Eq. 15.
-        frame: What the sensor's frame moves with, one of `FRAMES`.
-        plate: Name of the plate where several bodies take turns on one: each has a wrench of its own, zero while it
-            does not stand there, and where the plate is concerns them all. Empty for a wrench that is on its own.
+        frame: One of `FRAMES`: `body` if the sensor's frame moves with the link, `world` if it rests.
+        plate: Name of the plate if several bodies take turns on it: each has a wrench of its own, zero while it is not
+            on the plate, and all share the plate's pose. Empty otherwise.
     """
 
     body: str | None = None
@@ -45,10 +45,10 @@ class Sensor:
 
 
 def sensors_told(told: Mapping[str, Any]) -> dict[str, Sensor]:
-    """Sensors by name from what a file tells of them.
+    """Sensors by name from a file's metadata.
 
     Raises:
-        LogError: It is not what `vars` of a sensor is in JSON.
+        LogError: An entry is not `vars` of a sensor in JSON.
     """
     sensors = {}
     for name, content in told.items():
@@ -71,12 +71,12 @@ class Wrench:
 
     Attributes:
         values: Wrenches `[F; τ]` in the sensor's frame, N and N m, NaN in the columns of missing channels (N, 6).
-        body: Name of the link that touches something; None for the ground wrench.
+        body: Name of the link in contact; None for the ground wrench.
         pose: Pose of the sensor's frame as for `Sensor` (4, 4), or one for each sample (N, 4, 4).
-        applied_to_link: Which way round, as for `Sensor`.
+        applied_to_link: Sign of the readings, as for `Sensor`.
         covariance: Covariance of the values (6, 6); None if unknown.
         time: Sample times, s (N,), to be checked against other wrenches' if both are given.
-        frame: What the sensor's frame moves with, as for `Sensor`.
+        frame: One of `FRAMES`, as for `Sensor`.
     """
 
     values: np.ndarray
@@ -110,7 +110,7 @@ class Wrench:
 
     @property
     def on_mechanism(self) -> np.ndarray:
-        """The wrench that the surroundings exert on the mechanism, in the sensor's frame (N, 6)."""
+        """Wrench that the surroundings exert on the mechanism, in the sensor's frame (N, 6)."""
         return self.values if self.applied_to_link else -self.values
 
 
@@ -130,12 +130,12 @@ class TotalWrench:
 
     @property
     def in_base(self) -> np.ndarray:
-        """Γ in the base frame, which takes all components (N, 6)."""
+        """Γ in the base frame, which needs all components (N, 6)."""
         return transform_wrench(self.frame, self.values)
 
     @cached_property
     def covariance(self) -> np.ndarray | None:
-        """Covariance of the values, one for each sample because contacts move (N, 6, 6); None if a part is unknown."""
+        """Covariance of the values, for each sample because contacts move (N, 6, 6); None if a part is unknown."""
         total = np.zeros((len(self.values), 6, 6))
         for pose, covariance in self.parts:
             if covariance is None:
@@ -145,7 +145,7 @@ class TotalWrench:
 
 
 def transform_wrench(T_ab: np.ndarray, wrench: np.ndarray) -> np.ndarray:
-    """A wrench written in frame b, written in frame a: `coAd(T_ab) @ wrench` (Eq. 16).
+    """Wrench given in frame b, expressed in frame a: `coAd(T_ab) @ wrench` (Eq. 16).
 
     Args:
         T_ab: Poses of frame b in frame a (…, 4, 4).
@@ -155,7 +155,7 @@ def transform_wrench(T_ab: np.ndarray, wrench: np.ndarray) -> np.ndarray:
         Wrenches in frame a (…, 6).
     """
     wrench, A = np.asarray(wrench, float), coAd(T_ab)
-    # One pose for all samples makes one product of matrices, which is far quicker.
+    # One pose for all samples needs a single matrix product, which is much faster.
     return wrench @ A.T if A.ndim == 2 else (A @ wrench[..., None])[..., 0]
 
 
@@ -166,12 +166,12 @@ def transform_covariance(T_ab: np.ndarray, covariance: np.ndarray) -> np.ndarray
 
 
 def pose_in_base(sensor: Sensor | Wrench, body: np.ndarray, base: np.ndarray | None) -> np.ndarray:
-    """Pose of a contact's sensor in the base frame: of one in the world it takes no posture, but where the base is.
+    """Pose of a contact's sensor in the base frame, from its body's pose or, for one in the world, from the base's.
 
     Args:
-        sensor: The sensor, or what it measured.
+        sensor: The sensor, or its wrench.
         body: Pose of its body in the base frame (…, 4, 4).
-        base: Pose of a moving base in the world (…, 4, 4); None for one at rest, whose frame the world's then is.
+        base: Pose of a moving base in the world (…, 4, 4); None for a base at rest, whose frame is then the world's.
 
     Returns:
         Poses (…, 4, 4), or one for all samples.
@@ -189,21 +189,21 @@ def total_wrench(
     *,
     base: np.ndarray | None = None,
 ) -> TotalWrench:
-    """Eq. 17: `Γ = Γ_0 - Σ coAd(T_0E) Γ_E`, the wrench that the mechanism's own motion and weight need.
+    """Total wrench, which the mechanism's motion and weight need: `Γ = Γ_0 - Σ coAd(T_0E) Γ_E` (Eq. 17).
 
-    Where nothing holds the base there is no Γ_0, and the contacts alone make up Γ (Eq. 3).
+    If nothing holds the base there is no Γ_0, and Γ is the sum of the contacts alone (Eq. 3).
 
     Args:
         tree: The mechanism.
         q: Joint coordinates in rad, m or quaternions (N, n_q).
-        ground: What the ground and the base exert on each other, perhaps without some of its components; None where
-            nothing holds the base.
+        ground: Wrench between the ground and the base, perhaps without some of its components; None if nothing holds
+            the base.
         contacts: Any number of contacts on any bodies, each with all components.
         base: Poses of a moving base in the world, for wrenches whose frames rest there (N, 4, 4).
 
     Returns:
-        The total wrench in the frame of the ground's sensor, without a ground in the base frame; the sensors'
-        covariances are carried through the transport where all are known.
+        The total wrench in the frame of the ground's sensor, or in the base frame without a ground wrench; the sensors'
+        covariances are transformed with it if all are known.
 
     Raises:
         InputError: A contact is on a body that does not exist or lacks components, or samples do not match in number or
@@ -229,7 +229,7 @@ def total_wrench(
 
 
 def _check_frame(who: str, frame: str, body: str | None) -> None:
-    """Refuses a frame that is none, or a ground wrench in the world, which is where the base is."""
+    """Refuses an unknown frame, or `world` for the ground wrench, whose frame is that of the base."""
     if frame not in FRAMES or (body is None and frame != "body"):
         raise InputError(f"{who} needs a frame out of {', '.join(FRAMES)}, for the ground 'body', got {frame!r}.")
 

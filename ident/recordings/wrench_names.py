@@ -1,4 +1,4 @@
-"""Columns that belong together as one wrench, by their names."""
+"""Grouping of columns into wrenches by their names."""
 
 import re
 from collections.abc import Sequence
@@ -16,16 +16,16 @@ WORDS = (
     ("point", rf"(?:cop|point){_WHOSE}p?{_AXIS}"),
     ("point", rf"(?<![a-z])(?=p){_NUMBER}p?{_AXIS}"),
 )
-"""What a component is called in small letters: a word, perhaps a number or whose it is, an axis. OpenSim calls the
-components of a force vx, vy and vz, those of its point of application px, py and pz; AddBiomechanics those of a moment
-mx, my and mz."""
+"""Patterns of the names of components in lower case: a word, perhaps a number or an owner, and an axis. OpenSim calls
+the components of a force vx, vy and vz, those of its point of application px, py and pz; AddBiomechanics calls those of
+a moment mx, my and mz."""
 
 Component = tuple[str, str]
-"""What is measured, a kind of `WORDS`, and along which axis."""
+"""Quantity, a kind of `WORDS`, and axis."""
 
 
 def wrench_groups(names: Sequence[str]) -> dict[str, dict[Component, str]]:
-    """Columns by what the names of one wrench have in common, and by component."""
+    """Columns by the common part of the names of one wrench, and by component."""
     groups: dict[str, dict[Component, str]] = {}
     for name in names:
         for kind, pattern in WORDS:

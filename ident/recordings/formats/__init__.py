@@ -1,1 +1,1 @@
-"""Files that other programs write, each read by a library of its own into tables of named columns."""
+"""Readers of other programs' files, one module for each format, into tables of named columns."""

@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2 bags, MCAP among them: joint states, wrenches and numbers, each topic at its own times."""
+"""ROS 1 and ROS 2 bags, including MCAP: joint states, wrenches and numbers, each topic at its own times."""
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -15,21 +15,21 @@ from ident.recordings.table import Table
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
 UNITLESS = ("std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float64")
-"""Types of messages that have numbers of any unit; all others are in SI units by definition."""
+"""Types of messages whose numbers have no defined unit; all others are in SI units by definition."""
 
 MESSAGE = 1000
-"""Bytes that a message takes in memory besides those it was sent as, until its numbers are in columns."""
+"""Bytes that a message takes in memory in addition to its serialized size, until its numbers are in columns."""
 
 Message = tuple[int, Any]
-"""Time in ns, and what was sent then."""
+"""Time in ns, and the message."""
 
 
 def tables(path: Path, limit: int) -> list[Table]:
-    """A table for each topic whose messages hold what a log may.
+    """A table for each topic of a type in `COLUMNS`.
 
-    Joints are columns `JOINT_position`, `JOINT_velocity` and `JOINT_torque`, where several topics have them
-    `TOPIC:JOINT_position`; wrenches are `TOPIC_force.x` and so on, without the topic's first slash, and arrays
-    `TOPIC.0`. Times are those in the messages, or where these have none when they were written, in s from the earliest.
+    Joints are columns `JOINT_position`, `JOINT_velocity` and `JOINT_torque`, or `TOPIC:JOINT_position` if several
+    topics have the joint. Wrenches are `TOPIC_force.x` and so on, without the topic's first slash, arrays `TOPIC.0`.
+    Times are the stamps in the messages, or if these have none the times of writing, in s from the earliest.
 
     Raises:
         LogError: The bag is damaged, too large, or has no such topic.
@@ -39,7 +39,7 @@ def tables(path: Path, limit: int) -> list[Table]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     with undamaged("a ROS bag"), AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        # The types as ROS defines them: of those in the bag the library makes code, and damaged ones make it endless.
+        # The types as ROS defines them: the library generates code from those in the bag, without end if damaged.
         types = get_typestore(Stores.ROS2_HUMBLE if reader.is2 else Stores.ROS1_NOETIC)
         read = types.deserialize_cdr if reader.is2 else types.deserialize_ros1
         used = [each for each in reader.connections if each.msgtype in COLUMNS]
@@ -75,7 +75,7 @@ def _tables(sent: Mapping[tuple[str, str], list[Message]]) -> list[Table]:
 
 
 def _times(messages: Sequence[Message]) -> tuple[np.ndarray, str]:
-    """Times in ns (N,), those of the messages unless they have none, and what there is to say of them."""
+    """Times in ns (N,), from the messages' stamps if they have any, and a note on them."""
     written = np.array([time for time, _ in messages], np.int64)
     headers = [message.header for _, message in messages if hasattr(message, "header")]
     stamps = np.array([10**9 * header.stamp.sec + header.stamp.nanosec for header in headers], np.int64)
@@ -86,7 +86,7 @@ def _times(messages: Sequence[Message]) -> tuple[np.ndarray, str]:
 
 
 def _shared(sent: Mapping[tuple[str, str], list[Message]]) -> set[str]:
-    """Names of joints' columns that several topics have."""
+    """Names of joint columns that several topics have."""
     owners: dict[str, set[str]] = defaultdict(set)
     for (topic, kind), messages in sent.items():
         if kind == JOINT_STATE:
@@ -138,4 +138,4 @@ COLUMNS: Mapping[str, Callable[[Sequence[Any], str], dict[str, np.ndarray]]] = {
     "std_msgs/msg/Float64MultiArray": _arrays,
     "std_msgs/msg/Float64": _numbers,
 }
-"""What makes columns of messages, by their type."""
+"""Functions that turn messages into columns, by type of message."""

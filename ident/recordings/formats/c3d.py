@@ -1,4 +1,4 @@
-"""C3D files: markers and what a laboratory's program made of them, force platforms and other analog channels."""
+"""C3D files: markers and quantities computed from them, force platforms and other analog channels."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,18 +21,18 @@ COMPUTED = {
     "POWERS": ("POWER_UNITS", ""),
     "SCALARS": ("SCALAR_UNITS", ""),
 }
-"""Lists of the points that are no positions: where their unit stands, and what it is otherwise."""
+"""Lists of points that are no positions: the entry of their unit, and its default."""
 
 LOADED = 10.0
-"""Force into a plate from which on its centre of pressure means something, N."""
+"""Least force into a plate for a meaningful centre of pressure, N."""
 
 
 def tables(path: Path, limit: int) -> list[Table]:
-    """Points at their rate; and at the analog rate force platforms and all other channels.
+    """A table of points at their rate, and one of force platforms and other channels at the analog rate.
 
-    Of platform k the wrench is in the laboratory's axes and about the laboratory's origin: `plateK_force.x`,
-    `plateK_torque.x`, and the centre of pressure `plateK_point.x`, which is missing while nobody is on it. Points are
-    `LABEL.x` and so on. All is in SI units and radians where the file knows the unit.
+    The wrench of platform k is in the laboratory's axes and about the laboratory's origin: `plateK_force.x`,
+    `plateK_torque.x`; its centre of pressure is `plateK_point.x`, missing while the plate is unloaded. Points are
+    `LABEL.x` and so on. Values are in SI units and radians if the file states the unit.
 
     Raises:
         LogError: The file is damaged, or lacks rates or labels.
@@ -44,7 +44,7 @@ def tables(path: Path, limit: int) -> list[Table]:
 
 
 def markers(path: Path, limit: int) -> Markers:
-    """Positions of the labelled points, without what a program computed from them; raises as `tables`."""
+    """Positions of the labelled points, without computed quantities; raises as `tables`."""
     content = _content(path, limit)
     with undamaged("a C3D file"):
         rate, labelled = _labelled(content)
@@ -59,14 +59,14 @@ def markers(path: Path, limit: int) -> Markers:
 
 
 def _content(path: Path, limit: int) -> Any:
-    """All that a file holds, as its library has it."""
+    """Content of a file as `ezc3d` returns it."""
     with library("c3d"):
         import ezc3d
     check_layout(path, limit)
     with undamaged("a C3D file"):
         try:
             return ezc3d.c3d(str(path), extract_forceplat_data=True)
-        # What is said of platforms may be incomplete or of a type that the library does not know.
+        # Entries on platforms may be incomplete or of a type that the library does not know.
         except (ValueError, RuntimeError) as error:
             content = ezc3d.c3d(str(path))
             content["data"]["platform"] = []
@@ -75,7 +75,7 @@ def _content(path: Path, limit: int) -> Any:
 
 
 def _labelled(content: Any) -> tuple[float, dict[str, np.ndarray]]:
-    """The points' rate in Hz, and what each holds by its label (N, 3); those without labels are left out."""
+    """Rate of the points in Hz, and values by label (N, 3); points without labels are left out."""
     group = content["parameters"]["POINT"]
     labels, points = _strings(group, "LABELS"), content["data"]["points"][:3]
     if len(labels) < points.shape[1]:
@@ -127,7 +127,7 @@ def _analog(content: Any) -> Table | None:
 
 
 def _platform(name: str, platform: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], str]:
-    """Wrench of a platform in SI units, in the laboratory's axes about its origin, and what there is to say of it."""
+    """Wrench of a platform in SI units, in the laboratory's axes about its origin, and a note on it."""
     units = [platform[f"unit_{what}"] for what in ("force", "moment", "position")]
     if not all(unit in SI for unit in units):
         raise LogError(f"force platforms need known units of force, moment and length, got {', '.join(units)}.")
@@ -166,7 +166,7 @@ def _values(group: Mapping[str, Any], entry: str) -> Any:
 
 
 def _strings(group: Mapping[str, Any], entry: str) -> list[str]:
-    """Texts of an entry, and of those that go on with it: LABELS, LABELS2, LABELS3."""
+    """Texts of an entry and of its continuations: LABELS, LABELS2, LABELS3."""
     entries = [entry, *(f"{entry}{k}" for k in range(2, 100) if f"{entry}{k}" in group)]
     return [str(text).strip() for each in entries for text in _values(group, each)]
 

@@ -1,7 +1,7 @@
-"""The layout of C3D files, checked before a library in C++ reads them that may not live to say what is wrong.
+"""Check of the layout of C3D files, before a C++ library reads them that crashes on damaged ones.
 
-The header tells where parameters and data begin and how many frames there are; parameters are records one after the
-other, of groups with a negative and of their entries with a positive number, each with the way to the next.
+The header holds the starts of parameters and data and the number of frames. Parameters are consecutive records, groups
+with a negative and their entries with a positive number, each with the offset of the next.
 """
 
 import math
@@ -14,27 +14,27 @@ from ident.errors import LogError
 from ident.recordings.npz import NUMBER, check_size
 
 BLOCK = 512
-"""Bytes of a block, in which files count."""
+"""Bytes of a block, the unit of positions in the file."""
 
 KEY = 0x50
 """Second byte of every C3D file."""
 
 INTEL, DEC, MIPS = 84, 85, 86
-"""Kinds of processors: the order of bytes in whole numbers is turned for the last."""
+"""Kinds of processors: the last one's integers are big-endian."""
 
 TYPES = (-1, 1, 2, 4)
-"""Types of entries: characters, bytes, whole numbers and others; their bytes, but for the sign."""
+"""Types of entries: characters, bytes, integers and floats; the absolute value is their size in bytes."""
 
 
 def check_layout(path: Path, limit: int) -> None:
-    """Refuses a file whose sections are not where its header says, or that ends before them.
+    """Refuses a file whose sections are not where its header says, or that is truncated.
 
     Args:
         path: The file.
         limit: Bytes that it may take in memory, as for `check_size`.
 
     Raises:
-        LogError: It is damaged or none.
+        LogError: It is damaged or no C3D file.
     """
     content = path.read_bytes()
     start = BLOCK * (content[0] - 1) if content else 0
@@ -59,7 +59,7 @@ class _Parameters:
     place: int
 
     def take(self, kind: str, count: int = 1) -> list[int]:
-        """The next whole numbers of a kind of numpy's."""
+        """The next integers of a numpy type."""
         size = np.dtype(kind).itemsize * count
         if self.place + size > len(self.content):
             raise _damaged("its parameters go beyond their section")
@@ -69,7 +69,7 @@ class _Parameters:
 
 
 def _check_parameters(section: _Parameters) -> None:
-    """Walks all records."""
+    """Checks all records of the section."""
     groups, owners = set(), set()
     while section.place + 2 <= len(section.content):
         (length,), (number,) = section.take("i1"), section.take("i1")
@@ -100,10 +100,10 @@ def _check_parameters(section: _Parameters) -> None:
 
 
 def _check_data(path: Path, content: bytes, order: str, limit: int) -> None:
-    """Refuses fewer frames than the header promises."""
+    """Refuses a file with fewer frames than its header states."""
     points, analog, first, last = (int(x) for x in np.frombuffer(content, f"{order}u2", 4, 2))
     (start,) = np.frombuffer(content, f"{order}u2", 1, 16)
-    # Its sign says whether data are whole numbers; it is in the same place for every processor.
+    # The sign of the scale factor says if data are integers; all processors have it in the same bit.
     is_float = content[15 if order == "<" else 12] & 0x80
     frames, width = max(0, last - first + 1), (4 if is_float else 2) * (4 * points + analog)
     if not start > 1 or BLOCK * (int(start) - 1) + frames * width > len(content):

@@ -1,4 +1,4 @@
-"""MATLAB's `.mat` files up to version 7: arrays with the same number of samples, also those in structures."""
+"""MATLAB's `.mat` files up to version 7: arrays with the same number of samples, also in structures."""
 
 import math
 import zlib
@@ -14,11 +14,11 @@ from ident.recordings.npz import NUMBER, check_size
 from ident.recordings.table import Table, vector_columns
 
 COMPRESSED = 15
-"""Type of an element that is compressed, of version 7."""
+"""Type of a compressed element, of version 7."""
 
 
 def tables(path: Path, limit: int) -> list[Table]:
-    """The table of all arrays that have as many samples as the longest one, along their rows or their columns.
+    """The table of all arrays with as many samples as the longest one, along their rows or their columns.
 
     An array `q` is the column `q`, or `q.x`, `q.y`, `q.z` if it has three; one in a structure is `data.q`.
 
@@ -33,7 +33,7 @@ def tables(path: Path, limit: int) -> list[Table]:
         if head.startswith((b"MATLAB 7.3", b"\x89HDF")):
             raise LogError("MATLAB files of version 7.3 are not read; save it in MATLAB with save(NAME, '-v7').")
         check_size(path, sum(_sizes(path)), limit)
-        # Numbers that are small or whole take less in the file than they do then.
+        # Small numbers and integers take less in the file than as floats in memory.
         check_size(path, sum(NUMBER * math.prod(shape) for _, shape, _ in whosmat(path)), limit)
         arrays = dict(_arrays("", loadmat(path, simplify_cells=True)))
     samples = max((max(x.shape) for x in arrays.values()), default=0)
@@ -45,7 +45,7 @@ def tables(path: Path, limit: int) -> list[Table]:
 
 
 def _arrays(prefix: str, content: Mapping[str, Any]) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays of real numbers by name, those of one number left out."""
+    """Arrays of real numbers by name, without scalars."""
     for name, value in content.items():
         if isinstance(value, dict):
             yield from _arrays(f"{prefix}{name}.", value)
@@ -54,7 +54,7 @@ def _arrays(prefix: str, content: Mapping[str, Any]) -> Iterator[tuple[str, np.n
 
 
 def _sizes(path: Path) -> Iterator[int]:
-    """Bytes that each element of a file of version 5 to 7 takes when unpacked."""
+    """Unpacked size in bytes of each element of a file of version 5 to 7."""
     with path.open("rb") as stream:
         order = {b"IM": "<", b"MI": ">"}.get(stream.read(128)[126:])
         while order and len(tag := stream.read(8)) == 8:

@@ -11,7 +11,7 @@ from ident.recordings.table import Table, short
 from ident.recordings.text_file import opened_text
 
 ANGLES = {"yes": "deg", "no": "SI"}
-"""Units of the columns by what the header says of degrees: lengths and forces are the SI's either way."""
+"""Units of the columns by the header's `inDegrees`; lengths and forces are in SI units either way."""
 
 
 def tables(path: Path, limit: int) -> list[Table]:
@@ -41,7 +41,7 @@ def tables(path: Path, limit: int) -> list[Table]:
 
 
 def _header(lines: Iterator[Line]) -> dict[str, str]:
-    """Entries of the header in small letters, which stand as `key=value` or, in older files, `key value`."""
+    """Entries of the header in lower case, written as `key=value` or, in older files, `key value`."""
     entries: dict[str, str] = {}
     for _, line in lines:
         if line.strip().lower() == "endheader":

@@ -12,7 +12,7 @@ from ident.recordings.table import Table, vector_columns
 
 
 def tables(path: Path, limit: int) -> list[Table]:
-    """The table of a file; points in time and durations are in s, the former from the first one on.
+    """The table of a file; timestamps and durations are in s, timestamps counted from the first one.
 
     Raises:
         LogError: The file is damaged or too large.
@@ -40,7 +40,7 @@ def tables(path: Path, limit: int) -> list[Table]:
 
 
 def _width(kind: Any) -> int:
-    """How many numbers a cell of a type has; none if it has others."""
+    """Count of numbers in a cell of a type; zero if it is not numeric."""
     from pyarrow import types
 
     if types.is_fixed_size_list(kind):
@@ -67,7 +67,7 @@ def _numbers(column: Any, kind: Any) -> np.ndarray:
         return np.asarray(column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False), float)
     ticks = column.cast(pyarrow.int64())
     missing = np.asarray(ticks.is_null().to_numpy(zero_copy_only=False))
-    # Nanoseconds since 1970 have more digits than a float.
+    # Integers: nanoseconds since 1970 have more digits than a float.
     counts = np.asarray(ticks.fill_null(0).to_numpy(zero_copy_only=False), np.int64)
     first = counts[missing.argmin()] if pyarrow.types.is_timestamp(kind) and len(counts) else 0
     return np.where(missing, np.nan, (counts - first) * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[kind.unit])

@@ -1,4 +1,4 @@
-"""What readers of other programs' files share: libraries that may be missing, and errors of any class for damage."""
+"""Common parts of the readers of other programs' files: missing libraries, and errors of any class for damage."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,12 +10,12 @@ from ident.recordings.column import UNITS
 from ident.recordings.npz import reason
 
 SI = {unit: factor for units in UNITS.values() for unit, factor in units.items()}
-"""All units that are known, as factors to SI."""
+"""All known units, as factors to SI."""
 
 
 @contextmanager
 def library(extra: str) -> Iterator[None]:
-    """Turns a failing import of a block into a sentence that names the extra to install.
+    """Turns a failed import in a block into a sentence that names the extra to install.
 
     Raises:
         InputError: The import failed.
@@ -32,10 +32,10 @@ def library(extra: str) -> Iterator[None]:
 
 @contextmanager
 def undamaged(what: str) -> Iterator[None]:
-    """Says in one sentence what is no such file, whatever a library says of it.
+    """Turns any error that a library raises in a block into one sentence on the damaged file.
 
     Args:
-        what: What the file needs to be, for the message.
+        what: Kind of file that is needed, for the message.
 
     Raises:
         LogError: The block failed.
@@ -44,16 +44,16 @@ def undamaged(what: str) -> Iterator[None]:
         yield
     except LogError:
         raise
-    # Each library has a dozen classes of errors for damage, and sizes that are damaged ask for any memory.
+    # Each library has a dozen classes of errors for damage, and a damaged size may ask for any amount of memory.
     except Exception as error:
         raise LogError(f"the file needs to be {what} ({reason(error)}).") from error
 
 
 def checked_rate(rate: float, what: str) -> float:
-    """A rate in Hz.
+    """The rate in Hz, checked to be positive and finite.
 
     Raises:
-        LogError: It is none.
+        LogError: It is not.
     """
     if not (np.isfinite(rate) and rate > 0):
         raise LogError(f"{what} needs to be positive, the file says {rate:g} Hz.")

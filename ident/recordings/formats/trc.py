@@ -1,6 +1,6 @@
-"""Marker positions as text, `.trc`: two rows of what is known, two of labels and axes, then a row for each frame.
+"""Marker positions as text, `.trc`: header rows, two rows of labels and axes, then a row for each frame.
 
-Cells are between tabs, the labels over three columns each:
+Cells are separated by tabs; each label spans three columns:
 
     PathFileType  4  (X/Y/Z)  walk.trc
     DataRate  CameraRate  NumFrames  NumMarkers  Units  OrigDataRate  OrigDataStartFrame  OrigNumFrames
@@ -27,20 +27,20 @@ from ident.recordings.table import Table, short
 from ident.recordings.text_file import Text, opened_text
 
 NEEDED = ("DataRate", "NumFrames", "NumMarkers", "Units")
-"""Entries of the header that the positions cannot do without."""
+"""Required entries of the header."""
 
 LENGTHS: Mapping[str, float] = {**UNITS["length"], "meters": 1.0, "centimeters": 1e-2, "millimeters": 1e-3}
-"""Units of length that headers state, as factors to the metre."""
+"""Units of length in headers, as factors to the metre."""
 
 ARRAY = 120
-"""Bytes that an array takes besides its numbers."""
+"""Bytes that an array takes in addition to its numbers."""
 
 Row = tuple[int, list[str]]
 """Cells of a row, with its number from 1."""
 
 
 def tables(path: Path, limit: int) -> list[Table]:
-    """The markers' table, without joints.
+    """The table of the markers' positions.
 
     Raises:
         LogError: The file is malformed.
@@ -51,7 +51,7 @@ def tables(path: Path, limit: int) -> list[Table]:
 def markers(path: Path, limit: int) -> Markers:
     """Positions of the markers of a `.trc` file.
 
-    Markers are missing where cells are empty, NaN, or all three zero, as some programs write.
+    A marker is missing where its cells are empty, NaN, or all three zero, as some programs write.
 
     Raises:
         LogError: The header is incomplete or contradicts the rows, or a row is malformed.
@@ -62,7 +62,7 @@ def markers(path: Path, limit: int) -> Markers:
 
 
 def _markers(rows: list[Row], others: Iterator[Row], text: Text) -> Markers:
-    """Markers from the first five rows of a file and the others, which are text in memory one at a time."""
+    """Markers from the first five rows of a file and an iterator of the others, parsed one at a time."""
     if len(rows) < 5 or rows[0][1][0] != "PathFileType":
         raise LogError("a .trc file begins with PathFileType, and has four more rows before its frames; this has not.")
     header = dict(zip(rows[1][1], rows[2][1], strict=False))
@@ -90,7 +90,7 @@ def _markers(rows: list[Row], others: Iterator[Row], text: Text) -> Markers:
 
 
 def _labels(row: Row) -> tuple[str, ...]:
-    """The labels, each over three columns."""
+    """Labels, each of which spans three columns."""
     number, cells = row
     if [cell.rstrip("#").lower() for cell in cells[:2]] != ["frame", "time"]:
         raise LogError(f"row {number} of a .trc file begins with Frame# and Time, got '{short(cells[0])}'.")
@@ -98,7 +98,7 @@ def _labels(row: Row) -> tuple[str, ...]:
 
 
 def _frame(row: Row, columns: int) -> list[float]:
-    """Numbers of a row, NaN for cells that are empty or left out at its end."""
+    """Numbers of a row, NaN for cells that are empty or missing at its end."""
     number, cells = row
     if any(cells[columns:]):
         raise LogError(f"row {number} has {len(cells)} cells where the labels ask for {columns}.")
@@ -117,7 +117,7 @@ def _number(row: Row, cell: str) -> float:
 
 
 def _check_rate(time: np.ndarray, rate: float) -> None:
-    """Refuses times that are not those of the rate."""
+    """Refuses times whose median step contradicts the rate."""
     steps = np.diff(time)
     if len(steps) and not 0.9 < np.median(steps) * rate < 1.1:
         raise LogError(f"the header promises {rate:g} Hz, but frames are {np.median(steps):g} s apart.")
