@@ -1,4 +1,4 @@
-"""The ten inertial parameters φ of a rigid body: their order, their names, and other ways to write them."""
+"""The ten inertial parameters φ of a rigid body: order, names, and conversions to other parameters."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -15,11 +15,11 @@ about the *body-frame origin*, in body axes, with `Ixy = -∫xy dm`."""
 
 
 PINOCCHIO = (0, 1, 2, 3, 4, 7, 5, 8, 9, 6)
-"""Where Pinocchio's parameters `m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz` of a body stand in `PARAMETERS`."""
+"""Indices in `PARAMETERS` of Pinocchio's parameters `m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz` of a body."""
 
 
 def parameter_names(bodies: int) -> tuple[str, ...]:
-    """Names of the stacked φ of several bodies as the paper's tables write them: `m1, m1rx1, …, Iyz1, m2, …`.
+    """Names of the stacked φ of several bodies as in the paper's tables: `m1, m1rx1, …, Iyz1, m2, …`.
 
     Args:
         bodies: Number of bodies b.
@@ -35,7 +35,7 @@ def parameter_names(bodies: int) -> tuple[str, ...]:
 
 
 def body_index(name: str) -> int | None:
-    """Index of the body that one of `parameter_names` belongs to, None of any other name.
+    """Index of the body that one of `parameter_names` belongs to, None for any other name.
 
     >>> body_index("m2rz2")
     1
@@ -45,7 +45,7 @@ def body_index(name: str) -> int | None:
 
 
 def body_of_parameter(name: str, bodies: Sequence[str]) -> str | None:
-    """Name of the body that one of `parameter_names` belongs to, None of any other name.
+    """Name of the body that one of `parameter_names` belongs to, None for any other name.
 
     >>> body_of_parameter("m2rz2", ("base", "shank"))
     'shank'
@@ -55,7 +55,7 @@ def body_of_parameter(name: str, bodies: Sequence[str]) -> str | None:
 
 
 def with_bodies(names: Iterable[str], bodies: Sequence[str]) -> str:
-    """Names of parameters in a row, with the name of the body behind those that belong to it.
+    """Comma-separated names of parameters, with the name of the body after consecutive ones of that body.
 
     >>> with_bodies(["m1", "m2rz2", "Ixx2"], ("base", "shank"))
     'm1 of base, m2rz2, Ixx2 of shank'
@@ -65,7 +65,7 @@ def with_bodies(names: Iterable[str], bodies: Sequence[str]) -> str:
 
 
 def symmetric(entries: np.ndarray) -> np.ndarray:
-    """The symmetric matrices (…, 3, 3) of the entries `xx, yy, zz, xy, xz, yz` (…, 6)."""
+    """Symmetric matrices (…, 3, 3) from the entries `xx, yy, zz, xy, xz, yz` (…, 6)."""
     xx, yy, zz, xy, xz, yz = np.moveaxis(np.asarray(entries), -1, 0)
     rows = [np.stack(row, -1) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))]
     return np.stack(rows, -2)
@@ -140,8 +140,8 @@ def parameters_from_pseudo_inertia(J: np.ndarray) -> np.ndarray:
 
 
 def parameter_transform(T_ab: np.ndarray) -> np.ndarray:
-    """Matrix X with `φ_a = X φ_b`: the φ of a body, about frame b, written about frame a (10, 10).
+    """Matrix X with `φ_a = X φ_b`, which transforms φ of a body from frame b to frame a (10, 10).
 
-    The pseudo-inertia moves as `J_a = T_ab J_b T_abᵀ`.
+    The pseudo-inertia transforms as `J_a = T_ab J_b T_abᵀ`.
     """
     return parameters_from_pseudo_inertia(T_ab @ pseudo_inertia(np.eye(10)) @ np.swapaxes(T_ab, -1, -2)).T

@@ -7,17 +7,17 @@ from ident.geometry.se3 import rotation
 
 
 def small_rotation(vector: np.ndarray) -> np.ndarray:
-    """A rotation by a rotation vector, to third order (3, 3); exactly one where the vector is zero."""
+    """Rotation matrix of a small rotation vector, exact up to third order (3, 3); the identity for zero."""
     return rotation(np.concatenate([[1.0], vector / 2]))
 
 
 def continuous_quaternions(rotations: np.ndarray) -> np.ndarray:
-    """Quaternions `w, x, y, z` of rotations (N, 3, 3), of the two of each the one near the sample's before (N, 4)."""
+    """Quaternions `w, x, y, z` of rotations (N, 3, 3), with signs that do not jump between samples (N, 4)."""
     return without_jumps(Rotation.from_matrix(rotations).as_quat(scalar_first=True))
 
 
 def without_jumps(quaternion: np.ndarray) -> np.ndarray:
-    """Quaternions of which each has the sign that is next to the one before; those with NaN stay as they are (N, 4)."""
+    """Quaternions with signs chosen so that they do not jump between samples; those with NaN are unchanged (N, 4)."""
     out = np.array(quaternion, float)
     there = np.isfinite(out).all(axis=1)
     some = out[there]

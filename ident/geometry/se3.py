@@ -34,8 +34,8 @@ def hat(x: np.ndarray) -> np.ndarray:
 def exp(xi: np.ndarray, theta: np.ndarray | float = 1.0) -> np.ndarray:
     """Pose reached by moving along a joint twist: `expm(hat(xi) * theta)`.
 
-    Rodrigues' formula for a twist whose ω is of unit length (a screw) or zero (a translation). With the angle kept
-    apart no small-angle branch is needed.
+    Rodrigues' formula for a twist whose ω is of unit length (a screw) or zero (a translation). As the angle is a
+    separate argument, no small-angle branch is needed.
 
     Args:
         xi: Twist `[v; ω]`, |ω| = 1 or ω = 0 (…, 6).
@@ -54,7 +54,7 @@ def exp(xi: np.ndarray, theta: np.ndarray | float = 1.0) -> np.ndarray:
 
 
 def rotation(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrices of quaternions `w, x, y, z` of any length but zero (…, 4) -> (…, 3, 3)."""
+    """Rotation matrices of quaternions `w, x, y, z` of any nonzero length, (…, 4) -> (…, 3, 3)."""
     quaternion = np.asarray(quaternion)
     real, u = quaternion[..., :1, None], hat(quaternion[..., 1:])
     square = np.sum(quaternion * quaternion, axis=-1, keepdims=True)[..., None]
@@ -86,7 +86,7 @@ def inverse(T: np.ndarray) -> np.ndarray:
 def Ad(T: np.ndarray) -> np.ndarray:
     """Adjoint of a pose: `hat(Ad(T) @ V) == T @ hat(V) @ inverse(T)`.
 
-    `Ad(T_ab)` takes a twist written in frame b to frame a.
+    `Ad(T_ab)` transforms a twist from frame b to frame a.
 
     Args:
         T: Poses (…, 4, 4).
@@ -120,7 +120,7 @@ def ad(V: np.ndarray) -> np.ndarray:
 def coAd(T: np.ndarray) -> np.ndarray:
     """Coadjoint of a pose: `(coAd(T) @ F) · (Ad(T) @ V) == F · V`, power is the same in both frames.
 
-    `coAd(T_ab) = Ad(T_ab⁻¹)ᵀ` takes a wrench written in frame b to frame a, the transport of Eqs. 15-18.
+    `coAd(T_ab) = Ad(T_ab⁻¹)ᵀ` transforms a wrench from frame b to frame a, as in Eqs. 15-18.
 
     Args:
         T: Poses (…, 4, 4).

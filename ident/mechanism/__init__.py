@@ -1,1 +1,1 @@
-"""Bodies, joints and trees of them, and how their bases move."""
+"""Bodies, joints, trees of bodies, and the motion of joints and bases."""

@@ -18,20 +18,20 @@ MINIMUM_SAMPLES = 10
 """Fewest poses from which an axis and its uncertainty are recovered."""
 
 PARALLEL_SIGNIFICANCE = 1e-4
-"""Chance of taking two parallel axes for different ones in `recover_axes`."""
+"""Probability of taking two parallel axes for different ones in `recover_axes`."""
 
 SAME_DIRECTION = 1e-9
-"""Angle, in rad, below which two directions are one, however small their noise."""
+"""Angle, in rad, below which two directions count as equal, however small their noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """A measured unit vector and how each sample's noise moved it.
+    """A measured unit vector and the influence of each sample's noise on it.
 
     Attributes:
         vector: The unit vector (3,).
-        influence: Contribution of each sample to its error, `influence.T @ influence` being its covariance (N, 3).
-            It is kept by sample because a pose that two joints share correlates their errors.
+        influence: Contribution of each sample to its error (N, 3); its covariance is `influence.T @ influence`. It is
+            kept by sample because a pose that two joints share correlates their errors.
     """
 
     vector: np.ndarray
@@ -43,7 +43,7 @@ class Direction:
         return float(np.sqrt(np.sum(self.influence**2) / 2))
 
     def turned(self, R: np.ndarray) -> "Direction":
-        """The same direction in a frame where it is written `R @ vector`."""
+        """The direction expressed in another frame, as `R @ vector`."""
         return Direction(R @ self.vector, self.influence @ R.T)
 
     def along(self, other: "Direction") -> "Direction":
@@ -54,7 +54,7 @@ class Direction:
 
 @dataclass(frozen=True, eq=False)
 class Screw:
-    """Axis of a revolute joint, written in the frame that moves with it.
+    """Axis of a revolute joint, in the frame that moves with it.
 
     Attributes:
         axis: Its direction.
@@ -67,12 +67,12 @@ class Screw:
 
 @dataclass(frozen=True, eq=False)
 class RecoveredAxes:
-    """Axes of all n joints of a tree, and what was decided about their being parallel.
+    """Axes of all n joints of a tree, and the groups of axes that are taken as parallel.
 
     Attributes:
         tree: The design with its axes turned to the recovered directions, through the design's points.
         axes: Recovered axes, in the base frame with the mechanism at home.
-        separate: What each joint alone gives, in the same frame; equal to `axes` where nothing was pooled.
+        separate: Axis of each joint estimated alone, in the same frame; equal to `axes` where nothing was pooled.
         points: Point of each axis nearest to its body's origin, in the body frame, m (n, 3).
         p_values: p-value of the test that a joint's axis is parallel to that of the joint before it, NaN where there
             is none (n,).
@@ -88,11 +88,11 @@ class RecoveredAxes:
 
 
 def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
-    """Axis of the rotations that a revolute joint makes, from noisy poses.
+    """Axis of a revolute joint, estimated from noisy poses.
 
-    Every displacement leaves the axis where it is, `R a = a` and `R c + p = c`. The direction a minimises
-    `Σ‖(R - 1) a‖²` over unit vectors, the point c then solves its equation by least squares. Isotropic noise on the
-    orientation does not bias a to first order.
+    No displacement moves the axis: `R a = a` and `R c + p = c`. The direction a minimises `Σ‖(R - 1) a‖²` over unit
+    vectors, the point c then solves its equation by least squares. Isotropic noise on the orientation does not bias a
+    to first order.
 
     Args:
         displacement: Poses `T_home⁻¹ T(t)` of the moving frame relative to its home (N, 4, 4).
@@ -102,7 +102,7 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
         The screw, in the moving frame.
 
     Raises:
-        InputError: There are too few poses, the frame hardly turns, or the sense of the axis does not show.
+        InputError: There are too few poses, the frame hardly turns, or the sign of the axis is undetermined.
     """
     if len(displacement) < MINIMUM_SAMPLES or not np.isfinite(displacement).all():
         raise InputError(f"An axis needs at least {MINIMUM_SAMPLES} finite poses, got {len(displacement)}.")
@@ -127,13 +127,13 @@ def estimate_screw(displacement: np.ndarray, positive: np.ndarray) -> Screw:
 
 
 def parallel_p_value(a: Direction, b: Direction) -> float:
-    """Wald test that two directions are parallel (or opposite).
+    """p-value of a Wald test that two directions are parallel (or opposite).
 
-    Half their squared difference over its covariance, errors shared sample by sample included, is distributed as F
-    with 2 and N - 2 degrees of freedom if they are.
+    If they are, half their squared Mahalanobis distance is distributed as F with 2 and N - 2 degrees of freedom; the
+    covariance of their difference includes errors shared sample by sample.
 
     Returns:
-        Probability of a difference at least as large, were they parallel.
+        Probability of a difference at least as large if they are parallel.
     """
     b = b.along(a)
     plane = np.linalg.svd((a.vector + b.vector)[None])[2][1:].T
@@ -150,7 +150,7 @@ def angle(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def common_direction(directions: Sequence[Direction]) -> Direction:
-    """One direction for several parallel axes: their mean, weighted by inverse variance, with the first one's sign."""
+    """Common direction of parallel axes: their mean, weighted by inverse variance, with the first one's sign."""
     aligned = [d.along(directions[0]) for d in directions]
     weights = np.array([1 / (d.std**2 + SAME_DIRECTION**2) for d in aligned])
     weights /= weights.sum()
@@ -160,17 +160,17 @@ def common_direction(directions: Sequence[Direction]) -> Direction:
 
 
 def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLEL_SIGNIFICANCE) -> RecoveredAxes:
-    """Revolute axes of a mechanism from the measured poses of its bodies.
+    """Revolute axes of a mechanism, estimated from the measured poses of its bodies.
 
-    Every joint is first recovered alone, from the poses of its two bodies, and then compared with the joint before it
-    (`parallel_p_value`). Axes that cannot be told from parallel are recovered as one direction: two estimates are never
-    exactly parallel, and the smallest difference would add base parameters that the mechanism does not have (for
+    Every joint is first estimated alone, from the poses of its two bodies, and then compared with the joint before it
+    (`parallel_p_value`). Axes that do not differ significantly from parallel get a common direction. Two estimates are
+    never exactly parallel, and the smallest difference would add base parameters that the mechanism does not have (for
     the double pendulum an ill-conditioned rank 15 instead of 13).
 
     Args:
         tree: The design: home poses and nominal twists, which give each axis its sign and its position.
         poses: Measured pose of every body in the base frame (N, b, 4, 4).
-        significance: Chance of telling truly parallel axes apart; 1 keeps every axis on its own.
+        significance: Probability of separating truly parallel axes; 1 keeps every axis separate.
 
     Returns:
         The recovered axes.
@@ -199,7 +199,7 @@ def recover_axes(tree: Tree, poses: np.ndarray, *, significance: float = PARALLE
 
 
 def _parallel(tree: Tree, separate: Sequence[Direction], significance: float) -> tuple[np.ndarray, list[list[int]]]:
-    """p-values of the test against the joint before (n,), and groups of joints that pass for parallel."""
+    """p-values of the test against the joint before (n,), and groups of joints taken as parallel."""
     p_values = np.full(len(separate), np.nan)
     groups: list[list[int]] = []
     for j, i in enumerate(tree.moving):
@@ -214,7 +214,7 @@ def _parallel(tree: Tree, separate: Sequence[Direction], significance: float) ->
 
 
 def _pooled(separate: Sequence[Direction], groups: Sequence[Sequence[int]]) -> list[Direction]:
-    """The axes, those of a group along one direction."""
+    """The axes, those of a group with a common direction."""
     axes = list(separate)
     for group in groups:
         if len(group) > 1:
@@ -236,7 +236,7 @@ def _joint_screw(tree: Tree, poses: np.ndarray, i: int) -> Screw:
 
 
 def _joint_before(tree: Tree, i: int) -> int | None:
-    """Index in q of the joint nearest to the base side of a body's own, None for a first joint."""
+    """Index in q of the next joint towards the base from a body's own, None for a first joint."""
     parent = tree.bodies[i].parent
     while parent != BASE and not tree.bodies[parent].moves:
         parent = tree.bodies[parent].parent

@@ -10,14 +10,14 @@ from ident.geometry import se3
 from ident.mechanism.follower import Follower
 
 BASE = -1
-"""Parent of a body that hangs on the base frame {0}."""
+"""Parent of a body that is attached to the base frame {0}."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
     """One rigid body and the joint that connects it to its parent.
 
-    Arrays of numbers are checked; arrays of symbols (dtype object) are taken as they are.
+    Arrays of numbers are checked; arrays of symbols (dtype object) are not.
 
     Attributes:
         name: Name of the body.
@@ -26,10 +26,10 @@ class Body:
         twist: Joint twist `[v; ω]` in the body's own frame (6,): |ω| = 1 revolute, ω = 0 and |v| = 1 prismatic, all
             zero for a body that is welded to its parent. `ball_twist` for a ball joint (6, 3).
         joint: Name of the joint, empty for a welded body.
-        massless: Whether the body is a mere link between two joints, without φ. Several joints on one body, or a free
+        massless: True if the body is only a link between two joints, without φ. Several joints on one body, or a free
             joint, are chains of such links.
-        follows: The joint whose coordinate moves this one by a function, None for a joint of its own. One that follows
-            turns or slides about one axis, and has no name.
+        follows: Leading joint and function, for a joint whose coordinate is a function of another's; None for an
+            independent joint. A follower has one axis and no name.
     """
 
     name: str
@@ -69,24 +69,24 @@ class Body:
 
     @cached_property
     def moves(self) -> bool:
-        """Whether a joint lies between the body and its parent."""
+        """True if a joint lies between the body and its parent."""
         return bool(np.any(self.twist != 0))
 
     @property
     def turns(self) -> bool:
-        """Whether its joint turns about one axis."""
+        """True if its joint is revolute."""
         return not self.is_ball and bool(self.twist[3:].any())
 
     @property
     def is_ball(self) -> bool:
-        """Whether the joint is a ball."""
+        """True if the joint is a ball."""
         return self.twist.ndim == 2
 
     @cached_property
     def motions(self) -> np.ndarray:
         """Motion subspace of the joint: its twist is `motions @ q̇` in the body's frame (6, 0), (6, 1) or (6, 3).
 
-        Where the joint follows another one, q̇ is the rate of what it follows by.
+        For a follower, q̇ is the rate of its own dependent coordinate.
         """
         return self.twist.reshape(6, -1)[:, : None if self.moves else 0]
 
@@ -98,16 +98,16 @@ class Body:
 
     @property
     def coordinates(self) -> int:
-        """Entries of q that belong to the joint: 1, or 4 for the quaternion `w, x, y, z` of a ball; 0 if it follows."""
+        """Number of the joint's entries of q: 1, or 4 for the quaternion `w, x, y, z` of a ball; 0 for a follower."""
         return 4 if self.is_ball else self.freedoms
 
     @property
     def freedoms(self) -> int:
-        """Entries of q̇ that belong to the joint: 0, 1 or 3."""
+        """Number of the joint's entries of q̇: 0, 1 or 3."""
         return 0 if self.follows else self.motions.shape[1]
 
     def joint_pose(self, q: np.ndarray) -> np.ndarray:
-        """How far the joint has moved the body from home, `exp(ξ̂ q)` for one axis.
+        """Displacement of the body from home by its joint, `exp(ξ̂ q)` for one axis.
 
         Args:
             q: The joint's coordinates, rad, m or a quaternion of any length (…, 0), (…, 1) or (…, 4).
@@ -127,7 +127,7 @@ class Body:
 def ball_twist(center: np.ndarray) -> np.ndarray:
     """Twist of a ball joint: rotations about the body's own x, y and z through one center.
 
-    Its coordinates are a quaternion `w, x, y, z`, that of the body relative to its home; its velocities the angular
+    Its coordinates are the quaternion `w, x, y, z` of the body relative to its home, its velocities the angular
     velocity in the body's frame, rad/s, as in MuJoCo and Pinocchio.
 
     Args:
@@ -140,7 +140,7 @@ def ball_twist(center: np.ndarray) -> np.ndarray:
 
 
 def free_joint(name: str, body: str, parent: int, index: int) -> tuple[Body, ...]:
-    """A body that moves freely, as three slides along the parent's axes and a ball.
+    """Bodies of a free joint: three slides along the parent's axes and a ball.
 
     Coordinates are the position in the parent's frame and a quaternion, velocities the linear velocity in the parent's
     and the angular velocity in the body's frame, as in MuJoCo.
@@ -162,11 +162,11 @@ def free_joint(name: str, body: str, parent: int, index: int) -> tuple[Body, ...
 
 
 _ROUNDED = 1e-9 + 1e-5 * np.eye(3)
-"""How far `R Rᵀ` of a rotation that a model states with few digits may be from the identity."""
+"""Tolerance of `R Rᵀ` against the identity, for rotations that a model states with few digits."""
 
 
 def is_rigid(T: np.ndarray) -> bool:
-    """Whether 4×4 matrices (…, 4, 4) are poses, to rounding."""
+    """True if all matrices (…, 4, 4) are poses, to rounding."""
     if not np.isfinite(T).all() or (T[..., 3, :] != (0, 0, 0, 1)).any():
         return False
     R = T[..., :3, :3]
@@ -174,7 +174,7 @@ def is_rigid(T: np.ndarray) -> bool:
 
 
 def _is_joint_twist(twist: np.ndarray) -> bool:
-    """Whether numbers are the twist of a weld, of one axis, or of a ball."""
+    """True if an array is the twist of a weld, of one axis, or of a ball."""
     if not np.isfinite(twist).all():
         return False
     if twist.shape == (6, 3):

@@ -1,4 +1,4 @@
-"""What carries the base of a mechanism: joints whose kinematics are known, so that angles tell how the base moves."""
+"""Carriers: chains of joints with known kinematics, whose angles determine the motion of a mechanism's base."""
 
 from dataclasses import dataclass, replace
 
@@ -13,9 +13,9 @@ from ident.mechanism.tree import Tree
 
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """A chain of bodies on a base at rest, the last of which is the base of what it carries.
+    """A chain of bodies on a base at rest; its last body is the base of the carried mechanism.
 
-    Its masses do not matter: a sensor between it and what it carries does not feel them.
+    Its masses have no effect on a sensor between it and the carried mechanism.
 
     Attributes:
         tree: The chain.
@@ -36,7 +36,7 @@ class Carrier:
     def motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> BaseMotion:
         """Motion of the last body.
 
-        From one body to the next
+        The recursion from one body to the next is
 
             V_i = Ad(T) V_{i-1} + S q̇        V̇_i = Ad(T) V̇_{i-1} + ad(V_i) S q̇ + S q̈.
 
@@ -45,7 +45,7 @@ class Carrier:
             dq: Joint velocities, rad/s or m/s (…, n); `ddq` accelerations.
 
         Returns:
-            Its poses in the frame of the base at rest, its twists and their rates.
+            Poses of that body in the frame of the base at rest, its twists and their rates.
         """
         tree = self.tree
         rates = zip(tree.body_velocities(dq), tree.body_velocities(ddq), strict=True)
@@ -61,15 +61,15 @@ class Carrier:
 
 
 def divided(tree: Tree, name: str) -> tuple[Carrier, Tree, tuple[int, ...]]:
-    """A tree cut before one of its bodies.
+    """Splits a tree before one of its bodies.
 
     Args:
         tree: The tree.
         name: The body.
 
     Returns:
-        What carries the body; the body, whose frame is {0}, with all that is on it; and the latter's indices in the
-        whole tree.
+        The carrier of the body; the tree of the body, whose frame is {0}, and of all bodies on it; and their indices in
+        the whole tree.
 
     Raises:
         InputError: There is no such body, or no joint moves it.

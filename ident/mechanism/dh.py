@@ -1,4 +1,4 @@
-"""Modified Denavit-Hartenberg tables (Khalil and Kleinfinger, ICRA 1986), read as trees (Table I)."""
+"""Trees from modified Denavit-Hartenberg tables (Khalil and Kleinfinger, ICRA 1986; Table I)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ ALONG_X = np.array([1.0, 0, 0, 0, 0, 0])
 ALONG_Z = np.array([0.0, 0, 1, 0, 0, 0])
 
 JOINT_TWISTS = {"revolute": Z, "prismatic": ALONG_Z, "fixed": np.zeros(6)}
-"""Kinds of frames, with the twist of their joint in their own frame: about or along z, or none."""
+"""Twist of the joint of each kind of frame, in that frame: about or along z, or none."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Frame:
         r: Distance along z, m.
         gamma: Angle about the parent's z before all others, rad; zero in a serial chain.
         b: Distance along that z, m.
-        inertia: Whether the frame carries a body.
+        inertia: True if the frame carries a body.
     """
 
     name: str
@@ -58,20 +58,20 @@ class Frame:
 
 
 def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
-    """The tree of a modified DH table, fixed frames folded away.
+    """Tree of a modified DH table, with fixed frames merged into links.
 
-    Frames that are fixed to one another form one link. A link's body is its first frame with inertia, whatever frame
-    carries the joint; a link without inertia keeps its joint's frame as a massless body. Further frames with
-    inertia are bodies welded to the first one.
+    Frames that are fixed to one another form one link. A link's body is its first frame with inertia, even if another
+    frame has the joint; a link without inertia keeps its joint's frame as a massless body. Further frames with inertia
+    are bodies welded to the first one.
 
     Args:
         frames: The table, parents before their children.
 
     Returns:
-        Bodies named as their frames, joints as the frames that move; q in the order of the table's joints.
+        Bodies named like their frames, joints like the frames that move; q in the order of the table's joints.
 
     Raises:
-        ModelError: A kind is unknown, a name stands twice, or a parent does not come before its child.
+        ModelError: A kind is unknown, a name occurs twice, or a parent does not come before its child.
     """
     _check(frames)
     by_name = {frame.name: frame for frame in frames}
@@ -80,7 +80,7 @@ def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
     carrier: dict[str | None, int] = {}
 
     def in_body(body: int, T: np.ndarray) -> np.ndarray:
-        """A pose given in the moving frame of a body's link, in the body's own frame."""
+        """A pose given in the moving frame of a body's link, expressed in the body's own frame."""
         return T if body == BASE else se3.inverse(in_mover[bodies[body].name]) @ T
 
     for frame in _bodies(frames, mover):
@@ -99,7 +99,7 @@ def tree_from_mdh(frames: Sequence[Frame]) -> Tree:
 
 
 def _movers(frames: Sequence[Frame]) -> tuple[dict[str | None, str | None], dict[str | None, np.ndarray]]:
-    """Name of the frame that moves each frame's link, None for the base frame, and the frame's pose in it (4, 4)."""
+    """Name of the moving frame of each frame's link, None for the base frame, and the frame's pose in it (4, 4)."""
     mover: dict[str | None, str | None] = {None: None}
     in_mover: dict[str | None, np.ndarray] = {None: np.eye(4)}
     for frame in frames:
@@ -110,12 +110,12 @@ def _movers(frames: Sequence[Frame]) -> tuple[dict[str | None, str | None], dict
 
 
 def _bodies(frames: Sequence[Frame], mover: dict[str | None, str | None]) -> list[Frame]:
-    """Frames that become bodies: those with inertia, and movers of links without any."""
+    """Frames that become bodies: those with inertia, and the moving frames of links without any."""
     heavy = {mover[frame.name] for frame in frames if frame.inertia}
     chosen = [
         frame for frame in frames if frame.inertia or (mover[frame.name] == frame.name and frame.name not in heavy)
     ]
-    # A body comes after the joint of its link, also where that joint's row stands before the body's.
+    # Bodies are in the order of their links' joints, also if a joint's row comes before its body's.
     return sorted(chosen, key=lambda frame: [f.name for f in frames].index(mover[frame.name] or frame.name))
 
 

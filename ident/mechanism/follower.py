@@ -1,8 +1,8 @@
-"""Joints that follow another joint's coordinate, as the shin slides on the thigh when the knee bends.
+"""Followers: joints whose coordinate is a function of another's, as the shin slides on the thigh when the knee bends.
 
     q_f = f(q)        q̇_f = f'(q) q̇        q̈_f = f'(q) q̈ + f''(q) q̇²        τ += f'(q) τ_f
 
-f is a polynomial, so that numbers, arrays, signals of a tape and symbols all go through it.
+f is a polynomial, so that it can be evaluated for numbers, arrays, signals of a tape and symbols.
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from ident.errors import ModelError
 
 @dataclass(frozen=True)
 class Follower:
-    """How a joint follows another one.
+    """Dependence of a follower on its leading joint.
 
     Attributes:
-        joint: Name of the joint that leads, one with a single coordinate.
-        coefficients: Those of the polynomial f, the constant first.
-        span: Coordinates of the leader for which f holds, rad or m.
+        joint: Name of the leading joint, which has a single coordinate.
+        coefficients: Coefficients of the polynomial f, the constant first.
+        span: Range of the leader's coordinate for which f holds, rad or m.
     """
 
     joint: str
@@ -49,7 +49,7 @@ class Follower:
         return _horner(tuple(Polynomial(self.coefficients).deriv(2).coef.tolist()), q)
 
     def states(self, q: Any, *rates: Any) -> tuple[Any, ...]:
-        """The follower's coordinate, and as far as the leader's are given its velocity and acceleration."""
+        """The follower's coordinate, and its velocity and acceleration if the leader's are given."""
         slope = self.slope(q) if rates else None
         out = [self.value(q), *(slope * rate for rate in rates)]
         if len(rates) > 1:
@@ -58,7 +58,7 @@ class Follower:
 
 
 def _horner(coefficients: tuple[float, ...], q: Any) -> Any:
-    """A polynomial, from its coefficients, the constant first."""
+    """Value of a polynomial from its coefficients, the constant first."""
     out = q * 0 + coefficients[-1]
     for c in reversed(coefficients[:-1]):
         out = out * q + c

@@ -1,4 +1,4 @@
-"""A mechanism with what is known of it before anything is measured."""
+"""A mechanism with its prior knowledge, before anything is measured."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,21 +14,21 @@ from ident.mechanism.tree import Tree
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A tree of bodies, the gravity that it is in, and what a model says of it.
+    """A tree of bodies with gravity, and the prior, sites and ranges of a model.
 
     Attributes:
         tree: The bodies and their joints.
-        gravity: Acceleration of gravity in the axes of the base frame, m/s² (3,); of a base that moves, in those of the
-            inertial frame that its poses are in.
-        prior: φ of the bodies that the model states, stacked (10 b,); None where no model does.
-        sites: Named places where sensors sit, each the name of a body and a pose in its frame (4, 4).
+        gravity: Acceleration of gravity in the axes of the base frame, m/s² (3,); for a moving base in those of the
+            inertial frame of its poses.
+        prior: φ of the bodies from the model, stacked (10 b,); None without one.
+        sites: Named places of sensors, each the name of a body and a pose in its frame (4, 4).
         ranges: Limits of joint coordinates by the joints' names, rad or m.
-        source: What it was read from, for those who write it back.
-        pose: Pose of the base frame in the model's world, for a base that rests (4, 4).
-        carrier: What carries its base, of a base that joints with known kinematics move; gravity is then in the axes of
-            the frame that the carrier stands on.
-        prior_known: How well the prior of bodies is known by the bodies' names, as for
-            `ident.parameters.prior.body_covariance`; of others as usual.
+        source: The model that it was read from, for writing it back.
+        pose: Pose of the base frame in the model's world, for a base at rest (4, 4).
+        carrier: Carrier of the base, if joints with known kinematics move it; gravity is then in the axes of the
+            carrier's base frame.
+        prior_known: Standard deviations of the prior by the bodies' names, as for
+            `ident.parameters.prior.body_covariance`; defaults for others.
     """
 
     tree: Tree
@@ -57,19 +57,19 @@ class Mechanism:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of the b bodies with a φ, in the order in which the parameters' names number them from 1."""
+        """Names of the b bodies with a φ, in the order of their numbers in the parameters' names, from 1."""
         return tuple(self.tree.bodies[i].name for i in self.tree.inertial)
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints that its motion follows from: those that carry it, and then its own."""
+        """Names of the joints that determine its motion: those of its carrier, then its own."""
         return (*(self.carrier.joints if self.carrier else ()), *self.tree.joints)
 
     def beyond(self, body: str) -> "Mechanism":
-        """A body and all that is on it, on a base that the joints before it carry; its source is not kept.
+        """A body and all bodies on it as a mechanism, with the joints before it as carrier; the source is not kept.
 
         Raises:
-            InputError: There is no such body, no joint moves it, or the base of this mechanism is carried itself.
+            InputError: There is no such body, no joint moves it, or this mechanism has a carrier itself.
         """
         if self.carrier:
             raise InputError(f"What is beyond '{body}' is to be taken from the whole mechanism, not from a part of it.")
@@ -94,7 +94,7 @@ class Mechanism:
         return self.prior
 
     def site(self, name: str) -> tuple[str, np.ndarray]:
-        """Where a sensor sits: the name of a body, and a pose in its frame (4, 4).
+        """Place of a site: the name of a body, and a pose in its frame (4, 4).
 
         Raises:
             ModelError: There is no such site.
@@ -117,7 +117,7 @@ class Mechanism:
 
 
 def checked_gravity(gravity: np.ndarray) -> np.ndarray:
-    """Acceleration of gravity as an array (3,), of finite numbers or of symbols."""
+    """Acceleration of gravity as an array (3,), checked to be finite numbers or symbols."""
     g = np.asarray(gravity)
     if g.shape != (3,) or not (g.dtype == object or np.isfinite(g).all()):
         raise ModelError(f"Gravity needs three finite numbers, m/s², got {gravity}.")

@@ -1,4 +1,4 @@
-"""How a mechanism moves: its joints, and the base frame that they hang on."""
+"""Motion of a mechanism: of its joints and of its base frame."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -17,12 +17,12 @@ Which = int | slice | np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """Motion of a base frame {0} that does not rest: one sample, or one for each.
+    """Motion of a moving base frame {0}, for one sample or many.
 
     Attributes:
         T: Pose of {0} in an inertial frame (…, 4, 4).
         V: Its body twist `[v; ω]` in the axes of {0} (…, 6).
-        dV: Rate of the components of V (…, 6); `v̇` is the acceleration of the origin less `ω × v`.
+        dV: Time derivative of the components of V (…, 6); `v̇` is the acceleration of the origin less `ω × v`.
     """
 
     T: np.ndarray
@@ -42,7 +42,7 @@ class BaseMotion:
 
     @classmethod
     def from_free_joint(cls, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> "BaseMotion":
-        """From the coordinates of a free joint as `free_joint` and MuJoCo have them.
+        """Motion of a base from the coordinates of a free joint, as in `free_joint` and MuJoCo.
 
         Args:
             q: Position and quaternion (…, 7).
@@ -63,7 +63,7 @@ class BaseMotion:
 
     def __getitem__(self, which: Which) -> "BaseMotion":
         """Some of the samples."""
-        some = copy(self)  # Not made anew: what was checked needs no further check.
+        some = copy(self)  # A copy, so that the checks are not repeated.
         for key in ("T", "V", "dV"):
             object.__setattr__(some, key, getattr(self, key)[which])
         return some
@@ -71,7 +71,7 @@ class BaseMotion:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion of a mechanism: N samples, or one without the first axis.
+    """Motion of a mechanism: N samples, or one sample without the first axis.
 
     Attributes:
         q: Joint coordinates in rad, m or quaternions (N, n_q).
@@ -94,7 +94,7 @@ class Motion:
 
     @property
     def base_poses(self) -> np.ndarray | None:
-        """Poses of a base that does not rest in an inertial frame (N, 4, 4), None of one at rest."""
+        """Poses of a moving base in an inertial frame (N, 4, 4), None for a base at rest."""
         return None if self.base is None else self.base.T
 
     @property
@@ -103,7 +103,7 @@ class Motion:
         return self.q, self.dq, self.ddq
 
     def checked(self, tree: Tree) -> "Motion":
-        """The motion in finite floating-point numbers, if it fits a mechanism.
+        """The motion as floating-point numbers, checked to be finite and to fit a mechanism.
 
         Raises:
             InputError: Numbers of samples or columns do not fit, are not finite, or a quaternion is zero.
@@ -122,7 +122,7 @@ class Motion:
         return Motion(q, dq, ddq, self.base).checked_further(tree)
 
     def checked_further(self, tree: Tree) -> "Motion":
-        """`checked` for joint states that are known to be finite and to have the right shapes."""
+        """`checked` for joint states that are already known to be finite and to have the right shapes."""
         q, dq, ddq = (np.asarray(x, float) for x in self.states)
         balls = [i for i, body in enumerate(tree.bodies) if body.is_ball]
         own = tree.body_coordinates(q) if balls else []
@@ -138,7 +138,7 @@ class Motion:
 
 
 def joined(parts: Sequence[Motion]) -> Motion:
-    """Motions that follow one another, as one."""
+    """Consecutive motions concatenated into one."""
     q, dq, ddq = (np.concatenate(x) for x in zip(*(part.states for part in parts), strict=True))
     bases = [(part.base.T, part.base.V, part.base.dV) for part in parts if part.base is not None]
     base = BaseMotion(*(np.concatenate(x) for x in zip(*bases, strict=True))) if bases else None

@@ -1,4 +1,4 @@
-"""Mechanisms that move freely in a plane, as sagittal models of people do, and what no motion in it can explain."""
+"""Mechanisms that move freely in a plane, such as sagittal models of people, and wrench components across the plane."""
 
 import numpy as np
 
@@ -6,14 +6,14 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 
 PARALLEL = 1e-3
-"""Sine of the angle up to which axes are parallel: models are written with few digits."""
+"""Sine of the angle up to which axes count as parallel, as models are written with few digits."""
 
 
 def plane_normal(mechanism: Mechanism) -> np.ndarray | None:
-    """Unit normal, in the base frame, of the plane in which a mechanism moves freely (3,); None for all others.
+    """Unit normal, in the base frame, of the plane in which a mechanism moves freely (3,); None for other mechanisms.
 
-    All hinges turn about the normal, all slides and gravity are across it, and the joints of the only body on the base,
-    or those that carry the base, let it move in all three ways that a plane has.
+    All hinges turn about the normal, all slides and gravity are perpendicular to it, and the joints of the only body on
+    the base, or those of the carrier, have all three degrees of freedom in the plane.
     """
     carrier = mechanism.carrier
     carrying = mechanism.tree if carrier is None else carrier.tree
@@ -29,7 +29,7 @@ def plane_normal(mechanism: Mechanism) -> np.ndarray | None:
         return None
     if carrier is None:
         return normal
-    # Turns about the normal leave it where it is in the axes of the last body.
+    # In the axes of the carrier's last body the normal is constant, as all joints turn about it.
     normal = carrying.generic_poses[-1][:3, :3].T @ normal
     return normal if _in_plane(mechanism.tree, normal) else None
 
@@ -39,10 +39,10 @@ def out_of_plane(mechanism: Mechanism, frame: np.ndarray) -> tuple[int, ...]:
 
     Args:
         mechanism: The mechanism.
-        frame: Pose of the frame in which the wrench is written in the base frame (4, 4).
+        frame: Pose of the wrench's frame in the base frame (4, 4).
 
     Returns:
-        Their indices (3), none where the mechanism does not move in a plane, or its normal is no axis of the frame.
+        Their indices (3), empty if the mechanism does not move in a plane or its normal is no axis of the frame.
     """
     normal = plane_normal(mechanism)
     if normal is None:
@@ -55,7 +55,7 @@ def out_of_plane(mechanism: Mechanism, frame: np.ndarray) -> tuple[int, ...]:
 
 
 def _in_plane(tree: Tree, normal: np.ndarray) -> bool:
-    """True where all hinges turn about a normal, without a pitch, and all slides go across it."""
+    """True if all hinges turn about the normal, without a pitch, and all slides are perpendicular to it."""
     screws = np.hstack(tree.screws)
     v, w = screws[:3], screws[3:]
     turns = w.any(axis=0)

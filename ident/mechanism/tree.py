@@ -1,4 +1,4 @@
-"""A mechanism as Table II writes it: for every body its home pose and the twist of the joint that carries it."""
+"""A mechanism as in Table II: for every body its home pose and the twist of its joint."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,8 +18,8 @@ class Tree:
     """A tree of bodies on a base frame {0}; parents come before their children.
 
     Attributes:
-        bodies: The bodies, b of them with a φ. The joints of the moving ones, in this order, make the vectors q and q̇;
-            only ball joints have more coordinates than velocities. Joints that follow another one have neither.
+        bodies: The bodies, b of them with a φ. The joints of the moving ones, in this order, make up q and q̇. Only
+            ball joints have more coordinates than velocities; followers have neither.
     """
 
     bodies: tuple[Body, ...]
@@ -54,13 +54,13 @@ class Tree:
         xi: np.ndarray,
         parents: Sequence[int] | None = None,
     ) -> "Tree":
-        """The mechanism of a table like Table II.
+        """Tree from a table like Table II.
 
         Args:
             names: Names of the b bodies.
             T_0i: Home pose of each body in the base frame (b, 4, 4).
             xi: Joint twist of each body in the body's own frame, zeros for a welded one (b, 6).
-            parents: Index of each body's parent; without it a serial chain.
+            parents: Index of each body's parent; by default a serial chain.
 
         Returns:
             The tree.
@@ -80,7 +80,7 @@ class Tree:
 
     @cached_property
     def moving(self) -> tuple[int, ...]:
-        """Indices of the bodies that a joint with coordinates of its own moves."""
+        """Indices of the bodies whose joint has coordinates of its own."""
         return tuple(i for i, body in enumerate(self.bodies) if body.coordinates)
 
     @cached_property
@@ -105,14 +105,14 @@ class Tree:
 
     @cached_property
     def floats(self) -> bool:
-        """Whether the joints of one body, the only one on the base, let it move in all six directions."""
+        """True if the only body on the base has joints with all six degrees of freedom."""
         own = [self.screws[i][:, : self.bodies[i].freedoms] for i in self.root]
         screws = np.hstack([np.zeros((6, 0)), *own])
         return screws.shape[1] >= 6 and bool(np.linalg.matrix_rank(screws.astype(float)) == 6)
 
     @cached_property
     def root(self) -> tuple[int, ...]:
-        """Indices of the only body on the base and, before it, of the massless links to it; none of several bodies."""
+        """Indices of the massless links to the only body on the base, and of that body; empty if there are several."""
         chain, parent = list[int](), BASE
         while not chain or self.bodies[parent].massless:
             on_it = [i for i, body in enumerate(self.bodies) if body.parent == parent]
@@ -123,16 +123,16 @@ class Tree:
 
     @cached_property
     def generic_poses(self) -> np.ndarray:
-        """Poses of the bodies in a posture in which no axes happen to be parallel (b, 4, 4)."""
+        """Poses of the bodies in a generic posture, in which no axes are parallel by chance (b, 4, 4)."""
         return self.poses(np.linspace(0.3, 0.9, sum(body.coordinates for body in self.bodies)))
 
     @cached_property
     def screws(self) -> tuple[np.ndarray, ...]:
-        """Motion subspaces of the bodies' joints in that posture, in the base frame (6, 0), (6, 1) or (6, 3) each."""
+        """Motion subspaces of the joints in the generic posture, in the base frame, each (6, 0), (6, 1) or (6, 3)."""
         return tuple(se3.Ad(T) @ body.motions for T, body in zip(self.generic_poses, self.bodies, strict=True))
 
     def carried(self, i: int) -> tuple[int, ...]:
-        """Indices of body i and of all bodies on it."""
+        """Indices of body i and of all its descendants."""
         members = {i}
         for k in range(i + 1, len(self.bodies)):
             if self.bodies[k].parent in members:
@@ -140,7 +140,7 @@ class Tree:
         return tuple(sorted(members))
 
     def with_twists(self, twists: np.ndarray) -> "Tree":
-        """The same tree with other joint twists, in the bodies' own frames (n, 6)."""
+        """The tree with other joint twists, in the bodies' own frames (n, 6)."""
         bodies = list(self.bodies)
         for i, twist in zip(self.moving, twists, strict=True):
             if not np.any(twist):
@@ -149,7 +149,7 @@ class Tree:
         return Tree(tuple(bodies))
 
     def fixed(self, coordinates: Mapping[str, Sequence[float] | np.ndarray]) -> "Tree":
-        """The same tree with some joints welded where they stand.
+        """The tree with some joints welded at given coordinates.
 
         Args:
             coordinates: Coordinates of these joints by their names, rad, m or a quaternion, each (1,) or (4,).
@@ -178,13 +178,13 @@ class Tree:
         return Tree(tuple(bodies))
 
     def without_welds(self) -> tuple["Tree", np.ndarray]:
-        """The same mechanism with welded bodies made one with what carries them.
+        """The mechanism with welded bodies merged into their parents.
 
         Returns:
             The tree, and the matrix X that merges parameters: `φ_merged = X φ`.
         """
         bodies: list[Body] = []
-        # Where each body went: index of the body it is part of now, and its pose in that one's frame.
+        # By old index: index of the merged body, and the pose of the old one in its frame.
         place = {BASE: (BASE, np.eye(4))}
         for i, body in enumerate(self.bodies):
             carrier, T = place[body.parent]
@@ -205,15 +205,15 @@ class Tree:
         return tree, X
 
     def body_coordinates(self, q: np.ndarray) -> list[np.ndarray]:
-        """Joint coordinates (…, n_q) dealt out to the bodies: (…, 0), (…, 1) or (…, 4) each, (…, 0) to followers."""
+        """Joint coordinates (…, n_q) by body: each (…, 0), (…, 1) or (…, 4), followers (…, 0)."""
         return self._dealt("coordinates", q, [body.coordinates for body in self.bodies])
 
     def body_velocities(self, dq: np.ndarray) -> list[np.ndarray]:
-        """Joint velocities or accelerations (…, n) dealt out to the bodies: (…, 0), (…, 1) or (…, 3) each."""
+        """Joint velocities or accelerations (…, n) by body: each (…, 0), (…, 1) or (…, 3)."""
         return self._dealt("velocities", dq, [body.freedoms for body in self.bodies])
 
     def body_states(self, q: np.ndarray, *rates: np.ndarray) -> list[tuple[np.ndarray, ...]]:
-        """Joint states dealt out to the bodies, followers with what they follow by.
+        """Joint states by body, including the dependent states of followers.
 
         Args:
             q: Joint coordinates (…, n_q).
@@ -230,14 +230,14 @@ class Tree:
         return dealt
 
     def joint_sums(self, q: np.ndarray, felt: Sequence[np.ndarray]) -> np.ndarray:
-        """What the bodies' joints feel, put together for the n freedoms: of a follower f'(q) times, for its leader.
+        """Generalized forces of the n freedoms from those of the bodies' joints: a follower adds f'(q) τ to its leader.
 
         Args:
             q: Joint coordinates of one sample (n_q,).
-            felt: What each body's joint feels along its axes (0, …), (1, …) or (3, …).
+            felt: Torques of each body's joint along its axes, or their rows, (0, …), (1, …) or (3, …).
 
         Returns:
-            Joint torques, or rows of theirs (n, …).
+            Joint torques, or their rows (n, …).
         """
         own, coordinates = list(felt), self.body_coordinates(q)
         places = {self.bodies[i].joint: i for i in self.moving} if self.followers else {}
@@ -272,5 +272,5 @@ class Tree:
 
 
 def _welded(body: Body, q: np.ndarray) -> Body:
-    """A body whose joint stays at its coordinates."""
+    """The body with its joint welded at given coordinates."""
     return replace(body, home=body.home @ body.joint_pose(q), twist=np.zeros(6), joint="", follows=None)

@@ -1,1 +1,1 @@
-"""What a robot carries beyond a wrist sensor: mass, centre of mass and inertia, and what the sensor adds."""
+"""Identification of a robot's payload beyond a wrist sensor: mass, centre of mass, inertia and sensor errors."""

@@ -1,7 +1,7 @@
-"""What a robot carries beyond a wrist sensor: mass, centre of mass and inertia, and what the sensor adds.
+"""Identification of a robot's payload beyond a wrist sensor: mass, centre of mass, inertia and sensor errors.
 
-The robot's kinematics are known, so that joint angles tell how the sensor moves; what it reads is the wrench of the
-bodies beyond it, whose base it is. All of the joint estimate applies: angles are noisy, nothing is differentiated.
+The robot's kinematics are known, so that joint angles determine the sensor's motion. The sensor is the base of the
+bodies beyond it and reads their wrench. The joint estimate is used: angles may be noisy and are not differentiated.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,23 +35,22 @@ def identify_payload(
     setup: Mapping[str, float] | None = None,
     report: Report | None = None,
 ) -> Payload:
-    """Mass, centre of mass and inertia of what a robot carries beyond a wrench sensor.
+    """Mass, centre of mass and inertia of a robot's payload beyond a wrench sensor.
 
     Args:
-        robot: The whole robot; of its masses those before the sensor do not matter.
-        recording: Its joint angles, and what the sensor reads; one recording or several.
-        body: Name of the body that has, with all on it, what the sensor carries.
-        sensor: Name of the wrench. Where it is measured is on that body, on one that is welded to it, or on the body
-            that carries it.
-        offsets: Whether to fit a constant offset of every channel.
-        holdout: Fraction of each recording, its end, that is not fitted but predicted.
-        setup: What is known of the set-up, as for `identify`; the sensor's origin is taken as stated, as the centre of
-            mass is where the moments say it is from there.
-        report: Called with every round of the estimate.
+        robot: The whole robot; masses before the sensor have no effect.
+        recording: Joint angles and readings of the sensor; one recording or several.
+        body: Name of the body that, with all bodies on it, is the sensor's load.
+        sensor: Name of the wrench. It is measured on that body, on one that is welded to it, or on its parent.
+        offsets: True to fit a constant offset of every channel.
+        holdout: Fraction of each recording, at its end, that is not fitted but predicted.
+        setup: Standard deviations of set-up errors, as for `identify`; the sensor's origin is taken as stated, because
+            the centre of mass is estimated relative to it.
+        report: Called with every iteration of the estimate.
 
     Raises:
         InputError: Something is missing or does not fit, or the sensor is mounted in another way than was stated.
-        ExcitationError: The motion does not tell the payload from the sensor's offsets.
+        ExcitationError: The motion does not separate the payload from the sensor's offsets.
     """
     recordings = [recording] if isinstance(recording, Recording) else list(recording)
     if not recordings:
@@ -74,5 +73,5 @@ def identify_payload(
     ready = [prepared(part, each, filters=False) for each in recordings]
     told = {"origin": 0.0, **recordings[0].setup, **checked_deviations("setup", {} if setup is None else setup, PRIORS)}
     estimate = identified(ready, offsets=offsets, holdout=holdout, setup=told, known=known(part), report=report)
-    # The body that was weighed stands for the model, which therefore is no rival.
+    # The prior is the weighed body instead of the model, so that the model is no rival.
     return Payload(robot, body, sensor, places[0], replace(estimate, rivals={}), tuple(notes))

@@ -1,4 +1,4 @@
-"""Where a sensor sits on what is carried, and what moves with it."""
+"""Poses of the sensor and of other bodies and sites relative to the payload."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,7 +16,7 @@ from ident.recordings.wrench import GROUND, Sensor
 def on_payload(
     robot: Mechanism, part: Mechanism, recording: Recording, body: str, sensor: str
 ) -> tuple[np.ndarray, Recording, list[str]]:
-    """Pose of the sensor's frame in the body's, the recording with its wrench for that of the ground, and notes."""
+    """Pose of the sensor's frame in the body's, the recording with its wrench as ground wrench, and notes."""
     if recording.base is not None:
         raise InputError("A payload is identified on a robot whose own base rests, but the log has a moving base.")
     if sensor not in recording.wrenches:
@@ -51,7 +51,7 @@ def on_payload(
 
 
 def place_of(robot: Mechanism, body: str, name: str) -> np.ndarray:
-    """Pose of a body or site that moves with a body, in the frame of the latter (4, 4).
+    """Pose of a body or site that is rigidly connected to a body, in the frame of the latter (4, 4).
 
     Raises:
         InputError: There is none of that name, or joints lie between.
@@ -66,10 +66,10 @@ def place_of(robot: Mechanism, body: str, name: str) -> np.ndarray:
 
 
 def pose_of_body(robot: Mechanism, body: str, other: str, what: str) -> np.ndarray:
-    """Pose of another body in a body's frame, in which it rests (4, 4).
+    """Constant pose of another body in a body's frame (4, 4).
 
     Raises:
-        InputError: It does not.
+        InputError: A body does not exist, or the pose is not constant.
     """
     tree = robot.tree
     for name in (body, other):

@@ -1,4 +1,4 @@
-"""A payload that was identified: a rigid body in any frame, what the sensor adds, and whether to believe it."""
+"""An identified payload: a rigid body in any frame, the sensor's errors, findings and a verdict."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,18 +18,18 @@ from ident.payload.rigid_body import SIZE, RigidBody, described
 from ident.recordings.wrench import GROUND
 
 OPEN = 0.5
-"""A quantity is told by the data where its standard deviation is less than this part of its size: of the mass, of
-`SIZE` for the centre of mass, of the mean moment of inertia for inertias."""
+"""A quantity is identifiable if its standard deviation is below this fraction of its size: the mass itself, `SIZE` for
+the centre of mass, the mean moment of inertia for inertias."""
 
 
 class SensorParameter(NamedTuple):
-    """Something of the sensor that is zero where it is as stated.
+    """A set-up error of the sensor, zero if the sensor is as stated.
 
     Attributes:
-        name: Its name, as `offset(Fx)` or `delay(wrist)`.
-        value: What it is, or would be if it were fitted besides, in SI units and radians.
+        name: Its name, such as `offset(Fx)` or `delay(wrist)`.
+        value: Its estimate, or for one that was not fitted the estimate if it were, in SI units and radians.
         std: Its standard deviation.
-        taken_out: Whether the estimate takes it for this.
+        taken_out: True if it was fitted, so that the estimate is corrected for it.
     """
 
     name: str
@@ -40,15 +40,15 @@ class SensorParameter(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """What is carried.
+    """An identified payload.
 
     Attributes:
         robot: The whole robot.
-        body: Name of the body that has, with all on it, what the sensor carries.
+        body: Name of the body that, with all bodies on it, is the sensor's load.
         sensor: Name of the wrench.
         place: Pose of the sensor's frame in the body's (4, 4).
         estimate: The estimate of that part of the robot.
-        notes: What was left out.
+        notes: Sentences on wrenches that were left out.
     """
 
     robot: Mechanism
@@ -59,10 +59,10 @@ class Payload:
     notes: tuple[str, ...]
 
     def in_frame(self, T: np.ndarray | None = None) -> RigidBody:
-        """All that is carried as one rigid, physical body.
+        """The payload as one rigid, physically consistent body.
 
         Args:
-            T: Pose of the frame to write it in, in the frame of the body (4, 4); by default the latter itself.
+            T: Pose of the frame in which it is expressed, in the frame of the body (4, 4); by default that frame.
         """
         X, psi = parameter_transform(np.eye(4) if T is None else inverse(T)), self.physical.psi
         values, J = described(X @ psi), np.zeros((10, 10))
@@ -76,21 +76,21 @@ class Payload:
 
     @cached_property
     def physical(self) -> ConsistentParameters:
-        """Physical bodies that have what was estimated; the prior is a guess from the same wrenches, and holds none."""
+        """Physically consistent bodies with the estimated ψ; their prior is only a guess from the same wrenches."""
         estimate, part = self.estimate, self.estimate.prepared.mechanism
         covariance, base = estimate.covariance, estimate.base
         return consistent_parameters(estimate.psi, covariance, base, part.known, bodies=part.bodies, widest=True)
 
     @property
     def model(self) -> np.ndarray | None:
-        """What the robot's model says of it, as `RigidBody.values` in the body's frame; None where it has no mass."""
+        """The payload in the robot's model, as `RigidBody.values` in the body's frame; None if it has no mass there."""
         part = self.robot.beyond(self.body)
         total = np.zeros(10) if part.prior is None else self.estimate.base.regroup(part.prior)
         return described(total) if total[0] else None
 
     @cached_property
     def sensor_parameters(self) -> list[SensorParameter]:
-        """Offsets of the sensor, and what of its set-up is not as stated or might not be."""
+        """Offsets of the sensor, and its set-up errors, fitted or not."""
         joint, names = self.estimate.joint, self.estimate.names
         std = np.sqrt(np.diag(self.estimate.covariance_setup))
         first = self.estimate.base.rank
@@ -108,16 +108,16 @@ class Payload:
 
     @cached_property
     def findings(self) -> list[Finding]:
-        """What speaks against it, and what else its reader should know, the doubts first."""
+        """Findings on the payload, the doubts first."""
         return payload_findings(self.estimate, self.in_frame().told, self.sensor)
 
     def verdict(self) -> str:
-        """Whether to believe it, and how well it is known."""
+        """A sentence on the reliability of the estimate and its standard deviations."""
         values, _, std, told = self.in_frame()
         return payload_verdict(self.findings, values, std, told)
 
     def phi_of_robot(self) -> np.ndarray:
-        """φ of the whole robot, with the bodies that the sensor carries as they were found (10 b,).
+        """φ of the whole robot, with the identified values for the sensor's load (10 b,).
 
         Raises:
             ModelError: The robot's model has no masses.
@@ -129,5 +129,5 @@ class Payload:
         return phi.ravel()
 
     def place_of(self, name: str) -> np.ndarray:
-        """Pose of a body or site that moves with the payload, in the frame of its body (4, 4); as `place_of`."""
+        """Pose of a body or site on the payload, in the frame of the payload's body (4, 4); as `place_of`."""
         return place_of(self.robot, self.body, name)

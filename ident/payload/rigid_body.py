@@ -1,4 +1,4 @@
-"""A rigid body by its mass, its centre of mass and its inertia about that, and how well each is known."""
+"""A rigid body by its mass, centre of mass and inertia about that, with standard deviations."""
 
 from typing import NamedTuple
 
@@ -7,10 +7,10 @@ import numpy as np
 from ident.geometry.inertia import com_from_parameters
 
 QUANTITIES = ("mass", "x", "y", "z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-"""What rigid bodies are described by: kg, m of the centre of mass, kg m² about the centre of mass."""
+"""Quantities of a rigid body: mass in kg, centre of mass in m, inertia about the centre of mass in kg m²."""
 
 SIZE = 0.1
-"""Radius of gyration, m, and distance of the centre of mass from where it is weighed, that are taken for likely."""
+"""Typical radius of gyration and distance of the centre of mass from the sensor, m."""
 
 
 class RigidBody(NamedTuple):
@@ -19,8 +19,8 @@ class RigidBody(NamedTuple):
     Attributes:
         values: Mass, centre of mass, and inertia about it in the axes of the frame, as `QUANTITIES` (10,).
         std: Standard deviations from the noise (10,).
-        std_setup: The same with what is left open of the set-up (10,).
-        told: Which of the values the data tell (10,).
+        std_setup: Standard deviations including those of set-up errors (10,).
+        told: True for identifiable values (10,).
     """
 
     values: np.ndarray

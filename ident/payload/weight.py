@@ -1,4 +1,4 @@
-"""What is carried as far as gravity alone tells: its weight, and bodies that weigh as much."""
+"""Mass of a payload from gravity alone, and prior bodies of that mass."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,20 +12,26 @@ from ident.payload.rigid_body import SIZE
 from ident.recordings.wrench import GROUND, Sensor
 
 DENSITY = 500.0
-"""Density of the ball that stands for a body whose inertia nobody knows, kg/m³: tools are mostly air."""
+"""Density of the ball that replaces a body of unknown inertia, kg/m³; low, as tools are mostly air."""
 
 SEEN = 4.0
-"""Standard deviations from which a weighed mass is there."""
+"""Number of standard deviations from which a mass is significant."""
 
 
 def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
-    """What gravity alone says, refused where the sensor's frame or sign cannot be as stated."""
+    """Fit of the forces to gravity alone.
+
+    Raises:
+        LogError: A component of the wrench is missing.
+        InputError: The sensor's frame or sign cannot be as stated.
+        ExcitationError: The mass is not significant.
+    """
     base = log.samples.motion.base
     if base is None or not np.isfinite(log.wrench).all():
         raise LogError(f"A payload needs all six components of the wrench '{sensor}', none of them constant.")
     acceleration = base.dV[:, :3] + np.cross(base.V[:, 3:], base.V[:, :3])
     gravity = log.mechanism.gravity @ base.T[:, :3, :3] - acceleration
-    # Readings are not filtered, so that their noise is what it seems.
+    # Readings are not filtered, so that their noise stays white.
     out = weighed(log.recording.wrench(GROUND).on_mechanism, gravity @ stated.pose[:3, :3])
     if out.angle > TURNED:
         frame = Rotation.from_matrix(stated.pose[:3, :3] @ out.rotation.T)
@@ -49,7 +55,7 @@ def weighing(log: Prepared, sensor: str, stated: Sensor) -> Weighing:
 
 
 def likely(part: Mechanism, found: Weighing, place: np.ndarray) -> np.ndarray:
-    """φ of bodies that weigh what was weighed: those of the model, scaled, or else a ball (10 b,)."""
+    """φ of bodies with the weighed mass: those of the model, scaled, or else a ball (10 b,)."""
     if part.prior is not None and part.prior[::10].sum() > 0:
         return part.prior * (found.mass / part.prior[::10].sum())
     radius = (3 * found.mass / (4 * np.pi * DENSITY)) ** (1 / 3)
@@ -59,7 +65,7 @@ def likely(part: Mechanism, found: Weighing, place: np.ndarray) -> np.ndarray:
 
 
 def known(part: Mechanism) -> dict[str, float]:
-    """How well such bodies are known, which is hardly."""
+    """Standard deviations of such bodies as a prior, which are wide."""
     mass, inertia = part.known[::10], part.known.reshape(-1, 10)[:, 4:7]
     least = inertia[mass > 0].min(axis=1) / mass[mass > 0]
     return {"mass": 1.0, "center": SIZE, "inertia": float(max(1.0, SIZE**2 / max(least.max(), 1e-8)))}
