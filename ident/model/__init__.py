@@ -1,1 +1,1 @@
-"""The dynamic identification model: term by term, in closed form, and for many samples at once."""
+"""The dynamic identification model: equation by equation, in closed form, and for many samples at once."""

@@ -1,6 +1,6 @@
-"""Derivatives of what stands on a tape: each gradient is recorded as more signals of the same tape.
+"""Derivatives of signals on a tape by reverse-mode differentiation, recorded as further signals of the same tape.
 
-Backwards from a result y, the adjoint x̄ = ∂y/∂x of every operand gains ȳ times the operation's own derivative
+Backwards from a result y, the adjoint x̄ = ∂y/∂x of every operand is increased by ȳ times the operation's derivative
 (Griewank and Walther, *Evaluating Derivatives*, 2008, doi:10.1137/1.9780898717761).
 """
 
@@ -23,24 +23,24 @@ _DERIVATIVES: dict[np.ufunc, Callable[..., tuple[Value, ...]]] = {
     np.cos: lambda y, a, x: (-(a * x.sin()),),
     np.tanh: lambda y, a, x: (a - a * (y * y),),
 }
-"""Adjoints of the operands, from the result y, its own adjoint a, and the operands."""
+"""Adjoints of the operands, from the result y, its adjoint a, and the operands."""
 
 
 def gradient(result: Value, inputs: Sequence[Signal]) -> list[Value]:
-    """Derivatives of a result by inputs of its tape.
+    """Derivatives of a result with respect to inputs of its tape.
 
     Args:
-        result: A signal; of a number all derivatives are zero.
+        result: A signal, or a number, whose derivatives are zero.
         inputs: Inputs of the tape.
 
     Returns:
-        One signal, or number where the derivative does not depend on the inputs, for each input.
+        For each input a signal, or a number if the derivative is constant.
     """
     if not isinstance(result, Signal):
         return [0.0] * len(inputs)
     tape = result.tape
     adjoints: dict[int, Value] = {result.index: 1.0}
-    # Steps that the result depends on, the last of them first.
+    # Steps that the result depends on, the latest first.
     ahead = [-result.index]
     while ahead:
         index = -heappop(ahead)

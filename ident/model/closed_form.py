@@ -19,15 +19,15 @@ from ident.mechanism.tree import Tree
 
 
 class BodyMotion(NamedTuple):
-    """Motion of a frame in base axes.
+    """Motion of a frame, in base axes.
 
     Attributes:
-        R: Its axes (3, 3).
+        R: Its rotation matrix (3, 3).
         p: Its origin (3,).
         w: Angular velocity ω (3,).
         dw: Angular acceleration α (3,).
         a: Acceleration of the origin less gravity (3,).
-        S: Second derivative of a vector that turns with the frame, `ẍ = S x` (3, 3).
+        S: Matrix of the second derivative of a vector fixed in the frame, `ẍ = S x` (3, 3).
     """
 
     R: np.ndarray
@@ -39,12 +39,12 @@ class BodyMotion(NamedTuple):
 
 
 def base_motion(w: np.ndarray, dw: np.ndarray, a: np.ndarray) -> BodyMotion:
-    """Motion of the base frame in its own axes of the instant, from ω, α and its acceleration less gravity (3,)."""
+    """Motion of the base frame in its current axes, from ω, α and its acceleration less gravity (3,)."""
     return BodyMotion(np.eye(3), np.zeros(3), w, dw, a, _second_derivative(w, dw))
 
 
 def body_motions(tree: Tree, root: BodyMotion, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> list[BodyMotion]:
-    """Motion of every body.
+    """Motions of all bodies, in base axes.
 
     Args:
         tree: The mechanism.
@@ -64,7 +64,7 @@ def base_wrench_rows(tree: Tree, motions: list[BodyMotion]) -> np.ndarray:
 
 
 def body_wrench(motion: BodyMotion, phi: np.ndarray) -> np.ndarray:
-    """The same for one body with its φ (10,) put in: the wrench that moves it, in the base frame (6,)."""
+    """Wrench on one body with parameters φ (10,), in the base frame (6,)."""
     R, p, _, _, a, S = motion
     h, inertia = R @ phi[1:4], symmetric(phi[4:])
     second = np.eye(3) * (np.trace(inertia) / 2) - inertia
@@ -75,11 +75,11 @@ def body_wrench(motion: BodyMotion, phi: np.ndarray) -> np.ndarray:
 
 
 def joint_torque_rows(tree: Tree, motions: list[BodyMotion], q: np.ndarray, Y: np.ndarray) -> np.ndarray:
-    """Regressor of the joint torques (n, 10 b), from the wrench's: `τ_Ji = ξ_iᵀ Γ_i` (Eq. 11)."""
+    """Regressor of the joint torques (n, 10 b), from that of the wrench: `τ_Ji = ξ_iᵀ Γ_i` (Eq. 11)."""
     felt: list[np.ndarray] = []
     for i, body in enumerate(tree.bodies):
         rows = np.zeros((body.motions.shape[1], Y.shape[1]), Y.dtype)
-        # The body's wrench about the base, times the joint's twist in the base frame: power is the same in any frame.
+        # The joint's twist in the base frame, like the wrench: power is the same in any frame.
         screws = Ad(pose(motions[i].R, motions[i].p)) @ body.motions
         for k in tree.carried(i):
             if len(rows) and k in tree.inertial:
@@ -105,7 +105,7 @@ def _moved(parent: BodyMotion, body: Body, q: np.ndarray, dq: np.ndarray, ddq: n
 
 
 def _joint_pose(body: Body, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and position (3,) of a body in its parent's frame; `home @ joint_pose`, home multiplied in."""
+    """Rotation (3, 3) and position (3,) of a body in its parent's frame, `home @ joint_pose` with constants folded."""
     R_home, p_home = body.home[:3, :3], body.home[:3, 3]
     if not body.moves:
         return R_home, p_home
@@ -120,13 +120,13 @@ def _joint_pose(body: Body, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _body_columns(motion: BodyMotion) -> np.ndarray:
-    """Columns of one body (6, 10), rows 0-2 force, 3-5 moment."""
+    """Regressor columns of one body (6, 10), rows 0-2 force, 3-5 moment."""
     R, p, _, dw, a, S = motion
     ddx = S @ R
     out = np.zeros((6, 10), np.result_type(p, a, ddx))
     out[:3, 0], out[3:, 0] = a, hat(p) @ a
     out[:3, 1:4], out[3:, 1:4] = ddx, hat(p) @ ddx - hat(a) @ R
-    # Σ_k x_k × ẍ_k = 2 α. Σ = tr(I)/2 - I, so that I_xx enters with (-Σ_xx + Σ_yy + Σ_zz)/2 and I_xy with -Σ_xy.
+    # Σ_k x_k × ẍ_k = 2 α. As Σ = tr(I)/2 - I, I_xx enters with (-Σ_xx + Σ_yy + Σ_zz)/2 and I_xy with -Σ_xy.
     moments = [hat(x) @ ddx for x in R.T]
     for k in range(3):
         out[3:, 4 + k] = dw - moments[k][:, k]

@@ -1,7 +1,7 @@
-"""Programs carried out by compiled code, `blocks.c`, where a compiler was there when this package was installed.
+"""Programs run by compiled code, `blocks.c`, if a compiler was available when this package was installed.
 
-Everything works without it, and gives the same numbers to rounding: a sum of a product is rounded once, sines and
-cosines may differ in their last two digits of fifty-three, and a zero in its sign. The environment variable
+Everything works without it, with the same results to rounding: a sum with a product is rounded once, sines and cosines
+may differ in the last two of fifty-three bits, and zeros in their sign. The environment variable
 MULTICONTACT_COMPILED=0 switches it off.
 """
 
@@ -22,21 +22,20 @@ VARIABLE = "MULTICONTACT_COMPILED"
 """Environment variable that switches compiled code off."""
 
 VERSION = 5
-"""Of what is called here, as `blocks.c` has it."""
+"""Version of the interface, as in `blocks.c`."""
 
 BLOCK, COLUMN, TILE = 64, 136, 4
-"""Samples that programs work on at once; room for a column of samples whose products are taken at
-once; and columns of which they are."""
+"""Samples of a block; stride of a column of samples in `grams`; and columns whose products are computed at once."""
 
 WIDTHS = 128, 256, 512
-"""Widths of registers, bits, that there may be code for."""
+"""Widths of registers for which code may exist, bits."""
 
 LINE = 64
-"""Bytes that processors fetch together; rows that begin with one are read and written faster."""
+"""Bytes of a cache line; rows aligned to it are read and written faster."""
 
 
 class _Program(Structure):
-    """A program as `blocks.c` has it."""
+    """The struct `program` of `blocks.c`."""
 
     _fields_ = (
         *((name, c_int64) for name in ("inputs", "numbers", "results", "registers", "steps")),
@@ -45,7 +44,7 @@ class _Program(Structure):
 
 
 def available() -> bool:
-    """Whether there is compiled code, and it is not switched off."""
+    """True if there is compiled code, and it is not switched off."""
     return os.environ.get(VARIABLE) != "0" and _library() is not None
 
 
@@ -63,24 +62,29 @@ def switched(on: bool) -> Iterator[None]:
 
 
 class Encoded:
-    """A program in the form that compiled code takes."""
+    """A program encoded for the compiled code."""
 
     def __init__(self, sizes: tuple[int, int, int], code: Sequence[Instruction]) -> None:
-        """From its numbers of operands that are inputs or numbers, of results and of registers, and from its code."""
+        """Encodes a program.
+
+        Args:
+            sizes: Numbers of operands that are inputs or numbers, of results, and of registers.
+            code: Its instructions.
+        """
         self.operands, self.results, self.registers = sizes
         own = self.operands + self.results
         self.code = steps(code, own, own + self.registers, own + self.registers + 1)
 
     def run(self, numbers: np.ndarray, inputs: np.ndarray, out: np.ndarray) -> None:
-        """Carries it out.
+        """Runs the program.
 
         Args:
             numbers: Numbers among its operands; their places come after the inputs'.
-            inputs: Inputs, samples last and next to each other (n, C).
-            out: Where results go, likewise (K, C), of one sample at least.
+            inputs: Inputs, with samples last and contiguous (n, C).
+            out: Array for the results, likewise (K, C), with at least one sample.
         """
         if (samples := out.shape[1]) < BLOCK:
-            # The last sample as often as it takes to fill a block.
+            # The last sample is repeated to fill a block.
             filling = np.minimum(np.arange(BLOCK), samples - 1)
             block = np.take(out, filling, axis=1)
             self.run(numbers, np.take(inputs, filling, axis=1), block)
@@ -99,16 +103,16 @@ class Encoded:
         changed: np.ndarray,
         first: Sequence[int],
     ) -> np.ndarray:
-        """Gram matrices of columns times a triangular matrix, of which the program computes the first ones.
+        """Gram matrices of columns, times a triangular matrix; the program computes the first columns.
 
         Args:
             numbers: As for `run`, also `inputs`.
-            rows: All columns, with those that are constant written (k, C, COLUMN); overwritten.
+            rows: All columns, with the constant ones written (k, C, COLUMN); overwritten.
             measured: The last column (n, C).
-            weights: What rows are multiplied by (n, C).
-            inverse: Upper triangular (k, k).
-            changed: Which columns it changes.
-            first: The first column that each channel sees (C,).
+            weights: Weights of the rows (n, C).
+            inverse: Upper triangular matrix (k, k).
+            changed: Indices of the columns that it changes.
+            first: Index of the first nonzero column of each channel (C,).
 
         Returns:
             Gram matrix of each channel (C, k, k).
@@ -132,13 +136,13 @@ class Encoded:
         return sums[:, :k, :k]
 
     def _with(self, numbers: np.ndarray) -> "_Program":
-        """The program, with so many numbers."""
+        """The struct of the program, for the given numbers."""
         sizes = self.operands - len(numbers), len(numbers), self.results, self.registers, len(self.code)
         return _Program(*sizes, self.code.ctypes.data)
 
 
 def zeros(*shape: int) -> np.ndarray:
-    """Zeros that begin where a line of the cache does."""
+    """Zeros aligned to a cache line."""
     number = prod(shape)
     memory = np.zeros(number + LINE // 8)
     start = -memory.ctypes.data % LINE // 8
@@ -146,7 +150,7 @@ def zeros(*shape: int) -> np.ndarray:
 
 
 def _rows(x: np.ndarray) -> tuple[int, int]:
-    """Where rows begin, and how many numbers apart they are."""
+    """Address of the first row, and the stride of rows in numbers."""
     assert x.dtype == float and (not x.size or x.strides[1] == x.itemsize)
     return x.ctypes.data, x.strides[0] // 8
 
@@ -159,7 +163,7 @@ def _call(name: str, program: _Program, *arguments: Any) -> None:
 
 @cache
 def _width() -> int:
-    """Of the widest registers of this processor that there is code for, bits."""
+    """Width of the widest registers of this processor for which there is code, bits."""
     library = _library()
     assert library is not None
     return int(library.widest())

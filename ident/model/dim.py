@@ -1,8 +1,8 @@
-"""The paper's recursive dynamic identification model, one function an equation (Eq. 7-14), for one sample.
+"""The paper's recursive dynamic identification model, one function per equation (Eq. 7-14), for one sample.
 
 This is the readable specification. `ident.model.regressor` computes the same matrix for many samples at once. Equations
-are used in their corrected form; docs/reproduction.md lists every erratum of the print. Arrays of symbols (dtype
-object) go through it as numbers do, which derives the model symbolically.
+are used in their corrected form; docs/reproduction.md lists all errata. With arrays of symbols (dtype object) the
+functions derive the model symbolically.
 """
 
 import numpy as np

@@ -1,17 +1,17 @@
-/* What `blocks.c` compiles for registers of BITS, with functions of that TARGET; what it defines for that ends here. */
+/* Kernels that `blocks.c` compiles for registers of BITS, with functions of that TARGET; undefines these macros. */
 #define JOINED(name, bits) name##_##bits
 #define NAMED(name, bits) JOINED(name, bits)
 #define OWN(name) NAMED(name, BITS)
 #define INLINE TARGET static inline __attribute__((always_inline))
 
-/* Numbers that are worked on side by side, and their bits, of which one is the sign. */
+/* Vectors of numbers, and of their bits, for changing signs. */
 #define LANES (BITS / 64)
 typedef double OWN(lanes) __attribute__((vector_size(BITS / 8), aligned(8)));
 typedef int64_t OWN(signs) __attribute__((vector_size(BITS / 8), aligned(8), may_alias));
 #define lanes OWN(lanes)
 #define signs OWN(signs)
 
-/* sin x = r - r³/3! + r⁵/5! … of what multiples of a quarter turn leave of x, |r| ≤ π/4; terms left out: below 1e-18. */
+/* sin r = r - r³/3! + r⁵/5! …, with r = x less multiples of a quarter turn, |r| ≤ π/4; omitted terms are < 1e-18. */
 INLINE double OWN(sine_series)(double r, double z) {
     return r - r * z * (1.0 / 6 - z * (1.0 / 120 - z * (1.0 / 5040 - z * (1.0 / 362880 - z * (1.0 / 39916800
            - z * (1.0 / 6227020800 - z * (1.0 / 1307674368000 - z / 355687428096000)))))));
@@ -22,7 +22,7 @@ INLINE double OWN(cosine_series)(double z) {
            - z * (1.0 / 479001600 - z * (1.0 / 87178291200 - z / 20922789888000)))))));
 }
 
-/* y = sin(x + quarters π/2), to about a unit in the last place; libm's own functions take each number by itself. */
+/* y = sin(x + quarters π/2), to about a unit in the last place; libm's functions are not vectorized. */
 INLINE void OWN(sines)(const double *x, double *y, int64_t quarters) {
     /* π/2 in three parts; multiples of the first two, of 33 digits, up to 2¹⁹ are exact (Cody and Waite's reduction). */
     const double first = 0x1.921fb544p+0, second = 0x1.0b4611a6p-34, third = 0x1.3198a2e037073p-69;
@@ -34,7 +34,7 @@ INLINE void OWN(sines)(const double *x, double *y, int64_t quarters) {
         return;
     }
     for (int s = 0; s < BLOCK; s++) {
-        /* Where this large number is added, the last digits are an integer. */
+        /* After adding this large number, the last bits are an integer. */
         double shifted = x[s] * per_radian + rounding, turns = shifted - rounding;
         double r = x[s] - turns * first - turns * second - turns * third, z = r * r;
         int64_t quadrant;
@@ -78,7 +78,7 @@ INLINE void OWN(fill)(double *block, double number) {
     for (int s = 0; s < BLOCK; s++) block[s] = number;
 }
 
-/* Tells places where numbers, registers, zero and one are, and writes what does not change from block to block. */
+/* Sets the places of numbers, registers, zero and one, and writes the blocks that are constant. */
 INLINE void OWN(furnish)(const program *p, const double *numbers, double **at, double *room) {
     double **own = at + p->inputs, **registers = own + p->numbers + p->results;
     for (int64_t k = 0; k < p->numbers; k++, room += BLOCK) OWN(fill)(own[k] = room, numbers[k]);
@@ -86,7 +86,7 @@ INLINE void OWN(furnish)(const program *p, const double *numbers, double **at, d
     for (int k = 0; k < 2; k++, room += BLOCK) OWN(fill)(registers[p->registers + k] = room, k);
 }
 
-/* Writes the results of a block that begins with a sample of the inputs; rows are so many numbers apart. */
+/* Writes the results of one block; inputs and out point to its first sample, strides are between rows. */
 INLINE void OWN(results_of_block)(const program *p, const double *inputs, int64_t input_stride, double *out,
                                   int64_t out_stride, double **at) {
     for (int64_t k = 0; k < p->inputs; k++) at[k] = (double *)inputs + k * input_stride;
@@ -94,8 +94,8 @@ INLINE void OWN(results_of_block)(const program *p, const double *inputs, int64_
     OWN(run_block)(p, at);
 }
 
-/* Writes the results of n samples, one block at least; the last two overlap if n is no multiple of a block.
- * Returns whether there was memory, as `grams` does. */
+/* Writes the results of n samples, at least one block; the last two blocks overlap if n is no multiple of BLOCK.
+ * Returns 0 if there was no memory, else 1, like `grams`. */
 TARGET int32_t OWN(run)(const program *p, const double *numbers, const double *inputs, int64_t input_stride,
                         double *out, int64_t out_stride, int64_t n) {
     void *memory = malloc(LINE + blocks(p) * BLOCK * sizeof(double) + places(p) * sizeof(double *));
@@ -110,7 +110,7 @@ TARGET int32_t OWN(run)(const program *p, const double *numbers, const double *i
     return 1;
 }
 
-/* A column j of a channel times a weight and those before it times theirs, which are column j of a triangle (k, k). */
+/* Columns of a channel, from the first to j, times column j of an upper triangular matrix (k, k). */
 INLINE void OWN(combine)(const double *columns, int64_t stride, const double *weights, int64_t first, int64_t j,
                          int64_t k, double *out) {
     for (int64_t s = 0; s < GROUP; s += 4 * LANES) {
@@ -130,7 +130,7 @@ INLINE double OWN(total)(const lanes *x) {
     return sum[0];
 }
 
-/* Adds the products of some columns a with some b to their sums, which are k apart. */
+/* Adds the inner products of TILE columns a and TILE_WIDTH columns b to their sums, in rows with stride k. */
 INLINE void OWN(add_tile)(const double *const *a, const double *const *b, int64_t k, double *sums) {
     lanes sum[TILE][TILE_WIDTH] = {{{0}}};
     for (int64_t s = 0; s < GROUP; s += LANES)
@@ -141,29 +141,30 @@ INLINE void OWN(add_tile)(const double *const *a, const double *const *b, int64_
         for (int c = 0; c < TILE_WIDTH; c++) sums[r * k + c] += OWN(total)(&sum[r][c]);
 }
 
-/* Adds the products of all pairs of columns, a multiple of TILE, to their sums; not all of those above the diagonal. */
+/* Adds the inner products of pairs of columns, a multiple of TILE, to their sums, without most above the diagonal. */
 INLINE void OWN(add_products)(const double *const *columns, int64_t first, int64_t k, double *sums) {
     for (int64_t j = first; j < k; j += TILE)
         for (int64_t i = first; i < j + TILE; i += TILE_WIDTH)
             OWN(add_tile)(columns + j, columns + i, k, sums + j * k + i);
 }
 
-/* Writes what is below the diagonal of a symmetric matrix (k, k) above it. */
+/* Copies the lower triangle of a symmetric matrix (k, k) to the upper one. */
 INLINE void OWN(mirror)(double *matrix, int64_t k) {
     for (int64_t j = 0; j < k; j++)
         for (int64_t i = 0; i < j; i++) matrix[i * k + j] = matrix[j * k + i];
 }
 
-/* Sums of products of the columns of least squares, in coordinates, over n samples, one block at least.
+/* Gram matrices of the columns of a least-squares problem, times a triangular matrix, over n samples, at least one
+ * block.
  *
- * A program computes the first columns of C channels, others are constant, and measurements are the last of k. With as
- * many columns of zeros as make a multiple of TILE they are K.
+ * A program computes the first columns of C channels, others are constant, and measurements are the last of k. They are
+ * padded with zeros to K columns, a multiple of TILE.
  *
  * measured, weights: numbers of each sample and channel (n, C); weights may be missing.
- * inverse: upper triangular (k, k), what columns are multiplied with; changed: which of them it changes.
- * first: of each channel, a multiple of TILE before which all columns are zero.
- * rows: columns of a group (k, C, COLUMN), where the constants are.
- * sums: of products of pairs of columns (C, K, K).
+ * inverse: upper triangular (k, k), by which columns are multiplied; changed: the columns that it changes.
+ * first: for each channel, a multiple of TILE before which all columns are zero.
+ * rows: columns of a group (k, C, COLUMN), with the constant ones written.
+ * sums: Gram matrices (C, K, K).
  */
 TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double *inputs, int64_t input_stride,
                           const double *measured, const double *weights, int64_t n, int64_t C, int64_t k,
@@ -172,7 +173,7 @@ TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double 
     const int64_t K = (k + TILE - 1) / TILE * TILE, numbers_of_work = blocks(p) * BLOCK + K * COLUMN;
     void *memory = malloc(LINE + numbers_of_work * sizeof(double) + (places(p) + K) * sizeof(double *));
     if (!memory) return 0;
-    /* Blocks of the program, columns of a channel that are not as they come, and pointers. */
+    /* Blocks of the program, changed or weighted columns of a channel, and pointers. */
     double *room = from_line(memory), *work = room + blocks(p) * BLOCK, **at = (double **)(room + numbers_of_work);
     const double **columns = (const double **)(at + places(p));
     memset(sums, 0, C * K * K * sizeof *sums);
@@ -184,7 +185,7 @@ TARGET int32_t OWN(grams)(const program *p, const double *numbers, const double 
         double weight[GROUP] = {0};
         int64_t sample[GROUP] = {0};
         for (int64_t b = 0; b < GROUP && group + b < n; b += BLOCK) {
-            /* The last block begins with samples that were there before, and count no more. */
+            /* The last block begins with samples of the block before, whose weight is zero. */
             int64_t begin = group + b < n - BLOCK ? group + b : n - BLOCK;
             OWN(results_of_block)(p, inputs + begin, input_stride, rows + b, COLUMN, at);
             for (int s = 0; s < BLOCK; s++) {

@@ -1,4 +1,4 @@
-"""Derivatives of functions of a regressor by the motion, in one reverse sweep over the recorded equations.
+"""Derivatives of functions of a regressor with respect to the motion, by one reverse sweep over the recorded equations.
 
     f(Y(q, q̇, q̈)),  Ȳ = ∂f/∂Y   ->   ∂f/∂(q, q̇, q̈) = Σ Ȳ · ∂Y/∂(q, q̇, q̈)
 
@@ -23,17 +23,17 @@ from ident.model.tape import Program, Tape
 def pulled_back(
     mechanism: Mechanism, motion: Motion, columns: Sequence[int], adjoints: np.ndarray, *, torques: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivatives by a motion of what depends on it through a regressor, of a mechanism whose base rests.
+    """Derivatives of a function of a regressor with respect to the motion, for a base at rest.
 
     Args:
         mechanism: The mechanism, of n velocities.
         motion: Joint states of N samples.
-        columns: Indices of the regressor's columns that matter (k,).
-        adjoints: Derivatives Ȳ by the regressor's numbers (N, rows, k).
-        torques: Whether the rows are the joints' torques rather than the base wrench.
+        columns: Indices of the regressor's columns in the function (k,).
+        adjoints: Derivatives Ȳ with respect to the regressor's entries (N, rows, k).
+        torques: True if the rows are the joints' torques instead of the base wrench.
 
     Returns:
-        Derivatives by q (N, n_q), q̇ and q̈ (N, n).
+        Derivatives with respect to q (N, n_q), q̇ and q̈ (N, n).
 
     Raises:
         InputError: The motion does not fit the mechanism, its base moves, or the adjoints do not fit both.
@@ -58,7 +58,7 @@ def pulled_back(
 
 @lru_cache(maxsize=16)
 def _recorded(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], torques: bool) -> Program:
-    """From joint states, and adjoints (columns, rows), flat, to the derivatives by the states."""
+    """Program from joint states and adjoints (columns, rows), flattened, to the derivatives with respect to states."""
     states = sum(body.coordinates for body in tree.bodies) + 2 * len(tree.freedoms)
     tape = Tape(states + len(columns) * (len(tree.freedoms) if torques else 6))
     inputs = np.array(tape.inputs)

@@ -1,8 +1,8 @@
 """Regressors of the base wrench (Eq. 14) and of the joint torques (Eq. 11), for many samples at once.
 
-`ident.model.closed_form` writes the equations for one sample. They are recorded once for a mechanism, and what the
-requested columns need of them is carried out on a few thousand samples at a time, laid out samples-last, so that every
-operation streams through the cache. `ident.model.dim` computes the same matrices term by term.
+`ident.model.closed_form` has the equations for one sample. They are recorded once for a mechanism, and the operations
+that the requested columns need are run on a few thousand samples at a time, with samples along the last axis for the
+cache. `ident.model.dim` computes the same matrices equation by equation.
 """
 
 import operator
@@ -21,14 +21,14 @@ from ident.model.tape import Program, Tape
 from ident.tolerances import DRIVE, STRIBECK
 
 CHUNK, LEAST_CHUNK = 4096, 1024
-"""Samples worked on together, at most and at least: enough to make the calls that work on them worth their while."""
+"""Largest and smallest number of samples that are processed at once: enough to amortize the calls."""
 
 MEMORY, MEMORY_COMPILED = 2**24, 2**21
-"""Bytes that results and registers of a program take then: few enough to stay in a cache. Large programs would take
-less, but without compiled code the calls of numpy for fewer samples take longer than their memory does."""
+"""Bytes of results and registers of a program per chunk, which fit into a cache. Without compiled code more are
+allowed, because numpy's calls for fewer samples cost more than cache misses."""
 
 FEW = 5
-"""Samples below which the equations are not recorded but evaluated one by one."""
+"""Number of samples below which the equations are not recorded but evaluated sample by sample."""
 
 
 def base_wrench_regressor(
@@ -42,27 +42,27 @@ def base_wrench_regressor(
     columns: Sequence[int] | None = None,
     out: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Regressor of the wrench that everything outside exerts on a mechanism: `Γ_0 = Y φ` (Eq. 14).
+    """Regressor of the total external wrench on a mechanism: `Γ_0 = Y φ` (Eq. 14).
 
-    On a fixed base that is the wrench of the ground, where nothing else touches the mechanism. On a moving base it is
-    the sum of all contact wrenches (Eq. 3).
+    On a fixed base without contacts that is the wrench of the ground. On a moving base it is the sum of all contact
+    wrenches (Eq. 3).
 
     Args:
         tree: The mechanism of b bodies with φ, its joints with n velocities.
         q: Joint coordinates in rad, m or quaternions (N, n_q).
         dq: Joint velocities in rad/s or m/s (N, n); `ddq` their rates (N, n).
-        gravity: Acceleration of gravity in the base frame, m/s² (3,); in the frame of `base.T` where that is given.
-        base: Motion of the base frame (N samples), without it at rest.
-        columns: Indices of the columns wanted, by default all; only these are computed.
-        out: What an earlier call with as many samples and columns has returned, to be overwritten: memory that is
-            touched for the first time costs more than the numbers that go there.
+        gravity: Acceleration of gravity in the base frame, m/s² (3,); in the inertial frame of `base.T` if given.
+        base: Motion of the base frame (N samples), by default at rest.
+        columns: Indices of the requested columns, by default all; only these are computed.
+        out: Result of an earlier call with as many samples and columns, to be overwritten: allocating new memory costs
+            more than computing its content.
 
     Returns:
-        Y (N, 6, 10 b), rows `[F; τ]` in the base frame, columns in the order of `geometry.inertia.PARAMETERS`, or those
-        wanted in their order. The array is a view of a C-contiguous (10 b, 6, N) block.
+        Y (N, 6, 10 b), rows `[F; τ]` in the base frame, columns in the order of `geometry.inertia.PARAMETERS`, or the
+        requested columns in their order. The array is a view of a C-contiguous (10 b, 6, N) block.
 
     Raises:
-        InputError: The joint arrays or `out` do not have these shapes, a quaternion is zero, or a column is not there.
+        InputError: The joint arrays or `out` have other shapes, a quaternion is zero, or a column does not exist.
     """
     return _regressor(False, Mechanism(tree, gravity), Motion(q, dq, ddq, base), columns, out)
 
@@ -78,16 +78,16 @@ def joint_torque_regressor(
     columns: Sequence[int] | None = None,
     drive: Sequence[str] = (),
 ) -> np.ndarray:
-    """Regressor of the joint torques, `τ_J = Y φ`: Eq. 11's projection `τ_Ji = ξ_iᵀ Γ_i` of the wrench on a link.
+    """Regressor of the joint torques, `τ_J = Y φ`, by the projection `τ_Ji = ξ_iᵀ Γ_i` of a link's wrench (Eq. 11).
 
     Args:
         tree: The mechanism; arguments as for `base_wrench_regressor`.
         q: Joint coordinates (N, n_q).
         dq: Joint velocities (N, n); `ddq` their rates (N, n).
         gravity: Acceleration of gravity, m/s² (3,).
-        base: Motion of the base frame, without it at rest.
-        columns: Indices of the φ columns wanted, by default all.
-        drive: What else takes torque at every joint, out of `DRIVE`, each n columns more, once.
+        base: Motion of the base frame, by default at rest.
+        columns: Indices of the requested φ columns, by default all.
+        drive: Additional torques at every joint, out of `DRIVE`; each kind adds n columns.
 
     Returns:
         Y (N, n, 10 b + n len(drive)), rows in N m, or N for a prismatic joint.
@@ -106,12 +106,12 @@ def drive_names(tree: Tree, drive: Sequence[str]) -> tuple[str, ...]:
 
 
 def drive_columns(motion: Motion, drive: Sequence[str], slips: np.ndarray | None = None) -> list[np.ndarray]:
-    """Columns of rotor inertia and friction, one diagonal block (N, n, n) a kind.
+    """Columns of rotor inertia and friction, one diagonal block (N, n, n) for each kind.
 
     Args:
         motion: The motion.
         drive: Kinds of columns.
-        slips: Velocities over which friction changes its sign (n,), by default none: it jumps.
+        slips: Velocity scales of the smoothed sign of friction (n,), by default none: it jumps.
     """
     kinds = drive_kinds(drive)
     sign = np.sign(motion.dq) if slips is None else np.tanh(motion.dq / slips)
@@ -121,7 +121,7 @@ def drive_columns(motion: Motion, drive: Sequence[str], slips: np.ndarray | None
 
 
 def drive_kinds(drive: Sequence[str]) -> tuple[str, ...]:
-    """Kinds of drive columns, each once.
+    """Kinds of drive columns, checked.
 
     Raises:
         InputError: They are no list, or one is not in `DRIVE`.
@@ -183,13 +183,13 @@ def _checked_columns(tree: Tree, columns: Sequence[int] | None) -> tuple[int, ..
 
 
 def regressor_program(mechanism: Mechanism, columns: Sequence[int], *, moving: bool, torques: bool) -> Program:
-    """What computes the requested columns from `program_inputs`: results (columns, rows), flat.
+    """Program that computes the requested columns from `program_inputs`: results (columns, rows), flattened.
 
     Args:
         mechanism: The mechanism of b bodies.
-        columns: Indices of the columns wanted.
-        moving: Whether the base moves.
-        torques: Whether the rows are the joints' torques rather than the base wrench.
+        columns: Indices of the requested columns.
+        moving: True if the base moves.
+        torques: True if the rows are the joints' torques instead of the base wrench.
     """
     gravity = tuple(mechanism.gravity.astype(float).tolist())
     return _recorded(mechanism.tree, gravity, tuple(columns), moving, torques)
@@ -204,7 +204,7 @@ def _recorded(tree: Tree, gravity: tuple[float, ...], columns: tuple[int, ...], 
 def one_sample(
     tree: Tree, gravity: np.ndarray, columns: tuple[int, ...], inputs: np.ndarray, torques: bool
 ) -> np.ndarray:
-    """The requested columns, one after the other, from one sample of `program_inputs`: numbers or signals."""
+    """The requested columns, flattened, from one sample of `program_inputs`, as numbers or signals."""
     q, dq, ddq, root = np.split(inputs, _freedoms(tree))
     w, dw, a = root.reshape(3, 3) if len(root) else (np.zeros(3), np.zeros(3), -gravity)
     motions = closed_form.body_motions(tree, closed_form.base_motion(w, dw, a), q, dq, ddq)
@@ -215,7 +215,7 @@ def one_sample(
 
 
 def chunk(program: Program) -> int:
-    """How many samples to work on together."""
+    """Number of samples to process at once."""
     compiled_too = compiled.available()
     rows = program.results if compiled_too else program.results + program.registers
     most = (MEMORY_COMPILED if compiled_too else MEMORY) // (8 * max(rows, 1))
@@ -223,14 +223,14 @@ def chunk(program: Program) -> int:
 
 
 def _freedoms(tree: Tree) -> np.ndarray:
-    """Where joint coordinates, velocities and accelerations end among the inputs."""
+    """Ends of joint coordinates, velocities and accelerations among the inputs."""
     return np.cumsum([sum(body.coordinates for body in tree.bodies), len(tree.freedoms), len(tree.freedoms)])
 
 
 def program_inputs(motion: Motion, gravity: np.ndarray) -> np.ndarray:
     """Inputs of a `regressor_program` for a motion: joint states, and the base's motion if it moves (n, N).
 
-    The samples of an input are next to each other in memory.
+    The samples of an input are contiguous in memory.
     """
     rows = [x.T for x in motion.states]
     if (base := motion.base) is not None:

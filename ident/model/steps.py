@@ -1,6 +1,6 @@
-"""Steps of a program as `blocks.c` takes them: sums take up products and negatives that nothing else needs.
+"""Steps of a program for `blocks.c`, with products and negatives fused into the sums that use them.
 
-Sums, differences, negatives and products are all `± a b ± c`, with ones and zeros for what they lack.
+Sums, differences, negatives and products are all `± a b ± c`, with ones and zeros for missing operands.
 """
 
 from collections.abc import Sequence
@@ -12,26 +12,26 @@ Instruction = tuple[np.ufunc, int, int | None, int]
 """Operation, places of its one or two operands, and place of its result."""
 
 LINEAR = 0
-"""What `blocks.c` calls `± a b ± c`."""
+"""Code of `± a b ± c` in `blocks.c`."""
 
 OTHERS = {np.sin: 1, np.cos: 2, np.tanh: 3, np.divide: 4}
-"""What it calls the other operations."""
+"""Codes of the other operations there."""
 
 SUMS = np.add, np.subtract
-"""Operations that may take up a product."""
+"""Operations into which a product may be fused."""
 
 
 def steps(code: Sequence[Instruction], registers: int, zero: int, one: int) -> np.ndarray:
-    """The steps: operation, places of a, b, c and of the result, whether `a b` is subtracted, and whether c is.
+    """Steps as rows: operation, places of a, b, c and of the result, 1 if `a b` is subtracted, 1 if c is.
 
     Args:
-        code: What is to be done.
+        code: Instructions of the program.
         registers: The first place of intermediate results.
         zero: Place of zeros.
         one: Place of ones.
     """
     taken_up, found = _taken_up(code, registers), []
-    # Signed products that have not been computed, by the places where they would be.
+    # Signed products that are fused instead of computed, by the places of their results.
     products = dict[int, tuple[int, int, bool]]()
     for k, (operation, x, y, target) in enumerate(code):
         if operation in OTHERS:
@@ -57,9 +57,10 @@ def steps(code: Sequence[Instruction], registers: int, zero: int, one: int) -> n
 
 
 def _taken_up(code: Sequence[Instruction], registers: int) -> set[int]:
-    """Negatives and products that others compute: of all that need a negative; of a sum, one product it alone needs.
+    """Indices of negatives and products that are fused into the steps that use them.
 
-    What they are made of must still be there then.
+    A negative is fused into all its users, a product into a sum that is its only user, one for each sum. Their operands
+    must not be overwritten before.
     """
     taken, with_product = set[int](), set[int]()
     readers, overwritten = dict[int, list[int]](), dict[int, int]()

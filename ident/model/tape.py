@@ -1,8 +1,8 @@
-"""Arithmetic written down once, for one sample, and carried out for thousands at a time.
+"""Recording of arithmetic for one sample, and its execution for thousands of samples at a time.
 
-Formulas run on `Signal`s in place of numbers, in arrays of dtype object, and every operation is recorded on a `Tape`.
-Zeros and ones fold away, an operation that stands on the tape already is not written again, and a `Program` keeps what
-its outputs need and no more. What a mechanism's geometry makes zero or constant therefore costs nothing later.
+Formulas are evaluated with `Signal`s in place of numbers, in arrays of dtype object, and every operation is recorded on
+a `Tape`. Zeros and ones are folded, repeated operations are recorded once, and a `Program` keeps only the operations
+that its results need. Terms that are zero or constant for a mechanism's geometry therefore cost nothing.
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ class Tape:
     """A record of operations, each on earlier results, inputs or numbers.
 
     Attributes:
-        steps: Every operation and its operands, in the order of their results; None and nothing for an input.
+        steps: Every operation and its operands, in the order of their results; None and an empty tuple for an input.
         inputs: The inputs, which are the first results.
-        results: What each of the other steps gives.
+        results: Result of each of the other steps.
     """
 
     def __init__(self, inputs: int) -> None:
@@ -32,7 +32,7 @@ class Tape:
         self.results: dict[Step, Signal] = {}
 
     def record(self, operation: np.ufunc, *operands: "Signal | Number") -> "Signal":
-        """The result of an operation."""
+        """Records an operation, unless it is on the tape already, and returns its result."""
         step = operation, operands
         known = self.results.get(step)
         if known is None:
@@ -42,12 +42,12 @@ class Tape:
 
 
 class Signal:
-    """A number of each sample: an input, or the result of a recorded operation.
+    """A quantity with a value for each sample: an input, or the result of a recorded operation.
 
     Attributes:
-        tape: Where it stands.
-        index: The step that gives it.
-        opposite: What this signal is the negative of, if it was made so.
+        tape: The tape on which it is recorded.
+        index: Index of its step.
+        opposite: The signal of which it is the negative, if it was recorded as one.
     """
 
     __slots__ = ("index", "opposite", "tape")
@@ -127,26 +127,26 @@ class Signal:
 
 
 def _by_age(one: Signal, other: Signal) -> tuple[Signal, Signal]:
-    """Two signals in the order in which they were recorded: sums and products are the same either way."""
+    """Two signals in the order in which they were recorded, so that `a + b` and `b + a` are one step."""
     return (one, other) if one.index < other.index else (other, one)
 
 
 Step = tuple[np.ufunc | None, tuple[Signal | Number, ...]]
-"""An operation and what it is done to."""
+"""An operation and its operands."""
 
 
 @dataclass(frozen=True)
 class Program:
-    """What has to be done to get chosen results, in memory that is used again and again.
+    """Instructions that compute chosen results, with reused memory for intermediate ones.
 
-    Operands and targets are places in one row of arrays: inputs, numbers, results, registers.
+    Operands and targets are places in one sequence of arrays: inputs, numbers, results, registers.
 
     Attributes:
         inputs: Number of inputs n.
         numbers: Numbers among the operands.
         results: Number of results K.
         registers: Number of intermediate results that are alive at once.
-        constants: Places in the results of those that are numbers other than zero, with their values.
+        constants: Indices and values of the results that are nonzero numbers.
         code: Operation, places of its one or two operands (else None), and place of its result.
     """
 
@@ -159,7 +159,7 @@ class Program:
 
     @classmethod
     def of(cls, tape: Tape, results: Sequence[Signal | Number]) -> "Program":
-        """The program that gives these results (K,), signals of a tape or numbers."""
+        """Program for given results (K,), signals of a tape or numbers."""
         wanted = {k: x.index for k, x in enumerate(results) if isinstance(x, Signal)}
         last_use = _last_uses(tape, set(wanted.values()))
         steps = [(i, *tape.steps[i]) for i in sorted(last_use)]
@@ -182,20 +182,20 @@ class Program:
                     registers += 1
                 place[i] = spare.pop()
             code.append((operation, used[0], used[1] if len(used) > 1 else None, place[i]))
-        # Results that are inputs, or are wanted twice, have a place elsewhere.
+        # Results that are inputs, or are requested twice, are copied from another place.
         elsewhere = {first_result + k: place[i] for k, i in wanted.items() if place[i] != first_result + k}
         code += [(np.positive, source, None, target) for target, source in elsewhere.items()]
         constants = tuple((k, float(x)) for k, x in enumerate(results) if not isinstance(x, Signal) and x != 0)
         return cls(len(tape.inputs), tuple(numbers), len(results), registers, constants, tuple(code))
 
     def fill(self, out: np.ndarray) -> None:
-        """Writes the constant results into zeros (K, N), once for any number of runs."""
+        """Writes the constant results into zeros (K, N); needed once for any number of runs."""
         for k, value in self.constants:
             out[k] = value
 
     @cached_property
     def written(self) -> np.ndarray:
-        """Which results are not zero whatever the inputs are (K,)."""
+        """Mask of the results that are written, those that are not identically zero (K,)."""
         out = np.zeros(self.results, bool)
         first = self.inputs + len(self.numbers)
         out[[k for k, _ in self.constants]] = True
@@ -204,17 +204,17 @@ class Program:
 
     @cached_property
     def encoded(self) -> compiled.Encoded:
-        """The same for compiled code."""
+        """The program encoded for compiled code."""
         operands = self.inputs + len(self.numbers)
         return compiled.Encoded((operands, self.results, self.registers), self.code)
 
     def run(self, inputs: np.ndarray, out: np.ndarray, constants: Sequence[float] | np.ndarray = ()) -> None:
-        """Writes the results that depend on the inputs into `out` (K, C), and leaves the others as they are.
+        """Writes the results that depend on the inputs into `out` (K, C), and leaves the others unchanged.
 
         Args:
-            inputs: The first of the inputs, samples next to each other in memory (n - k, C).
-            out: Where to, likewise.
-            constants: The last inputs, if they are the same for all samples (k,).
+            inputs: All inputs but the last k, samples contiguous in memory (n - k, C).
+            out: Array for the results, likewise.
+            constants: The last k inputs, if they are the same for all samples (k,).
         """
         numbers = np.array([*constants, *self.numbers])
         if out.shape[1] and compiled.available():
@@ -230,7 +230,7 @@ class Program:
 
 
 def _last_uses(tape: Tape, wanted: set[int]) -> dict[int, int]:
-    """For every step that results depend on, the last step that uses it; for inputs and results none."""
+    """Last use of every step that the results depend on; beyond the tape for inputs and results."""
     never = len(tape.steps)
     last = dict.fromkeys(wanted, never)
     for i in reversed(range(never)):
