@@ -1,1 +1,1 @@
-"""Which parameters a mechanism's sensors can see, and the physical bodies that have them."""
+"""Base parameters that a mechanism's sensors identify, priors, and physically consistent full parameters."""

@@ -1,15 +1,15 @@
-"""Published tables of what segments of people weigh, where their centres of mass are, and how inert they are.
+"""Published anthropometric tables: masses, centres of mass and radii of gyration of the segments of people.
 
 winter   Winter, *Biomechanics and Motor Control of Human Movement*, 2009, Table 4.1 (doi:10.1002/9780470549148), after
-         Dempster; one column for both sexes, and radii of gyration across the segment alone: those along it are de
-         Leva's shares of them.
+         Dempster; one column for both sexes, and radii of gyration across the segment only: those along it have de
+         Leva's ratio to them.
 deleva   de Leva, J. Biomech. 29:1223-1230, 1996, Table 4 (doi:10.1016/0021-9290(95)00178-6).
-dumas    Dumas, Chèze and Verriest, J. Biomech. 40:543-553, 2007 (doi:10.1016/j.jbiomech.2006.02.013), what is along the
+dumas    Dumas, Chèze and Verriest, J. Biomech. 40:543-553, 2007 (doi:10.1016/j.jbiomech.2006.02.013), only along the
          segment: offsets of centres across it, of a few per cent of its length, and products of inertia are left out.
 
 The numbers were compared with those of three public collections: BMClab/BMC (Winter, de Leva), wspr/body-segment-param
 (de Leva), and the scripts of the HuMoD database (Dumas). The spread between persons is that of men measured by magnetic
-resonance by Cheng et al., Clin. Biomech. 15:559-566, 2000, as wspr/body-segment-param has it.
+resonance by Cheng et al., Clin. Biomech. 15:559-566, 2000, as given by wspr/body-segment-param.
 """
 
 from dataclasses import dataclass, replace
@@ -22,10 +22,10 @@ from ident.errors import InputError
 TABLES, SEXES = ("winter", "deleva", "dumas"), ("female", "male")
 
 STATURE = {"male": 1.741, "female": 1.735}
-"""Mean height of de Leva's people, m, which their lengths belong to."""
+"""Mean height of de Leva's subjects, m, to which the lengths refer."""
 
 LANDMARKS = ("upper_trunk", "middle_trunk", "lower_trunk", "torso", "pelvis", "trunk", "head_and_trunk", "hat")
-"""Segments whose ends are, or may be, no joints of a model next to each other."""
+"""Segments whose ends are not, or not necessarily, adjacent joints of a model."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Segment:
         mass: Its share of the person's mass.
         center: Distance of the centre of mass from the proximal end, over the length.
         across: Radius of gyration about axes across the segment through that centre, over the length.
-        along: That about the segment's own axis, over the length.
-        ends: What is at its proximal and at its distal end.
-        length: Its length over the person's height, for those that end in no joint; 0 where that is not published.
+        along: Radius of gyration about the segment's own axis, over the length.
+        ends: Landmarks at its proximal and at its distal end.
+        length: Its length over the person's height, for segments that do not end at a joint; 0 if not published.
     """
 
     mass: float
@@ -70,9 +70,9 @@ _ENDS = {
     "leg": ("hip", "ankle"),
     "shank_and_foot": ("knee", "ankle"),
 }
-"""Ends of the segments, where no table has its own."""
+"""Ends of the segments, unless a table has its own."""
 
-# Mass, centre from the end named first, radii about the sagittal, transverse and longitudinal axis, mean length in m.
+# Mass, centre from the first of the ends, radii about the sagittal, transverse and longitudinal axis, mean length in m.
 _DELEVA = {
     "male": {
         "head": (0.0694, 1 - 0.5002, 0.303, 0.315, 0.261, 0.2429),
@@ -179,7 +179,7 @@ def segments(table: str, sex: str) -> dict[str, Segment]:
 
 
 def spread(name: str, sex: str) -> tuple[float, float]:
-    """How far people are from tables: between persons (Cheng), and between the tables that have the segment.
+    """Standard deviations of a person's segment from a table: spread between persons (Cheng) and between tables.
 
     Returns:
         Standard deviations of the mass over the mass, and of the centre of mass over the segment's length.
@@ -221,10 +221,10 @@ def _dumas(sex: str) -> dict[str, Segment]:
 
 
 def _of_height(name: str, length: float) -> float:
-    """A length over the height, for segments that end in no joint."""
+    """A length over the height, for segments that do not end at a joint; 0 for others."""
     return length if name in ("head", "hand", "trunk") else 0.0
 
 
 def _mean(*radii: float) -> float:
-    """The radius whose moment is the mean one."""
+    """Radius of gyration of the mean moment of inertia."""
     return float(np.sqrt(np.mean(np.square(radii))))

@@ -1,4 +1,4 @@
-"""Which combinations of φ a regressor can see: rank, selection of independent columns, and regrouping (Eq. 4)."""
+"""Base parameters, the identifiable combinations of φ: rank, selection of independent columns, regrouping (Eq. 4)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,22 +21,22 @@ STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity along -Z of the base frame, m/s²."""
 
 SMALL_COLUMN = 1e-5
-"""Columns below this fraction of the largest column's norm are not scaled up all the way to unit length."""
+"""Columns with a norm below this fraction of the largest are divided by that fraction, not scaled to unit length."""
 
 DEPENDENT = 1e-9
 """Singular values of the unit-norm columns below this fraction of the largest, and coefficients between such columns
-below it, are zero but for rounding."""
+below it, count as rounding errors."""
 
 COEFFICIENTS = 1e5, 1e3
-"""Largest coefficients between unit-norm columns. With the first no column is lost to rounding; where the first
-independent columns need larger ones, as along chains of many joints in general position, or times the rounding of the
-dependencies they would be wrong, the second."""
+"""Largest coefficients between unit-norm columns. The first bound loses no column to rounding. The second is used if
+the first independent columns need larger coefficients, as along chains of many joints in general position, or if the
+first times the rounding of the dependencies is too large."""
 
 NEGLIGIBLE = 1e-11
-"""Parts of a unit column that a regrouping may leave out."""
+"""Largest part of a unit column that a regrouping may neglect."""
 
 WRONG = 1e-9
-"""A regrouping that misses columns by more than this fraction of the largest is wrong."""
+"""Error of a regrouping, relative to the largest column, above which it is refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,11 @@ class BaseParameters:
         parameters: Names of all P entries of φ.
         kept: Indices of the r columns kept.
         dependent: Indices of the other P - r columns.
-        beta: How each dependent column is made of the kept ones, `Y[:, dependent] = Y[:, kept] beta` (r, P - r).
-        gap: Smallest singular value of the unit-norm columns that counted, and the largest taken for zero.
+        beta: Coefficients of the dependent columns, `Y[:, dependent] = Y[:, kept] beta` (r, P - r).
+        gap: Smallest singular value of the unit-norm columns that counts, and the largest taken for zero.
         passed_over: Names of columns that are independent of those before them, but so nearly dependent that rounding
-            would show; others further right are kept in their stead. Without any, and without pins, the kept columns
-            are the first independent ones, left to right.
+            errors would be large; columns further right are kept instead. If this is empty and no names are pinned, the
+            kept columns are the first independent ones, left to right.
     """
 
     parameters: tuple[str, ...]
@@ -80,7 +80,7 @@ class BaseParameters:
 
     @property
     def remark(self) -> str:
-        """A sentence on the columns passed over, empty without any."""
+        """A sentence on the columns passed over, empty if there are none."""
         if not self.passed_over:
             return ""
         return (
@@ -98,7 +98,7 @@ class BaseParameters:
         return phi[..., list(self.kept)] + phi[..., list(self.dependent)] @ self.beta.T
 
     def expressions(self, digits: int = 6) -> tuple[str, ...]:
-        """Base parameters as readable sums, `m2rz2 + 0.425 m3`, without coefficients that are rounding.
+        """Base parameters as readable sums, `m2rz2 + 0.425 m3`, without coefficients that are rounding errors.
 
         Args:
             digits: Significant digits of the coefficients.
@@ -118,11 +118,11 @@ def find_base_parameters(
     gravity: np.ndarray = STANDARD_GRAVITY,
     sensors: Sensors | None = None,
 ) -> BaseParameters:
-    """Rank and regrouping of a mechanism, from its structure, or of a regressor, from its numbers.
+    """Base parameters of a mechanism, from its structure, or of a regressor, from its numbers.
 
     The rank is that of the unit-norm columns, by singular values. The first independent columns, left to right, are
-    kept, the rule behind the names in the paper's tables, as far as no coefficient between unit-norm columns gets
-    larger than `COEFFICIENTS`: of nearly dependent columns a later, better one is preferred.
+    kept, which is the rule of the paper's tables, unless a coefficient between unit-norm columns would exceed
+    `COEFFICIENTS`: then a later column is kept instead of a nearly dependent one.
 
     Args:
         source: A mechanism, which needs no data and gives coefficients to rounding; or a regressor at well-spread
@@ -131,16 +131,16 @@ def find_base_parameters(
         kept: Names to use as base parameters instead of the first independent ones, so that two models can be
             compared on the same set.
         gravity: For a tree alone: acceleration of gravity in the base frame, m/s² (3,).
-        sensors: For a mechanism: what is measured, by default the base wrench of a resting base.
+        sensors: For a mechanism: the measurements, by default the base wrench of a base at rest.
 
     Returns:
-        The regrouping. Its coefficients carry rounding times the condition number of the kept columns: 1e-15 where axes
-        are at right angles, more in general positions, where the first independent columns are nearly dependent. Those
-        that do not matter are set to zero. Those of a tree of exact numbers (dtype object) are exact.
+        The regrouping. The error of its coefficients is rounding times the condition number of the kept columns: 1e-15
+        if axes are at right angles, more in general positions, where the first independent columns are nearly
+        dependent. Negligible coefficients are set to zero. Those of a tree of exact numbers (dtype object) are exact.
 
     Raises:
         InputError: The regressor is not finite or all zero, names do not fit its columns, a pinned name is unknown or
-            the pinned set no basis of them, or the kept columns do not make up the others.
+            the pinned set no basis, or the kept columns do not reproduce the others.
     """
     if isinstance(source, np.ndarray):
         return _of_regressor(source, np.ones(source.shape[-1]), parameters, kept)
@@ -151,7 +151,7 @@ def find_base_parameters(
 def _of_structure(
     mechanism: Mechanism, sensors: Sensors | None, parameters: Sequence[str] | None, kept: Sequence[str] | None
 ) -> BaseParameters:
-    """The regrouping of a mechanism, exact where its numbers are."""
+    """Regrouping of a mechanism, exact if its numbers are."""
     if mechanism.tree.followers:
         rows = sampled_structure(mechanism, sensors)
         return _of_regressor(rows, np.ones(rows.shape[1]), parameters, kept)
@@ -171,7 +171,7 @@ def _of_structure(
 def _of_regressor(
     Y: np.ndarray, units: np.ndarray, parameters: Sequence[str] | None, kept: Sequence[str] | None
 ) -> BaseParameters:
-    """The regrouping of a regressor's columns (…, P), which are in some units of the parameters (P,)."""
+    """Regrouping of a regressor's columns (…, P), whose parameters are in the given units (P,)."""
     columns = Y.reshape(-1, Y.shape[-1])
     if not np.isfinite(columns).all() or not columns.any():
         raise InputError(f"A regressor needs finite numbers that are not all zero, got shape {Y.shape}.")
@@ -201,7 +201,7 @@ def _of_regressor(
 def structural_base_parameters(
     mechanism: Mechanism, *, sensors: Sensors | None = None, kept: tuple[str, ...] | None = None
 ) -> BaseParameters:
-    """As `find_base_parameters` of a mechanism, found once for each tree, gravity, sensors and pinned names."""
+    """`find_base_parameters` of a mechanism, cached by tree, gravity, sensors and pinned names."""
     return _structural(mechanism.tree, tuple(mechanism.gravity.tolist()), sensors, kept)
 
 
@@ -215,14 +215,14 @@ def _structural(
 
 
 def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> dict[str, tuple[str, ...]]:
-    """Which parameters would become base parameters of their own if more were measured.
+    """Parameters that would become base parameters of their own with additional measurements.
 
     Args:
         mechanism: The mechanism.
-        sensors: What is measured now, by default the base wrench of a resting base.
+        sensors: The present measurements, by default the base wrench of a base at rest.
 
     Returns:
-        Parameters gained, by what would gain them: `with the base wrench`, `with joint torques`, `on a moving base`,
+        Names of the gained parameters by change: `with the base wrench`, `with joint torques`, `on a moving base`,
         `with joint axes that are not parallel`.
     """
     now, tree = sensors or Sensors(), mechanism.tree
@@ -243,31 +243,31 @@ def separating_sensors(mechanism: Mechanism, sensors: Sensors | None = None) -> 
 
 
 def _unit_columns(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of unit length (or zero), their rows rotated into P at most, and the lengths that they had (P,)."""
-    # Dependencies between columns survive the QR's rotation of the rows.
+    """Columns of unit length (or zero), with rows rotated into at most P, and their original norms (P,)."""
+    # The rotation of the rows by the QR decomposition preserves dependencies between columns.
     triangle = linalg.qr(columns, mode="r")[0][: columns.shape[1]]
     norms = np.linalg.norm(triangle, axis=0)
     seen = norms > ZERO_COLUMN * norms.max()
-    # Small columns are left small: scaled to unit length their rounding would count as rank.
+    # Small columns stay small: scaled to unit length their rounding errors would add to the rank.
     norms = np.maximum(norms, SMALL_COLUMN * norms.max())
     return np.where(seen, triangle / norms, 0), norms
 
 
 def _rank(singular_values: np.ndarray) -> int:
-    """Number of singular values that are more than rounding."""
+    """Number of singular values above rounding."""
     return int(np.sum(singular_values > DEPENDENT * singular_values.max(initial=0)))
 
 
 def _first_independent(unit: np.ndarray, rank: int, rounding: float) -> tuple[list[int], list[int]]:
-    """Indices of the first `rank` independent ones of unit (or zero) columns, left to right, and of those passed over.
+    """Indices of the first `rank` independent unit (or zero) columns, left to right, and of those passed over.
 
-    The columns that a pivoted QR takes are exchanged, each for the first that can be: column j for a kept one further
-    right that it is made of. Without a bound on the coefficients this ends at the first independent columns.
+    The columns that a pivoted QR selects are exchanged one by one: column j for a kept one further right on which it
+    depends. Without a bound on the coefficients the result is the first independent columns.
 
     Args:
         unit: The columns (…, P).
         rank: Their rank r.
-        rounding: Largest singular value that is zero but for rounding.
+        rounding: Largest singular value that is taken for zero.
     """
     triangle, order = linalg.qr(unit, mode="r", pivoting=True)
     made = np.empty((rank, len(order)))
@@ -281,11 +281,11 @@ def _first_independent(unit: np.ndarray, rank: int, rounding: float) -> tuple[li
 
 
 def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[list[int], list[int]]:
-    """Kept columns after exchanges to the left, and columns passed over as coefficients would become too large.
+    """Kept columns after exchanges to the left, and columns passed over because coefficients would be too large.
 
     Args:
         start: Indices of the kept columns (r,).
-        made: How all columns are made of them (r, P).
+        made: Coefficients of all columns in terms of them (r, P).
         largest: Bound on the coefficients.
     """
     kept, passed = start.copy(), []
@@ -305,7 +305,7 @@ def _exchanged(start: np.ndarray, made: np.ndarray, largest: float) -> tuple[lis
 
 
 def _coefficients(kept: np.ndarray, dependent: np.ndarray) -> np.ndarray:
-    """How unit columns are made of others, with zeros where less is only rounding."""
+    """Coefficients of unit columns in terms of the kept ones, zero where they are only rounding errors."""
     made = np.linalg.lstsq(kept, dependent, rcond=None)[0]
     short = np.where(abs(made) < DEPENDENT, 0, made)
     rounding = np.linalg.norm(dependent - kept @ short, axis=0) < NEGLIGIBLE
@@ -329,7 +329,7 @@ def _basis(kept: Sequence[str], names: tuple[str, ...], unit: np.ndarray, first:
 
 
 def _without_rounding(row: np.ndarray) -> np.ndarray:
-    """Coefficients of a base parameter, zero below `DEPENDENT` of the largest, its own 1; exact ones stay."""
+    """Coefficients of a base parameter, zero below `DEPENDENT` times the largest (at least 1); exact ones unchanged."""
     if row.dtype == object:
         return row
     return np.where(abs(row) < DEPENDENT * abs(row).max(initial=1.0), 0, row)

@@ -1,13 +1,13 @@
-"""Physically consistent full parameters: bodies as close to a prior as measured base parameters let them be.
+"""Physically consistent full parameters: the bodies closest to a prior that fit estimated base parameters.
 
     minimise   d²/2 + D/w²    over pseudo-inertias J,
 
     d² = (Aφ - ψ)ᵀ C⁻¹ (Aφ - ψ),    D = Σ_i tr(J_i P_i⁻¹) - log det(J_i P_i⁻¹) - 4,    φ ~ J,    prior ~ P.
 
 `d` is the Mahalanobis distance from the base parameters ψ with their covariance C, and D the log-determinant
-divergence from the prior. The width w is that of the prior: bodies scatter around it by w of their own size, as D is
-half the square of their distance in such units. It is not chosen but found from ψ, whose distance from the prior's own
-base parameters is likely for some widths only (empirical Bayes).
+divergence from the prior. w is the width of the prior: bodies scatter around it by w times their own size, as D is half
+the squared distance in these units. It is estimated from ψ, whose distance from the prior's own base parameters is
+likely for some widths only (empirical Bayes).
 """
 
 from collections.abc import Sequence
@@ -22,42 +22,42 @@ from ident.geometry.inertia import parameters_from_pseudo_inertia, pseudo_inerti
 from ident.parameters.base_parameters import BaseParameters
 
 ROOM = 3.84
-"""How far minus twice the log-likelihood of a prior's width may exceed the smallest: a 95 % interval."""
+"""Excess of minus twice the log-likelihood of a prior's width over its minimum within the 95 % interval."""
 
 CONFIDENCE = 0.95
 """Probability of the region around ψ in which bodies count as having ψ."""
 
 UNPHYSICAL = 1e-8
-"""Bodies with an eigenvalue of `J P⁻¹` below this are as good as not physical."""
+"""Eigenvalue of `J P⁻¹` below which a body counts as not physical."""
 
 FINEST = 0.8
-"""The way to the prior's width is given up where it could only be widened by steps of less than this factor."""
+"""The continuation towards the prior's width stops when a step can only reduce the weight by a factor above this."""
 
 LOOSER = 1.0, 2.0, 4.0
-"""Factors by which masses that ψ hardly tells are kept less where their bodies would not have ψ."""
+"""Factors by which the deviation of hardly identifiable masses is increased if the bodies do not fit ψ otherwise."""
 
 NEWTON_STEPS = 50
-"""Newton steps after which a minimisation is given up; ten are usual."""
+"""Largest number of Newton steps of a minimisation; ten are usual."""
 
 CONVERGED = 1e-9
-"""Change of a body, relative to itself, from which Newton's method stops; the change after it is below rounding."""
+"""Relative change of a body at which Newton's method has converged; the next change would be below rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentParameters:
-    """Full parameters of physical bodies, and how well they have the base parameters asked for.
+    """Full parameters of physical bodies, and their fit to the given base parameters.
 
     Attributes:
         phi: φ of all bodies, every pseudo-inertia positive definite (10 b,).
         psi: Their base parameters (r,).
         names: Names of the base parameters (r,).
-        attainable: Whether `psi` is in the 95 % confidence region of the ψ asked for.
-        distance: Mahalanobis distance of `psi` from the ψ asked for, in the metric of its covariance.
-        shift: `psi` less the ψ asked for, in standard deviations (r,).
-        divergence: How far each body moved from its prior, `tr(J P⁻¹) - log det(J P⁻¹) - 4` (b,).
-        mass_std: How well ψ tells each body's mass: its standard deviation if all that were known beforehand were the
-            size of each body, so that it is the mass itself where ψ tells nothing, kg (b,).
-        prior: φ that the bodies are closest to, physical (10 b,).
+        attainable: True if `psi` is in the 95 % confidence region of the given ψ.
+        distance: Mahalanobis distance of `psi` from the given ψ, in the metric of its covariance.
+        shift: `psi` less the given ψ, in standard deviations (r,).
+        divergence: Divergence of each body from its prior, `tr(J P⁻¹) - log det(J P⁻¹) - 4` (b,).
+        mass_std: Standard deviation of each body's mass from ψ, with a prior as wide as the size of each body, so that
+            it equals the mass if ψ does not depend on it, kg (b,).
+        prior: φ of the prior, made physical (10 b,).
         raised: Bodies, counted from 0, whose prior was not physical and had to be raised.
     """
 
@@ -74,14 +74,14 @@ class ConsistentParameters:
 
     @property
     def unseen(self) -> np.ndarray:
-        """Whether ψ hardly tells a body's mass: its 95 % interval reaches to another one by a factor of two (b,)."""
+        """Mask of bodies whose mass is hardly identifiable: its 95 % interval reaches a factor of two (b,)."""
         return np.asarray(2 * self.mass_std >= np.log(2) * self.phi[::10])
 
     def moved(self, least: float = 0.01) -> tuple[tuple[str, float], ...]:
-        """Names of the base parameters that had to move, with by how many standard deviations, largest first.
+        """Names of the base parameters that had to move, and their shifts in standard deviations, largest first.
 
         Args:
-            least: Standard deviations below which a parameter counts as kept.
+            least: Standard deviations below which a parameter counts as unchanged.
         """
         order = np.argsort(-np.abs(self.shift), kind="stable")
         return tuple((self.names[k], float(self.shift[k])) for k in order if abs(self.shift[k]) >= least)
@@ -97,30 +97,30 @@ def consistent_parameters(
     masses: float | None = None,
     widest: bool = False,
 ) -> ConsistentParameters:
-    """Physical φ as close to a prior as given base parameters let them be.
+    """Physical φ closest to a prior, for given base parameters.
 
     Closeness is the log-determinant divergence of the pseudo-inertias J from those of the prior P, which depends
     neither on units nor on the choice of body frames, and grows without bound towards bodies that are not physical
-    (Lee, Wensing and Park, T-RO 2020, doi:10.1109/TRO.2019.2926491). Beside the squared Mahalanobis distance of ψ it is
-    a convex problem that Newton's method solves exactly: no physical bodies that are as near to ψ are closer to the
-    prior, whether ψ itself can be had or not.
+    (Lee, Wensing and Park, T-RO 2020, doi:10.1109/TRO.2019.2926491). Minimising it together with the squared
+    Mahalanobis distance of ψ is a convex problem that Newton's method solves exactly: no physical bodies that are as
+    near to ψ are closer to the prior, even if ψ itself is not attainable.
 
-    How much the prior counts, ψ says itself. The likelihood of a prior's width has a 95 % interval: if that contains
-    zero, and ψ of the prior lies in the confidence region, ψ does not contradict the prior, which is the answer;
-    otherwise the answer is that of the widest. So noise in combinations that the data hardly see does not move bodies,
-    and what they know well is kept.
+    The weight of the prior is estimated from ψ. The likelihood of a prior's width has a 95 % interval. If that contains
+    zero, and ψ of the prior lies in the confidence region, ψ does not contradict the prior, which is the result;
+    otherwise the result is that of the widest prior in the interval. So noise in combinations that are hardly
+    identifiable does not move bodies, and well-identified combinations are kept.
 
     Args:
         psi: Base parameters ψ, as of an estimate (r,).
         covariance: Their covariance (r, r).
         base: The regrouping behind ψ.
-        prior: φ to stay close to, as of a model (10 b,), made physical as `physical_prior` does.
+        prior: φ of the prior, as of a model (10 b,), made physical by `physical_prior`.
         bodies: Names of the bodies, for messages; by default they are counted from 1.
-        masses: Deviation of the prior's masses, of themselves, by which those are kept that ψ hardly tells (`unseen`):
-            the divergence alone would rather change a mass than move a centre of mass. Bodies that have ψ come first:
-            where these would leave its region, masses are kept less, and at last not at all.
-        widest: True for the widest prior that ψ allows, as where the prior is a guess from the same data; by default
-            bodies stay where ψ does not contradict them.
+        masses: Relative standard deviation of the prior's masses, for hardly identifiable ones (`unseen`): the
+            divergence alone would rather change a mass than move a centre of mass. Fitting ψ comes first: if bodies
+            with these masses leave its confidence region, the deviation is increased, and finally dropped.
+        widest: True for the widest prior that ψ allows, as for a prior that is a guess from the same data; by default
+            bodies keep the prior unless ψ contradicts it.
 
     Returns:
         Full parameters with a report.
@@ -159,7 +159,7 @@ def _report(
     physical: np.ndarray,
     raised: tuple[int, ...],
 ) -> ConsistentParameters:
-    """Bodies `L K Lᵀ` beside the ψ asked for, whose covariance is `root rootᵀ`."""
+    """Result for bodies `L K Lᵀ` and the given ψ, whose covariance is `root rootᵀ`."""
     phi = parameters_from_pseudo_inertia(L @ K @ np.swapaxes(L, -1, -2)).ravel()
     found = base.regroup(phi)
     eigenvalues = np.linalg.eigvalsh(K)
@@ -181,13 +181,13 @@ def _report(
 def physical_prior(
     phi: np.ndarray, *, minimum: float = 1e-2, bodies: Sequence[str] | None = None
 ) -> tuple[np.ndarray, tuple[int, ...]]:
-    """A φ whose bodies are all physical, and which of them had to be raised for that.
+    """The φ made physical, and the bodies that had to be raised for that.
 
     Args:
         phi: φ of all bodies (10 b,).
         minimum: Smallest radius of gyration that a body may have, over that of the whole tree; its mass must be at
-            least `minimum³` of the whole. Bodies with less, massless ones and those whose moments no mass distribution
-            has, are raised to it.
+            least `minimum³` of the whole. Bodies with less, massless ones and those with impossible moments are raised
+            to it.
         bodies: Names of the bodies, for messages.
 
     Returns:
@@ -220,7 +220,7 @@ def physical_prior(
 class _Problem:
     """`min |A K - ψ|²/2 + μ Σ (tr K - log det K)` with μ = 1/w².
 
-    It has the bodies and multipliers with `A K + μ λ = ψ` and `K (1 - A*λ) = 1`.
+    At the minimum bodies K and multipliers λ satisfy `A K + μ λ = ψ` and `K (1 - A*λ) = 1`.
 
     Attributes:
         A: `A*λ = Σ_k λ_k A_k`, one symmetric matrix for each base parameter and body (r, b, 4, 4).
@@ -234,7 +234,7 @@ class _Problem:
 
     @classmethod
     def of(cls, psi: np.ndarray, base: BaseParameters, L: np.ndarray, root: np.ndarray) -> "_Problem":
-        """In coordinates where the prior `L Lᵀ` is the identity and base parameters have independent unit variances.
+        """The problem in coordinates where the prior `L Lᵀ` is the identity and ψ has independent unit variances.
 
         Args:
             psi: Base parameters ψ (r,).
@@ -246,7 +246,7 @@ class _Problem:
         return cls(A.reshape(base.rank, -1, 4, 4), linalg.solve_triangular(root, psi, lower=True))
 
     def with_masses(self, L: np.ndarray, std: np.ndarray) -> "_Problem":
-        """The same with masses of the prior known to some deviations, not at all where they are infinite (b,)."""
+        """The problem with additional prior standard deviations of masses, infinite for unknown ones (b,)."""
         known = np.flatnonzero(np.isfinite(std) & (std > 0))
         rows = np.zeros((len(known), *self.A.shape[1:]))
         rows[range(len(known)), known] = np.einsum("bi,bj->bij", L[known, 3], L[known, 3]) / std[known, None, None]
@@ -255,17 +255,17 @@ class _Problem:
 
     @cached_property
     def width(self) -> float:
-        """The width w of the prior."""
+        """Estimated width w of the prior."""
         return self._width(self.psi - np.tensordot(self.A, self.prior, 3))
 
     def bodies(self, width: float | None = None) -> np.ndarray:
-        """The bodies K for a prior of some width, by default of its own (b, 4, 4)."""
+        """Bodies K for a prior of some width, by default the estimated one (b, 4, 4)."""
         misfit = self.psi - np.tensordot(self.A, self.prior, 3)
         K, width = self.prior, self.width if width is None else width
         if width == 0:
             return K
         goal, multipliers = width**-2, 0 * misfit
-        # The prior is the minimum for an infinite weight, and near it for one that outweighs the misfit's pull.
+        # The prior is the minimum for an infinite weight, and close to it for one larger than the misfit's gradient.
         mu, ratio, heavy = np.inf, 0.1, 10 * np.abs(np.tensordot(misfit, self.A, 1)).max()
         while mu > goal and ratio < FINEST:
             following = max(goal, ratio * min(mu, heavy))
@@ -284,10 +284,10 @@ class _Problem:
         return self._width(self.psi - np.tensordot(self.A, self.prior, 3), least=False)
 
     def _width(self, misfit: np.ndarray, *, least: bool = True) -> float:
-        """The largest w that a misfit of covariance `1 + w² A A*` allows.
+        """Largest w in the 95 % interval, for a misfit of covariance `1 + w² A A*`.
 
-        If zero is in the interval too, the least that leaves no more of the misfit than its confidence region holds:
-        zero, unless a few combinations alone contradict the prior.
+        If the interval contains zero, the smallest w whose remaining misfit is in the confidence region: zero, unless a
+        few combinations alone contradict the prior.
         """
         values, axes = np.linalg.eigh(np.tensordot(self.A, self.A, ((1, 2, 3), (1, 2, 3))))
         squares = np.append(0, np.geomspace(1e-2 / values[-1], 1e12, 1000))
@@ -299,9 +299,9 @@ class _Problem:
         return float(np.sqrt(allowed[-1] if allowed[0] or not len(enough) or not least else enough[0]))
 
     def _minimiser(self, K: np.ndarray, multipliers: np.ndarray, mu: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Bodies and multipliers at the minimum, or None if Newton's method does not get there.
+        """Bodies and multipliers at the minimum, or None if Newton's method does not converge.
 
-        Steps are those of Nesterov and Todd: in axes in which K and `Z = 1 - A*λ` are the same diagonal matrix.
+        Steps are Nesterov-Todd steps: in axes in which K and `Z = 1 - A*λ` are the same diagonal matrix.
         """
         r = len(self.psi)
         Z = self.prior - np.tensordot(multipliers, self.A, 1)
@@ -314,7 +314,7 @@ class _Problem:
             off = (1 / s - s)[..., None] * np.eye(4)
             misfit = self.psi - np.tensordot(self.A, K, 3) - mu * multipliers
             triangle = linalg.qr(np.vstack([rows.reshape(r, -1).T, np.sqrt(mu) * np.eye(r)]), mode="r")[0][:r]
-            # Near the edge a step that only makes K and Z each other's inverse comes between two that go on.
+            # After a short step a centring step follows, which only brings K and Z closer to being inverse.
             goal = misfit if length > 0.5 or np.abs(s - 1).max() < 0.5 else 0
             whitened = linalg.solve_triangular(triangle, goal - np.tensordot(rows, off, 3), trans="T")
             step = linalg.solve_triangular(triangle, whitened)
@@ -330,7 +330,7 @@ class _Problem:
         return None
 
     def std(self, K: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Standard deviations (b,) of `xᵀ K x` for vectors (b, 4), if ψ and a prior as wide as K were all one knew."""
+        """Standard deviations (b,) of `xᵀ K x` for vectors (b, 4), from ψ and a prior as wide as K alone."""
         G = np.linalg.cholesky(K)
         rows = (np.swapaxes(G, -1, -2)[None] @ self.A @ G).reshape(len(self.psi), -1)
         triangle = linalg.qr(np.vstack([rows, np.eye(16 * len(K))]), mode="r")[0][: 16 * len(K)]
@@ -340,7 +340,7 @@ class _Problem:
 
 
 def _region(parameters: int) -> float:
-    """Squared Mahalanobis distance up to which parameters are in the confidence region."""
+    """Largest squared Mahalanobis distance within the confidence region."""
     return float(special.chdtri(parameters, 1 - CONFIDENCE))
 
 
@@ -355,13 +355,13 @@ def _common_axes(K: np.ndarray, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _longest(change: np.ndarray, s: np.ndarray) -> float:
-    """How far `diag(s)` can go along a change before it is singular."""
+    """Step length along a change at which `diag(s)` becomes singular."""
     least = np.linalg.eigvalsh(change / np.sqrt(s[:, :, None] * s[:, None, :])).min()
     return -1 / least if least < 0 else np.inf
 
 
 def _forms(base: BaseParameters, L: np.ndarray) -> np.ndarray:
-    """Symmetric matrices (r, b, 4, 4) whose products with K are the base parameters of the bodies `L K Lᵀ`."""
+    """Symmetric matrices (r, b, 4, 4) whose inner products with K are the base parameters of the bodies `L K Lᵀ`."""
     units = np.eye(16).reshape(16, 4, 4)
     units = (units + np.swapaxes(units, -1, -2)) / 2
     phi = parameters_from_pseudo_inertia(L[:, None] @ units @ np.swapaxes(L, -1, -2)[:, None])

@@ -8,14 +8,14 @@ import numpy as np
 
 
 def reduced_rows(rows: np.ndarray) -> tuple[np.ndarray, list[int]]:
-    """Reduced row echelon form.
+    """Reduced row echelon form and its pivots.
 
     Args:
         rows: Matrix of exact numbers (k, n).
 
     Returns:
-        The r rows that are not zero, with ones at the pivots and zeros above and below them (r, n), and the pivots'
-        columns: the first columns, from left to right, that do not depend on those before.
+        The r nonzero rows, with ones at the pivots and zeros above and below them (r, n), and the pivots' columns: the
+        first columns, from left to right, that do not depend on those before.
     """
     rest = [list(row) for row in rows]
     done: list[list[object]] = []

@@ -1,4 +1,4 @@
-"""A prior from tables of people: bodies of a mechanism as segments of somebody of a mass, a height and a sex."""
+"""A prior from anthropometric tables: bodies of a mechanism as segments of a person of given mass, height and sex."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,15 +14,15 @@ from ident.parameters.anthropometry import LANDMARKS, Segment, segments, spread
 from ident.parameters.prior import KNOWN
 
 SIDES = ("right", "left", "r", "l")
-"""What stands before or behind a segment's name in the name of a body, with `_` between."""
+"""Prefixes or suffixes of a segment's name in the name of a body, separated by `_`."""
 
 ASIDE = 0.5
-"""Share of the mass on one child from which another one next to it makes a body's end doubtful."""
+"""Ratio of the masses on the second and the first child above which a body's distal end is doubtful."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody whose segments a table describes.
+    """A person whose segments are described by a table.
 
     Attributes:
         table: `winter`, `deleva` or `dumas`.
@@ -44,12 +44,12 @@ class Person:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """What segment a body is.
+    """Segment and ends of a body.
 
     Attributes:
         segment: Name of the segment.
         proximal: Its proximal end in the body's frame, m (3,); None for the body's joint.
-        distal: Its distal end, m (3,); None for the joint of the body that it carries, or as far as the height tells.
+        distal: Its distal end, m (3,); None for the joint of its child, or at a length that follows from the height.
     """
 
     segment: str
@@ -58,18 +58,18 @@ class Placed:
 
 
 def with_person(mechanism: Mechanism, person: Person, placed: Mapping[str, Placed] | None = None) -> Mechanism:
-    """The mechanism with a table's masses, centres and inertias for its prior, as well known as published.
+    """The mechanism with a prior from a table: masses, centres and inertias, with published standard deviations.
 
-    Bodies that are no segment keep what the model states.
+    Bodies that are no segment keep the model's prior.
 
     Args:
-        mechanism: The mechanism, its lengths those of the person.
-        person: Whose it is.
-        placed: What segments bodies are, by the bodies' names; by default those that are named so, as `thigh`,
-            `thigh_r` or `left_thigh`.
+        mechanism: The mechanism, with the lengths of the person.
+        person: The person.
+        placed: Segments by the bodies' names; by default bodies with a segment's name, such as `thigh`, `thigh_r` or
+            `left_thigh`.
 
     Raises:
-        ModelError: No body is a segment, or its ends cannot be found; the message says which.
+        ModelError: No body is a segment, or the ends of one cannot be found; the message names it.
         InputError: A body or a segment does not exist.
     """
     table = segments(person.table, person.sex)
@@ -98,7 +98,7 @@ def with_person(mechanism: Mechanism, person: Person, placed: Mapping[str, Place
 
 
 def _by_name(bodies: tuple[str, ...], table: Mapping[str, Segment]) -> dict[str, Placed]:
-    """Bodies named as segments, a side before or behind."""
+    """Bodies with the name of a segment, perhaps with a side before or behind."""
     names = {form.format(s, side): s for s in table for side in SIDES for form in ("{0}_{1}", "{1}_{0}", "{0}")}
     return {body: Placed(names[body.lower()]) for body in bodies if body.lower() in names}
 
@@ -116,7 +116,7 @@ def _parameters(segment: Segment, mass: float, proximal: np.ndarray, distal: np.
 def _ends(
     joints: "JointPlaces", name: str, own: Placed, segment: Segment, height: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Proximal and distal end of a body's segment in its frame."""
+    """Proximal and distal end of a body's segment, in the body's frame."""
     wanted = f"{segment.ends[0]} to {segment.ends[1]}"
     example = f"{name} = {{ segment = '{own.segment}', proximal = [0, 0, 0], distal = [0, -0.4, 0] }}"
     ask = f"say where in its frame, in m, as in {example}"
@@ -128,7 +128,7 @@ def _ends(
     if distal is None and not segment.length and not doubtful:
         distal = joints.next(name)
     if distal is None and segment.length:
-        # The model says in which direction, the person's height how far.
+        # The direction is the model's, the length follows from the person's height.
         toward = joints.center(name) - proximal
         if size := float(np.linalg.norm(toward)):
             distal = proximal + toward / size * segment.length * height
@@ -138,7 +138,7 @@ def _ends(
 
 
 class JointPlaces:
-    """Where joints are in the frames of the bodies next to them, at coordinates zero."""
+    """Positions of joints in the frames of adjacent bodies, at coordinates zero."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.tree = mechanism.tree
@@ -148,12 +148,12 @@ class JointPlaces:
         self.phi = dict(zip(mechanism.bodies, prior.reshape(-1, 10), strict=True))
 
     def own(self, name: str) -> np.ndarray | None:
-        """The joint that carries a body, None where it moves freely or is welded to the base."""
+        """Position of a body's own joint, None if the body moves freely or is welded to the base."""
         point = self._joint(self.tree.names.index(name))
         return None if point is None else self._within(name, point)
 
     def next(self, name: str) -> np.ndarray | None:
-        """The joint of the body that a body carries; of several, of the heaviest; None where that is in doubt."""
+        """Position of the joint of a body's child, of the heaviest of several; None if that is doubtful."""
         body = self.tree.names.index(name)
         carried = {i: self._weight(i) for i in self.tree.inertial if i != body and self._carrier(i) == body}
         order = sorted(carried, key=lambda i: carried[i], reverse=True)
@@ -163,7 +163,7 @@ class JointPlaces:
         return None if point is None else self._within(name, point)
 
     def center(self, name: str) -> np.ndarray:
-        """The model's centre of mass of a body, its frame's origin where it has no mass."""
+        """Centre of mass of a body in the model, the origin of its frame if it has no mass."""
         phi = self.phi[name]
         return phi[1:4] / phi[0] if phi[0] else np.zeros(3)
 
@@ -179,11 +179,11 @@ class JointPlaces:
         return self.tree.bodies[self._chain(i)[-1]].parent
 
     def _weight(self, i: int) -> float:
-        """Mass of a body and of all on it."""
+        """Mass of a body and of all its descendants."""
         return sum(self.masses.get(k, 0.0) for k in self.tree.carried(i))
 
     def _joint(self, i: int) -> np.ndarray | None:
-        """The point next to all axes of a body's joint, in the base frame; what they leave open is its origin's."""
+        """Point nearest to all axes of a body's joint, in the base frame; undetermined directions are its origin's."""
         chain = self._chain(i)
         axes = [k for k in chain if self.tree.bodies[k].motions[3:].any()]
         slides = [k for k in chain if self.tree.bodies[k].freedoms and k not in axes]
@@ -200,11 +200,11 @@ class JointPlaces:
         return np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=None)[0]
 
     def _within(self, name: str, point: np.ndarray) -> np.ndarray:
-        """A point of the base frame in that of a body."""
+        """A point given in the base frame, expressed in that of a body."""
         T = self.poses[self.tree.names.index(name)]
         return T[:3, :3].T @ (point - T[:3, 3])
 
 
 def _zero(tree: Tree) -> np.ndarray:
-    """Coordinates zero, balls not turned (n_q,)."""
+    """Coordinates zero, with unit quaternions for balls (n_q,)."""
     return np.concatenate([np.zeros(0), *([1.0, 0, 0, 0] if b.is_ball else [0.0] * b.coordinates for b in tree.bodies)])

@@ -1,12 +1,12 @@
-"""Knowledge of bodies before anything is measured: φ of the model, give or take.
+"""Prior of bodies: φ of the model, with a covariance.
 
-A body is given by its mass, its centre of mass and its inertia about that, which err independently of each other:
+A body is given by its mass, its centre of mass and its inertia about that, whose errors are independent:
 
     m = m_0 (1 + α ξ),    c = c_0 + s γ,    I_c = I_0 + κ √I_0 E √I_0
 
 with ξ and γ standard normal, and E symmetric with independent normal entries, of variance 1 on the diagonal and 1/2
-beside it, so that the moment of inertia about every axis through the centre of mass is known to the share κ. Deviations
-of φ follow: with the centre of mass, the first moments and the inertia about the frame's origin change together.
+beside it, so that the moment of inertia about every axis through the centre of mass has the relative deviation κ.
+Deviations of φ follow: first moments and inertia about the frame's origin both depend on the centre of mass.
 """
 
 from collections.abc import Mapping
@@ -19,25 +19,25 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
 
 KNOWN = {"mass": 0.2, "center": 0.05, "inertia": 0.3}
-"""How well a model knows its bodies: masses to a fifth, centres of mass to 50 mm, inertias to 30 %."""
+"""Default standard deviations of a model's bodies: masses 20 %, centres of mass 50 mm, inertias 30 %."""
 
 LEAST_KNOWN = 1e-6
-"""Standard deviations of ψ below this fraction of the largest of their unit are raised to it."""
+"""Standard deviation, relative to the largest, that is added to all of ψ to keep the covariance regular."""
 
 
 def body_covariance(phi: np.ndarray, known: Mapping[str, float] = KNOWN) -> np.ndarray:
-    """Mean squares and products of a body's deviations from a model's φ, the matrix C (10, 10).
+    """Matrix C of mean squares and products of a body's deviations from a model's φ (10, 10).
 
-    They are exact, second order included: around a centre of mass at the origin of the frame the inertia about that
-    changes with the square of the centre's deviation alone. With the pseudo-inertia J = [[Σ, 0], [0, 0]] + m x xᵀ of a
+    It is exact, including second order: for a centre of mass at the origin of the frame, the inertia about the origin
+    changes with the square of the centre's deviation only. With the pseudo-inertia J = [[Σ, 0], [0, 0]] + m x xᵀ of a
     body, x = [c; 1], X = x_0 x_0ᵀ and V = diag(s², s², s², 0), the moments of normal variables (Isserlis, Biometrika
     12, 1918, doi:10.2307/2331932) give
 
         E[δJ_ij δJ_kl] = m_0² [α² P_ij P_kl + V_ij V_kl + (1 + α²) (P_ik P_jl - X_ik X_jl + P_il P_jk - X_il X_jk)]
 
     with P = X + V; the inertia about the centre of mass adds κ²/2 (I_ik I_jl + I_il I_jk) to products of inertias. In
-    another frame φ_a = A φ_b the matrix is A C Aᵀ. The deviations have a mean, 2 m_0 s² in each moment of inertia;
-    C contains its square, as it is about the model's φ, the prior's mean. A body without mass is known to have none.
+    another frame φ_a = A φ_b the matrix is A C Aᵀ. The deviations have a mean, 2 m_0 s² in each moment of inertia; C
+    contains its square, as it is about the model's φ, the prior's mean. For a massless body C is zero.
 
     Args:
         phi: φ of a body (10,).
@@ -48,13 +48,13 @@ def body_covariance(phi: np.ndarray, known: Mapping[str, float] = KNOWN) -> np.n
         C in products of kg, kg m and kg m² (10, 10).
 
     Raises:
-        InputError: Something else is known, or by no number from zero.
+        InputError: `known` has an unknown key, or a value that is no number from zero.
     """
     known = {**KNOWN, **checked_deviations("known", known, OF_BODIES)}
     mass, x = phi[0], np.append(phi[1:4] / phi[0], 1.0) if phi[0] else np.array([0.0, 0, 0, 1])
     X, V = np.outer(x, x), known["center"] ** 2 * np.diag([1.0, 1, 1, 0])
     P, a = X + V, known["mass"] ** 2
-    # P_ik P_jl - X_ik X_jl without the difference of what is nearly equal.
+    # P_ik P_jl - X_ik X_jl without cancellation.
     crossed = _crossed(V, P) + _crossed(X, V)
     products = a * _product(P, P) + _product(V, V) + (1 + a) * (crossed + crossed.swapaxes(2, 3))
     moved = parameters_from_pseudo_inertia(np.moveaxis(parameters_from_pseudo_inertia(products), 2, 0))
@@ -62,10 +62,10 @@ def body_covariance(phi: np.ndarray, known: Mapping[str, float] = KNOWN) -> np.n
 
 
 def _central(J: np.ndarray, relative: float) -> np.ndarray:
-    """Covariance that the inertia about the centre of mass adds, by the pseudo-inertia about that (10, 10)."""
+    """Contribution of the inertia about the centre of mass, from the pseudo-inertia about that (10, 10)."""
     second = J[:3, :3]
     values, axes = np.linalg.eigh(np.trace(second) * np.eye(3) - second)
-    # As large as it is stated, where a model's body is not physical.
+    # Absolute values, for bodies of a model that are not physical.
     inertia = (axes * np.abs(values)) @ axes.T
     crossed = _crossed(inertia, inertia)
     row, column = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
@@ -85,19 +85,19 @@ def _crossed(A: np.ndarray, B: np.ndarray) -> np.ndarray:
 
 
 def known_covariances(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -> np.ndarray:
-    """`body_covariance` of all bodies, with the mechanism's own deviations before those of `known` (b, 10, 10)."""
+    """`body_covariance` of all bodies; the mechanism's own deviations take precedence over `known` (b, 10, 10)."""
     known = checked_deviations("known", known, OF_BODIES)
     bodies = zip(mechanism.bodies, mechanism.known.reshape(-1, 10), strict=True)
     return np.array([body_covariance(phi, {**known, **mechanism.prior_known.get(name, {})}) for name, phi in bodies])
 
 
 def known_deviations(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -> np.ndarray:
-    """Standard deviations with which φ of all bodies is known beforehand, in kg, kg m and kg m² (10 b,)."""
+    """Prior standard deviations of φ of all bodies, in kg, kg m and kg m² (10 b,)."""
     return np.sqrt(np.diagonal(known_covariances(mechanism, known), axis1=1, axis2=2)).ravel()
 
 
 def known_rows(mechanism: Mechanism, parameters: BaseParameters, known: Mapping[str, float] = KNOWN) -> np.ndarray:
-    """A root R of what is known of ψ beforehand, `B S Bᵀ = Rᵀ R` with ψ = B φ and S that of φ (10 b, r)."""
+    """A root R of the prior covariance of ψ, `B S Bᵀ = Rᵀ R` with ψ = B φ and S that of φ (10 b, r)."""
     return (known_roots(mechanism, known) @ _of_bodies(parameters)).reshape(-1, parameters.rank)
 
 
@@ -110,7 +110,7 @@ def known_roots(mechanism: Mechanism, known: Mapping[str, float] = KNOWN) -> np.
 def known_covariance(
     mechanism: Mechanism, parameters: BaseParameters, known: Mapping[str, float] = KNOWN
 ) -> np.ndarray:
-    """Covariance of ψ as it is known beforehand, `B S Bᵀ` with ψ = B φ and S that of φ (r, r)."""
+    """Prior covariance of ψ, `B S Bᵀ` with ψ = B φ and S that of φ (r, r)."""
     rows = known_rows(mechanism, parameters, known)
     covariance = rows.T @ rows
     return covariance + np.diag(LEAST_KNOWN**2 * np.full(len(covariance), np.diag(covariance).max(initial=1e-12)))
@@ -123,18 +123,18 @@ def conditioned(
     covariance: np.ndarray,
     known: Mapping[str, float] = KNOWN,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """All parameters φ from what was known of them and what an estimate that had it for a prior says of ψ = B φ.
+    """Posterior of all parameters φ, from their prior and an estimate of ψ = B φ that includes it.
 
         φ̂ = φ_0 + G (ψ̂ - B φ_0),     S - G (B S Bᵀ - C) Gᵀ,     G = S Bᵀ (B S Bᵀ)⁻¹
 
-    Nothing keeps bodies physical; `ident.parameters.consistency` does.
+    The bodies may not be physical; `ident.parameters.consistency` ensures that.
 
     Args:
         mechanism: The mechanism with the prior φ_0.
         parameters: Its base parameters.
-        psi: Their estimate, the prior included (r,).
-        covariance: C of that (r, r).
-        known: How well the prior is known, which makes S.
+        psi: Their estimate ψ̂, the prior included (r,).
+        covariance: Its covariance C (r, r).
+        known: Standard deviations of the prior, for S, as for `body_covariance`.
 
     Returns:
         φ̂ (10 b,), and its standard deviations (10 b,).
@@ -153,14 +153,14 @@ def updated(
     covariance: np.ndarray,
     known: Mapping[str, float] = KNOWN,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate and covariance of ψ once what is known beforehand is put in, as `conditioned` takes them.
+    """Estimate and covariance of ψ with the prior included, as inputs of `conditioned`.
 
     Args:
         mechanism: The mechanism with the prior φ_0.
         parameters: Its base parameters.
         psi: Their estimate from the data alone (r,).
-        covariance: Covariance of that (r, r).
-        known: How well the prior is known.
+        covariance: Its covariance (r, r).
+        known: Standard deviations of the prior, as for `body_covariance`.
 
     Returns:
         ψ (r,), and its covariance (r, r).
@@ -178,21 +178,21 @@ def parameters_told(
     *,
     included: bool = False,
 ) -> np.ndarray:
-    """Number of its ten parameters that data tell of each body, beyond what is known of it beforehand.
+    """Number of the ten parameters of each body that the data determine, beyond the prior.
 
         P = S - G (K - C') Gᵀ,    K = B S Bᵀ,    G = S Bᵀ K⁻¹,    C' = K - K (K + C)⁻¹ K
 
-    S is the covariance of φ beforehand, P that afterwards, C that of ψ = B φ from the data. A body counts the trace of
-    1 - S⁻¹ P of its own parameters: nothing where the data leave it as it was, ten where they tell all of it, and all
-    bodies together the degrees of freedom for signal of Rodgers (Inverse Methods for Atmospheric Sounding, 2000,
-    doi:10.1142/3171), no more than there are base parameters.
+    S is the prior covariance of φ, P the posterior one, C that of ψ = B φ from the data. The number of a body is the
+    trace of 1 - S⁻¹ P over its own parameters: zero if the data add nothing, ten if they determine all. The sum over
+    all bodies is the degrees of freedom for signal of Rodgers (Inverse Methods for Atmospheric Sounding, 2000,
+    doi:10.1142/3171), at most the number of base parameters.
 
     Args:
         mechanism: The mechanism, with a prior.
         parameters: The regrouping behind ψ.
         covariance: Covariance of ψ (r, r).
         known: As for `body_covariance`.
-        included: Whether that covariance knows already what is known beforehand, so that it is C'.
+        included: True if that covariance includes the prior, so that it is C'.
 
     Returns:
         Numbers from 0 to 10 (b,).

@@ -1,7 +1,7 @@
-"""What sensors can see of mechanisms in which joints follow others: rows of the regressor at well-spread states.
+"""Structure matrix of mechanisms with followers, by sampling: rows of the regressor at well-spread states.
 
-Between the columns of a regressor that is analytic in the states a dependency holds at all states or, but for chance,
-not at as many random ones as there are columns.
+The regressor is analytic in the states. A dependency between its columns therefore holds at all states, or with
+probability zero at as many random ones as there are columns.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from ident.model.regressor import base_wrench_regressor, joint_torque_regressor
 from ident.parameters.structure import Sensors
 
 MORE = 20
-"""Samples beyond the number of columns."""
+"""Number of samples in addition to the number of columns."""
 
 
 def sampled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> np.ndarray:
@@ -22,10 +22,10 @@ def sampled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> n
 
     Args:
         mechanism: The mechanism of b bodies.
-        sensors: The measurements; by default the base wrench of a resting base.
+        sensors: The measurements; by default the base wrench of a base at rest.
 
     Returns:
-        A matrix (rows, 10 b) with the dependencies between columns that the regressor has for general motions.
+        A matrix (rows, 10 b) whose columns have the dependencies of the regressor for general motions.
     """
     sensors, rng = sensors or Sensors(), np.random.default_rng(0)
     motion = _motion(rng, mechanism.tree, 10 * len(mechanism.bodies) + MORE, sensors.moving_base)

@@ -1,14 +1,14 @@
-"""What a mechanism's structure lets a sensor see, without any data: rows that span those of every possible regressor.
+"""Structure matrix of a mechanism, without data: rows that span those of every possible regressor.
 
-Seen from joint j, all bodies beyond it are one composite body, whose φ in frame j is `φᶜ_j = φ_j + Σ_c X_c(θ_c) φᶜ_c`
-over the children c. Some φ has no effect on a sensor in any motion exactly when, at every joint and for every posture
-beyond it, certain rows vanish on φᶜ_j: those of the momentum regressor (Eq. 12) for the joint's twist, in the
-directions that the sensor feels, and for gravity. Each X_c is a sum of linearly independent functions of θ_c with
-constant matrices; what multiplies the constant function stays with the row, what multiplies any other function must
-vanish on its own and becomes a row on the child. Walking outward once collects them all. Wensing, Niemeyer and Slotine
-(Observability in Inertial Parameter Identification, 2017) have the same idea for joint torques.
+For joint j, all bodies beyond it are one composite body, whose φ in frame j is `φᶜ_j = φ_j + Σ_c X_c(θ_c) φᶜ_c` over
+the children c. A φ has no effect on a sensor in any motion exactly when, at every joint and for every posture beyond
+it, certain rows vanish on φᶜ_j: those of the momentum regressor (Eq. 12) for the joint's twist, in the directions that
+the sensor measures, and for gravity. Each X_c is a sum of linearly independent functions of θ_c with constant matrices.
+The coefficient of the constant function stays with the row; that of any other function must vanish by itself and
+becomes a row on the child. One pass outward collects all rows. Wensing, Niemeyer and Slotine (Observability in Inertial
+Parameter Identification, 2017) have the same idea for joint torques.
 
-Exact numbers (dtype object) go through it without rounding, such as lengths that are symbols.
+With exact numbers (dtype object), such as symbolic lengths, there is no rounding.
 """
 
 from dataclasses import dataclass, replace
@@ -26,20 +26,20 @@ from ident.parameters.echelon import reduced_rows
 from ident.tolerances import SINGULAR
 
 TWICE_PSEUDO_INERTIAS = pseudo_inertia(2 * np.eye(10)).astype(int)
-"""Twice the pseudo-inertia of each unit φ, in whole numbers (10, 4, 4)."""
+"""Twice the pseudo-inertia of each unit φ, in integers (10, 4, 4)."""
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """Which measurements are there.
+    """Available measurements.
 
     Attributes:
-        base_wrench: The total wrench at the base.
-        joint_torques: The torques of all joints.
-        moving_base: Whether the base moves freely (and is tracked), instead of resting.
-        channels: Which components of the base wrench are measured: rows w, fixed in the base frame, of which each
-            channel reads `w · Γ_0` (k, 6), such as some rows of `coAd(inverse(frame))` for a sensor at a pose `frame`;
-            by default all six.
+        base_wrench: True if the total wrench at the base is measured.
+        joint_torques: True if the torques of all joints are measured.
+        moving_base: True if the base moves freely (and is tracked) instead of resting.
+        channels: Measured components of the base wrench, as rows w fixed in the base frame, of which each channel reads
+            `w · Γ_0` (k, 6), such as some rows of `coAd(inverse(frame))` for a sensor at a pose `frame`; by default all
+            six.
     """
 
     base_wrench: bool = True
@@ -63,10 +63,10 @@ def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np
 
     Args:
         mechanism: The mechanism of b bodies.
-        sensors: The measurements; by default the base wrench of a resting base.
+        sensors: The measurements; by default the base wrench of a base at rest.
 
     Returns:
-        A matrix (rows, 10 b) with the dependencies between columns that the regressor has for general motions.
+        A matrix (rows, 10 b) whose columns have the dependencies of the regressor for general motions.
 
     Raises:
         ModelError: No body has parameters.
@@ -80,11 +80,11 @@ def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np
     transfers = [_transfer(body) for body in tree.bodies]
     composite = _composites(tree, [constant for constant, _ in transfers])
 
-    # For {0} and every body: rows on its composite, and what it can have there: twists, gravity's accelerations, and
-    # the directions in which the base wrench is measured, which change frames as twists do.
+    # For {0} and every body: rows on its composite, its possible twists, accelerations of gravity, and the directions
+    # in which the base wrench is measured, which transform as twists do.
     on_base, measured = _base_rows(_channels(sensors), weight, moving)
     rows, twists, weights, directions = {BASE: _span(on_base, 10)}, {BASE: moving}, {BASE: weight}, {BASE: measured}
-    # Joint torques feel how the energy of the base's own motion varies with posture, but not that energy itself.
+    # Joint torques depend on the change of the energy of the base's motion with posture, but not on that energy itself.
     energy = {BASE: np.eye(10 if sensors.moving_base and sensors.joint_torques else 0, 10, dtype=int)}
     constraints = [rows[BASE] @ composite[BASE]]
     for i, body in enumerate(tree.bodies):
@@ -104,16 +104,16 @@ def structure_matrix(mechanism: Mechanism, sensors: Sensors | None = None) -> np
 
 
 def scaled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """`structure_matrix` with a mechanism's longest length as unit where it is above 1 m.
+    """`structure_matrix` with a mechanism's longest length as unit if it is above 1 m.
 
-    The squares of long lengths, of millimetres say, would hide what stands beside them.
+    Otherwise the squares of large lengths, as in models in millimetres, would hide smaller entries.
 
     Args:
         mechanism: The mechanism.
-        sensors: The measurements; by default the base wrench of a resting base.
+        sensors: The measurements; by default the base wrench of a base at rest.
 
     Returns:
-        The matrix (rows, 10 b), and what its columns are multiplied by for parameters in SI units (10 b,).
+        The matrix (rows, 10 b), and the factors of its columns for parameters in SI units (10 b,).
     """
     sensors, length = sensors or Sensors(), _longest(mechanism.tree)
     if sensors.channels is not None:
@@ -123,7 +123,7 @@ def scaled_structure(mechanism: Mechanism, sensors: Sensors | None = None) -> tu
 
 
 def _longest(tree: Tree) -> float:
-    """A mechanism's longest length in m, up to a power of two, which rounds nothing, or 1; 1 for exact numbers."""
+    """Longest length in m, rounded up to a power of two, which divides exactly; at least 1, and 1 for exact numbers."""
     if any(body.home.dtype == object or body.twist.dtype == object for body in tree.bodies):
         return 1.0
     lengths = [body.home[:3, 3] for body in tree.bodies] + [b.twist[:3] for b in tree.bodies if b.twist[3:].any()]
@@ -132,7 +132,7 @@ def _longest(tree: Tree) -> float:
 
 
 def _shrunk(tree: Tree, length: float) -> Tree:
-    """A mechanism with all lengths in another unit."""
+    """The tree with all lengths in another unit."""
     if length == 1:
         return tree
     bodies = []
@@ -145,7 +145,7 @@ def _shrunk(tree: Tree, length: float) -> Tree:
 
 
 def _one_axis_each(tree: Tree) -> Tree:
-    """The tree with every ball as three revolute joints, which reach the same postures and twists."""
+    """The tree with every ball replaced by three revolute joints, which reach the same postures and twists."""
     bodies: list[Body] = []
     place = {BASE: BASE}
     for i, body in enumerate(tree.bodies):
@@ -169,11 +169,11 @@ def _channels(sensors: Sensors) -> np.ndarray:
 
 
 def _base_rows(channels: np.ndarray, weight: np.ndarray, moving: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """Rows on the whole mechanism's composite that channels feel, and all directions of its momentum that they feel.
+    """Rows on the composite of the whole mechanism for the channels, and all directions of momentum that they measure.
 
-    With the momentum h a channel reads `w · (ḣ - ad(V)ᵀ h)` and the weight. Where it sees nothing, `w · h` vanishes
-    for all velocities and so does `(ad(V) w) · h`: of second degree in the base's twist V for the momentum `M V` that
-    V gives the whole, of first degree for that of each joint's own motion.
+    With the momentum h a channel reads `w · (ḣ - ad(V)ᵀ h)` and the weight. A φ has no effect on it if `w · h` and
+    `(ad(V) w) · h` vanish for all velocities; the latter is of second degree in the base's twist V for the momentum
+    `M V` of the base's motion, of first degree for that of each joint's own motion.
     """
     turned = [channels @ ad(V).T for V in moving]
     rows = [channels @ momentum_regressor(V) for V in (*weight, *moving)]
@@ -186,14 +186,14 @@ def _base_rows(channels: np.ndarray, weight: np.ndarray, moving: np.ndarray) -> 
 
 
 def _torque_rows(twist: np.ndarray, twists: np.ndarray, weights: np.ndarray) -> list[np.ndarray]:
-    """Rows on a joint's composite that its torque feels."""
+    """Rows on a joint's composite for its torque."""
     return [twists @ momentum_regressor(twist), *(twist[None] @ momentum_regressor(weight) for weight in weights)]
 
 
 def _composites(tree: Tree, transfers: list[np.ndarray]) -> dict[int, np.ndarray]:
-    """For {0} and every body, the part of its composite's φ that no posture changes, from the stacked φ (10, 10 b).
+    """For {0} and every body, the part of its composite's φ that is constant, from the stacked φ (10, 10 b).
 
-    The constant part of each body's `_transfer` moves its φ to the parent.
+    The constant part of each body's `_transfer` transforms its φ to the parent.
     """
     own = np.eye(10 * len(tree.inertial), dtype=int)
     composite = dict.fromkeys(range(BASE, len(tree.bodies)), np.zeros((10, len(own)), dtype=int))
@@ -205,10 +205,10 @@ def _composites(tree: Tree, transfers: list[np.ndarray]) -> dict[int, np.ndarray
 
 
 def _transfer(body: Body) -> tuple[np.ndarray, list[np.ndarray]]:
-    """φ moved from a body's frame to its parent's: the constant part, and the parts that vary with θ (10, 10).
+    """Transform of φ from a body's frame to its parent's: the constant part, and the parts that vary with θ (10, 10).
 
-    The pose is `T(θ) = T_1 + T_s sin θ + T_c cos θ + T_θ θ` and the pseudo-inertia moves as `T J Tᵀ`; of the products,
-    `sin²` is written as `1 - cos²`, the others are linearly independent.
+    The pose is `T(θ) = T_1 + T_s sin θ + T_c cos θ + T_θ θ` and the pseudo-inertia transforms as `T J Tᵀ`. Of the
+    products, `sin²` is written as `1 - cos²`; the others are linearly independent.
     """
     v, w = body.twist[:3], hat(body.twist[3:])
     ww = w @ w
@@ -237,10 +237,10 @@ def _matrix(rotation: np.ndarray, translation: np.ndarray, corner: float) -> np.
 
 
 def _carried(vectors: np.ndarray, body: Body) -> np.ndarray:
-    """Rows that span a parent's independent twists, written in a body's frame at every posture of the joint between.
+    """Rows that span a parent's independent twists, in a body's frame, over all postures of the joint between.
 
-    That frame turns by `exp(-ad(ξ) θ)`, whose values span what the powers of `ad(ξ)` below the degree of its minimal
-    polynomial do: `x (x² + 1)²` for a helix, of which `x (x² + 1)` for an axis and `x²` for a slide need fewer.
+    The twists are transformed by `exp(-ad(ξ) θ)`, whose values have the span of the powers of `ad(ξ)` below the degree
+    of its minimal polynomial: `x (x² + 1)²` for a helix; `x (x² + 1)` for an axis and `x²` for a slide need fewer.
     """
     powers = [vectors @ Ad(inverse(body.home)).T]
     if body.moves and len(vectors) < 6:
@@ -251,7 +251,7 @@ def _carried(vectors: np.ndarray, body: Body) -> np.ndarray:
 
 
 def _span(parts: list[np.ndarray], width: int) -> np.ndarray:
-    """Independent rows that span the rows of some matrices, orthonormal where they are not exact."""
+    """Independent rows that span the rows of some matrices, orthonormal unless they are exact."""
     rows = np.vstack([np.zeros((0, width), dtype=int), *parts])
     if rows.dtype == object:
         return reduced_rows(rows)[0]
