@@ -1,4 +1,4 @@
-"""The posture that a trial begins with, from no guess: the best of fits that start all over the joints' ranges."""
+"""First posture of a trial, without an initial guess: the best of fits from starts over the joints' ranges."""
 
 import mujoco
 import numpy as np
@@ -8,14 +8,14 @@ from sim.markers.kinematics import Kinematics
 from sim.markers.marked_model import MarkedModel
 
 STARTS = 8
-"""Postures to start from: the reference configuration, and others at random."""
+"""Number of starts: the reference configuration, and random ones."""
 
 WIDTH = 0.5
-"""Share of a joint's range, or angle in rad where it has none, that random starts spread over."""
+"""Width of the random starts: share of a joint's range, or angle in rad if it has none."""
 
 
 def first_posture(marked: MarkedModel, measured: np.ndarray, weights: np.ndarray) -> Posture:
-    """The best of the fits of a frame; arguments as for `frame_fit.fitted`."""
+    """Best fit of a frame; arguments as for `frame_fit.fitted`."""
     rng, kinematics = np.random.default_rng(0), Kinematics(marked)
     starts = [marked.rest, *(_at_random(marked, rng) for _ in range(STARTS - 1))]
     aligned = (_aligned(marked, kinematics, start, measured, weights) for start in starts)
@@ -24,7 +24,7 @@ def first_posture(marked: MarkedModel, measured: np.ndarray, weights: np.ndarray
 
 
 def _unwound(marked: MarkedModel, qpos: np.ndarray) -> np.ndarray:
-    """Coordinates with hinges that have a range less than half a turn from its middle: whole turns leave no trace."""
+    """Coordinates with limited hinges moved by whole turns to within half a turn of the middle of their range."""
     model, out = marked.model, qpos.copy()
     leading = {following.leader[0] for following in marked.followers}
     for j in {int(model.dof_jntid[d]) for d in marked.dofs}:
@@ -35,7 +35,7 @@ def _unwound(marked: MarkedModel, qpos: np.ndarray) -> np.ndarray:
 
 
 def _at_random(marked: MarkedModel, rng: np.random.Generator) -> np.ndarray:
-    """Coordinates of hinges, slides and balls spread around the middle of their ranges (nq,)."""
+    """Random coordinates, with hinges, slides and balls around the middle of their ranges (nq,)."""
     model, qpos = marked.model, marked.rest.copy()
     for j in sorted({int(model.dof_jntid[d]) for d in marked.dofs}):
         first, size = int(model.jnt_qposadr[j]), marked.dofs_of(j)
@@ -50,7 +50,7 @@ def _at_random(marked: MarkedModel, rng: np.random.Generator) -> np.ndarray:
 def _aligned(
     marked: MarkedModel, kinematics: Kinematics, qpos: np.ndarray, measured: np.ndarray, weights: np.ndarray
 ) -> np.ndarray:
-    """Coordinates with every free body of the world placed so that the markers on it and all it carries fit (nq,)."""
+    """Coordinates with every free body placed so that the markers on it and its descendants fit best (nq,)."""
     model, out, positions = marked.model, qpos.copy(), kinematics.positions(qpos)
     roots = model.body_rootid[model.site_bodyid[marked.sites]]
     for j in {int(model.dof_jntid[d]) for d in marked.dofs}:
@@ -66,7 +66,7 @@ def _aligned(
 
 
 def superposed(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation and translation that bring points a (M, 3) closest to points b.
+    """Rotation and translation that bring points a (M, 3) closest to points b, by least squares.
 
     Source: Kabsch, Acta Cryst. A32:922, 1976, doi:10.1107/S0567739476001873.
     """

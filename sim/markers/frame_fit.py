@@ -1,9 +1,9 @@
-"""One posture of a model from the positions of its markers, by least squares.
+"""Least-squares fit of one posture of a model to the positions of its markers.
 
     min over q of  Σ_m w_m |x_m - p_m(q)|²
 
-by Levenberg and Marquardt's method with MuJoCo's Jacobians. Damping holds still what the markers do not tell of; where
-the method ends, the gradient is zero whatever the damping, so that it leaves no bias.
+by the Levenberg-Marquardt method with MuJoCo's Jacobians. Damping keeps coordinates that the markers do not determine.
+At convergence the gradient is zero, so that damping causes no bias.
 """
 
 from typing import NamedTuple
@@ -14,20 +14,20 @@ from scipy.linalg import lapack
 from sim.markers.kinematics import Kinematics
 
 ROUNDS = 100
-"""Steps at most, most of them where a posture is far from the first guess."""
+"""Largest number of steps; most are needed if a posture is far from the initial guess."""
 
 SETTLED = 1e-7
-"""Step in rad or m at which a posture counts as found; the next one would be that much smaller again."""
+"""Step in rad or m at which the fit has converged; the next step would be far smaller."""
 
 GAIN = 1e-10
-"""Share of the cost by which a step has to lower it for another one to be made: what is left to gain then is a
-hundred-thousandth of a standard deviation."""
+"""Relative decrease of the cost below which the fit has converged: the remaining error is a hundred-thousandth of a
+standard deviation."""
 
 LEAST, MOST = 1e-9, 1e6
-"""Damping, m²/rad²: no less, so that normal equations can be solved; and no more, where no step helps."""
+"""Range of the damping, m²/rad²: the least keeps normal equations solvable, beyond the most no step lowers the cost."""
 
 LONGEST = 0.5
-"""Longest step of a degree of freedom in rad or m; the positions are no straight lines beyond that."""
+"""Longest step of a degree of freedom in rad or m; beyond it the positions are not linear."""
 
 
 class Posture(NamedTuple):
@@ -47,14 +47,14 @@ class Posture(NamedTuple):
 def fitted(
     kinematics: Kinematics, qpos: np.ndarray, measured: np.ndarray, weights: np.ndarray, rounds: int = ROUNDS
 ) -> Posture:
-    """The posture that fits best, from a first guess.
+    """Posture that fits best, from an initial guess.
 
     Args:
-        kinematics: The model's.
-        qpos: First guess (nq,).
+        kinematics: Kinematics of the model.
+        qpos: Initial guess (nq,).
         measured: Positions, NaN where a marker was not seen, m (M, 3).
         weights: Weights of squared distances, zero for markers not seen (M,).
-        rounds: Steps at most.
+        rounds: Largest number of steps.
     """
     seen, damping = np.flatnonzero(weights > 0), LEAST
     w, x = weights[seen, None], measured[seen]

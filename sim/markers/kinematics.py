@@ -1,4 +1,4 @@
-"""Positions of a model's markers and their derivatives by its degrees of freedom, as MuJoCo computes them."""
+"""Positions of a model's markers and their derivatives by its degrees of freedom, by MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -7,7 +7,7 @@ from sim.markers.marked_model import MarkedModel
 
 
 class Kinematics:
-    """Positions and Jacobians of the markers of a model; one at a time, in memory of its own."""
+    """Positions and Jacobians of the markers of a model, one posture at a time, in preallocated memory."""
 
     def __init__(self, marked: MarkedModel) -> None:
         self._model, self._data = marked.model, mujoco.MjData(marked.model)
@@ -22,7 +22,7 @@ class Kinematics:
         return self._data.site_xpos[self._sites]
 
     def jacobian(self) -> np.ndarray:
-        """Derivatives of the positions asked for last by the degrees of freedom that move (M, 3, n)."""
+        """Derivatives of the positions of the last call by the degrees of freedom that move (M, 3, n)."""
         mujoco.mj_comPos(self._model, self._data)
         for k, site in enumerate(self._sites):
             mujoco.mj_jacSite(self._model, self._data, self._all[k], None, site)
@@ -39,7 +39,7 @@ class Kinematics:
         return self._followed(out)
 
     def _followed(self, qpos: np.ndarray) -> np.ndarray:
-        """Coordinates in which what follows others does so (nq,)."""
+        """Coordinates with followers set from their leaders (nq,)."""
         if not self._followers:
             return qpos
         out = np.array(qpos)

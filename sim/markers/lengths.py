@@ -1,9 +1,9 @@
-"""Lengths of a model's segments, one factor for each body or group of bodies, from markers.
+"""Estimation of the lengths of a model's segments from markers, one factor for each body or group of bodies.
 
 At given angles every position is linear in the factors, so that its derivatives by them are differences of positions.
-Angles and factors are found at once: the angles of each frame are eliminated from the normal equations (their Schur
-complement), as in bundle adjustment. Factors have a prior, 1 ± `SPREAD`: what no marker tells of stays
-as the model has it.
+Angles and factors are estimated together: the angles of each frame are eliminated from the normal equations (Schur
+complement), as in bundle adjustment. Factors have a prior, 1 ± `SPREAD`; lengths that no marker determines stay those
+of the model.
 """
 
 from collections.abc import Sequence
@@ -23,32 +23,32 @@ from sim.markers.trial_fit import Postures, check_fit, fit_trial, plain_fits
 from sim.models.names import body_id, body_name
 
 SPREAD = 0.2
-"""Standard deviation of what is known of a factor beforehand: how far people's proportions depart from a model's."""
+"""Prior standard deviation of a factor: the variation of people's proportions about a model's."""
 
 FRAMES = 40
-"""Frames that the factors are found from at most, evenly over the trial."""
+"""Largest number of frames used for the factors, evenly over the trial."""
 
 ROUNDS, SETTLED = 30, 1e-6
-"""Steps at most, and the largest change of a factor that counts as none."""
+"""Largest number of steps, and the change of factors at which they have converged."""
 
 LEAST, MOST = 0.3, 3.0
-"""Factors beyond which the model is another one's."""
+"""Range of plausible factors."""
 
 FINEST = 1e-6
-"""Noise in m that markers have at least."""
+"""Least noise of markers, m."""
 
 DAMPING = 1e-8
-"""What is added to the curvature of angles, m²/rad²."""
+"""Regularization added to the curvature of angles, m²/rad²."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """Factors on lengths.
+    """Estimated factors of lengths.
 
     Attributes:
         groups: Names of the bodies that share each factor.
         factors: Factors (g,).
-        std: Standard deviations, at most `SPREAD`, which is what is known without markers (g,).
+        std: Standard deviations, at most `SPREAD`, that of the prior (g,).
         model: The model with these lengths.
         mass: Factor on all masses.
     """
@@ -67,9 +67,9 @@ def grouped(
 
     Args:
         model: The model.
-        given: Groups that are stated; all other bodies are on their own.
-        alike: Whether the left side is as long as the right one: bodies whose names differ by these words, or by l and
-            r, in groups of two.
+        given: Groups that are stated; all other bodies have factors of their own.
+        alike: True to give both sides the same lengths: bodies whose names differ by left and right, or by l and r,
+            share a factor.
 
     Raises:
         ModelError: The model has no body of a name.
@@ -88,7 +88,7 @@ def grouped(
 
 
 def _side_removed(name: str) -> str:
-    """A body's name with what tells its side replaced."""
+    """A body's name with the word for its side replaced."""
     words = name.lower().replace("-", "_").split("_")
     return "_".join("?" if word in ("left", "right", "l", "r") else word for word in words)
 
@@ -96,10 +96,10 @@ def _side_removed(name: str) -> str:
 def scaled_model(
     model: mujoco.MjModel, groups: Sequence[Sequence[str]], factors: np.ndarray, mass: float = 1.0
 ) -> mujoco.MjModel:
-    """A model with other lengths: all places in a body's frame times its factor.
+    """The model with other lengths: all positions in a body's frame are multiplied by its factor.
 
-    These are places of joints, sites, geoms, child bodies and the centre of mass. Inertias grow with the mass and the
-    square of the length; so do sizes of geoms with the length, but meshes stay as they are.
+    These are the positions of joints, sites, geoms, child bodies and the centre of mass. Inertias are scaled with the
+    mass and the squared length, sizes of geoms with the length; meshes are not scaled.
 
     Args:
         model: The model; it is copied.
@@ -128,17 +128,17 @@ def scaled_model(
 
 
 def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence[str]], mass: float = 1.0) -> Scaling:
-    """Factors that let the markers of a trial fit best.
+    """Estimates factors of lengths from the markers of a trial.
 
     Args:
-        marked: The model as it is, and its markers.
+        marked: The unscaled model and its markers.
         measured: Positions in the model's world, NaN where a marker was not seen, m (N, M, 3).
         groups: Names of the bodies that share each factor.
         mass: Factor on all masses.
 
     Raises:
-        InputError: A factor leaves the range from `LEAST` to `MOST`, or the fit is poor whatever the lengths, as where
-            labels, units or the model are wrong.
+        InputError: A factor leaves the range from `LEAST` to `MOST`, or the fit is poor with any lengths, as with wrong
+            labels, units or model.
     """
     model, factors = marked.model, np.ones(len(groups))
     x = measured[np.unique(np.linspace(0, len(measured) - 1, FRAMES).round().astype(int))]
@@ -147,7 +147,7 @@ def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence
         now = fit_trial(marked.with_lengths(scaled_model(model, groups, factors)), x, qpos)
         qpos = now.qpos
         curvature, gradient = _reduced(now, groups, factors)
-        # Never quite zero, so that the prior counts where nothing else does.
+        # Never quite zero, so that the prior determines factors that the markers do not.
         sigma = max(float(np.nan_to_num(now.sigma)), FINEST)
         prior = (sigma / SPREAD) ** 2
         step = np.linalg.solve(curvature + prior * np.eye(len(groups)), gradient + prior * (1 - factors))
@@ -166,7 +166,7 @@ def scaling(marked: MarkedModel, measured: np.ndarray, groups: Sequence[Sequence
 
 
 def _reduced(postures: Postures, groups: Sequence[Sequence[str]], factors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Curvature (g, g) and gradient (g,) of the factors with the angles eliminated."""
+    """Curvature (g, g) and gradient (g,) for the factors, with the angles eliminated."""
     marked, model = postures.marked, postures.marked.model
     kinematics, n, g = Kinematics(marked), len(marked.dofs), len(groups)
     longer = [

@@ -1,4 +1,4 @@
-"""A model and where markers are on it."""
+"""A model with sites for the markers of a recording."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,11 +25,11 @@ _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 
 
 class Following(NamedTuple):
-    """A joint that follows another one's coordinate.
+    """A follower: a joint whose coordinate is a function of another's.
 
     Attributes:
-        leader: Places of the leader in qpos and among the degrees of freedom; `own` those of the joint itself.
-        law: How it follows.
+        leader: Indices of the leader in qpos and among the degrees of freedom; `own` those of the follower.
+        law: The function.
     """
 
     leader: tuple[int, int]
@@ -42,14 +42,14 @@ class MarkedModel:
     """A compiled model with a site for every marker.
 
     Attributes:
-        spec: The specification it was compiled from, which has all the sites.
+        spec: The specification that it was compiled from, with all sites.
         model: The compiled model.
         labels: Labels of the markers that have a site.
         sites: Ids of the sites (M,).
         weights: Weights of squared distances (M,).
-        rest: Coordinates of the reference configuration, but for those of joints that do not move (nq,).
-        dofs: Degrees of freedom that move (n,).
-        followers: Joints that follow others, as in OpenSim's knees.
+        rest: Coordinates of the reference configuration, with fixed joints at their given coordinates (nq,).
+        dofs: Indices of the degrees of freedom that move (n,).
+        followers: Followers, as in OpenSim's knees.
         up: Axis of the model's world that points up.
     """
 
@@ -64,12 +64,12 @@ class MarkedModel:
     up: str = "z"
 
     def with_lengths(self, model: mujoco.MjModel) -> "MarkedModel":
-        """The same markers on a model with other lengths."""
+        """The markers on a model with other lengths."""
         return replace(self, model=model)
 
     @property
     def dof_names(self) -> list[str]:
-        """A name for each degree of freedom that moves: its joint's, with the axis where that has several."""
+        """Name of each degree of freedom that moves: its joint's, with the axis if that has several."""
         out = []
         for d in self.dofs:
             j = int(self.model.dof_jntid[d])
@@ -79,7 +79,7 @@ class MarkedModel:
         return out
 
     def dofs_of(self, j: int) -> int:
-        """How many degrees of freedom a joint has."""
+        """Number of degrees of freedom of a joint."""
         return {_FREE: 6, int(mujoco.mjtJoint.mjJNT_BALL): 3}.get(int(self.model.jnt_type[j]), 1)
 
 
@@ -89,16 +89,16 @@ def marked_model(
     places: Mapping[str, Place] | None = None,
     fix: Mapping[str, Sequence[float]] | None = None,
 ) -> tuple[MarkedModel, list[str]]:
-    """A model, and its sites for the labels of a file.
+    """A model with sites for the labels of a file.
 
     Args:
-        source: MJCF, URDF or OpenSim file, or a specification, which is not changed but copied.
-        labels: Labels of the markers; what stands before a colon in all of them, a subject's name, does not count.
-        places: What markers stand for where that is not the site of their name, by the labels.
-        fix: Joints that do not move, with their coordinates; none for those of the reference configuration.
+        source: MJCF, URDF or OpenSim file, or a specification, which is copied.
+        labels: Labels of the markers; a common prefix before a colon, a subject's name, is ignored.
+        places: Sites or positions of markers, by label, unless they are at the site of their name.
+        fix: Joints that do not move, with their coordinates; empty for those of the reference configuration.
 
     Returns:
-        The model, and the labels that no site belongs to.
+        The model, and the labels without a site.
 
     Raises:
         ModelError: The model is malformed, or has no site, body or joint of a name.
@@ -151,7 +151,7 @@ def marked_positions(markers: Markers, unmatched: Collection[str], marked: Marke
 
 
 def _without_subject(labels: Sequence[str]) -> dict[str, str]:
-    """Labels without what stands before a colon, by the labels; as they are where that is not the same in all."""
+    """Labels without the prefix before a colon, by full label; unchanged if the prefix is not common to all."""
     subjects = {label.rpartition(":")[0] for label in labels}
     cut = len(subjects) == 1 and subjects != {""}
     return {label: label.rpartition(":")[2] if cut else label for label in labels}
@@ -164,7 +164,7 @@ def _check_labels(places: Mapping[str, Place], labels: Sequence[str], short_labe
 
 
 def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, Place]) -> dict[str, str]:
-    """Adds sites at places on bodies, and returns the names of all sites by label."""
+    """Adds sites at positions on bodies, and returns the names of all sites by label."""
     names, bodies = {}, {body.name: body for body in spec.bodies}
     taken = {site.name for site in spec.sites}
     for label, place in places.items():
@@ -182,14 +182,14 @@ def _add_sites(spec: mujoco.MjSpec, places: Mapping[str, Place]) -> dict[str, st
 
 
 def _check_sites(ids: Mapping[str, int], places: Mapping[str, Place], short_labels: Mapping[str, str]) -> None:
-    """Refuses sites that were named and are not there."""
+    """Refuses named sites that do not exist."""
     for label, place in places.items():
         if place.site and place.site != short_labels[label] and place.site not in ids:
             raise ModelError(f"markers.{label}: the model has no site '{place.site}', but {_listed(ids)}.")
 
 
 def _followers(model: mujoco.MjModel, laws: Mapping[str, Follower]) -> tuple[Following, ...]:
-    """The joints that follow others, by how they do so."""
+    """Followers from their functions by the joints' names."""
 
     def place(name: str) -> tuple[int, int]:
         j = id_of(model, mujoco.mjtObj.mjOBJ_JOINT, name)
@@ -199,7 +199,7 @@ def _followers(model: mujoco.MjModel, laws: Mapping[str, Follower]) -> tuple[Fol
 
 
 def _fixed(model: mujoco.MjModel, fix: Mapping[str, Sequence[float]]) -> tuple[np.ndarray, set[int]]:
-    """Coordinates with joints where they are fixed (nq,), and the ids of these joints."""
+    """Coordinates with fixed joints set (nq,), and the ids of these joints."""
     rest, still = model.qpos0.copy(), set()
     ends = [*model.jnt_qposadr[1:].tolist(), model.nq]
     for name, values in fix.items():
@@ -214,13 +214,13 @@ def _fixed(model: mujoco.MjModel, fix: Mapping[str, Sequence[float]]) -> tuple[n
 
 
 def _listed(names: Collection[str]) -> str:
-    """Names for a message, not all of many."""
+    """Names for a message, shortened if there are many."""
     some = [short(name) for name in names][:40]
     return ", ".join(some + ["..."] * (len(names) > len(some))) or "none"
 
 
 def base_of(model: mujoco.MjModel, name: str | None) -> str | None:
-    """The body whose frame is {0}: the one that is named, else that of the model's only free joint, else the world.
+    """Body whose frame is {0}: the named one, or else that of the model's only free joint, or else None for the world.
 
     Raises:
         ModelError: No body has that name.

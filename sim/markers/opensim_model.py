@@ -1,4 +1,4 @@
-"""OpenSim's bodies, coordinates and markers as a specification that MuJoCo moves: kinematics alone, no inertias."""
+"""OpenSim's bodies, coordinates and markers as a MuJoCo specification, for kinematics only, without inertias."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ from ident.mechanism.follower import Follower
 from sim.models.opensim.mechanism import mechanism_from_opensim
 
 NOTHING = 1e-3
-"""Mass in kg and moment in kg m² of every body: MuJoCo moves none without."""
+"""Mass in kg and moment in kg m² of every body, as MuJoCo needs some."""
 
 
 def opensim_spec(
@@ -21,14 +21,14 @@ def opensim_spec(
 
     Args:
         path: The file.
-        fix: Coordinates that do not move, each with its value, or none for its default.
+        fix: Coordinates that do not move, each with its value, or empty for its default.
 
     Returns:
-        The specification, not yet compiled; how those of its joints that follow a coordinate do so, by their names; and
-        the axis of the ground that points up, `x`, `y` or `z`.
+        The specification, not yet compiled; functions of followers, by the joints' names; and the axis of the ground
+        that points up, `x`, `y` or `z`.
 
     Raises:
-        ModelError: Something in the file cannot be read, which the message names.
+        ModelError: Something in the file cannot be read; the message names it.
     """
     arm = mechanism_from_opensim(path, fix=fix)
     spec, followers = mujoco.MjSpec(), dict[str, Follower]()
@@ -46,7 +46,7 @@ def opensim_spec(
 
 
 def _added(parent: mujoco.MjsBody, body: Body, limits: tuple[float, float] | None) -> mujoco.MjsBody:
-    """A body with its joint, put on another one."""
+    """Adds a body with its joint to another one, and returns it."""
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, np.ascontiguousarray(body.home[:3, :3]).ravel())
     out = parent.add_body(name=body.name, pos=body.home[:3, 3], quat=quat)

@@ -1,4 +1,4 @@
-"""Postures of a trial as a recording: joint positions with their noise, and the pose of a base that moves."""
+"""Postures of a trial as a recording: joint positions with their noise, and the pose of a moving base."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -25,18 +25,18 @@ def recording(
     provenance: Mapping[str, Any] | None = None,
     felt: Recording | None = None,
 ) -> Recording:
-    """What an estimate takes of a trial: `JOINT_position` of all joints and `base:pose` of a base that moves.
+    """Recording of a trial: `JOINT_position` of all joints and `base:pose` of a moving base.
 
-    That of a ball is a quaternion, whose noise is that of each component of a rotation vector. The noise of a channel
-    is the root mean square of the standard deviations of all frames. Where markers do not determine a coordinate in
-    some frames it is interpolated in between; where they do in none, there is no channel.
+    The position of a ball is a quaternion; its noise is that of each component of a rotation vector. The noise of a
+    channel is the root mean square of the standard deviations of all frames. A coordinate that the markers do not
+    determine in some frames is interpolated there; one that they determine in no frame has no channel.
 
     Args:
         postures: Fitted postures.
         time: Times of the frames, s (N,).
         base: Body whose frame is {0}, None for the world's.
-        provenance: Where the markers come from.
-        felt: A recording of wrenches on the same clock, which are put in, interpolated at the frames.
+        provenance: Origin of the markers.
+        felt: A recording of wrenches on the same clock, which are added, interpolated at the frames.
 
     Raises:
         InputError: The markers determine no joint, or never the base.
@@ -82,7 +82,7 @@ def recording(
 
 
 def joints(marked: MarkedModel, base: str | None) -> list[int]:
-    """Ids of the joints that move below the base, but for free ones."""
+    """Ids of the joints that move beyond the base, except free ones."""
     model = marked.model
     members = set(mechanism_bodies(model, base, BEYOND)) - ({body_id(model, base)} if base is not None else set())
     moving = {int(model.dof_jntid[d]) for d in marked.dofs}
@@ -90,7 +90,7 @@ def joints(marked: MarkedModel, base: str | None) -> list[int]:
 
 
 def _carrying(marked: MarkedModel, base: str | None) -> np.ndarray | None:
-    """Which degrees of freedom move the base; None where it rests (k,)."""
+    """Indices of the degrees of freedom that move the base (k,); None if it rests."""
     model = marked.model
     if base is None:
         return None

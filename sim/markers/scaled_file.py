@@ -1,4 +1,4 @@
-"""A model with other lengths as an MJCF file, and read back to see that it is what was meant."""
+"""Writing of a model with other lengths as an MJCF file, verified by reading it back."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -13,14 +13,14 @@ from sim.models.inertials import OVERRIDING
 from sim.models.refusals import refusals
 
 READ_BACK = 1e-9
-"""Largest difference of a length in m, or of an inertia relative to the largest, that counts as none."""
+"""Tolerance of the verification: difference of a length in m, or of an inertia relative to the largest."""
 
 
 def write_scaled(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Writes a specification with the places and inertias of a model of the same bodies, all digits kept.
+    """Writes a specification with the positions and inertias of a model of the same bodies, with all digits.
 
     Args:
-        path: MJCF file to write; its folder must exist. Meshes and textures are looked for where the specification did.
+        path: MJCF file to write; its folder must exist. Meshes and textures are those of the specification.
         spec: The specification, compiled before.
         model: The model with other lengths.
 
@@ -45,7 +45,7 @@ def write_scaled(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None
 
 
 def _place(model: mujoco.MjModel, b: int, body: ET.Element) -> None:
-    """Writes the numbers of a body and of what is fixed to it."""
+    """Sets the numbers of a body and of its joints, sites, geoms and inertia."""
     if b:
         _set(body, pos=model.body_pos[b], quat=model.body_quat[b])
     joints = [each for each in body if each.tag in ("joint", "freejoint")]
@@ -72,7 +72,7 @@ def _set(element: ET.Element, **numbers: Iterable[float]) -> None:
 
 
 def _keep_files(root: ET.Element, spec: mujoco.MjSpec) -> None:
-    """Lets a file in another folder find the meshes and textures of the specification's."""
+    """Sets the folders of the specification's meshes and textures, for a file in another folder."""
     if root.findall("asset/*[@file]"):
         home = Path(spec.modelfiledir)
         for compiler in root.findall("compiler"):
@@ -83,7 +83,7 @@ def _keep_files(root: ET.Element, spec: mujoco.MjSpec) -> None:
 
 
 def _check(path: Path, written: mujoco.MjModel, model: mujoco.MjModel) -> None:
-    """Refuses a file that does not hold the model."""
+    """Refuses a file whose model differs from the given one."""
     for name in ("body_pos", "body_quat", "jnt_pos", "jnt_axis", "site_pos", "body_mass", "body_ipos", "body_inertia"):
         a, b = getattr(written, name), getattr(model, name)
         rows = slice(1, None) if name.startswith("body") else slice(None)

@@ -1,12 +1,12 @@
-"""What a TOML file says of markers: the sites or places they stand for, their weights, and which bodies scale alike.
+"""Settings of markers from a TOML file: their sites or positions, their weights, and bodies that share a scale factor.
 
 unit = "mm"                  # of a table that states none
-up = "y"                     # axis of the laboratory that points up; the model's if not given: z, in OpenSim y
+up = "y"                     # axis of the laboratory that points up; by default the model's: z, in OpenSim y
 [markers.KNEE]               # a label
-site = "knee"                # a site of the model; that of the label's name if not given
-weight = 0.5                 # of its squared distance; 1 if not given
+site = "knee"                # a site of the model; by default that with the label's name
+weight = 0.5                 # of its squared distance; by default 1
 [markers.HEEL]
-body = "foot"                # in place of a site: a place on a body
+body = "foot"                # instead of a site: a position on a body
 position = [-0.05, 0, -0.04] # m
 [scale]
 groups = [["left_thigh", "right_thigh"]]
@@ -30,16 +30,16 @@ UP = {
     "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
     "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
 }
-"""Rotations from a laboratory with that axis upwards to one with Z upwards."""
+"""Rotations from a laboratory whose vertical axis is the key to one with Z upwards."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """What a marker stands for.
+    """Site or position of a marker on the model.
 
     Attributes:
-        site: Name of a site, "" where a body is named.
-        body: Name of a body, "" where a site is named.
+        site: Name of a site, "" if a body is named.
+        body: Name of a body, "" if a site is named.
         position: Position in the body's frame, m.
         weight: Weight of the squared distance.
     """
@@ -52,12 +52,12 @@ class Place:
 
 @dataclass(frozen=True)
 class Settings:
-    """All that a file says.
+    """Settings of a file.
 
     Attributes:
-        unit: Unit of a table, None if nothing is said.
-        up: Axis of the laboratory that points up, None if nothing is said.
-        places: What markers stand for, by their labels.
+        unit: Unit of a table, None if not stated.
+        up: Axis of the laboratory that points up, None if not stated.
+        places: Sites or positions of markers, by label.
         groups: Names of bodies that share a scale factor.
     """
 
@@ -71,7 +71,7 @@ def read_settings(path: Path) -> Settings:
     """Reads a file of settings.
 
     Raises:
-        InputError: It is missing or malformed; the message names what is.
+        InputError: The file is missing or malformed; the message names the entry.
     """
     try:
         entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
@@ -80,7 +80,7 @@ def read_settings(path: Path) -> Settings:
         raise InputError(f"{path}: settings of markers are a TOML file ({error.strerror}).") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    # Not all are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
+    # Not all errors are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: settings of markers need to be TOML in UTF-8 ({error}).") from None
 
@@ -125,7 +125,7 @@ def _names(values: list[Any]) -> bool:
 
 
 def _check(what: str, entry: Any, keys: tuple[str, ...] | None = None) -> Mapping[str, Any]:
-    """A table of the file, which has no keys but these."""
+    """The entry, checked to be a table without other keys than these."""
     if not isinstance(entry, dict):
         raise InputError(f"{what} needs to be a table, got {short(entry)}.")
     for key in entry:

@@ -1,4 +1,4 @@
-"""Markers whose labels seem to be exchanged."""
+"""Detection of markers with exchanged labels."""
 
 from itertools import combinations
 from typing import NamedTuple
@@ -8,7 +8,7 @@ import numpy as np
 from sim.markers.trial_fit import Postures
 
 NEARER = 0.5
-"""Two labels seem exchanged where each marker is that much nearer to the other's place than to its own."""
+"""Two labels seem exchanged if each marker's distance to the other's place is below this share of that to its own."""
 
 
 class Swap(NamedTuple):
@@ -16,7 +16,7 @@ class Swap(NamedTuple):
 
     Attributes:
         labels: The two labels.
-        frames: How many frames it is so in.
+        frames: Number of frames in which they seem exchanged.
     """
 
     labels: tuple[str, str]
@@ -24,7 +24,7 @@ class Swap(NamedTuple):
 
 
 def swaps(postures: Postures, measured: np.ndarray) -> list[Swap]:
-    """Pairs of outlying markers that are near each other's places, most frames first.
+    """Pairs of outlying markers that are near each other's fitted positions, most frames first.
 
     Args:
         postures: Fitted postures.

@@ -1,11 +1,11 @@
-"""Postures over a trial, the markers' noise, and markers that do not belong.
+"""Robust fit of the postures of a trial, with the markers' noise and outlying markers.
 
-All frames are fitted by least squares first, each from the one before. The noise then follows from the middle of the
-residuals, which outlying markers hardly move; frames with residuals far beyond it are fitted again with weights
+All frames are fitted by least squares first, each from the one before. The noise is estimated from the median of the
+residuals, which outliers hardly change. Frames with residuals far beyond it are fitted again with weights
 
     min(1, (K σ / |r|)²)        after        min(1, K σ / |r|)
 
-by which a marker pulls the less the farther it is off, so that one that is mislabelled loses all say.
+so that the influence of a marker decreases with its distance, and that of a mislabelled one vanishes.
 """
 
 from dataclasses import dataclass
@@ -21,30 +21,30 @@ from sim.markers.kinematics import Kinematics
 from sim.markers.marked_model import MarkedModel
 
 FAR = 4.0
-"""K: distances from the fit in standard deviations of a coordinate beyond which markers lose weight; one in 900 of good
-ones is."""
+"""K: distance from the fit, in standard deviations of a coordinate, beyond which markers lose weight; one in 900 good
+markers does."""
 
 OUTLYING = 0.25
-"""Weight below which a marker counts as outlying, twice as far off."""
+"""Weight below which a marker counts as outlying; its distance is then twice `FAR`."""
 
 REWEIGHTED, ROUNDS_BETWEEN, SETTLED_WEIGHTS = 15, 2, 5e-3
-"""How often a frame is weighted anew at most, steps in between, and the change of weights that counts as none."""
+"""Largest number of reweightings of a frame, steps in between, and change of weights at which they have converged."""
 
 SCALES = 2
-"""How often noise and weights follow from each other."""
+"""Number of alternations between estimating the noise and the weights."""
 
 EXACT = 1e-9
-"""Noise in m that positions have in any case: they are rounded."""
+"""Least noise of positions from rounding, m."""
 
 POOR = 0.1
-"""Noise in m beyond which model and markers do not belong together."""
+"""Noise above which model and markers do not match, m."""
 
 LEAST_INFORMATION = 1e-8
-"""What is added to the curvature, m²/rad², so that what markers do not tell of has a large variance, not none."""
+"""Information added to the curvature, m²/rad², so that undetermined coordinates have a large, finite variance."""
 
 LOOSE = 100.0
-"""Standard deviation of a coordinate, in rad or m for a metre of noise, from which on it counts as not determined: a
-millimetre then turns it by six degrees."""
+"""Standard deviation of a coordinate, in rad or m per metre of noise, from which it counts as undetermined: six degrees
+for a millimetre of noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,8 @@ class Postures:
         marked: Model and markers.
         qpos: Coordinates (N, nq).
         residuals: Measured less fitted positions, NaN where a marker was not seen, m (N, M, 3).
-        robust: Factor on each marker's weight, 1 but for markers far off, 0 where one was not seen (N, M).
-        sigma: Standard deviation of a coordinate of a marker of weight 1, m; NaN where markers are too few to tell.
+        robust: Factor on each marker's weight, below 1 for distant markers, 0 where one was not seen (N, M).
+        sigma: Standard deviation of a coordinate of a marker of weight 1, m; NaN if there are too few markers.
         spread: Covariance of the degrees of freedom for sigma = 1 m (N, n, n).
     """
 
@@ -79,7 +79,7 @@ class Postures:
 
     @property
     def determined(self) -> np.ndarray:
-        """Whether the markers determine each degree of freedom (N, n)."""
+        """Mask of the degrees of freedom that the markers determine (N, n)."""
         return np.diagonal(self.spread, axis1=1, axis2=2) < LOOSE**2
 
     @property
@@ -94,17 +94,17 @@ class Postures:
 
     @property
     def outlying(self) -> np.ndarray:
-        """Whether each marker was seen, but far from where the others have it (N, M)."""
+        """Mask of the markers that were seen, but far from the fit (N, M)."""
         return np.isfinite(self.distances) & (self.robust < OUTLYING)
 
 
 def fit_trial(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | None = None) -> Postures:
-    """Postures of all frames.
+    """Fits the postures of all frames robustly.
 
     Args:
         marked: Model and markers.
         measured: Positions in the model's world, NaN where a marker was not seen, m (N, M, 3).
-        guess: Coordinates to begin with (N, nq), if there are any.
+        guess: Initial guess of the coordinates (N, nq), if there is one.
     """
     kinematics, seen = Kinematics(marked), np.isfinite(measured).all(axis=2)
     weights = seen * marked.weights
@@ -115,7 +115,7 @@ def fit_trial(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | Non
         for k in range(len(measured)):
             if _far(postures[k], weights[k], sigma).any():
                 own = postures[k], robust[k]
-                # What is mislabelled in the frame before most often is so here.
+                # Markers that are mislabelled in the frame before usually are in this one too.
                 start = (postures[k - 1], robust[k - 1]) if k and (robust[k - 1] < seen[k - 1]).any() else own
                 refitted = partial(_refitted, kinematics, measured=measured[k], weights=weights[k], sigma=sigma)
                 fit = refitted(*start)
@@ -126,10 +126,10 @@ def fit_trial(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | Non
 
 
 def check_fit(postures: Postures) -> None:
-    """Refuses a fit that cannot be meant.
+    """Refuses a poor fit.
 
     Raises:
-        InputError: Markers are more than `POOR` from where the model can have them.
+        InputError: The markers' noise is above `POOR`.
     """
     if postures.sigma > POOR:
         raise InputError(
@@ -139,7 +139,7 @@ def check_fit(postures: Postures) -> None:
 
 
 def plain_fits(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | None = None) -> list[Posture]:
-    """Postures of all frames by least squares, all markers having their say; arguments as for `fit_trial`."""
+    """Postures of all frames by least squares with all markers; arguments as for `fit_trial`."""
     kinematics, weights = Kinematics(marked), np.isfinite(measured).all(axis=2) * marked.weights
     if guess is None:
         return _followed(marked, kinematics, measured, weights)
@@ -147,7 +147,7 @@ def plain_fits(marked: MarkedModel, measured: np.ndarray, guess: np.ndarray | No
 
 
 def _followed(marked: MarkedModel, kinematics: Kinematics, measured: np.ndarray, weights: np.ndarray) -> list[Posture]:
-    """Least squares frame by frame, from the one with the most markers to the end and to the beginning."""
+    """Postures by least squares, frame by frame from the one with the most markers to the end and to the beginning."""
     first = int((weights > 0).sum(axis=1).argmax())
     begin = first_posture(marked, measured[first], weights[first])
     out = {first: begin}
@@ -168,14 +168,14 @@ def _middle_noise(postures: list[Posture], weights: np.ndarray, n: int) -> float
 
 
 def _far(posture: Posture, weights: np.ndarray, sigma: float) -> np.ndarray:
-    """How far each marker is off in units of `FAR` standard deviations, 0 where that is less than one (M,)."""
+    """Distance of each marker in units of `FAR` standard deviations, 0 if that is below one (M,)."""
     squared = np.where(weights > 0, weights * (posture.residual**2).sum(axis=1), 0.0)
     far = np.sqrt(squared) / (FAR * sigma)
     return np.where(far > 1, far, 0.0)
 
 
 def _loss(posture: Posture, weights: np.ndarray, sigma: float) -> float:
-    """The function that a fit with weights that fall with the square of the distance makes least."""
+    """Loss function that is minimised by weights that decrease with the squared distance."""
     far = np.maximum(_far(posture, weights, sigma), 1.0)
     squared = np.where(weights > 0, weights * (posture.residual**2).sum(axis=1), 0.0)
     return float((np.where(far > 1, (FAR * sigma) ** 2 * (1 + 2 * np.log(far)), squared)).sum())
@@ -189,9 +189,9 @@ def _refitted(
     weights: np.ndarray,
     sigma: float,
 ) -> tuple[Posture, np.ndarray]:
-    """A frame with markers that lose weight where they are far off, and these factors (M,).
+    """Robust fit of a frame, and the factors of its weights (M,).
 
-    It begins with the posture and the factors given; if these are all 1, with weights that fall more slowly.
+    It starts with the given posture and factors; if these are all 1, first with weights that decrease more slowly.
     """
     posture = fitted(kinematics, posture.qpos, measured, weights * factor, ROUNDS_BETWEEN)
     for power in (1, 2) if (factor == (weights > 0)).all() else (2,):
@@ -216,7 +216,7 @@ def _with_spread(
         residual = posture.residual[used]
         normal, _ = normal_equations(kinematics.jacobian()[used], w[used, None], residual)
         spread[k] = np.linalg.inv(normal + LEAST_INFORMATION * np.eye(n))
-        # Markers that lost their weight are no evidence of noise.
+        # Outlying markers do not count for the noise.
         kept = robust[k] >= OUTLYING
         total += float((w[kept, None] * posture.residual[kept] ** 2).sum())
         free += 3 * float(kept.sum()) - (n - LEAST_INFORMATION * float(np.trace(spread[k])))
