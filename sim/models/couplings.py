@@ -1,4 +1,4 @@
-"""What acts on a MuJoCo mechanism besides the joints of its tree: equality constraints, tendons and flexes."""
+"""Couplings of a MuJoCo mechanism besides the joints of its tree: equality constraints, tendons and flexes."""
 
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
@@ -13,17 +13,17 @@ _JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE
 _GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 
 WORLD_SIDE = -1
-"""Stands for the world where a joint connects it to a body, so that what acts there passes through the ground."""
+"""Stands for the world on one side of a joint, where a coupling's force passes through the ground."""
 
 
 class Coupling(NamedTuple):
     """One equality constraint, tendon or flex.
 
     Attributes:
-        name: Its name, made up where the model gives none.
-        kind: What it is, for a message.
-        bodies: Ids of the bodies that it acts on, those on both sides of a joint.
-        joints: Names of the joints that it acts on alone, None where it may act on all between its bodies.
+        name: Its name, generated if the model gives none.
+        kind: Its kind, for messages.
+        bodies: Ids of the bodies that it acts on, for a joint those on both sides.
+        joints: Names of the joints that it acts on, None if it may act on all joints between its bodies.
     """
 
     name: str
@@ -46,10 +46,10 @@ def couplings(model: mujoco.MjModel) -> list[Coupling]:
 def check_couplings(
     model: mujoco.MjModel, base: str | None, members: Sequence[int], ignore: Collection[str], fixed: Collection[str]
 ) -> None:
-    """Refuses couplings of a mechanism with its surroundings, whose wrench its equations lack.
+    """Refuses couplings of a mechanism with its surroundings, whose wrenches are missing in its equations.
 
-    What couples bodies of the mechanism pulls at both alike: it changes joint torques, see `check_torques`, but neither
-    the wrench at the base nor those of contacts.
+    A coupling between bodies of the mechanism acts on both with opposite forces: it changes joint torques, see
+    `check_torques`, but neither the wrench at the base nor those of contacts.
 
     Args:
         model: Compiled model.
@@ -59,7 +59,7 @@ def check_couplings(
         fixed: Names of joints that do not move, which need no forces.
 
     Warns:
-        ModelNote: Bodies of the mechanism are coupled.
+        ModelNote: Bodies of the mechanism are coupled with each other.
 
     Raises:
         ModelError: A coupling reaches outside and is not ignored, or a name is unknown.
@@ -77,7 +77,7 @@ def check_couplings(
 def check_torques(
     model: mujoco.MjModel, members: Sequence[int], ignore: Collection[str], joints: Collection[str]
 ) -> None:
-    """Refuses couplings that act on joints whose torques, or motions, are meant to be free of them.
+    """Refuses couplings that act on joints whose torques or motions must be free of them.
 
     Args:
         model: Compiled model.
@@ -132,7 +132,7 @@ def _tendon(model: mujoco.MjModel, t: int) -> Coupling:
 def _flex(model: mujoco.MjModel, f: int) -> Coupling:
     vertices = slice(model.flex_vertadr[f], model.flex_vertadr[f] + model.flex_vertnum[f])
     nodes = slice(model.flex_nodeadr[f], model.flex_nodeadr[f] + model.flex_nodenum[f])
-    # The vertices of a flex that has nodes are on no body.
+    # The vertices of a flex with nodes are not attached to bodies.
     bodies = {*model.flex_vertbodyid[vertices].tolist(), *model.flex_nodebodyid[nodes].tolist()} - {-1}
     return Coupling(name_of(model, mujoco.mjtObj.mjOBJ_FLEX, f), "flex", bodies, None)
 

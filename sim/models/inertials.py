@@ -1,4 +1,4 @@
-"""Inertias of bodies as MuJoCo has them: principal moments about the centre of mass, in axes of their own."""
+"""Inertias of bodies in MuJoCo's form: principal moments about the centre of mass, and the principal axes."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -12,14 +12,14 @@ from sim.models.notes import note
 from sim.models.refusals import refusals
 
 OVERRIDING = ("settotalmass", "boundmass", "boundinertia", "balanceinertia")
-"""Compiler settings, besides inertiafromgeom, that change inertias which a file states."""
+"""Compiler settings, besides inertiafromgeom, that change a file's inertias."""
 
 LIGHTEST = 1e-12
-"""Mass in kg, and moment in kg m², that MuJoCo's compiler takes for those of a body that moves."""
+"""Least mass in kg, and least moment in kg m², that MuJoCo's compiler accepts for a moving body."""
 
 
 class Inertial(NamedTuple):
-    """Inertia of one body as MuJoCo has it.
+    """Inertia of one body in MuJoCo's form.
 
     Attributes:
         mass: Mass in kg.
@@ -35,11 +35,11 @@ class Inertial(NamedTuple):
 
 
 def inertial_of(mass: float, com: np.ndarray, inertia: np.ndarray) -> Inertial:
-    """From the inertia about the centre of mass in body axes (3, 3)."""
+    """Inertia in MuJoCo's form, from that about the centre of mass in body axes (3, 3)."""
     moments, axes = np.linalg.eigh(inertia)
     second = moments.sum() / 2 - moments
     if second.min() > -1e-9 * abs(second).max():
-        # MuJoCo asks for A + B >= C, which rounding may break.
+        # MuJoCo requires A + B >= C, which rounding may violate.
         moments = np.maximum(second, 0).sum() - np.maximum(second, 0)
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     quat = np.empty(4)
@@ -48,14 +48,14 @@ def inertial_of(mass: float, com: np.ndarray, inertia: np.ndarray) -> Inertial:
 
 
 def bodies_in_order(root: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
-    """A body and all on it, in the order of the compiled model; `MjSpec.bodies` has another in MuJoCo 3.3."""
+    """A body and all its descendants in the order of the compiled model, which `MjSpec.bodies` of MuJoCo 3.3 is not."""
     yield root
     for child in root.bodies:
         yield from bodies_in_order(child)
 
 
 def set_inertials(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
-    """States the inertias of bodies, given by their ids, explicitly."""
+    """Sets the inertias of bodies, by their ids, explicitly."""
     bodies = list(bodies_in_order(spec.worldbody))
     for b, inertial in inertials.items():
         body = bodies[b]
@@ -66,21 +66,21 @@ def set_inertials(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
 
 
 def overrides(spec: mujoco.MjSpec) -> bool:
-    """Whether compiler settings change inertias that a model states."""
+    """True if compiler settings change a model's inertias."""
     compiler = spec.compiler
     from_geoms = compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     return bool(from_geoms or any(getattr(compiler, key) > 0 for key in OVERRIDING))
 
 
 def compiled_as_stated(spec: mujoco.MjSpec, source: object = "The model") -> mujoco.MjModel:
-    """The compiled model with the inertias that a specification states, also where the compiler refuses them.
+    """Compiles a specification with its inertias unchanged, even those that the compiler refuses.
 
     Args:
         spec: The specification.
-        source: What to call it where MuJoCo refuses it for other reasons.
+        source: Name of the model in error messages.
 
     Raises:
-        ModelError: It does.
+        ModelError: MuJoCo refuses the specification for other reasons.
     """
     refused = {} if overrides(spec) else dict(_refused(spec))
     if not refused:
@@ -98,7 +98,7 @@ def compiled_as_stated(spec: mujoco.MjSpec, source: object = "The model") -> muj
 
 
 def _refused(spec: mujoco.MjSpec) -> Iterator[tuple[int, Inertial]]:
-    """Ids and inertias of the bodies that are not to MuJoCo's taste; without `<inertial>` they have no mass in URDF."""
+    """Ids and inertias of bodies that MuJoCo's compiler refuses; in URDF, links without `<inertial>` are massless."""
     nothing_else = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     for b, body in enumerate(bodies_in_order(spec.worldbody)):
         stated = Inertial(body.mass, body.ipos.copy(), body.iquat.copy(), body.inertia.copy())
@@ -112,19 +112,19 @@ def _refused(spec: mujoco.MjSpec) -> Iterator[tuple[int, Inertial]]:
 
 
 def is_balanced(moments: np.ndarray) -> bool:
-    """Whether a rigid body may have these principal moments, A + B ≥ C."""
+    """True if a rigid body may have these principal moments, A + B ≥ C."""
     a, b, c = moments
     return bool(a + b >= c and a + c >= b and b + c >= a)
 
 
 def is_physical(phi: np.ndarray) -> bool:
-    """Whether a rigid body with mass has these parameters (10,), to rounding."""
+    """True if a rigid body with mass may have these parameters (10,), to rounding."""
     eigenvalues = np.linalg.eigvalsh(pseudo_inertia(phi))
     return bool(phi[0] > 0 and eigenvalues[0] >= -1e-12 * eigenvalues[-1])
 
 
 def note_inertias(model: mujoco.MjModel) -> None:
-    """Names bodies whose inertia no rigid body has, and moving ones without mass.
+    """Notes bodies with an impossible inertia, and moving ones without mass.
 
     Warns:
         ModelNote: There are such bodies.

@@ -1,4 +1,4 @@
-"""Mechanisms with what a model says of them: tree, gravity, masses, sites and joint ranges."""
+"""Mechanisms from models: tree, gravity, masses, sites and joint ranges."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,14 +29,14 @@ from sim.models.opensim.mechanism import is_opensim, mechanism_from_opensim
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """What a mechanism was read from: its `source`.
+    """Origin of a mechanism, its `source`.
 
     Attributes:
         model: The compiled model.
-        text: What can be written back, a file or a specification; None for a model that came compiled.
+        text: File or specification that can be updated; None for a model that was given compiled.
         base: Name of the body whose frame is {0}, None for the world's.
         beyond: Names of bodies at which the mechanism ends.
-        packages: Folders of ROS packages in which a URDF file's meshes were looked for.
+        packages: Folders of ROS packages that were searched for a URDF file's meshes.
     """
 
     model: mujoco.MjModel
@@ -56,20 +56,20 @@ def mechanism(
     fix: Mapping[str, Sequence[float]] | None = None,
     packages: Sequence[str | Path] = (),
 ) -> Mechanism:
-    """A body and everything on it, as a model describes them.
+    """Mechanism of a body and all its descendants in a model.
 
     Args:
         source: The model; it is compiled once. OpenSim files, which end in `.osim`, are read without MuJoCo.
         base: Name of the body whose frame is {0}, as for `tree_from_model`; so are all other arguments.
-        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
-        merge_welds: Make welded bodies one with what carries them.
+        beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
+        merge_welds: True to merge welded bodies into their parents.
         ignore: Names of equality constraints and tendons to leave out of the equations.
         fix: Names of the tree's joints that do not move, with their coordinates.
-        packages: Folders of ROS packages, for meshes of a URDF file at `package://`; they are looked for next to the
-            file, above it and in `ROS_PACKAGE_PATH` as well.
+        packages: Folders of ROS packages, for meshes of a URDF file at `package://`; folders next to the file, above it
+            and in `ROS_PACKAGE_PATH` are searched as well.
 
     Returns:
-        The mechanism, with `Origin` or `OpenSimOrigin` as its source. It has no prior where nothing in it has a mass.
+        The mechanism, with `Origin` or `OpenSimOrigin` as its source. It has no prior if all bodies are massless.
 
     Warns:
         ModelNote: As for `tree_from_model` and `mechanism_from_opensim`.
@@ -93,10 +93,10 @@ def mechanism(
 
 
 def mujoco_origin(arm: Mechanism) -> Origin:
-    """What a mechanism was read from, if that is a model of MuJoCo's.
+    """Origin of a mechanism that was read by MuJoCo.
 
     Raises:
-        ModelError: It is none.
+        ModelError: It was not.
     """
     if not isinstance(arm.source, Origin):
         raise ModelError(f"This needs a model in MJCF or URDF, which MuJoCo reads, not '{arm.source.path}'.")
@@ -104,20 +104,20 @@ def mujoco_origin(arm: Mechanism) -> Origin:
 
 
 def _with_merged_welds(arm: Mechanism) -> Mechanism:
-    """A mechanism with welded bodies made one with what carries them."""
+    """The mechanism with welded bodies merged into their parents."""
     tree, merged = arm.tree.without_welds()
     sites = {name: _on_carrier(arm.tree, tree, *site) for name, site in arm.sites.items()}
     return replace(arm, tree=tree, prior=None if arm.prior is None else merged @ arm.prior, sites=sites)
 
 
 def _sites(model: mujoco.MjModel, members: Sequence[int]) -> dict[str, tuple[str, np.ndarray]]:
-    """Sites fixed to bodies of a mechanism, by their names."""
+    """Sites that are fixed to bodies of a mechanism, by name."""
     places = {name_of(model, mujoco.mjtObj.mjOBJ_SITE, s): place_of_site(model, s, members) for s in range(model.nsite)}
     return {name: place for name, place in places.items() if place is not None}
 
 
 def _on_carrier(tree: Tree, merged: Tree, name: str, pose: np.ndarray) -> tuple[str, np.ndarray]:
-    """A place on a body of a tree as one on what carries the body where welded ones are merged."""
+    """A place on a body of a tree, as a place on the merged body of the tree without welds."""
     i = tree.names.index(name)
     while i != BASE and tree.names[i] not in merged.names:
         i, pose = tree.bodies[i].parent, tree.bodies[i].home @ pose
@@ -128,7 +128,7 @@ def _on_carrier(tree: Tree, merged: Tree, name: str, pose: np.ndarray) -> tuple[
 
 
 def _ranges(model: mujoco.MjModel, tree: Tree) -> dict[str, tuple[float, float]]:
-    """Limits of those hinges and slides of a tree that have any, rad or m."""
+    """Limits of the hinges and slides of a tree that have limits, rad or m."""
     limits = {joint_name(model, j): model.jnt_range[j].tolist() for j in range(model.njnt) if model.jnt_limited[j]}
     joints = [tree.bodies[i].joint for i in tree.moving if not tree.bodies[i].is_ball]
     return {joint: (limits[joint][0], limits[joint][1]) for joint in joints if joint in limits}

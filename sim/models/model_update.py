@@ -1,4 +1,4 @@
-"""Models with other inertial parameters: φ written back into MJCF, URDF and OpenSim files, all else untouched."""
+"""Models with other inertial parameters: φ written into MJCF, URDF and OpenSim files, with all else unchanged."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
@@ -31,14 +31,14 @@ from sim.models.urdf import model_from_urdf, parsed
 from sim.models.urdf_update import SAME, updated_urdf
 
 Editable: TypeAlias = mujoco.MjSpec | str | Path
-"""What can be updated: a specification, or the path of an MJCF or URDF file."""
+"""A model that can be updated: a specification, or the path of an MJCF or URDF file."""
 
 EXPANDED = ("include", "replicate", "attach", "composite", "flexcomp")
-"""Elements of MJCF that make bodies which are not written in the file itself."""
+"""Elements of MJCF that generate bodies which the file does not list."""
 
 
 class Bodies(Protocol):
-    """Whatever has a φ, such as `ident.parameters.consistency.ConsistentParameters`."""
+    """An object with a φ, such as `ident.parameters.consistency.ConsistentParameters`."""
 
     @property
     def phi(self) -> np.ndarray:
@@ -48,18 +48,18 @@ class Bodies(Protocol):
 def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpec:
     """The model of a mechanism with other inertial parameters.
 
-    Where compiler settings would change them (`inertiafromgeom`, `settotalmass`, …) these are switched off, and bodies
-    outside the mechanism state the inertias that they had.
+    Compiler settings that would change them (`inertiafromgeom`, `settotalmass`, …) are switched off; bodies outside the
+    mechanism then state their previous inertias explicitly.
 
     Args:
-        mechanism: The mechanism, from a specification, which is not changed but copied, or from a file.
-        phi: φ of its bodies, welds kept (10 b,), or what has one.
+        mechanism: The mechanism, from a specification, which is copied, or from a file.
+        phi: φ of its bodies, with welds not merged (10 b,), or an object with a φ.
 
     Returns:
         The specification, compiled.
 
     Raises:
-        ModelError: The mechanism is of a compiled model or of none, or MuJoCo cannot read or compile the model.
+        ModelError: The mechanism is from a compiled model or none, or MuJoCo cannot read or compile the model.
         InputError: φ does not fit its bodies, or a body is not physical.
     """
     origin, source, phi = _given(mechanism, phi)
@@ -70,21 +70,21 @@ def updated_spec(mechanism: Mechanism, phi: np.ndarray | Bodies) -> mujoco.MjSpe
 
 
 def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies) -> None:
-    """Writes the model of a mechanism with other inertial parameters: URDF or OpenSim if `path` ends so, else MJCF.
+    """Writes the model of a mechanism with other inertial parameters: URDF or OpenSim by the suffix, else MJCF.
 
-    Of a URDF or an OpenSim file those numbers change that have another value, elements that are missing are put in, and
-    every other byte stays. The elements of an MJCF file stay but for inertias (and, in another folder, for where it
-    finds its meshes and textures). Files with `EXPANDED` elements, specifications, and URDF as MJCF are written by
-    MuJoCo, which rounds numbers other than inertias to six digits.
+    In a URDF or an OpenSim file only numbers with another value change, missing elements are added, and every other
+    byte stays. In an MJCF file only inertias change (and, in another folder, the folders of meshes and textures). Files
+    with `EXPANDED` elements, specifications, and URDF as MJCF are written by MuJoCo, which rounds numbers other than
+    inertias to six digits.
 
     Args:
         path: File to write; its folder must exist.
         mechanism: The mechanism, from a URDF or an OpenSim file if that is to be written.
-        phi: φ of its bodies, welds kept (10 b,), or what has one.
+        phi: φ of its bodies, with welds not merged (10 b,), or an object with a φ.
 
     Raises:
         ModelError: As for `updated_spec`, or the file does not read back as φ.
-        InputError: As for `updated_spec`, or a URDF or OpenSim file is asked for from something else.
+        InputError: As for `updated_spec`, or a URDF or OpenSim file is requested for a model in another format.
     """
     if isinstance(mechanism.source, OpenSimOrigin):
         write_opensim(Path(path), mechanism, np.asarray(getattr(phi, "phi", phi), float))
@@ -103,7 +103,7 @@ def write_model(path: str | Path, mechanism: Mechanism, phi: np.ndarray | Bodies
 
 
 def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Editable, np.ndarray]:
-    """Where a mechanism is from, what of that can be edited, and φ."""
+    """Origin of a mechanism, its editable file or specification, and φ."""
     origin = mechanism.source
     if isinstance(origin, OpenSimOrigin):
         raise ModelError(f"{origin.path}: an OpenSim file has no MuJoCo specification; it is written by write_model.")
@@ -115,7 +115,7 @@ def _given(mechanism: Mechanism, phi: np.ndarray | Bodies) -> tuple[Origin, Edit
 
 
 def specification(source: Editable, packages: Sequence[Path] = ()) -> mujoco.MjSpec:
-    """A copy of a specification, or that of an MJCF or URDF file, whose meshes may be in folders of packages.
+    """A copy of a specification, or the specification of an MJCF or URDF file, with meshes from folders of packages.
 
     Raises:
         ModelError: The file does not exist, or MuJoCo cannot read it.
@@ -138,13 +138,13 @@ def _members(origin: Origin, phi: np.ndarray) -> dict[int, np.ndarray]:
 
 
 def _check_physical(origin: Origin, b: int, own: np.ndarray) -> None:
-    """Refuses φ (10,) that no rigid body has; none at all is that of a frame."""
+    """Refuses φ (10,) that no rigid body has; zeros are allowed, for frames."""
     if own.any() and not is_physical(own):
         raise InputError(f"The parameters of '{body_name(origin.model, b)}' are not those of a physical body.")
 
 
 def _inertials(spec: mujoco.MjSpec, origin: Origin, phi: np.ndarray) -> dict[int, Inertial]:
-    """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change."""
+    """Inertias to write, by the bodies' ids: those of the mechanism, and others that would change otherwise."""
     model, members = origin.model, _members(origin, phi)
     inertials = {}
     if overrides(spec):
@@ -166,7 +166,7 @@ def _write_into(spec: mujoco.MjSpec, inertials: dict[int, Inertial]) -> None:
 
 
 def _mjcf(origin: Origin, phi: np.ndarray, folder: Path) -> bytes:
-    """An MJCF file, to be written into a folder, with φ of a mechanism's bodies."""
+    """Content of an MJCF file in a folder, with φ of a mechanism's bodies."""
     source = origin.text
     assert source is not None
     spec = specification(source, origin.packages)
@@ -199,7 +199,7 @@ def _state(root: ET.Element, inertials: dict[int, Inertial]) -> None:
 
 
 def _keep_files(root: ET.Element, spec: mujoco.MjSpec, folder: Path, source: Editable) -> None:
-    """Lets a file in another folder find the meshes and textures of the source's."""
+    """Sets the folders of the source's meshes and textures, for a file in another folder."""
     home = Path(spec.modelfiledir if isinstance(source, mujoco.MjSpec) else Path(source).parent)
     assets = root.findall("asset/*[@file]")
     if not assets or (home.resolve() == folder.resolve() and not isinstance(source, mujoco.MjSpec)):
@@ -212,7 +212,7 @@ def _keep_files(root: ET.Element, spec: mujoco.MjSpec, folder: Path, source: Edi
 
 
 def _urdf(origin: Origin, phi: np.ndarray) -> bytes:
-    """The URDF file that a mechanism is from with φ of those bodies that have another; others may be unphysical."""
+    """Content of a mechanism's URDF file with φ of the bodies that change; the others may be unphysical."""
     changed = {}
     for b, own in _members(origin, phi).items():
         before = body_parameters(origin.model, b)
@@ -223,7 +223,7 @@ def _urdf(origin: Origin, phi: np.ndarray) -> bytes:
 
 
 def _check(model: mujoco.MjModel, what: object, phi: np.ndarray, origin: Origin) -> None:
-    """Raises unless a model holds φ, to 1e-9 of each body's largest parameter."""
+    """Raises an error unless a model has φ, to 1e-9 of each body's largest parameter."""
     found = parameters_from_model(model, origin.base, origin.beyond)
     if found.shape == phi.shape:
         error, size = (np.abs(x).reshape(-1, 10).max(axis=1) for x in (found - phi, phi))

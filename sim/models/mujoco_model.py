@@ -1,4 +1,4 @@
-"""Mechanisms read from compiled MuJoCo models: the only place where MuJoCo's conventions are converted to ours."""
+"""Trees, parameters and motions from compiled MuJoCo models; the only place that converts MuJoCo's conventions."""
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -25,7 +25,7 @@ Source: TypeAlias = mujoco.MjModel | mujoco.MjSpec | str | Path
 """A compiled model, a specification, or the path of an MJCF or URDF file."""
 
 BEYOND = ("load_cell", *(f"load_cell_{contact}" for contact in scenes.CONTACTS))
-"""Bodies at which a mechanism ends: what a force sensor carries lies beyond it."""
+"""Bodies at which a mechanism ends, as the load of a force sensor is not part of it."""
 
 _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind in ("FREE", "BALL", "SLIDE"))
 
@@ -33,14 +33,14 @@ _FREE, _BALL, _SLIDE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{kind}")) for kind 
 def compiled(source: Source, packages: Sequence[str | Path] = ()) -> mujoco.MjModel:
     """The compiled model of any source.
 
-    Inertias that a URDF file or a specification states stay as they are, also where MuJoCo's own compiler refuses them.
+    Inertias of a URDF file or a specification stay unchanged, even those that MuJoCo's compiler refuses.
 
     Args:
         source: The model.
-        packages: Folders of ROS packages, in which the meshes of a URDF file are looked for besides.
+        packages: Folders of ROS packages that are also searched for the meshes of a URDF file.
 
     Warns:
-        ModelNote: No rigid body has such an inertia, a moving body has none, or meshes are left out.
+        ModelNote: An inertia is impossible for a rigid body, a moving body has none, or meshes are left out.
 
     Raises:
         ModelError: The file does not exist, or MuJoCo cannot read or compile it.
@@ -72,28 +72,28 @@ def tree_from_model(
     ignore: Collection[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
 ) -> Tree:
-    """The kinematic tree of a body and everything on it.
+    """Kinematic tree of a body and all its descendants.
 
     Args:
         source: The model.
-        base: Name of the body whose frame is {0}; it comes first in the tree, welded to {0}. What moves it is not part
-            of the tree: a base that does not rest needs its `base_motion`. Without a name, {0} is the world's frame and
+        base: Name of the body whose frame is {0}; it comes first in the tree, welded to {0}. Joints that move it are
+            not part of the tree: a moving base needs its `base_motion`. Without a name, {0} is the world's frame and
             all bodies are in the tree.
-        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
+        beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         ignore: Names of equality constraints and tendons to leave out of the equations.
         fix: Names of the tree's joints that do not move, with their coordinates, rad, m or a quaternion; an empty
             sequence for those of the reference configuration.
 
     Returns:
         Bodies in MuJoCo's order, which puts parents first; the joints' coordinates and velocities are MuJoCo's own. Of
-        several joints on one body, all but the last carry massless links.
+        several joints on one body, all but the last have massless links.
 
     Warns:
-        ModelNote: Equality constraints or tendons that nobody ignores act between bodies of the tree, which changes
+        ModelNote: Equality constraints or tendons that are not ignored act between bodies of the tree, which changes
             its joint torques, but neither the base wrench nor contact wrenches.
 
     Raises:
-        ModelError: The base or a joint to fix does not exist, or equality constraints or tendons that nobody ignores
+        ModelError: The base or a joint to fix does not exist, or equality constraints or tendons that are not ignored
             reach outside the tree.
         InputError: A joint to fix has another number of coordinates.
     """
@@ -110,7 +110,7 @@ def tree_from_model(
 def parameters_from_model(source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND) -> np.ndarray:
     """Stacked φ of the bodies of `tree_from_model`, about their body frames (10 b,).
 
-    MuJoCo stores principal moments about the centre of mass in the axes of an inertial frame of their own.
+    MuJoCo stores principal moments about the centre of mass, with the principal axes.
 
     Raises:
         ModelError: The base does not exist, nothing in the tree has a mass, or a body has numbers that are not finite.
@@ -137,7 +137,7 @@ def body_parameters(model: mujoco.MjModel, b: int) -> np.ndarray:
 def state_columns(
     source: Source, base: str | None = None, beyond: Sequence[str] = BEYOND
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the states of the tree, its fixed joints included, stand in MuJoCo's.
+    """Indices of the tree's states, including those of its fixed joints, in MuJoCo's states.
 
     Returns:
         Indices into qpos (n_q,), and into qvel and qacc (n,).
@@ -160,7 +160,7 @@ def rest_coordinates(source: Source, base: str | None = None, beyond: Sequence[s
 
 
 def base_motion(source: Source, base: str, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray) -> BaseMotion:
-    """Motion of a base that does not rest, from MuJoCo's states.
+    """Motion of a moving base, from MuJoCo's states.
 
     Args:
         source: The model.
@@ -184,25 +184,25 @@ def base_motion(source: Source, base: str, qpos: np.ndarray, qvel: np.ndarray, q
         V[k] = np.roll(turning_first, 3)
         mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_XBODY, b, turning_first, 1)
         dV[k] = np.roll(turning_first, 3)
-        # MuJoCo's acceleration is that of a point, and an accelerometer's: gravity is in it.
+        # MuJoCo's acceleration is that of a point, as an accelerometer reads it, including gravity.
         dV[k, :3] += T[k, :3, :3].T @ gravity - np.cross(V[k, 3:], V[k, :3])
     return BaseMotion(T, V, dV)
 
 
 def gravity_of(model: mujoco.MjModel) -> np.ndarray:
-    """Acceleration of gravity in the world's axes, zero where the model switches it off, m/s² (3,)."""
+    """Acceleration of gravity in the world's axes, zero if the model switches it off, m/s² (3,)."""
     off = model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     return np.zeros(3) if off else model.opt.gravity.copy()
 
 
 def gravity_in_base(source: Source, base: str | None = None) -> np.ndarray:
-    """Acceleration of gravity in the axes of a base at rest; for one that moves, in the world's, m/s² (3,)."""
+    """Acceleration of gravity in the axes of a base at rest, or in the world's for a moving base, m/s² (3,)."""
     model = compiled(source)
     return gravity_of(model) @ base_pose(model, base)[:3, :3]
 
 
 def base_pose(source: Source, base: str | None = None) -> np.ndarray:
-    """Pose of a base at rest in the world; for one that moves the identity, its poses being in the world (4, 4)."""
+    """Pose of a base at rest in the world; the identity for a moving base, whose poses are in the world (4, 4)."""
     model, T = compiled(source), np.eye(4)
     b = 0 if base is None else body_id(model, base)
     while b != 0:
@@ -214,7 +214,7 @@ def base_pose(source: Source, base: str | None = None) -> np.ndarray:
 
 
 def place_of_site(model: mujoco.MjModel, s: int, members: Sequence[int]) -> tuple[str, np.ndarray] | None:
-    """Name of the mechanism's body that a site is fixed to and its pose in that body's frame, None without such."""
+    """Name of the mechanism's body that a site is fixed to, and its pose in that body's frame; None without one."""
     b, pose = model.site_bodyid[s], _pose(model.site_pos[s], model.site_quat[s])
     while b not in members:
         if b == 0 or model.body_jntnum[b]:
@@ -225,12 +225,12 @@ def place_of_site(model: mujoco.MjModel, s: int, members: Sequence[int]) -> tupl
 
 
 def mechanism_bodies(model: mujoco.MjModel, base: str | None, beyond: Sequence[str] = BEYOND) -> list[int]:
-    """Ids of the bodies of a mechanism, up to where it ends; mocap bodies are none, nothing acts on them.
+    """Ids of the bodies of a mechanism, without mocap bodies, on which no forces act.
 
     Args:
         model: Compiled model.
-        base: Name of the body that carries the others, first in the list; without a name all bodies, but not the world.
-        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
+        base: Name of the base body, first in the list; without a name all bodies, but not the world.
+        beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
     """
     members = [0] if base is None else [body_id(model, base)]
     for b in range(members[0] + 1, model.nbody):
@@ -256,7 +256,7 @@ def _tree(model: mujoco.MjModel, members: Sequence[int], base: str | None) -> Tr
 
 
 def _links(model: mujoco.MjModel, b: int, parent: int, index: int) -> list[Body]:
-    """A body and, before it, the massless links of its joints but the last; `index` is where they go in the tree."""
+    """A body, preceded by massless links for all its joints but the last; `index` is that of the first in the tree."""
     name, home = body_name(model, b), _pose(model.body_pos[b], model.body_quat[b])
     joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
     if not joints:

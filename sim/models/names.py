@@ -1,4 +1,4 @@
-"""Names of what a MuJoCo model is made of: its own, and made-up ones where it gives none."""
+"""Names of the elements of a MuJoCo model, generated where the model gives none."""
 
 import mujoco
 
@@ -16,11 +16,11 @@ _STEMS = {
 
 
 def name_of(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
-    """A name of its own for every element: the model's, or what it is with its id, and `_` where that is taken.
+    """Unique name of an element: the model's, or its kind with its id, and `_` appended if that is taken.
 
     Args:
         model: Compiled model.
-        kind: What it is: a body, joint, site, flex, tendon, equality constraint or sensor.
+        kind: Its kind: body, joint, site, flex, tendon, equality constraint or sensor.
         index: Its id.
     """
     name = mujoco.mj_id2name(model, kind, index)
@@ -43,7 +43,7 @@ def joint_name(model: mujoco.MjModel, j: int) -> str:
 
 
 def id_of(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
-    """Id of the body, besides the world, or of the joint that has a name.
+    """Id of the body, the world excepted, or of the joint with a name.
 
     Raises:
         ModelError: There is none.
@@ -61,5 +61,5 @@ def id_of(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
 
 
 def body_id(model: mujoco.MjModel, name: str) -> int:
-    """Id of the body, besides the world, that has a name; errors as for `id_of`."""
+    """Id of the body with a name, the world excepted; errors as for `id_of`."""
     return id_of(model, mujoco.mjtObj.mjOBJ_BODY, name)

@@ -1,4 +1,4 @@
-"""What a user should know of a model that can be used all the same."""
+"""Notes to the user on models that can nevertheless be used."""
 
 import warnings
 
@@ -8,5 +8,5 @@ class ModelNote(UserWarning):
 
 
 def note(text: str) -> None:
-    """Tells the user about a model."""
+    """Warns the user about a model."""
     warnings.warn(text, ModelNote, stacklevel=4)

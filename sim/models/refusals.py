@@ -1,4 +1,4 @@
-"""What MuJoCo says of models that it refuses, as our errors."""
+"""Conversion of MuJoCo's errors on models into `ModelError`."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,13 +10,13 @@ from ident.errors import ModelError
 
 @contextmanager
 def refusals(source: object) -> Iterator[None]:
-    """Turns MuJoCo's errors in a block, which should do nothing else, into one line that begins with their source.
+    """Turns MuJoCo's errors in a block into one line that begins with their source; the block should only call MuJoCo.
 
     Args:
-        source: The model's file, or what to call a model without one.
+        source: The model's file, or a name for a model without one.
 
     Raises:
-        ModelError: MuJoCo cannot read or compile the model, or has not the memory that it needs.
+        ModelError: MuJoCo cannot read or compile the model, or lacks memory.
     """
     try:
         yield

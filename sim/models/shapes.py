@@ -1,4 +1,4 @@
-"""What a model looks like: its geoms as few triangles, each on a body of a mechanism."""
+"""Shapes of a model for drawing: its geoms as few triangles, each on a body of a mechanism."""
 
 from collections.abc import Iterator, Sequence
 from functools import cache
@@ -16,18 +16,18 @@ from sim.models.mujoco_model import mechanism_bodies
 from sim.models.names import body_name
 
 HIDDEN = 3
-"""Groups of geoms from which on MuJoCo's own viewer does not show them either, such as shapes for collisions."""
+"""First group of geoms that is not shown, as in MuJoCo's viewer, such as collision shapes."""
 
 ROUND = 16
-"""Corners of a circle."""
+"""Number of corners of a circle."""
 
 
 class Shape(NamedTuple):
     """A convex solid.
 
     Attributes:
-        body: Index of the tree's body that it is on, `BASE` for what rests.
-        vertices: Corners in the body's frame, of what rests in the base frame, m (V, 3).
+        body: Index of the tree's body that it is on, `BASE` for solids at rest.
+        vertices: Corners in the body's frame, or in the base frame for solids at rest, m (V, 3).
         faces: Corners of each triangle, counterclockwise as seen from outside (F, 3).
     """
 
@@ -37,10 +37,10 @@ class Shape(NamedTuple):
 
 
 def shapes(arm: Mechanism) -> list[Shape]:
-    """Boxes, spheres, ellipsoids, capsules, cylinders and the convex hulls of meshes, as far as a model has them.
+    """Boxes, spheres, ellipsoids, capsules, cylinders and the convex hulls of meshes of a mechanism's model.
 
-    Planes and height fields are left out, and what moves without being part of the mechanism; so is everything of a
-    mechanism that MuJoCo has not read.
+    Planes, height fields and moving geoms outside the mechanism are left out. The list is empty for a mechanism that
+    was not read by MuJoCo.
     """
     if not isinstance(arm.source, Origin):
         return []
@@ -54,11 +54,11 @@ def shapes(arm: Mechanism) -> list[Shape]:
 
 
 def placed_geoms(arm: Mechanism, origin: Origin) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Geoms that can be seen on a mechanism's bodies, or that rest.
+    """Visible geoms on a mechanism's bodies, or at rest.
 
     Yields:
-        Id of a geom, index of the tree's body that it is on or `BASE`, and its pose in that body's frame or, of what
-        rests, in the base frame (4, 4).
+        Id of a geom, index of the tree's body that it is on or `BASE`, and its pose in that body's frame or, for geoms
+        at rest, in the base frame (4, 4).
     """
     model, members = origin.model, mechanism_bodies(origin.model, origin.base, origin.beyond)
     for g in range(model.ngeom):
@@ -74,7 +74,7 @@ def placed_geoms(arm: Mechanism, origin: Origin) -> Iterator[tuple[int, int, np.
 
 
 def _place(model: mujoco.MjModel, b: int, members: Sequence[int]) -> tuple[int, np.ndarray] | None:
-    """The mechanism's body, or 0 for the world, that a body is fixed to, and its pose there."""
+    """The mechanism's body, or 0 for the world, that a body is fixed to, and its pose there; None if it moves."""
     pose = np.eye(4)
     while b not in members:
         if b == 0:
@@ -87,7 +87,7 @@ def _place(model: mujoco.MjModel, b: int, members: Sequence[int]) -> tuple[int, 
 
 
 def _points(model: mujoco.MjModel, g: int) -> np.ndarray | None:
-    """Points whose convex hull a geom is, in its frame (P, 3); None of those without a finite one."""
+    """Points whose convex hull is a geom, in its frame (P, 3); None for geoms without a finite one."""
     kind, (a, b, c) = mujoco.mjtGeom(model.geom_type[g]), model.geom_size[g]
     circle = np.array([[np.cos(t), np.sin(t), 0] for t in np.arange(ROUND) * 2 * np.pi / ROUND])
     ends = np.array([[0, 0, -b], [0, 0, b]])
@@ -106,13 +106,13 @@ def _points(model: mujoco.MjModel, g: int) -> np.ndarray | None:
             mesh = model.geom_dataid[g]
             first = model.mesh_vertadr[mesh]
             vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
-            # The farthest point in each direction: a mesh of any size becomes a hull of few triangles.
+            # The farthest point in each direction, so that a mesh of any size has a hull of few triangles.
             return vertices[np.unique((vertices @ _directions().T).argmax(axis=0))].astype(float)
     return None
 
 
 def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Corners and outward triangles of a convex hull; None of points that span no volume."""
+    """Corners and outward triangles of a convex hull; None for points that span no volume."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -126,7 +126,7 @@ def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
 
 @cache
 def _directions() -> np.ndarray:
-    """Corners and edges' middles of an icosahedron, all of length one (42, 3)."""
+    """Corners and edge midpoints of an icosahedron, scaled to unit length (42, 3)."""
     golden = (1 + np.sqrt(5)) / 2
     corners = np.array([np.roll([0, x, y], k) for k in range(3) for x in (-1, 1) for y in (-golden, golden)])
     edges = [(a + b) / 2 for a, b in _pairs(corners) if np.isclose(np.linalg.norm(a - b), 2)]

@@ -1,4 +1,4 @@
-"""URDF files as MuJoCo models, without what MuJoCo does to them: fused links, meshes that have to be there."""
+"""MuJoCo models from URDF files, without fusing links and without requiring meshes."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
@@ -15,23 +15,23 @@ from sim.models.refusals import refusals
 from sim.models.urdf_meshes import keep_meshes, leave_out
 
 LARGEST = 1e100
-"""Numbers of an inertia are smaller, so that products of them are finite."""
+"""Upper limit of an inertia's numbers, so that products of them are finite."""
 
 
 WORLD = "world"
-"""Link that need not be declared for a joint to hang on it: MuJoCo's world."""
+"""Parent link that need not be declared: MuJoCo's world."""
 
 
 def model_from_urdf(path: str | Path, packages: Sequence[str | Path] = (), *, meshes: bool = True) -> mujoco.MjSpec:
-    """A URDF file as it comes: all links stay bodies of their own, also the root, and meshes need not be there.
+    """Specification of a URDF file: all links stay separate bodies, including the root, and meshes may be missing.
 
-    Inertias come from `<inertial>` alone, unless the file's own `<mujoco><compiler inertiafromgeom=…/></mujoco>` asks
-    for more: a link without has no mass in URDF. Joints may hang on a `world` that is not declared.
+    Inertias come from `<inertial>` only, unless the file has `<mujoco><compiler inertiafromgeom=…/></mujoco>`: in URDF
+    a link without is massless. Joints may have an undeclared `world` as parent.
 
     Args:
         path: The file.
-        packages: Folders of ROS packages, in which meshes are looked for besides, as for `keep_meshes`.
-        meshes: Whether meshes are wanted at all.
+        packages: Folders of ROS packages that are also searched for meshes, as for `keep_meshes`.
+        meshes: False to leave out all meshes.
 
     Returns:
         The specification, not yet compiled.
@@ -60,22 +60,22 @@ def model_from_urdf(path: str | Path, packages: Sequence[str | Path] = (), *, me
     compiler.set("strippath", "false")
     compiler.attrib.setdefault("inertiafromgeom", "false")
     compiler.attrib.setdefault("discardvisual", "false")
-    # MuJoCo would merge the root link into the world, which has no mass, and links with their welded carriers.
+    # MuJoCo would merge the root link into the world, which has no mass, and welded links into their parents.
     compiler.set("fusestatic", "false")
     links = {link.get("name"): link for link in root.findall("link") if link.find("inertial") is not None}
     with refusals(path):
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
-    # MuJoCo 3.3 leaves the inertia's rpy out, and finds principal axes to six digits only.
+    # MuJoCo 3.3 ignores the inertia's rpy, and computes principal axes to six digits only.
     ids = {body.name: b for b, body in enumerate(bodies_in_order(spec.worldbody))}
     set_inertials(spec, {ids[name]: _stated(path, link) for name, link in links.items() if name in ids})
     return spec
 
 
 def _declare_world(path: str | Path, root: ET.Element) -> None:
-    """Adds the link that joints hang on without its being declared, if that is the world.
+    """Adds the world as a link if it is an undeclared parent of joints.
 
     Raises:
-        ModelError: It is another one.
+        ModelError: Another link is undeclared.
     """
     names = [link.get("name", "") for link in root.findall("link")]
     for joint in root.findall("joint"):
@@ -92,7 +92,7 @@ def _declare_world(path: str | Path, root: ET.Element) -> None:
 
 
 def _stated(path: str | Path, link: ET.Element) -> Inertial:
-    """What a link of a URDF file says in its `<inertial>`."""
+    """Inertia in the `<inertial>` of a link of a URDF file."""
 
     def numbers(element: str, keys: str, otherwise: str) -> np.ndarray:
         found = link.find(f"inertial/{element}")
@@ -115,10 +115,10 @@ def _stated(path: str | Path, link: ET.Element) -> Inertial:
 
 
 def parsed(path: Path) -> ET.Element:
-    """Root element of an MJCF, URDF or OpenSim file, comments kept.
+    """Root element of an MJCF, URDF or OpenSim file, with comments kept.
 
     Raises:
-        ModelError: The file does not exist, is no XML, or has a name that MuJoCo cannot be told.
+        ModelError: The file does not exist, is no XML, or has a name that is no UTF-8 text.
     """
     if not path.is_file():
         raise ModelError(f"A model is an MJCF, URDF or OpenSim file that exists, got '{path}'.")
@@ -127,5 +127,5 @@ def parsed(path: Path) -> ET.Element:
     try:
         return ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot()
     except (ET.ParseError, LookupError, ValueError) as error:
-        # The last two are of encodings that are unknown, no text, or of several bytes.
+        # The last two are raised for unknown, non-text or multi-byte encodings.
         raise ModelError(f"{path}: no XML that can be read: {error}.") from None

@@ -1,4 +1,4 @@
-"""Meshes of URDF files: found where they are, or named; of visuals and collisions, what MuJoCo can take."""
+"""Meshes of URDF files: search for their files, and removal of those that are missing or that MuJoCo cannot read."""
 
 import os
 import xml.etree.ElementTree as ET
@@ -14,26 +14,26 @@ from sim.models.notes import note
 from sim.models.refusals import refusals
 
 PACKAGES = ("package", "model")
-"""Schemes of names that begin with a package's, as `package://PACKAGE/meshes/link.stl`."""
+"""Schemes of names in a package, as `package://PACKAGE/meshes/link.stl`."""
 
 SEARCHED = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
-"""Variables of the environment that name folders in which packages are, or which are one, of ROS 1 and ROS 2."""
+"""Environment variables of ROS 1 and ROS 2 with folders that contain packages, or that are packages."""
 
 NAMED = 3
-"""Meshes that a note names at most."""
+"""Number of meshes that a note names at most."""
 
 
 def keep_meshes(root: ET.Element, path: Path, packages: Sequence[str | Path] = ()) -> None:
-    """Leaves those meshes in a URDF file that are there, under their full names, and notes what is left out.
+    """Keeps the usable meshes of a URDF file, under their full paths, and notes those that are left out.
 
-    Meshes of a package are looked for in the folders of packages, next to the file, in all folders above it, and in
-    those that the environment names; others next to the file and in the folders of packages. Visuals stay on links
-    without collisions, so that a picture has something to show; not where the file says what becomes of visuals.
+    Meshes of a package are searched for in the folders of packages, next to the file, in all folders above it, and in
+    those of the environment; other meshes next to the file and in the folders of packages. Visuals stay on links
+    without usable collisions only, for pictures, or on all links if the file sets `discardvisual` itself.
 
     Args:
         root: The `<robot>`, which is changed.
         path: The file.
-        packages: Folders in which packages are, or which are one.
+        packages: Folders that contain packages, or that are packages.
 
     Warns:
         ModelNote: Meshes are left out.
@@ -56,7 +56,7 @@ def keep_meshes(root: ET.Element, path: Path, packages: Sequence[str | Path] = (
 
 
 def leave_out(root: ET.Element) -> None:
-    """Takes all visuals and collisions out of a URDF file."""
+    """Removes all visuals and collisions from a URDF file."""
     for link in root.iter("link"):
         for part in link.findall("collision") + link.findall("visual"):
             link.remove(part)
@@ -70,7 +70,7 @@ def _leave_textures(root: ET.Element) -> None:
 
 
 class _Meshes:
-    """Meshes that a file names, and what became of them."""
+    """Meshes that a file names, with their paths and errors."""
 
     def __init__(self, near: Sequence[Path], path: Path) -> None:
         self._near, self._above = near, path.resolve().parents
@@ -79,11 +79,11 @@ class _Meshes:
         self._lost: dict[str, str] = {}
 
     def settled(self, part: ET.Element, *, missed: bool = True) -> bool:
-        """Gives the mesh of a visual or a collision its full name; false, if it has one that cannot be used.
+        """Sets the full path of the mesh of a visual or a collision; returns False if it has an unusable one.
 
         Args:
             part: The visual or collision.
-            missed: Whether a mesh that cannot be used is missed.
+            missed: True to note a mesh that cannot be used.
         """
         for mesh in part.iter("mesh"):
             name = mesh.get("filename", "")
@@ -99,11 +99,11 @@ class _Meshes:
         return True
 
     def _place(self, name: str) -> Path | None:
-        """The file that a mesh is in, None if it is nowhere."""
+        """File of a mesh, None if it is not found."""
         return next((file.absolute() for file in self._candidates(name) if _is_file(file)), None)
 
     def _candidates(self, name: str) -> Iterator[Path]:
-        """Files that a name may be of, the likeliest first."""
+        """Candidate files for a name, the most likely first."""
         scheme, _, rest = name.partition("://") if "://" in name else ("", "", name)
         if scheme == "file":
             yield Path(unquote(urlsplit(name).path))
@@ -117,11 +117,11 @@ class _Meshes:
             yield from (folder / inside for folder in self._near)
         elif not scheme and name:
             yield from (folder / name for folder in self._near)
-        # MuJoCo itself takes the last part of a name alone.
+        # MuJoCo itself uses only the last part of a name.
         yield from [self._near[0] / Path(rest).name] if Path(rest).name else []
 
     def _fault(self, file: Path, scale: str) -> str:
-        """What MuJoCo says against a mesh, "" if it takes it."""
+        """MuJoCo's error on a mesh, "" if it can be used."""
         if (file, scale) not in self._faults:
             spec = mujoco.MjSpec()
             mesh = spec.add_mesh(name="mesh", file=str(file))
@@ -137,7 +137,7 @@ class _Meshes:
         return self._faults[file, scale]
 
     def note_left_out(self) -> None:
-        """Names the meshes that cannot be used."""
+        """Notes the meshes that cannot be used."""
         nowhere = [name for name, fault in self._lost.items() if not fault]
         faults = [fault for fault in self._lost.values() if fault]
         if nowhere:
@@ -158,14 +158,14 @@ def _environment() -> Iterator[Path]:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether a file is there; names that are too long for one are none."""
+    """True if a file exists; False also for names that are too long."""
     with suppress(OSError):
         return path.is_file()
     return False
 
 
 def _is_package(folder: Path, name: str) -> bool:
-    """Whether a folder is the ROS package of a name."""
+    """True if a folder is the ROS package of a name."""
     try:
         return (ET.parse(folder / "package.xml").getroot().findtext("name") or "").strip() == name
     except (OSError, ET.ParseError, LookupError, ValueError):

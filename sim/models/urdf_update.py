@@ -1,4 +1,4 @@
-"""URDF files with other inertias: numbers replaced in the file's own bytes, what is missing put in, all else kept."""
+"""URDF files with other inertias: numbers replaced in the file's bytes, missing elements added, all else kept."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,25 +11,25 @@ from ident.geometry.inertia import com_from_parameters
 from sim.models.xml_places import Edit, Place, edited, root_of
 
 SAME = 1e-12
-"""Differences, by the largest number of a vector or a matrix, that are rounding: such a number stays as it is."""
+"""Difference, relative to the largest number of a vector or a matrix, that counts as rounding: the number is kept."""
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-"""Attributes of `<inertia>` and what they are of the matrix."""
+"""Attributes of `<inertia>` and their indices in the matrix."""
 
 _WORD = re.compile(rb"\S+")
 
 
 def updated_urdf(path: Path, links: Mapping[str, np.ndarray]) -> bytes:
-    """The bytes of a URDF file with other inertias of some links.
+    """Bytes of a URDF file with other inertias of some links.
 
-    An inertia stays in the axes in which the file states it. A link that has no mass keeps its centre of mass.
+    An inertia stays in the axes in which the file states it. A massless link keeps its centre of mass.
 
     Args:
-        path: The file, which has been read as a model.
+        path: The file, which has already been read as a model.
         links: φ (10,) of the links, about their frames, by name.
 
     Raises:
-        ModelError: The file is in an encoding of two bytes a letter, or has elements in entities.
+        ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
     """
     data = path.read_bytes()
     places: dict[str, Place] = {}
@@ -39,7 +39,7 @@ def updated_urdf(path: Path, links: Mapping[str, np.ndarray]) -> bytes:
 
 
 def _edits(data: bytes, link: Place, phi: np.ndarray) -> Iterator[Edit]:
-    """Edits that give a link its φ."""
+    """Edits that set the φ of a link."""
     inertial = link.child("inertial")
     if not phi[0] and inertial is None:
         return
@@ -65,7 +65,7 @@ def _edits(data: bytes, link: Place, phi: np.ndarray) -> Iterator[Edit]:
 
 
 def _axes(inertial: Place | None) -> np.ndarray:
-    """Rotation from the axes that an inertia is stated in to the link's (3, 3)."""
+    """Rotation from the axes of a stated inertia to the link's (3, 3)."""
     origin = None if inertial is None else inertial.child("origin")
     stated = "" if origin is None else origin.attributes.get("rpy", "")
     return Rotation.from_euler("xyz", np.array((stated.strip() or "0 0 0").split(), float)).as_matrix()
@@ -74,7 +74,7 @@ def _axes(inertial: Place | None) -> np.ndarray:
 def _attribute_edits(
     data: bytes, place: Place, attributes: Mapping[str, Sequence[float]], size: float
 ) -> Iterator[Edit]:
-    """Edits of those numbers that change by more than rounding does, and the attributes that are missing."""
+    """Edits of the numbers that change by more than rounding, and of missing attributes."""
     missing = b""
     for key, values in attributes.items():
         span = place.attribute(data, key)
@@ -87,7 +87,7 @@ def _attribute_edits(
 
 
 def _number_edits(data: bytes, span: tuple[int, int], values: Sequence[float], near: float) -> Iterator[Edit]:
-    """Edits of the numbers of one attribute; without any, they are zero."""
+    """Edits of the numbers of one attribute; an empty attribute means zeros."""
     words = [match.span() for match in _WORD.finditer(data, *span)]
     if len(words) == len(values):
         for word, value in zip(words, values, strict=True):
@@ -98,7 +98,7 @@ def _number_edits(data: bytes, span: tuple[int, int], values: Sequence[float], n
 
 
 def _number(word: bytes) -> float:
-    """A number of a file; NaN for what is written by entities."""
+    """A number of a file; NaN if it is written with entities."""
     try:
         return float(word)
     except ValueError:

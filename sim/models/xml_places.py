@@ -1,4 +1,4 @@
-"""Where elements stand in the bytes of an XML file, and files of which some bytes are replaced and all others kept."""
+"""Positions of elements in the bytes of an XML file, and edits that replace some bytes and keep all others."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -15,7 +15,7 @@ _BLANK = re.compile(rb"\s*(?=<)")
 
 
 class Edit(NamedTuple):
-    """Bytes of a file, from the first to before the last, that become others."""
+    """Replacement of the bytes of a file from `first` to before `last` by a text."""
 
     first: int
     last: int
@@ -24,16 +24,16 @@ class Edit(NamedTuple):
 
 @dataclass
 class Place:
-    """An element and where it stands in a file.
+    """An element and its position in a file.
 
     Attributes:
         tag: Its tag.
         attributes: Its attributes.
         start: First byte of its start tag.
         inside: First byte after its start tag.
-        end: First byte of its end tag; of an element without one that after its start tag.
-        closed: Whether it is an empty element, `<tag/>`, which has no end tag.
-        children: The elements in it.
+        end: First byte of its end tag, or after its start tag if it has none.
+        closed: True for an empty element, `<tag/>`, which has no end tag.
+        children: Its child elements.
     """
 
     tag: str
@@ -45,11 +45,11 @@ class Place:
     children: list["Place"] = field(default_factory=list)
 
     def child(self, tag: str) -> "Place | None":
-        """The first child with a tag, None without one."""
+        """First child with a tag, None without one."""
         return next((child for child in self.children if child.tag == tag), None)
 
     def below(self, *tags: str) -> Iterator["Place"]:
-        """Elements that a path of tags leads to."""
+        """Descendants at the end of a path of tags."""
         if not tags:
             yield self
             return
@@ -58,20 +58,20 @@ class Place:
                 yield from child.below(*tags[1:])
 
     def attribute(self, data: bytes, name: str) -> tuple[int, int] | None:
-        """First byte of an attribute's value and the first after it, None where the element has not got it."""
+        """First byte of an attribute's value and the first after it, None if the element does not have it."""
         for match in _ATTRIBUTE.finditer(data, self.start, self.inside):
             if match[1] == name.encode():
                 return match.span(2 if match[2] is not None else 3)
         return None
 
     def with_attributes(self, data: bytes, text: bytes) -> Edit:
-        """The edit that adds attributes, each after a blank, to the start tag."""
+        """Edit that adds attributes, each after a blank, to the start tag."""
         end = self.inside - (2 if self.closed else 1)
         end = self.start + len(data[self.start : end].rstrip())
         return Edit(end, end, text)
 
     def with_first(self, data: bytes, text: bytes) -> Edit:
-        """The edit that puts text before the first child, on a line of its own if that child is."""
+        """Edit that inserts text before the first child, on a line of its own if that child is on one."""
         if self.closed:
             end = self.start + len(data[self.start : self.inside - 2].rstrip())
             return Edit(end, self.inside, b">" + text + b"</" + self.tag.encode() + b">")
@@ -80,10 +80,10 @@ class Place:
 
 
 def root_of(path: Path, data: bytes) -> Place:
-    """The root element of a file whose XML has been found well-formed, and where all that is in it stands.
+    """Root element of a well-formed file, with the positions of all elements in it.
 
     Raises:
-        ModelError: The file is in an encoding of two bytes a letter, or has elements in entities.
+        ModelError: The file is in UTF-16 or UTF-32, or has elements in entities.
     """
     if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:4]:
         raise ModelError(f"{path}: a file in UTF-16 or UTF-32 cannot be written back; save it in UTF-8.")
@@ -112,7 +112,7 @@ def root_of(path: Path, data: bytes) -> Place:
 
 
 def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
-    """Bytes with edits, which do not overlap; those at one place stand in the order in which they come."""
+    """Bytes after edits, which must not overlap; edits at one position are applied in the given order."""
     parts, done = list[bytes](), 0
     for first, last, text in sorted(edits, key=lambda edit: edit[:2]):
         parts += [data[done:first], text]

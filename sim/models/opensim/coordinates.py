@@ -1,4 +1,4 @@
-"""Coordinates of an OpenSim model: which are free, which are locked, and which follow others."""
+"""Coordinates of an OpenSim model: free ones, locked ones and followers."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping
@@ -11,21 +11,21 @@ from sim.models.opensim.document import flag, label, named, number, numbers, obj
 from sim.models.opensim.functions import IDENTITY, Curve, curve, function_of
 
 UNLIMITED = 1e3
-"""Ends of a range, in rad or m, from which it is none."""
+"""Ends of a range, in rad or m, from which it counts as unlimited."""
 
 USUAL = (-np.pi, np.pi)
-"""Range over which functions are fitted where neither the coordinate nor a table has one."""
+"""Range over which functions are fitted if neither the coordinate nor a table has one."""
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A coordinate as the file has it.
+    """A coordinate of the file.
 
     Attributes:
         name: Its name.
         default: Its default value, rad or m.
-        locked: Whether it stays there.
-        range: Its range, rad or m; None without one.
+        locked: True if it stays there.
+        range: Its range, rad or m; None if unlimited.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Coordinate:
 
     @classmethod
     def of(cls, element: ET.Element) -> "Coordinate":
-        """From a `<Coordinate>`."""
+        """The coordinate of a `<Coordinate>` element."""
         low, high = numbers(element, "range", 2, "-inf inf") if text(element, "range") else (-np.inf, np.inf)
         limits = (float(low), float(high)) if -UNLIMITED < low < high < UNLIMITED else None
         return cls(named(element), number(element, "default_value", "0"), flag(element, "locked", False), limits)
@@ -43,10 +43,10 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Dependence:
-    """What a coordinate is.
+    """A coordinate as a function of a free one.
 
     Attributes:
-        leader: Name of the free coordinate that it is a function of, None for one that does not move.
+        leader: Name of the free coordinate, None for a coordinate that does not move.
         curve: The function, of the leader's coordinate.
     """
 
@@ -54,7 +54,7 @@ class Dependence:
     curve: Curve
 
     def then(self, outer: Curve) -> "Dependence":
-        """A function of the coordinate."""
+        """Dependence of a function of the coordinate."""
         after = self.curve.of_value(outer)
         return Dependence(self.leader if after.exact is None or after.exact.degree() else None, after)
 
@@ -62,7 +62,7 @@ class Dependence:
 def dependences(
     model: ET.Element, coordinates: Mapping[str, Coordinate], ignore: Collection[str]
 ) -> dict[str, Dependence]:
-    """What each coordinate is a function of: itself, another one, or nothing where it is locked.
+    """Dependence of each coordinate: on itself, on another one, or constant if it is locked.
 
     Args:
         model: The model.
@@ -70,7 +70,7 @@ def dependences(
         ignore: Names of constraints to leave out.
 
     Raises:
-        ModelError: A constraint is none between two coordinates, or coordinates follow each other in a circle.
+        ModelError: A constraint is of another kind than between two coordinates, or dependences are circular.
     """
     couplers = _couplers(model, coordinates, ignore)
     out: dict[str, Dependence] = {}
@@ -96,7 +96,7 @@ def dependences(
 def _couplers(
     model: ET.Element, coordinates: Mapping[str, Coordinate], ignore: Collection[str]
 ) -> dict[str, tuple[str, Curve]]:
-    """Leaders and functions of the coordinates that constraints make dependent, by their names."""
+    """Leaders and functions of the coordinates that constraints make dependent, by name."""
     constraints = [c for c in objects(model, "ConstraintSet") if flag(c, "isEnforced", True)]
     constraints = [c for c in constraints if not flag(c, "isDisabled", False)]
     if unknown := set(ignore) - {c.get("name", "") for c in constraints}:
@@ -138,7 +138,7 @@ def _coupling(element: ET.Element) -> Curve:
 
 
 def needed_span(leader: Coordinate, function: Curve) -> tuple[float, float]:
-    """Coordinates of a leader over which a function of it is needed: its range, as far as a table goes."""
+    """Range of a leader's coordinate over which a function of it is needed: its own range, limited to a table's."""
     low, high = leader.range or function.span or USUAL
     first, last = function.span or (low, high)
     return (max(low, first), min(high, last)) if max(low, first) < min(high, last) else (low, high)

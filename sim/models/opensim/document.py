@@ -1,4 +1,4 @@
-"""OpenSim files (.osim) of versions 3 and 4: their elements, and numbers in them, with errors that name the place."""
+"""Elements and numbers of OpenSim files (.osim) of versions 3 and 4, with errors that name the element."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -10,10 +10,10 @@ from ident.errors import ModelError
 from sim.models.urdf import parsed
 
 OLDEST = 30000
-"""The first version of the format that is read, as the file states it."""
+"""The oldest version of the format that is read, in the file's notation."""
 
 LARGEST = 1e100
-"""Numbers of a model are smaller, so that products of them are finite."""
+"""Upper limit of a model's numbers, so that products of them are finite."""
 
 
 def model_element(path: Path) -> ET.Element:
@@ -36,7 +36,7 @@ def model_element(path: Path) -> ET.Element:
 
 
 def objects(parent: ET.Element | None, kind: str) -> list[ET.Element]:
-    """What a set such as `BodySet` of an element holds, in `<objects>` or, as OpenSim 4 has it in places, directly."""
+    """Elements of a set such as `BodySet`, in `<objects>` or, in some sets of OpenSim 4, directly."""
     group = None if parent is None else parent.find(kind)
     if group is None:
         return []
@@ -45,26 +45,26 @@ def objects(parent: ET.Element | None, kind: str) -> list[ET.Element]:
 
 
 def label(element: ET.Element) -> str:
-    """How an element is called in a message: `<PinJoint name="knee">`."""
+    """Label of an element in messages: `<PinJoint name="knee">`."""
     return f'<{element.tag} name="{element.get("name", "")}">'
 
 
 def text(element: ET.Element, tag: str, default: str = "") -> str:
-    """Text of a child, without blanks around it."""
+    """Text of a child, without surrounding blanks."""
     return (element.findtext(tag) or "").strip() or default
 
 
 def numbers(element: ET.Element, tag: str, size: int | None = None, default: str | None = None) -> np.ndarray:
-    """Numbers that a child of an element holds.
+    """Numbers in a child of an element.
 
     Args:
         element: The element.
-        tag: The child's.
-        size: How many there have to be, None for any number.
-        default: What a file that leaves them out means.
+        tag: Tag of the child.
+        size: Required count, None for any.
+        default: Default if the file leaves them out.
 
     Raises:
-        ModelError: They are missing, no finite numbers, or of another number.
+        ModelError: They are missing, not finite, or of another count.
     """
     stated = text(element, tag) or default
     try:
@@ -78,12 +78,12 @@ def numbers(element: ET.Element, tag: str, size: int | None = None, default: str
 
 
 def number(element: ET.Element, tag: str, default: str | None = None) -> float:
-    """The number that a child holds; errors as for `numbers`."""
+    """The number in a child of an element; errors as for `numbers`."""
     return float(numbers(element, tag, 1, default)[0])
 
 
 def flag(element: ET.Element, tag: str, default: bool) -> bool:
-    """Whether a child says `true`."""
+    """True if a child has the text `true`."""
     return text(element, tag, str(default)).lower() == "true"
 
 
@@ -100,7 +100,7 @@ def named(element: ET.Element) -> str:
 
 
 def with_owner(element: ET.Element, owner: str = "") -> Iterator[tuple[str, ET.Element]]:
-    """All elements below one, each with the name of the nearest one above it that has a name."""
+    """All descendants of an element, each with the name of its nearest named ancestor."""
     for child in element:
         if isinstance(child.tag, str):
             yield owner, child

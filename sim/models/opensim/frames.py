@@ -27,7 +27,7 @@ class Place:
 
 
 class Frames:
-    """What frames are called, and where they are."""
+    """Frames of a model by name, with their poses."""
 
     def __init__(self, model: ET.Element) -> None:
         self.bodies = {named(element): element for element in objects(model, "BodySet") if element.tag == "Body"}
@@ -43,7 +43,7 @@ class Frames:
 
         Args:
             joint: The joint.
-            carrier: Name of the body that it carries, in files of OpenSim 3, which have joints in bodies.
+            carrier: Name of the joint's child body, in files of OpenSim 3, where joints are inside bodies.
 
         Raises:
             ModelError: A frame is not in the model.
@@ -56,10 +56,10 @@ class Frames:
         return self.place(_socket(joint, "parent_frame"), joint), self.place(_socket(joint, "child_frame"), joint)
 
     def place(self, reference: str, user: ET.Element, below: tuple[str, ...] = ()) -> Place:
-        """Where a frame is that an element refers to by a name or by a path, as `/bodyset/pelvis` or `hip_offset`.
+        """Body and pose of a frame that an element refers to by a name or path, as `/bodyset/pelvis` or `hip_offset`.
 
         Raises:
-            ModelError: There is no such frame, there are several, or frames hang on each other in a circle.
+            ModelError: There is no such frame, there are several, or frames depend on each other in a circle.
         """
         *owners, name = reference.split("/")
         if name == GROUND or name in self.bodies:
@@ -88,7 +88,7 @@ def markers(model: ET.Element, frames: Frames) -> dict[str, Place]:
 
 
 def _socket(element: ET.Element, name: str) -> str:
-    """What an element is connected to; earlier files of OpenSim 4 have another name for it."""
+    """Name or path in a socket of an element; earlier files of OpenSim 4 have another tag for it."""
     return text(element, f"socket_{name}") or text(element, f"socket_{name}_connectee_name")
 
 

@@ -1,7 +1,7 @@
-"""Functions of coordinates in OpenSim's files, and polynomials that stand for them.
+"""Functions of coordinates in OpenSim's files, and polynomials that approximate them.
 
-A tabulated function is evaluated as OpenSim does it, and replaced by the polynomial of lowest degree that is within
-`CLOSE` of it over the coordinate's range: what follows a coordinate needs two derivatives, also on a tape.
+A tabulated function is evaluated as in OpenSim, and approximated by the polynomial of lowest degree that is within
+`CLOSE` of it over the coordinate's range: a follower needs two derivatives, also on a tape.
 """
 
 import xml.etree.ElementTree as ET
@@ -15,13 +15,13 @@ from ident.errors import ModelError
 from sim.models.opensim.document import label, number, numbers
 
 CLOSE = 2e-5
-"""Distance to a tabulated function, in m or rad, below which a polynomial will do."""
+"""Error of a polynomial, in m or rad, below which it may replace a tabulated function."""
 
 DEGREE = 9
-"""Largest degree of a polynomial that stands for a tabulated function."""
+"""Largest degree of a polynomial that approximates a tabulated function."""
 
 NODES, CHECKED = 200, 1001
-"""Points that a polynomial is fitted to, and at which its distance is taken."""
+"""Number of points to which a polynomial is fitted, and at which its error is evaluated."""
 
 Evaluated = Callable[..., np.ndarray]
 
@@ -31,9 +31,9 @@ class Curve:
     """A function of one coordinate.
 
     Attributes:
-        evaluated: Its values at an array of coordinates.
-        exact: The polynomial that it is, None for a tabulated one.
-        span: Coordinates that its table is for, None without a table.
+        evaluated: Callable that returns its values at an array of coordinates.
+        exact: The equal polynomial, None for a tabulated function.
+        span: Range of coordinates of its table, None without a table.
     """
 
     evaluated: Evaluated
@@ -42,23 +42,23 @@ class Curve:
 
     @classmethod
     def polynomial(cls, coefficients: Sequence[float]) -> "Curve":
-        """A polynomial, the constant first."""
+        """The function of a polynomial, with the constant first."""
         exact = Polynomial(coefficients).trim()
         return cls(exact, exact)
 
     def scaled(self, factor: float) -> "Curve":
-        """Its multiple."""
+        """The function times a factor."""
         return self.of_value(Curve.polynomial([0, factor]))
 
     def of_value(self, outer: "Curve") -> "Curve":
-        """Another function of this one's value."""
+        """The composition `outer(self(x))`."""
         exact = outer.exact(self.exact) if self.exact is not None and outer.exact is not None else None
         spans = [span for span in (self.span, self._before(outer.span)) if span]
         span = (max(low for low, _ in spans), min(high for _, high in spans)) if spans else None
         return Curve(lambda x: outer.evaluated(self.evaluated(x)), exact, span)
 
     def _before(self, span: tuple[float, float] | None) -> tuple[float, float] | None:
-        """Coordinates at which the values of a straight line are in a span."""
+        """Range of coordinates in which the values of a linear function are in a span; None for other functions."""
         if span is None or self.exact is None or self.exact.degree() != 1:
             return None
         constant, slope = self.exact.coef.tolist()
@@ -66,7 +66,7 @@ class Curve:
         return low, high
 
     def fitted(self, low: float, high: float) -> tuple[Polynomial, float]:
-        """The polynomial that stands for it over a range, and its largest distance there."""
+        """The approximating polynomial over a range, and its largest error there."""
         if self.exact is not None:
             return self.exact, 0.0
         at = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
@@ -84,11 +84,11 @@ class Curve:
 
 
 IDENTITY = Curve.polynomial([0, 1])
-"""A coordinate itself."""
+"""The identity function."""
 
 
 def function_of(element: ET.Element) -> ET.Element | None:
-    """The function that an element holds, None without one."""
+    """Element of the function in an element, None without one."""
     inner = element.find("function")
     candidates = [child for child in (element if inner is None else inner) if child.tag in _READERS]
     if not candidates and inner is not None and len(inner):
@@ -97,10 +97,10 @@ def function_of(element: ET.Element) -> ET.Element | None:
 
 
 def curve(element: ET.Element) -> Curve:
-    """The function that an element of OpenSim describes.
+    """The function of an OpenSim element.
 
     Raises:
-        ModelError: It is of a kind that is not read, or has no numbers.
+        ModelError: It is of an unsupported kind, or has no numbers.
     """
     if element.tag not in _READERS:
         raise _unknown(element, element.tag)
@@ -152,14 +152,14 @@ def _piecewise_linear(element: ET.Element) -> Curve:
 
 
 def _spline(element: ET.Element) -> Curve:
-    """A cubic spline as SIMM has it, with the third derivatives at its ends of cubics through the last four points.
+    """SIMM's cubic spline, with third derivatives at its ends from cubics through the outermost four points.
 
-    Forsythe, Malcolm and Moler, *Computer Methods for Mathematical Computations*, 1977. Beyond its ends it is straight.
+    Forsythe, Malcolm and Moler, *Computer Methods for Mathematical Computations*, 1977. It is extrapolated linearly.
     """
     x, y = _table(element)
     if len(x) == 2:
         return _piecewise_linear(element)
-    # Of all models few have splines, which would bring scipy's optimisers along for every command.
+    # Imported here because few models have splines, and it also imports scipy's optimisers.
     from scipy.interpolate import make_interp_spline
 
     ends = [6 * _divided(x[part], y[part]) if len(x) > 3 else 0.0 for part in (slice(0, 4), slice(-4, None))]
@@ -175,7 +175,7 @@ def _spline(element: ET.Element) -> Curve:
 
 
 def _divided(x: np.ndarray, y: np.ndarray) -> float:
-    """Divided difference of all points: a sixth of the third derivative of the cubic through four."""
+    """Divided difference of all points; for four points a sixth of the third derivative of their cubic."""
     while len(y) > 1:
         y = np.diff(y) / (x[len(x) - len(y) + 1 :] - x[: len(y) - 1])
     return float(y[0])
@@ -190,4 +190,4 @@ _READERS: dict[str, Callable[[ET.Element], Curve]] = {
     "NaturalCubicSpline": _spline,
     "PiecewiseLinearFunction": _piecewise_linear,
 }
-"""What functions there are, and what reads them; SIMM's spline had another name in files of OpenSim 2 and 3."""
+"""Readers of functions, by tag; SIMM's spline has another tag in files of OpenSim 2 and 3."""

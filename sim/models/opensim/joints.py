@@ -1,8 +1,8 @@
-"""Joints of an OpenSim model as turns and slides, one after the other, each a function of one coordinate.
+"""Joints of an OpenSim model as sequences of turns and slides, each a function of one coordinate.
 
-The frame M of the child in that of the parent, F, is that of Simbody's mobilizers: slides along axes of F come first,
-then turns, each about an axis of the frame that those before it have turned. Balls and free joints have body-fixed
-x, y, z angles for coordinates, as OpenSim's files of motion have them.
+The pose of the child's frame M in the parent's frame F follows Simbody's mobilizers: slides along axes of F come first,
+then turns, each about an axis of the frame after the previous turns. Balls and free joints have body-fixed x, y, z
+angles for coordinates, as in OpenSim's motion files.
 """
 
 import xml.etree.ElementTree as ET
@@ -24,7 +24,7 @@ _SIMPLE = {
     "PlanarJoint": (("slide", 0, 1), ("slide", 1, 2), ("turn", 2, 0)),
     "FreeJoint": (*(("slide", k, 3 + k) for k in range(3)), *(("turn", k, k) for k in range(3))),
 }
-"""What joints besides `CustomJoint` are: turns and slides, their axis, and which of the coordinates moves them."""
+"""Turns and slides of joints other than `CustomJoint`: kind, axis, and index of the coordinate that moves them."""
 
 AXES = ("translation1", "translation2", "translation3", "rotation1", "rotation2", "rotation3")
 """The axes of a `CustomJoint`, in the order in which they move the child."""
@@ -34,11 +34,11 @@ class Factor(NamedTuple):
     """One turn or slide of a joint.
 
     Attributes:
-        turns: Whether it turns.
+        turns: True for a turn.
         axis: Its direction, of unit length (3,).
-        coordinate: Name of the coordinate that moves it, "" where it does not move.
+        coordinate: Name of the coordinate that moves it, "" if it does not move.
         curve: The function of the coordinate, or the constant.
-        name: What to call it in a message.
+        name: Its name in messages.
     """
 
     turns: bool
@@ -58,7 +58,7 @@ def factors(joint: ET.Element) -> list[Factor]:
     """The turns and slides of a joint.
 
     Raises:
-        ModelError: The joint is of a kind that is not read, is reversed, lacks coordinates, or has a wrong axis.
+        ModelError: The joint is of an unsupported kind, is reversed, lacks coordinates, or has a wrong axis.
     """
     if flag(joint, "reverse", False):
         raise ModelError(f"{label(joint)} is reversed, which is not read; exchange its frames.")

@@ -1,4 +1,4 @@
-"""Which joint of an OpenSim model carries which body, from the ground outwards."""
+"""Joints of an OpenSim model with their child bodies, from the ground outwards."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from sim.models.opensim.joints import Factor, factors
 
 @dataclass(frozen=True)
 class Link:
-    """A joint of the file, with the body that it carries.
+    """A joint of the file with its frames.
 
     Attributes:
         joint: The joint.
@@ -28,7 +28,7 @@ class Link:
 
 
 def _links(model: ET.Element, frames: Frames) -> Iterator[Link]:
-    """The joints of a model, from `JointSet` or, in OpenSim 3, from the bodies that they carry."""
+    """The joints of a model, from `JointSet` or, in OpenSim 3, from their child bodies."""
     joints = [(joint, "") for joint in objects(model, "JointSet")]
     joints += [(joint, name) for name, body in frames.bodies.items() for joint in _inside(body)]
     for joint, carrier in joints:
@@ -39,7 +39,7 @@ def _links(model: ET.Element, frames: Frames) -> Iterator[Link]:
 
 
 def _inside(body: ET.Element) -> list[ET.Element]:
-    """The joint that a body of OpenSim 3 holds."""
+    """The joint elements inside a body of OpenSim 3."""
     return [child for group in body.findall("Joint") for child in group if isinstance(child.tag, str)]
 
 
@@ -47,7 +47,7 @@ def links_in_order(model: ET.Element, frames: Frames) -> list[Link]:
     """The joints of a model, one for each body, parents before children and otherwise in the order of the bodies.
 
     Raises:
-        ModelError: A joint cannot be read, closes a loop, or hangs on nothing.
+        ModelError: A joint cannot be read, closes a loop, or is not connected to the ground.
     """
     by_body: dict[str, Link] = {}
     for link in _links(model, frames):

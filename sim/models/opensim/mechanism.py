@@ -1,4 +1,4 @@
-"""OpenSim files as mechanisms."""
+"""Mechanisms from OpenSim files."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping, Sequence
@@ -19,7 +19,7 @@ from sim.models.opensim.frames import Frames, markers
 from sim.models.opensim.skeleton import Skeleton
 
 STANDARD_GRAVITY = "0 -9.80665 0"
-"""Gravity of a file that states none, m/s²: y is up."""
+"""Default gravity, m/s²; y points up."""
 
 MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 """Entries of an inertia, in the order of OpenSim 4 and of φ."""
@@ -27,7 +27,7 @@ MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 @dataclass(frozen=True, eq=False)
 class OpenSimOrigin:
-    """What a mechanism was read from: its `source`.
+    """Origin of a mechanism, its `source`.
 
     Attributes:
         path: The file.
@@ -41,7 +41,7 @@ class OpenSimOrigin:
 
 
 def is_opensim(source: object) -> bool:
-    """Whether a source of a model is the path of an OpenSim file."""
+    """True if a source is the path of an OpenSim file."""
     return isinstance(source, str | Path) and Path(source).suffix.lower() == ".osim"
 
 
@@ -53,27 +53,27 @@ def mechanism_from_opensim(
     ignore: Collection[str] = (),
     fix: Mapping[str, Sequence[float]] | None = None,
 ) -> Mechanism:
-    """The bodies of an OpenSim file, joined by its coordinates.
+    """Mechanism of an OpenSim file.
 
-    Coordinates become hinges and slides of their names. Those that are locked stay at their default; joints that are
-    moved by functions of a coordinate, or whose coordinate a `CoordinateCouplerConstraint` makes dependent, follow it.
-    Markers become sites. Axes are the file's, so that y is up in most; muscles, geometry and contacts are left out.
+    Coordinates become hinges and slides of their names. Locked ones stay at their default. Joints that are moved by
+    functions of a coordinate, or whose coordinate a `CoordinateCouplerConstraint` makes dependent, become followers.
+    Markers become sites. Axes are the file's, with y up in most; muscles, geometry and contacts are left out.
 
     Args:
         path: The file, of OpenSim 3 or 4.
         base: Name of the body whose frame is {0}, as for `sim.mechanism`; so are the other arguments.
-        beyond: Names of bodies that, with all they carry, are not part of the mechanism.
+        beyond: Names of bodies that, with all their descendants, are not part of the mechanism.
         ignore: Names of constraints to leave out.
-        fix: Coordinates that do not move, each with its value, or none for its default.
+        fix: Coordinates that do not move, each with its value, or empty for its default.
 
     Returns:
         The mechanism, with `OpenSimOrigin` as its source.
 
     Warns:
-        ModelNote: Tabulated functions became polynomials, or no rigid body has an inertia that is stated.
+        ModelNote: Tabulated functions were replaced by polynomials, or an inertia is impossible for a rigid body.
 
     Raises:
-        ModelError: Something in the file cannot be read, which the message names.
+        ModelError: Something in the file cannot be read; the message names it.
     """
     path = Path(path)
     try:
@@ -90,7 +90,7 @@ def _mechanism(
     skeleton = Skeleton.of(model, frames, ignore)
     tree, gravity = skeleton.tree, numbers(model, "gravity", 3, STANDARD_GRAVITY)
     if base is not None:
-        # At rest a base turns gravity; one that moves is tracked, in the ground's axes.
+        # Gravity is in the axes of a base at rest; for a moving base, whose poses are recorded, in the ground's.
         gravity = gravity if skeleton.moves(base) else skeleton.rotation(base).T @ gravity
         tree = skeleton.carried(base)
     tree = _without(tree, beyond)
@@ -106,7 +106,7 @@ def _mechanism(
 
 
 def _without(tree: Tree, beyond: Sequence[str]) -> Tree:
-    """A tree without bodies of some names and all that they carry."""
+    """The tree without the named bodies and their descendants."""
     gone = {k for i, name in enumerate(tree.names) if name in beyond for k in tree.carried(i)}
     kept = [i for i in range(len(tree.bodies)) if i not in gone]
     if not kept:
@@ -128,7 +128,7 @@ def body_parameters(element: ET.Element) -> np.ndarray:
 
 
 def _note_inertias(frames: Frames, bodies: Sequence[str]) -> None:
-    """Names bodies whose inertia no rigid body has."""
+    """Notes bodies with an impossible inertia."""
     odd = []
     for name in bodies:
         element = frames.bodies[name]

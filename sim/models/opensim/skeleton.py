@@ -1,4 +1,4 @@
-"""Joints of an OpenSim model as a kinematic tree, coordinates that others follow included."""
+"""Kinematic tree of an OpenSim model, including followers and the coordinates that lead them."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping
@@ -18,7 +18,7 @@ from sim.models.opensim.joints import Factor, coordinate_elements
 from sim.models.opensim.links import Link, links_in_order
 
 Worst = tuple[float, str]
-"""A distance in m or rad, and where it is."""
+"""An error in m or rad, and the name of its turn or slide."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,11 @@ class Skeleton:
 
     @classmethod
     def of(cls, model: ET.Element, frames: Frames, ignore: Collection[str]) -> "Skeleton":
-        """The skeleton of a model; what cannot be read raises a ModelError that names it."""
+        """Skeleton of a model.
+
+        Raises:
+            ModelError: Something cannot be read; the message names it.
+        """
         links = links_in_order(model, frames)
         every = [Coordinate.of(element) for link in links for element in coordinate_elements(link.joint)]
         coordinates = {coordinate.name: coordinate for coordinate in every}
@@ -57,25 +61,25 @@ class Skeleton:
         return self.coordinates[name].default
 
     def limits(self, name: str) -> tuple[float, float] | None:
-        """Range of a coordinate, as far as what follows it has been tabulated; None without any."""
+        """Range of a coordinate, limited to the tables of its followers; None if unlimited."""
         spans = [body.follows.span for body in self.tree.bodies if body.follows and body.follows.joint == name]
         own = self.coordinates[name].range
         spans += [own] if own else []
         return (max(low for low, _ in spans), min(high for _, high in spans)) if spans else None
 
     def moves(self, base: str) -> bool:
-        """Whether a joint lies between a body and the ground."""
+        """True if a joint lies between a body and the ground."""
         return any(self.tree.bodies[i].moves for i in self._below(base))
 
     def rotation(self, base: str) -> np.ndarray:
-        """Axes of a body that is welded to the ground, in the ground's (3, 3)."""
+        """Rotation matrix of a body that is welded to the ground, in the ground's frame (3, 3)."""
         T = np.eye(4)
         for i in self._below(base):
             T = self.tree.bodies[i].home @ T
         return T[:3, :3]
 
     def carried(self, base: str) -> Tree:
-        """A body and all on it, on the body's own frame."""
+        """Tree of a body and all its descendants, with the body's frame as {0}."""
         root, *_ = self._below(base)
         members = self.tree.carried(root)
         place = {i: k for k, i in enumerate(members)}
@@ -91,7 +95,7 @@ class Skeleton:
         return Tree(tuple(bodies))
 
     def _below(self, base: str) -> list[int]:
-        """Indices of a body, of its parent, and so on to the ground."""
+        """Indices of a body, its parent, and so on to the ground."""
         bodies = [name for name, body in zip(self.tree.names, self.tree.bodies, strict=True) if not body.massless]
         if base not in bodies:
             raise ModelError(f"The model has no body named '{base}'; its bodies are {', '.join(bodies)}.")
@@ -102,7 +106,7 @@ class Skeleton:
 
 
 class _Chains:
-    """Bodies with their joints, put on a tree one after the other."""
+    """Builder of a tree, to which bodies are added with their joints one by one."""
 
     def __init__(self, coordinates: Mapping[str, Coordinate], dependences: Mapping[str, Dependence]) -> None:
         self.coordinates, self.dependences = coordinates, dependences
@@ -112,12 +116,12 @@ class _Chains:
 
     @property
     def distances(self) -> str:
-        """The largest distances of slides and turns."""
+        """Largest errors of polynomials for slides and turns, for a note."""
         both = (("mm", *self.worst[False]), ("mrad", *self.worst[True]))
         return " and ".join(f"{1e3 * x:.2g} {unit} ({where})" for unit, x, where in both if where)
 
     def add(self, link: Link) -> None:
-        """Puts a body on the tree, and before it the massless links of its joint but the last."""
+        """Adds a body to the tree, preceded by massless links for all steps of its joint but the last."""
         parent, home = self.place[link.parent.body], link.parent.pose
         moving = [(factor, self._dependence(factor)) for factor in link.factors]
         home, steps = _folded(home, moving)
@@ -138,13 +142,13 @@ class _Chains:
         self.place[link.child.body] = len(self.bodies) - 1
 
     def _dependence(self, factor: Factor) -> Dependence:
-        """What moves a turn or slide."""
+        """Dependence of a turn or slide on a free coordinate."""
         if not factor.coordinate:
             return Dependence(None, factor.curve)
         return self.dependences[factor.coordinate].then(factor.curve)
 
     def _leading(self, steps: "list[_Step]") -> dict[int, str]:
-        """Which steps are moved by a coordinate as it is, or by its negative: the first of each one."""
+        """First step of each coordinate that equals it up to sign and a constant, by index."""
         own: dict[int, str] = {}
         for k, (factor, dependence, _) in enumerate(steps):
             name, exact = factor.coordinate, dependence.curve.exact
@@ -154,7 +158,7 @@ class _Chains:
         return own
 
     def _add_unmoving(self, name: str, parent: int, turns: bool) -> None:
-        """A massless link that only holds a coordinate, for others to follow it."""
+        """Adds a massless link that only has a coordinate, for followers to refer to."""
         self.bodies.append(Body(f"{name}:coordinate", parent, np.eye(4), np.eye(6)[3 if turns else 0], name, True))
 
     def _body(
@@ -168,7 +172,7 @@ class _Chains:
         own: str,
         massless: bool,
     ) -> Body:
-        """The body that a turn or slide carries, with the constant pose `behind` it."""
+        """Body after a turn or slide, with the constant pose `behind` it."""
         twist = np.concatenate([np.zeros(3), factor.axis] if factor.turns else [factor.axis, np.zeros(3)])
         if own:
             constant, slope = dependence.curve.exact.coef.tolist()  # type: ignore[union-attr]
@@ -184,14 +188,14 @@ class _Chains:
 
 
 _Step = tuple[Factor, Dependence, np.ndarray]
-"""A turn or slide that moves, what moves it, and the constant pose behind it."""
+"""A turn or slide that moves, its dependence, and the constant pose behind it."""
 
 
 def _folded(home: np.ndarray, moving: list[tuple[Factor, Dependence]]) -> tuple[np.ndarray, list[_Step]]:
-    """Turns and slides that do not move, put into the poses of those that do.
+    """Folds constant turns and slides into the poses of those that move.
 
     Returns:
-        The pose before the first that moves, and those that move.
+        The pose before the first moving step, and the moving steps.
     """
     steps: list[_Step] = []
     for factor, dependence in moving:

@@ -1,4 +1,4 @@
-"""OpenSim files with other inertias: masses, centres and inertias replaced in the file's own bytes, all else kept."""
+"""OpenSim files with other inertias: masses, centres and inertias replaced in the file's bytes, with all else kept."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from sim.models.opensim.mechanism import MOMENTS, OpenSimOrigin, body_parameters
 from sim.models.xml_places import Edit, Place, edited, root_of
 
 BODIES = ("Model", "BodySet", "objects", "Body")
-"""The elements below the root that a body stands in, itself included."""
+"""Path of tags from below the root to a body."""
 
 
 def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray) -> None:
@@ -25,11 +25,11 @@ def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray) -> None:
     Args:
         path: File to write; its folder must exist.
         mechanism: The mechanism, from an OpenSim file.
-        phi: φ of its bodies, welds kept (10 b,).
+        phi: φ of its bodies, with welds not merged (10 b,).
 
     Raises:
-        ModelError: The file is in an encoding of two bytes a letter, has elements in entities, or does not read back.
-        InputError: φ does not fit the bodies, one is not physical, or the file would not end in `.osim`.
+        ModelError: The file is in UTF-16 or UTF-32, has elements in entities, or does not read back as φ.
+        InputError: φ does not fit the bodies, one is not physical, or the path does not end in `.osim`.
     """
     origin: OpenSimOrigin = mechanism.source
     if path.suffix.lower() != ".osim":
@@ -58,7 +58,7 @@ def write_opensim(path: Path, mechanism: Mechanism, phi: np.ndarray) -> None:
 
 
 def _replaced(path: Path, bodies: Mapping[str, np.ndarray]) -> bytes:
-    """The bytes of a file with other φ (10,) of some bodies."""
+    """Bytes of a file with other φ (10,) of some bodies."""
     data = path.read_bytes()
     places: dict[str, Place] = {}
     for body in root_of(path, data).below(*BODIES):
@@ -67,7 +67,7 @@ def _replaced(path: Path, bodies: Mapping[str, np.ndarray]) -> bytes:
 
 
 def _edits(data: bytes, body: Place, phi: np.ndarray) -> Iterator[Edit]:
-    """What of a file's bytes becomes what for a body's φ."""
+    """Edits of a file's bytes that set a body's φ."""
     mass, center, inertia = com_from_parameters(phi) if phi[0] else (0.0, np.zeros(3), np.zeros((3, 3)))
     entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     numbers: dict[str, Sequence[float]] = {"mass": [mass], "mass_center": center.tolist()}
