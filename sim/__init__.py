@@ -1,15 +1,15 @@
 """The bridge to MuJoCo: mechanisms read from models and written back, excitation, simulation.
 
-    mechanism(source, base)             a body and all on it, as an MJCF, URDF or OpenSim model describes them
+    mechanism(source, base)             a body and all bodies on it, from an MJCF, URDF or OpenSim model
     tree_from_model(source, base)       its kinematic tree alone
-    state_columns(source, base)         where its states stand among MuJoCo's
-    base_motion(source, base, …)        motion of a base that does not rest, from MuJoCo's states
-    write_model(path, mechanism, phi)   its model with other inertial parameters, as a file
-    updated_spec(mechanism, phi)        the same as a specification
+    state_columns(source, base)         indices of its states in MuJoCo's
+    base_motion(source, base, …)        motion of a moving base, from MuJoCo's states
+    write_model(path, mechanism, phi)   writes its model with other inertial parameters to a file
+    updated_spec(mechanism, phi)        its model with other inertial parameters, as a specification
     Excitation                          a joint motion of sinusoids, with noise
-    simulate(spec, excitation)          a scene along an excitation, and what its sensors record
-    simulate_many(spec, …, seeds=…)     the same with many seeds at a time
-    fall(model, base, seconds=…)        a scene that is let go, and what touches it
+    simulate(spec, excitation)          a recording of a scene's sensors along an excitation
+    simulate_many(spec, …, seeds=…)     recordings with many seeds at a time
+    fall(model, base, seconds=…)        a passive motion of a scene with its contact wrenches
 
 A module is imported when one of its names is first used.
 """
@@ -50,7 +50,7 @@ _MODULES = {
     "updated_spec": "sim.models.model_update",
     "write_model": "sim.models.model_update",
 }
-"""Where each name is defined."""
+"""Module of each name."""
 
 
 def __getattr__(name: str) -> Any:

@@ -1,1 +1,1 @@
-"""How a mechanism moves: excitations, and their design."""
+"""Motions of a mechanism: excitations, and their design."""

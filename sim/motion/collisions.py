@@ -1,4 +1,4 @@
-"""How far a mechanism runs into itself and its surroundings, posture by posture, as MuJoCo sees it."""
+"""Collisions of a mechanism with itself and its surroundings, posture by posture, by MuJoCo."""
 
 import copy
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ class _Contacts(NamedTuple):
     Attributes:
         geoms: Ids of the two geoms (k, 2).
         distances: Distances, m (k,).
-        places: Where they are in the world, m (k, 3).
+        places: Positions in the world, m (k, 3).
         normals: Directions from the first geom to the second (k, 3).
     """
 
@@ -31,19 +31,18 @@ NONE = _Contacts(np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 3)), np.zeros(
 
 
 class Collisions:
-    """Contacts that the motion of some joints of a model can make or break, all others standing still.
+    """Contacts that the motion of some joints of a model can change, with all other joints fixed.
 
-    MuJoCo's own filters hold: parents and children do not collide, nor do excluded pairs or geoms whose `contype` and
-    `conaffinity` do not match. Parents here include pedestals that stand still, which MuJoCo takes for the world.
-    Bodies that no moving joint lies between are left alone: what touches there, such as feet on the floor, touches all
-    the time.
+    MuJoCo's own filters apply: parents and children do not collide, nor do excluded pairs or geoms whose `contype` and
+    `conaffinity` do not match. Here parents include pedestals at rest, which MuJoCo treats as the world. Pairs of
+    bodies without a moving joint between them are ignored: their contacts, such as feet on the floor, are permanent.
     """
 
     def __init__(self, model: mujoco.MjModel, joints: Sequence[str], clearance: float) -> None:
         """Prepares a copy of the model.
 
         Args:
-            model: The model; joints stand at its reference configuration.
+            model: The model; other joints stay in its reference configuration.
             joints: Names of the hinge and slide joints that move, in the order of q.
             clearance: Distance below which geoms count as touching, m.
 
@@ -59,30 +58,31 @@ class Collisions:
         self.clearance = clearance
 
     def depth(self, q: np.ndarray, clearance: float | None = None) -> np.ndarray:
-        """How far below the clearance geoms are, summed over the contacts, m.
+        """Clearance less distance, summed over the contacts, m.
 
         Args:
             q: Positions of the moving joints, rad or m (N, n).
-            clearance: Another clearance than the usual one, m.
+            clearance: Clearance, m, by default that of the object.
 
         Returns:
-            Zero where nothing touches (N,).
+            Sums, zero for postures without contact (N,).
         """
         clearance = self.clearance if clearance is None else clearance
         return np.array([np.sum(clearance - self._contacts(posture, clearance).distances) for posture in q])
 
     def barrier_and_slope(self, q: np.ndarray, near: float, far: float) -> tuple[float, np.ndarray]:
-        """What rises without limit as geoms approach, `Σ (far - d)²/((d - near) far)` over distances d, and its slope.
+        """Barrier `Σ (far - d)²/((d - near) far)` over distances d between geoms, and its derivatives.
 
-        A distance grows by the velocity of the second geom's nearest point against the first's along their normal.
+        The derivative of a distance is the velocity of the second geom's nearest point relative to the first's, along
+        their normal.
 
         Args:
             q: Positions of the moving joints, rad or m (N, n).
-            near: Distance where it is infinite, m.
+            near: Distance at which it is infinite, m.
             far: Distance from which it is zero, m.
 
         Returns:
-            Barrier and derivatives by the positions (N, n); infinite, and zeros, where something is nearer than `near`.
+            Barrier and derivatives by the positions (N, n); infinity and zeros if a distance is below `near`.
         """
         barrier, slope = 0.0, np.zeros(q.shape)
         first, second = np.zeros((2, 3, self._model.nv))
@@ -103,7 +103,7 @@ class Collisions:
         return barrier, slope
 
     def touching(self, q: np.ndarray) -> dict[tuple[str, str], int]:
-        """Pairs of bodies that come closer than the clearance, each with the first sample at which they do.
+        """Pairs of bodies closer than the clearance, each with the first sample at which they are.
 
         Args:
             q: Positions of the moving joints, rad or m (N, n).
@@ -116,7 +116,7 @@ class Collisions:
         return found
 
     def _contacts(self, posture: np.ndarray, clearance: float) -> _Contacts:
-        """The contacts that count."""
+        """Contacts of a posture below a clearance, without ignored pairs."""
         self._model.geom_margin[:] = clearance
         self._model.pair_margin[:] = clearance
         self._data.qpos[self._columns] = posture
@@ -130,7 +130,7 @@ class Collisions:
         return _Contacts(*(x[counts] for x in (contact.geom, contact.dist, contact.pos, contact.frame[:, :3])))
 
     def pairs(self) -> int:
-        """How many pairs of geoms are watched; zero where a model has no geoms that can collide."""
+        """Number of pairs of geoms that are checked; zero if the model has no geoms that can collide."""
         model = self._model
         first, second = np.triu_indices(model.ngeom, 1)
         a, b = self._body[first], self._body[second]
@@ -147,14 +147,14 @@ class Collisions:
 
 
 def _apart(model: mujoco.MjModel, joints: Sequence[int]) -> np.ndarray:
-    """Whether a moving joint lies between bodies and neither is the pedestal of the other (nbody, nbody)."""
+    """Mask of pairs of bodies with a moving joint between them, neither the pedestal of the other (nbody, nbody)."""
     carrier, (pedestal, stands_on) = _carriers(model, joints), _pedestals(model)
     on_pedestal = (pedestal != 0) & (stands_on[:, None] == pedestal)
     return (carrier[:, None] != carrier) & ~on_pedestal & ~on_pedestal.T
 
 
 def _carriers(model: mujoco.MjModel, joints: Sequence[int]) -> np.ndarray:
-    """For every body the one, itself or further in, that the last moving joint before it moves; 0 for none (nbody,)."""
+    """For every body the nearest one towards the world, itself included, with a moving joint; 0 for none (nbody,)."""
     moved = set(model.jnt_bodyid[list(joints)].tolist())
     carrier = np.zeros(model.nbody, int)
     for b in range(1, model.nbody):
@@ -163,10 +163,10 @@ def _carriers(model: mujoco.MjModel, joints: Sequence[int]) -> np.ndarray:
 
 
 def _pedestals(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
-    """For every body the outermost of the bodies it stands still with, and of those its joint is fixed to (nbody,).
+    """For every body its own pedestal if it rests, and the pedestal that carries its joint if it moves (nbody,).
 
-    Both are ids of bodies on the world, 0 where there is none: for the first where a body moves, for the second where
-    it does not, or where its joint is fixed to a moving body or to the world itself.
+    A pedestal is the body on the world that heads a chain of bodies at rest, as an id. The first is 0 for moving
+    bodies, the second for bodies at rest and for joints on a moving body or on the world itself.
     """
     pedestal, stands_on = np.zeros(model.nbody, int), np.zeros(model.nbody, int)
     for b in range(1, model.nbody):

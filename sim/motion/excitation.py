@@ -8,7 +8,7 @@ import numpy as np
 from ident.errors import InputError
 
 NOISE_INTERVAL = 0.01
-"""Time in s over which one draw of acceleration noise is held."""
+"""Interval in s over which a sample of acceleration noise is held."""
 
 
 Trajectory = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -23,10 +23,10 @@ class DesiredMotion(Protocol):
         """Number of joints n."""
 
     def trajectory(self, time: np.ndarray, rng: np.random.Generator | None = None) -> Trajectory:
-        """Positions, velocities and accelerations at increasing times; with a generator also their noise."""
+        """Positions, velocities and accelerations at increasing times, with noise if a generator is given."""
 
     def with_noise(self, factor: float) -> "DesiredMotion":
-        """The same motion with another level of noise."""
+        """The motion with noise scaled by a factor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +72,15 @@ class Excitation:
         return len(self.offset)
 
     def with_noise(self, factor: float) -> "Excitation":
-        """The same with acceleration noise that is larger by a factor."""
+        """The excitation with acceleration noise scaled by a factor."""
         return replace(self, noise=factor * self.noise)
 
     def trajectory(self, time: np.ndarray, rng: np.random.Generator | None = None) -> Trajectory:
         """Positions, velocities and accelerations.
 
         Args:
-            time: Increasing times, s (N,). The noise sets in at zero.
-            rng: Source of the acceleration noise; without it there is none.
+            time: Increasing times, s (N,). The noise starts at zero.
+            rng: Generator of the acceleration noise; without it there is none.
 
         Returns:
             q in rad, q̇ in rad/s, q̈ in rad/s², each (N, n).
@@ -125,4 +125,4 @@ BOWING = Excitation(
     frequency=np.array([[0.23, 0.41], [0.31, 0.57]]),
     phase=np.array([[0.30, 1.90], [2.50, 0.70]]),
 )
-"""Excitation of the person who bows at ankle and hip: slow, by some 25° and 50°."""
+"""Excitation of the scene `bowing`, at ankle and hip: slow, by some 25° and 50°."""

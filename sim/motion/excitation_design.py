@@ -1,7 +1,7 @@
-"""The search for motions that excite well, inside joint limits and free of collisions.
+"""Design of excitations: optimal motions within joint limits and free of collisions.
 
 minimise    cost(q, q̇, q̈)      over center and coefficients of a Fourier series
-subject to  low ≤ q ≤ high,  |q̇| ≤ velocity,  |q̈| ≤ acceleration,  linear in both,  and nothing touches
+subject to  low ≤ q ≤ high,  |q̇| ≤ velocity,  |q̈| ≤ acceleration,  linear in both,  and no collisions
 """
 
 from collections.abc import Callable
@@ -18,32 +18,32 @@ from sim.motion.interior_point import minimum
 from sim.motion.walls import Walls
 
 States: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""q, q̇ and q̈ of a motion, or something for each of their numbers (G, n)."""
+"""q, q̇ and q̈ of a motion, or a value for each of their entries (G, n)."""
 
 Cost: TypeAlias = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[float, States]]
-"""What to make small: from q, q̇ and q̈ of a motion (G, n) to a number and its derivatives by them."""
+"""Cost to minimise: from q, q̇ and q̈ of a motion (G, n) to a number and its derivatives by them."""
 
 PER_PERIOD = 12
 """Samples for each period of the fastest harmonic during the search."""
 
 PER_PERIOD_CHECKED = 200
-"""The same when a motion is scaled into its limits: the peaks between two samples are higher by 1.3e-4 at most."""
+"""Samples per such period when a motion is scaled into its limits: peaks between samples are at most 1.3e-4 higher."""
 
 FEWEST_SAMPLES = 100
-"""Samples of a motion during the search, at least."""
+"""Least number of samples of a motion during the search."""
 
 FINER = 3
-"""Times at which limits are kept during the search, for each time at which its cost is taken."""
+"""Samples at which limits are imposed during the search, per sample of the cost."""
 
 CHECKED = 4
-"""Times at which collisions are looked for, for each time at which the cost is taken."""
+"""Samples at which collisions are checked, per sample of the cost."""
 
 NEARBY = 0.8
-"""How far another start is from a motion, in parts of the root mean square of each joint's coefficients, and of a
-quarter of the joint's range."""
+"""Standard deviation of a nearby start from a motion: relative to the root mean square of each joint's coefficients,
+and for the centre to a quarter of the joint's range."""
 
 INSIDE = 0.9
-"""Part of a start's distance from the middle of all limits that a search, which leads along them, begins with."""
+"""Factor by which a start is shrunk towards the middle of all limits, so that the search begins strictly inside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Limits:
         return (self.high - self.low) / 2
 
     def use(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        """Largest fraction of any limit that each joint uses, above 1 beyond it (n,).
+        """Largest fraction of a limit that each joint uses, above 1 if it violates one (n,).
 
         Args:
             q: Positions (N, n); `dq` and `ddq` velocities and accelerations.
@@ -97,7 +97,7 @@ class Limits:
 def scaled_into(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
     """The trajectory with every joint that violates a limit shrunk towards the middle of its range."""
     time = np.linspace(0, trajectory.duration, PER_PERIOD_CHECKED * trajectory.harmonics + 1)
-    # The margin covers what lies between two samples.
+    # The margin covers peaks between two samples.
     factor = 1 / np.maximum(1, limits.use(*trajectory.states(time)) * (1 + 2e-4))
     center = limits.middle + factor * (trajectory.center - limits.middle)
     return replace(trajectory, center=center, coefficients=factor[:, None] * trajectory.coefficients)
@@ -112,8 +112,8 @@ def random_start(
         limits: The limits.
         duration: Period, s.
         harmonics: Number of harmonics K.
-        rng: Source of the coefficients.
-        center: Positions to move about, kept off the limits (n,); by default drawn as well.
+        rng: Generator of the coefficients.
+        center: Mean positions, moved off the limits if necessary (n,); by default random as well.
     """
     n = len(limits.low)
     drawn = limits.middle + rng.uniform(-0.5, 0.5, n) * limits.half_range
@@ -121,19 +121,19 @@ def random_start(
     inside = np.clip(center, limits.middle - 0.8 * limits.half_range, limits.middle + 0.8 * limits.half_range)
     coefficients = rng.normal(size=(n, 2 * harmonics - 2)) * limits.velocity[:, None]
     swing = FourierTrajectory(duration, np.zeros(n), coefficients)
-    # About its own center the motion has the room to the nearer limit.
+    # Around its own center the motion may use the distance to the nearer limit.
     room = limits.half_range - abs(inside - limits.middle)
     swing = scaled_into(swing, Limits(-room, room, limits.velocity, limits.acceleration))
     return replace(swing, center=inside)
 
 
 def nearby_start(motion: FourierTrajectory, limits: Limits, rng: np.random.Generator) -> FourierTrajectory:
-    """A motion not far from another one, inside the limits.
+    """A random motion near another one, inside the limits.
 
     Args:
-        motion: The other one.
+        motion: The other motion.
         limits: The limits.
-        rng: Source of what differs.
+        rng: Generator of the differences.
     """
     center = motion.center + NEARBY / 2 * limits.half_range * rng.normal(size=len(motion.center))
     swing = np.sqrt(np.mean(motion.coefficients**2, axis=1, keepdims=True))
@@ -150,21 +150,21 @@ def design(
     iterations: int = 100,
     below: float = np.inf,
 ) -> FourierTrajectory | None:
-    """The best motion that an interior-point method finds from a start.
+    """Optimal motion by an interior-point method from a start.
 
-    Limits are linear in the coefficients and hold all along. If the best motion without regard to collisions has some,
-    the search goes on between walls, from as much of it as has none.
+    Limits are linear in the coefficients and hold for all iterates. If the best motion without regard to collisions
+    collides, it is shrunk until it does not, and the search continues from there with a barrier against collisions.
 
     Args:
-        cost: What to make small.
+        cost: Cost to minimise.
         limits: Joint limits.
-        start: Where to begin; its duration and number of harmonics stay.
-        collisions: What must not touch; by default nothing is checked.
-        iterations: Iterations at most, each time.
-        below: Cost that a motion which collides needs to be below, for a way around to be looked for.
+        start: Initial motion; its duration and number of harmonics are kept.
+        collisions: Collisions to avoid; by default none are checked.
+        iterations: Largest number of iterations of each search.
+        below: Cost below which a motion that collides has to be for the second search to be made.
 
     Returns:
-        A motion strictly inside the limits, or None if all that was found collides.
+        A motion strictly inside the limits, or None if all motions that were tried collide.
     """
     search = _Search(cost, limits, start.duration, start.harmonics)
     found = search.run(scaled_into(start, limits), iterations)
@@ -172,7 +172,7 @@ def design(
 
 
 class _Search:
-    """One problem in scaled variables: `x = [(center - middle)/half_range, coefficients/velocity]` of every joint."""
+    """A design problem in scaled variables: `x = [(center - middle)/half_range, coefficients/velocity]` per joint."""
 
     def __init__(self, cost: Cost, limits: Limits, duration: float, harmonics: int) -> None:
         self.cost, self.limits, self.duration, self.harmonics = cost, limits, duration, harmonics
@@ -184,7 +184,7 @@ class _Search:
         self.rows = np.concatenate(list(fractions), axis=1)
 
     def _maps(self, harmonics: int, samples: int) -> np.ndarray:
-        """What takes the variables of each joint to its states (3, n, samples, w)."""
+        """Matrices from the variables of each joint to its states (3, n, samples, w)."""
         B = basis(self.duration, harmonics, np.arange(samples) * self.duration / samples)
         maps = np.zeros((3, len(self.limits.low), samples, B.shape[2] + 1))
         maps[0, :, :, 0] = self.limits.half_range[:, None]
@@ -192,7 +192,7 @@ class _Search:
         return maps
 
     def run(self, start: FourierTrajectory, iterations: int) -> FourierTrajectory:
-        """The better one of a start and what is found from it."""
+        """The better of a start and the minimum found from it."""
         x = minimum(self.value_and_gradient, INSIDE * self.variables(start), self.rows, iterations)
         candidates = [scaled_into(self.trajectory(x), self.limits), start]
         return min(candidates, key=lambda found: self.value_and_gradient(self.variables(found))[0])
@@ -200,7 +200,7 @@ class _Search:
     def around(
         self, collisions: Collisions, found: FourierTrajectory, iterations: int, below: float
     ) -> FourierTrajectory | None:
-        """What is found without regard to collisions if it has none, or a motion around them if that is good enough."""
+        """The given motion if it does not collide, else the optimum with a barrier, or None."""
         maps = self._maps(self.harmonics, CHECKED * self.samples)[0]
         walls = Walls(collisions, maps, self.limits.middle, self.limits.half_range)
         x = self.variables(found)
@@ -222,12 +222,12 @@ class _Search:
         return None if collisions.depth(found.states(time)[0]).any() else found
 
     def variables(self, motion: FourierTrajectory) -> np.ndarray:
-        """The scaled variables of a motion (n, w)."""
+        """Scaled variables of a motion (n, w)."""
         center = (motion.center - self.limits.middle) / self.limits.half_range
         return np.column_stack([center, motion.coefficients / self.limits.velocity[:, None]])
 
     def trajectory(self, x: np.ndarray) -> FourierTrajectory:
-        """The motion of scaled variables."""
+        """Motion from scaled variables (n, w)."""
         center = self.limits.middle + self.limits.half_range * x[:, 0]
         return FourierTrajectory(self.duration, center, x[:, 1:] * self.limits.velocity[:, None])
 

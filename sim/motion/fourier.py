@@ -7,16 +7,16 @@ import numpy as np
 from ident.errors import InputError
 
 FEWEST = 2
-"""Harmonics below which nothing is left to choose once the series rests at its ends."""
+"""Least number of harmonics: with fewer, a series that rests at its ends has no free coefficients."""
 
 
 @dataclass(frozen=True, eq=False)
 class FourierTrajectory:
-    """Motions `q = center + B(t) coefficients` of period `duration`, with q̇ = q̈ = 0 wherever a period ends.
+    """Motions `q = center + B(t) coefficients` of period `duration`, with q̇ = q̈ = 0 at the ends of each period.
 
     The columns of B are combinations of `sin(kωt)/(kω)` and `cos(kωt)/(kω)`, ω = 2π/duration. A sum of sines
     `a_k sin(kωt)/(kω)` is at rest when `Σ a_k = 0`, one of cosines `b_k cos(kωt)/(kω)` when `Σ k b_k = 0`; the columns
-    are orthonormal bases of what these two conditions leave. After Swevers et al., Optimal robot excitation and
+    are orthonormal bases of the solutions of these two conditions. After Swevers et al., Optimal robot excitation and
     identification (1997), whose series is not at rest.
 
     Attributes:
@@ -54,14 +54,14 @@ class FourierTrajectory:
             time: Times, s (N,).
 
         Returns:
-            q in rad or m, q̇ and q̈ in the same per s and s², each (N, n).
+            q in rad or m, q̇ and q̈ in these units per s and s², each (N, n).
         """
         q, dq, ddq = basis(self.duration, self.harmonics, time) @ self.coefficients.T
         return self.center + q, dq, ddq
 
     @classmethod
     def closest(cls, duration: float, harmonics: int, time: np.ndarray, q: np.ndarray) -> "FourierTrajectory":
-        """The series closest to sampled positions in the sense of least squares.
+        """Least-squares fit of a series to sampled positions.
 
         Args:
             duration: Period, s.
@@ -75,7 +75,7 @@ class FourierTrajectory:
 
 
 def basis(duration: float, harmonics: int, time: np.ndarray) -> np.ndarray:
-    """The functions that multiply the coefficients of a `FourierTrajectory`, and their two time derivatives.
+    """Basis functions of a `FourierTrajectory`, and their first two time derivatives.
 
     Args:
         duration: Period, s.
@@ -105,7 +105,7 @@ def basis(duration: float, harmonics: int, time: np.ndarray) -> np.ndarray:
 
 
 def _orthogonal_complement(normal: np.ndarray) -> np.ndarray:
-    """Orthonormal columns orthogonal to positive numbers: those of their Householder reflection (K, K - 1)."""
+    """Orthonormal columns orthogonal to a vector of positive numbers, from its Householder reflection (K, K - 1)."""
     u = normal / np.linalg.norm(normal)
     u[0] += 1
     return (np.eye(len(u)) - np.outer(u, u) / u[0])[:, 1:]

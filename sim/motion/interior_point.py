@@ -1,9 +1,9 @@
-"""A minimum of a smooth function inside linear limits, each of which binds the variables of one block alone.
+"""Minimisation of a smooth function subject to linear limits, each on the variables of a single block.
 
 minimise    f(x)        subject to  |A_j x_j| ≤ 1  for every block j
 
-by a primal-dual interior-point method. With slacks s± = 1 ∓ A x, multipliers λ± and falling weights μ of the barrier,
-steps p solve
+by a primal-dual interior-point method. With slacks s± = 1 ∓ A x, multipliers λ± and decreasing barrier weights μ, steps
+p solve
 
     (B + Σ) p = -∇φ,     φ = f - μ Σ log s⁺ s⁻,     Σ_j = A_jᵀ (λ⁺/s⁺ + λ⁻/s⁻) A_j,     then λ± = (μ ± λ± A p)/s±
 
@@ -21,27 +21,27 @@ Function = Callable[[np.ndarray], tuple[float, np.ndarray]]
 """Value of f at a point (n, w), and its gradient there."""
 
 BARRIERS = (2.0, 0.2, 0.02, 0.002)
-"""Weights of the barrier, μ times the number of rows, in the unit of f: the barrier costs less than twice the last."""
+"""Weights of the barrier, μ times the number of rows, in the unit of f: it costs less than twice the last weight."""
 
 SETTLED = 0.005
-"""Part of such a weight below which the decrease that another step promises is left to the next one."""
+"""Predicted decrease, relative to a weight, below which the method goes on to the next weight."""
 
 TOWARDS = 0.99
-"""Part of the way to the nearest limit that a step may go."""
+"""Largest step, as a fraction of the distance to the nearest limit."""
 
 PROMISED, HALVINGS = 1e-4, 12
-"""Part of the promised decrease that a step has to keep, and how often it is halved to do so."""
+"""Fraction of the predicted decrease that a step has to attain (Armijo), and the largest number of halvings."""
 
 KEPT = 1e3
-"""Factor by which multipliers may differ from μ/s, where the barrier alone would have them."""
+"""Largest factor between multipliers and μ/s, their values for a pure barrier method."""
 
 SIGNS = np.array([1.0, -1.0])[:, None, None]
-"""Of upper and lower limits."""
+"""Signs of upper and lower limits."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A visited point x (n, w): value and gradient of f, and the slacks s± (2, n, m)."""
+    """A point x (n, w) with value and gradient of f, and the slacks s± (2, n, m)."""
 
     x: np.ndarray
     value: float
@@ -49,21 +49,21 @@ class _Point:
     slacks: np.ndarray
 
     def barred(self, weight: float) -> float:
-        """The value with the barrier, φ."""
+        """Value of f with the barrier, φ."""
         return self.value - weight * float(np.log(self.slacks).sum())
 
 
 def minimum(function: Function, start: np.ndarray, limits: np.ndarray, iterations: int) -> np.ndarray:
-    """The minimum that is found from a start.
+    """Local minimum of a function within limits.
 
     Args:
         function: f and its gradient.
-        start: Where to begin, strictly inside the limits (n, w).
+        start: Initial point, strictly inside the limits (n, w).
         limits: Rows A_j of n blocks (n, m, w).
-        iterations: Steps at most.
+        iterations: Largest number of steps.
 
     Returns:
-        The point of least value of those visited (n, w).
+        The visited point of least value (n, w).
     """
     here = best = _Point(start, *function(start), 1 - SIGNS * _times(limits, start))
     number, (barrier, *later) = limits[:, :, 0].size, BARRIERS
@@ -102,7 +102,7 @@ def _step(
 def _descended(
     function: Function, here: _Point, step: np.ndarray, slope: float, limits: np.ndarray, weight: float
 ) -> _Point | None:
-    """The first point on the way that is inside and keeps what the slope promises, None if there is none."""
+    """Point after a backtracking line search with the Armijo condition, None if no step length satisfies it."""
     loss = SIGNS * _times(limits, step)
     length = min(1.0, TOWARDS / float((loss / here.slacks).max()))
     before = here.barred(weight)
@@ -116,7 +116,7 @@ def _descended(
 
 
 def _updated(B: np.ndarray, s: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The approximate second derivative after a step s that changed the gradient by y, positive definite as before."""
+    """Approximate Hessian after a step s that changed the gradient by y, by a damped BFGS update."""
     if np.array_equal(B, np.eye(len(B))) and s @ y > 0:
         B = B * (s @ y) / (s @ s)
     Bs = B @ s

@@ -1,8 +1,8 @@
-"""The humanoid of the scenes doing what people do in laboratories: standing, swaying, squats, arm swings, steps.
+"""Motions of the humanoid scene as in laboratory trials: standing, swaying, squats, arm swings, steps.
 
-Angles are prescribed as functions of time. A foot on the floor stays where it is, which gives the pelvis its pose; a
-hand that holds a rail stays there as well, which gives its arm its angles. Nothing is balanced: the forces are those
-that the motion needs (`ident.model.regressor`), shared among feet and hand.
+Angles are prescribed as functions of time. The pose of the pelvis follows from a foot that stays on the floor, the
+angles of an arm from a hand that holds a rail. There is no balance control: the forces are those that the motion needs
+(`ident.model.regressor`), distributed over feet and hand.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,23 +21,23 @@ from ident.mechanism.tree import Tree
 ACTIVITIES = ("standing", "swaying", "squats", "arm swings", "steps")
 
 RAIL = np.array([0.22, -0.25, 1.1])
-"""Where the right hand holds the rail: the person looks along x and stands above the origin, m."""
+"""Position at which the right hand holds the rail, m; the person faces x and stands above the origin."""
 
 STANCE = {"hip_flexion": 0.15, "knee": 0.3, "ankle": 0.15}
-"""Angles of both legs between all activities: knees a little bent, feet flat, rad."""
+"""Angles of both legs in stance: knees slightly bent, feet flat, rad."""
 
 SUBTALAR = np.array([0.714, 0.205, 0.669])
-"""Roll, pitch and yaw of the left foot with a small turn of its oblique subtalar joint; the right foot's pitch is minus
-that."""
+"""Roll, pitch and yaw of the left foot per small angle of its oblique subtalar joint; the right foot's pitch has the
+opposite sign."""
 
 RESTLESS = (
     *("lumbar_bending", "lumbar_flexion", "thoracic_flexion", "thoracic_twist", "neck"),
     *("shoulder", "elbow", "pronation", "wrist_flexion", "wrist_deviation"),
 )
-"""Joints that never rest, those of the arms on both sides."""
+"""Joints with small motions at all times; those of the arms on both sides."""
 
 STENCIL = 2e-3
-"""Time between the points of which derivatives are differences of eighth order, s: exact but for rounding."""
+"""Step of the eighth-order finite differences for derivatives, s: their error is rounding only."""
 
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
@@ -47,13 +47,13 @@ Angles = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Style:
-    """What differs from person to person and from day to day.
+    """Variation of an activity between persons and trials.
 
     Attributes:
         pace: Repetitions per second, Hz.
         size: Size of the motion, about 1.
-        rail: Whether the right hand holds the rail.
-        seed: Seed of how joints move that the activity leaves alone.
+        rail: True if the right hand holds the rail.
+        seed: Seed of the motion of joints that the activity does not prescribe.
     """
 
     pace: float = 0.5
@@ -63,13 +63,13 @@ class Style:
 
 
 def motion(tree: Tree, activity: str, time: np.ndarray, style: Style = Style()) -> Motion:
-    """The motion of a person, the pelvis as moving base.
+    """Motion of a person, with the pelvis as moving base.
 
     Args:
         tree: The humanoid with the base `pelvis`.
         activity: One of `ACTIVITIES`.
         time: Sample times, s (N,).
-        style: How it is done.
+        style: Its variation.
 
     Raises:
         InputError: There is no such activity.
@@ -110,12 +110,12 @@ def _q(tree: Tree, samples: int, angles: Angles) -> np.ndarray:
 
 
 def _pelvis(tree: Tree, q: np.ndarray, swinging: np.ndarray) -> np.ndarray:
-    """Poses of the pelvis by which a foot stays where it was in upright stance (N, 4, 4).
+    """Poses of the pelvis with which the standing foot stays at its place in upright stance (N, 4, 4).
 
     Args:
         tree: The humanoid.
         q: Joint coordinates (N, n_q).
-        swinging: Whether it is the left foot that swings, so that the right one stays (N,).
+        swinging: True while the left foot swings and the right one stands (N,).
     """
     feet = [tree.names.index(f"{side}_foot") for side in ("left", "right")]
     stance = tree.poses(_q(tree, 1, _legs(1, STANCE)))[0, feet]
@@ -126,13 +126,13 @@ def _pelvis(tree: Tree, q: np.ndarray, swinging: np.ndarray) -> np.ndarray:
 
 
 def _legs(samples: int, angles: Mapping[str, float | np.ndarray]) -> Angles:
-    """The same angles of both legs."""
+    """Angles of both legs, equal on both sides."""
     sides = ("left", "right")
     return {f"{side}_{joint}": np.broadcast_to(x, samples) for side in sides for joint, x in angles.items()}
 
 
 def _restless(tree: Tree, time: np.ndarray, style: Style) -> Angles:
-    """Small motions of trunk, neck, arms and wrists, which never rest."""
+    """Small motions of trunk, neck, arms and wrists at all times."""
     rng, angles = np.random.default_rng(style.seed), Angles()
     for body in tree.bodies:
         if body.joint.removeprefix("left_").removeprefix("right_") in RESTLESS:
@@ -142,7 +142,7 @@ def _restless(tree: Tree, time: np.ndarray, style: Style) -> Angles:
 
 
 def _waves(rng: np.random.Generator, time: np.ndarray, style: Style, size: tuple[int, float]) -> np.ndarray:
-    """Sums of three sines with frequencies and phases by chance (N, k)."""
+    """Sums of three sines with random frequencies and phases (N, k)."""
     count, amplitude = size
     frequency = style.pace * rng.uniform(0.5, 2.5, (3, count))
     phase, share = rng.uniform(0, 2 * np.pi, (3, count)), rng.uniform(0.4, 1, (3, count))
@@ -169,7 +169,7 @@ def _swaying(time: np.ndarray, style: Style) -> tuple[Angles, np.ndarray]:
 
 
 def _aside(angle: np.ndarray) -> Angles:
-    """Both legs tilted alike, so that the pelvis moves to the right between them; axes on the right are mirrored."""
+    """Angles of both legs tilted equally, so that the pelvis moves to the right; axes on the right are mirrored."""
     angles, (roll, pitch, yaw) = Angles(), SUBTALAR
     subtalar = -angle / roll
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -205,7 +205,7 @@ def _arm_swings(time: np.ndarray, style: Style) -> tuple[Angles, np.ndarray]:
 
 
 def _steps(time: np.ndarray, style: Style) -> tuple[Angles, np.ndarray]:
-    """In place: while one leg is lifted the other one stands; between them both do, in stance."""
+    """Steps in place: while one leg is lifted the other one stands; in between both are in stance."""
     phase = style.pace * time
     left = np.floor(phase) % 2 == 0
     lift = style.size * np.sin(np.pi * phase) ** 6
@@ -225,7 +225,7 @@ def _steps(time: np.ndarray, style: Style) -> tuple[Angles, np.ndarray]:
 
 
 def _arm(tree: Tree, q: np.ndarray, pelvis: np.ndarray) -> Angles:
-    """Shoulder and elbow of the right arm with its palm at the rail."""
+    """Angles of the right arm with its palm at the rail."""
     names = tree.names
     shoulder, elbow, hand = (names.index(n) for n in ("right_upper_arm", "right_forearm:right_elbow", "right_hand"))
     thorax = names.index("thorax")
@@ -235,7 +235,7 @@ def _arm(tree: Tree, q: np.ndarray, pelvis: np.ndarray) -> Angles:
     straight = _q(tree, 1, Angles())
     poses = tree.poses(straight)[0]
     fore = (inverse(poses[elbow]) @ poses[hand])[:3, 3] + [0, 0, -0.06]
-    # By the law of cosines the elbow sets the distance, then the shoulder the direction.
+    # The elbow follows from the distance by the law of cosines, then the shoulder from the direction.
     a, b, c = np.linalg.norm(upper), np.linalg.norm(fore), np.linalg.norm(wanted, axis=1)
     if (c >= a + b).any():
         raise InputError("The rail is out of reach; a smaller motion is needed (size).")

@@ -1,4 +1,4 @@
-"""Joint motions as robots are programmed: moves from rest to rest with trapezoidal velocities, and rests between."""
+"""Joint motions of programmed robots: moves from rest to rest with trapezoidal velocities, and rests in between."""
 
 from dataclasses import dataclass
 
@@ -8,24 +8,24 @@ from ident.errors import InputError
 from sim.motion.excitation import Trajectory
 
 REACH = 0.9
-"""Largest angle from the middle that drawn moves go to, rad: the workspace of an arm without its ends."""
+"""Largest angle of random moves from the middle, rad: the workspace of an arm without its ends."""
 
 LASTING, RESTING = (0.6, 1.2), (0.05, 0.4)
-"""Shortest and longest move and rest, s: what an arm of some kilograms does at a brisk pace."""
+"""Shortest and longest move and rest, s, for an arm of some kilograms at a brisk pace."""
 
 RAMP = 1 / 3
-"""Share of a move that accelerates, and that decelerates."""
+"""Share of a move for its acceleration, and for its deceleration."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trapezoids:
-    """Moves of each joint, one after the other: a third accelerates, a third keeps its velocity, a third decelerates.
+    """Successive moves of each joint: a third acceleration, a third constant velocity, a third deceleration.
 
-    Accelerations jump four times a move, at times of each joint's own.
+    Accelerations jump four times per move, at times that differ between joints.
 
     Attributes:
-        start: When moves begin, s, increasing (n, k).
-        lasting: How long they last, s, over before the next begins (n, k).
+        start: Start times of the moves, s, increasing (n, k).
+        lasting: Durations of the moves, s, which end before the next one starts (n, k).
         goals: Positions before the first and after each move, rad (n, k + 1).
     """
 
@@ -52,7 +52,7 @@ class Trapezoids:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, joints: int, seconds: float) -> "Trapezoids":
-        """Random moves between random positions, as many as fill a time and more."""
+        """Random moves between random positions that last at least a given time."""
         moves = int(np.ceil(seconds / (LASTING[0] + RESTING[0]))) + 1
         lasting, resting = (rng.uniform(*limits, size=(joints, moves)) for limits in (LASTING, RESTING))
         ends = np.cumsum(lasting + resting, axis=1)
@@ -64,7 +64,7 @@ class Trapezoids:
         return len(self.start)
 
     def with_noise(self, factor: float) -> "Trapezoids":
-        """The same: there is no noise on these motions."""
+        """The motion itself, as it has no noise."""
         return self
 
     def trajectory(self, time: np.ndarray, rng: np.random.Generator | None = None) -> Trajectory:
@@ -82,12 +82,12 @@ class Trapezoids:
         return q, dq, ddq
 
     def _of_joint(self, joint: int, time: np.ndarray) -> Trajectory:
-        """Those of one joint, each (N,)."""
+        """Position, velocity and acceleration of one joint, each (N,)."""
         move = np.maximum(np.searchsorted(self.start[joint], time, side="right") - 1, 0)
         begin, lasting = self.start[joint, move], self.lasting[joint, move]
         before, way = self.goals[joint, move], np.diff(self.goals[joint])[move]
         u = np.clip((time - begin) / lasting, 0, 1)
-        # In units of a move: it reaches its velocity after a ramp, and keeps it until the other begins.
+        # In units of a move: constant velocity between the two ramps.
         rate = 1 / (1 - RAMP)
         rising, falling = u < RAMP, u > 1 - RAMP
         ramp = np.where(falling, 1 - u, u)

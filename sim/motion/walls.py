@@ -1,8 +1,8 @@
-"""Collisions as walls of a search for motions: a barrier that rises without limit, and ways back from behind it.
+"""Barrier against collisions in the design of motions, and shrinking of motions that collide.
 
-With d the distances of what is closer than `far` at a time t, and c that of the walls, the barrier is
+With d the distances below `far` at a time t, and c the distance of the walls, at which it is infinite, the barrier is
 
-    b = 1/N Σ_t Σ_d (far - d)²/((d - c) far),     zero with its slope where everything is farther.
+    b = 1/N Σ_t Σ_d (far - d)²/((d - c) far),     zero with its slope if all distances are larger.
 """
 
 import numpy as np
@@ -10,38 +10,38 @@ import numpy as np
 from sim.motion.collisions import Collisions
 
 THICK = 1.1
-"""Distance of the walls in clearances: more than 1, since between two times bodies come a little closer."""
+"""Distance of the walls in clearances: more than 1, because bodies come slightly closer between two times."""
 
 FAR = 4.0
-"""Distance in clearances at which walls begin to be felt."""
+"""Distance in clearances below which the barrier is not zero."""
 
 WEIGHT = 0.03
-"""Weight of the barrier against costs that are logarithms."""
+"""Weight of the barrier relative to costs, which are logarithms."""
 
 POSTURES, HALVINGS = 6, 5
-"""Postures that a motion which collides is shrunk about, and how often the part that stays of it is halved."""
+"""Number of postures about which a motion that collides is shrunk, and of bisections for the factor."""
 
 ROOM = 0.9
-"""Part of a motion that stays at most, so that it leaves all limits too."""
+"""Largest factor of a shrunk motion, so that it is strictly inside all limits too."""
 
 
 class Walls:
-    """What the variables x (n, w) of a motion must not let touch."""
+    """Collisions of a motion as a function of its variables x (n, w)."""
 
     def __init__(self, collisions: Collisions, maps: np.ndarray, middle: np.ndarray, half_range: np.ndarray) -> None:
         """Sets up the walls.
 
         Args:
-            collisions: What must not touch.
-            maps: What takes the variables of each joint to its positions from `middle` at N times (n, N, w); the first
-                one of them counts in parts of the range.
-            middle: Positions where x is zero (n,).
-            half_range: What the first variables count in (n,).
+            collisions: Collisions to avoid.
+            maps: Matrices from the variables of each joint to its positions relative to `middle` at N times (n, N, w);
+                the first variable is the mean position in units of `half_range`.
+            middle: Positions for x = 0 (n,).
+            half_range: Units of the first variables (n,).
         """
         self.collisions, self.maps, self.middle, self.half_range = collisions, maps, middle, half_range
 
     def hit(self, x: np.ndarray) -> bool:
-        """Whether bodies come closer than the clearance at one of the times."""
+        """True if bodies come closer than the clearance at one of the times."""
         return bool(self.collisions.depth(self._positions(x)).any())
 
     def barrier(self, x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -52,10 +52,10 @@ class Walls:
         return each * value, each * np.einsum("gj,jgw->jw", slope, self.maps)
 
     def shrunk(self, x: np.ndarray) -> np.ndarray | None:
-        """The largest part of a motion, about one of its postures, in front of all walls (n, w), or None."""
+        """The motion shrunk about one of its postures as little as needed to avoid all walls (n, w), or None."""
         q, clearance = self._positions(x), self.collisions.clearance
         free = q[self.collisions.depth(q, THICK * clearance) == 0]
-        # Those with most room, which is counted as far as walls are felt.
+        # Postures with the largest distances first, by the depth below `FAR`.
         free = free[np.argsort(self.collisions.depth(free, FAR * clearance), kind="stable")]
         roomy = free[: max(POSTURES, len(free) // 2)]
         found, largest = None, 0.0
@@ -68,7 +68,7 @@ class Walls:
         return found
 
     def _part(self, x: np.ndarray, center: np.ndarray) -> float:
-        """How much of a motion may stay about a posture."""
+        """Largest factor of a motion about a posture, by bisection."""
         low, high = 0.0, ROOM
         for _ in range(HALVINGS):
             part = (low + high) / 2

@@ -1,1 +1,1 @@
-"""Scenes stepped by MuJoCo, and what their sensors read."""
+"""Simulation of scenes by MuJoCo, and readings of their sensors."""

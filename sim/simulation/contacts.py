@@ -1,4 +1,4 @@
-"""What the surroundings exert on a mechanism in MuJoCo, and a fall to see it."""
+"""Contact wrenches on a mechanism in MuJoCo, and a passive fall with its contacts."""
 
 from dataclasses import dataclass
 
@@ -14,14 +14,14 @@ from sim.simulation.simulate import RATE
 
 @dataclass(frozen=True, eq=False)
 class Fall:
-    """A passive motion with its contacts; everything in a sample belongs to one instant.
+    """A passive motion with its contacts; all values of a sample are at the same instant.
 
     Attributes:
         time: Sample times, s (N,).
         qpos: MuJoCo's positions (N, nq).
         qvel: Its velocities (N, nv).
         qacc: Its accelerations (N, nv).
-        contacts: For the name of every body ever touched, the wrench `[F; τ]` that the surroundings apply to it, in its
+        contacts: By name of every body that was touched, the wrench `[F; τ]` that the surroundings apply to it, in its
             own frame, N and N m (N, 6); zero while nothing touches it.
     """
 
@@ -33,11 +33,11 @@ class Fall:
 
 
 def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE) -> Fall:
-    """Lets go of a scene at its home, with all controls at zero, and records what happens.
+    """Simulates a scene from its reference configuration with all controls at zero, and records motion and contacts.
 
     Args:
         model: Compiled model.
-        base: Name of the body that carries the mechanism whose contacts are recorded.
+        base: Name of the base body of the mechanism whose contacts are recorded.
         seconds: Duration, s.
         rate: Samples per second.
 
@@ -53,7 +53,7 @@ def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE
     qpos, qvel, qacc = (np.empty((samples, size)) for size in (model.nq, model.nv, model.nv))
     contacts: dict[str, np.ndarray] = {}
     for k in range(samples):
-        # A step leaves accelerations and contacts at the state before it; a forward call puts all at this instant.
+        # After a step accelerations and contacts are those of the state before it; a forward call updates them.
         mujoco.mj_forward(model, data)
         qpos[k], qvel[k], qacc[k] = data.qpos, data.qvel, data.qacc
         for body, wrench in contact_wrenches(model, data, base).items():
@@ -63,16 +63,16 @@ def fall(model: mujoco.MjModel, base: str, *, seconds: float, rate: float = RATE
 
 
 def contact_wrenches(model: mujoco.MjModel, data: mujoco.MjData, base: str) -> dict[str, np.ndarray]:
-    """What ideal sensors would measure where a mechanism is touched; its own bodies' contacts are no surroundings.
+    """Wrenches of all contacts of a mechanism with its surroundings; contacts between its own bodies do not count.
 
     Args:
         model: Compiled model.
         data: Its state, after `mj_forward`.
-        base: Name of the body that carries the mechanism.
+        base: Name of the base body of the mechanism.
 
     Returns:
-        For the name of every body touched, the wrench `[F; τ]` that the surroundings apply to it, in its own frame, N
-        and N m (6,).
+        By name of every body that is touched, the wrench `[F; τ]` that the surroundings apply to it, in its own frame,
+        N and N m (6,).
 
     Raises:
         ModelError: The base does not exist.
@@ -94,7 +94,7 @@ def _on_second(model: mujoco.MjModel, data: mujoco.MjData, k: int, body: int) ->
     """Wrench of a contact's first geom on its second one, in the frame of a body (6,)."""
     in_contact = np.zeros(6)
     mujoco.mj_contactForce(model, data, k, in_contact)
-    # The rows of a contact's frame are its axes in the world, of a body's matrix the world's axes in the body.
+    # The rows of a contact's frame are its axes in the world; the rows of a body's matrix are the world's in the body.
     force, torque = in_contact.reshape(2, 3) @ data.contact[k].frame.reshape(3, 3)
     torque = torque + np.cross(data.contact[k].pos - data.xpos[body], force)
     return (np.stack([force, torque]) @ data.xmat[body].reshape(3, 3)).ravel()

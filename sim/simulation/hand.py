@@ -1,4 +1,4 @@
-"""How a hand moves that holds the end of an arm: along with it, but with a will of its own."""
+"""Motion of a hand that holds the end of an arm: it follows the arm with slow deviations."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from scipy.spatial.transform import Rotation
 
 @dataclass(frozen=True)
 class Hand:
-    """Slow wandering of a hand about the pose that it holds.
+    """Slow deviations of a hand from the pose of the held body.
 
     Attributes:
         lift: Constant displacement, m; upwards it supports the arm.
-        shift: Amplitudes of the wandering along the world's axes, m.
+        shift: Amplitudes of the displacement along the world's axes, m.
         shift_frequency: Their frequencies, Hz.
-        turn: Amplitudes of a wandering rotation vector, in the axes of what it holds, rad.
+        turn: Amplitudes of the rotation vector, in the axes of the held body, rad.
         turn_frequency: Their frequencies, Hz.
     """
 
@@ -25,7 +25,7 @@ class Hand:
     turn_frequency: tuple[float, float, float] = (0.37, 0.47, 0.61)
 
     def poses(self, time: np.ndarray, position: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poses of the hand when what it holds ought to be at poses.
+        """Poses of the hand, from the desired poses of the held body.
 
         Args:
             time: Times in s (N,).

@@ -1,4 +1,4 @@
-"""Many motions of one scene, stepped in MuJoCo's own thread pool and read at chosen instants."""
+"""Simulation of many motions of one scene in MuJoCo's thread pool, with readings at chosen instants."""
 
 import copy
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ from mujoco.rollout import rollout
 from ident.errors import ModelError
 
 STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
-"""What a rollout starts from and returns: time, qpos, qvel, and what actuators and plugins remember, in this order."""
+"""State of a rollout: time, qpos, qvel, and the states of actuators and plugins, in this order."""
 
 COMMAND = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT)
-"""What acts during a step, in this order: controls (nu,), positions (3 nmocap,) and quaternions (4 nmocap,) of mocap
+"""Commands during a step, in this order: controls (nu,), positions (3 nmocap,) and quaternions (4 nmocap,) of mocap
 bodies."""
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """A scene at M instants of B motions. What belongs to one instant comes from one forward pass at its state.
+    """States and sensors at M instants of B motions; all values of an instant are from one forward pass at its state.
 
     Attributes:
-        qpos: Positions (B, M, nq); NaN from where MuJoCo gave up, be it by divergence or by want of memory.
+        qpos: Positions (B, M, nq); NaN after MuJoCo has stopped because of divergence or lack of memory.
         qacc: Accelerations (B, M, nv).
-        sensordata: What MuJoCo's sensors read (B, M, nsensordata); user sensors are not among them.
+        sensordata: Readings of MuJoCo's sensors (B, M, nsensordata), except user sensors.
     """
 
     qpos: np.ndarray
@@ -41,14 +41,14 @@ def play(
     *,
     threads: int = 1,
 ) -> Readings:
-    """Readings of B motions, the same whatever is played beside them and in however many threads.
+    """Simulates B motions; the readings depend neither on the other motions nor on the number of threads.
 
     Args:
         model: Compiled scene.
         qpos: Positions at the start (B, nq).
         qvel: Velocities at the start (B, nv).
         commands: Rows of `COMMAND`, the k-th one acting from step k to step k + 1 (B, T, ·).
-        instants: Numbers of steps after which to read, increasing, from 1 to T - 1 (M,).
+        instants: Numbers of steps after which readings are taken, increasing, from 1 to T - 1 (M,).
         threads: Number of threads.
     """
     data = [mujoco.MjData(model) for _ in range(threads)]
@@ -59,7 +59,7 @@ def play(
     states, _ = rollout(_bare(model), data, initial, commands[:, : instants[-1]], control_spec=COMMAND)
     states = states[:, instants - 1]
     qacc, sensordata, time = _at_states(model, data, states, commands[:, instants])
-    # MuJoCo repeats a state from where it gives up, reset if the motion diverged: its clock falls behind.
+    # After MuJoCo has stopped it repeats a state, reset if the motion diverged, so that its time falls behind.
     lost = abs(time - instants * model.opt.timestep) > model.opt.timestep / 2
     return Readings(np.where(lost[..., None], np.nan, states[..., 1 : 1 + model.nq]), qacc, sensordata)
 
@@ -67,10 +67,10 @@ def play(
 def _at_states(
     model: mujoco.MjModel, data: list[mujoco.MjData], states: np.ndarray, commands: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Accelerations (B, M, nv), sensordata (B, M, nsensordata) and times (B, M), each from one step of its own.
+    """Accelerations (B, M, nv), sensordata (B, M, nsensordata) and times (B, M), from one explicit step at each state.
 
-    A step's sensordata are of the state before it, and an explicit step's rate of velocity is the acceleration there,
-    `v + h q̈`; the scene's own integrator may be another.
+    A step's sensordata are those of the state before it, and after an explicit step the velocity is `v + h q̈` with the
+    acceleration there. The scene's own integrator may be another.
     """
     explicit = copy.copy(model)
     explicit.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
@@ -84,7 +84,7 @@ def _at_states(
 
 
 def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
-    """The scene without what its motion does not need: sensors, and the search for contacts where none can be."""
+    """The scene without sensors, and without collision detection if no geoms can collide."""
     bare = copy.copy(model)
     bare.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     collide = (model.geom_contype[:, None] & model.geom_conaffinity).any()
@@ -94,7 +94,7 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def steps_per_sample(model: mujoco.MjModel, rate: float) -> int:
-    """Steps of a scene between two samples.
+    """Number of steps of a scene between two samples.
 
     Args:
         model: Compiled scene.

@@ -1,4 +1,4 @@
-"""The sensors that a scene declares: their channels, units and noise."""
+"""Sensors of a scene: their channels, units and noise."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ QUATERNION = "quaternion"
 """Unit of a channel that is an orientation, w, x, y, z."""
 
 ONE_DOF = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-"""Joints with a single coordinate that is the integral of their velocity."""
+"""Types of joints with a single coordinate that is the integral of their velocity."""
 
 _JOINT_UNITS = {
     mujoco.mjtSensor.mjSENS_JOINTPOS: "",
@@ -33,10 +33,10 @@ _SENSOR_UNITS = {
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor as the MJCF declares it.
+    """A sensor that the MJCF declares.
 
     Attributes:
-        name: Its name, the channel's in a recording.
+        name: Its name, which is that of its channel in a recording.
         unit: Unit of its readings, empty if unknown.
         part: Its place in `sensordata`.
         noise: Declared standard deviation; for an orientation, of each component of a rotation vector in rad.
@@ -51,7 +51,7 @@ class Sensor:
 
     @property
     def is_scalar(self) -> bool:
-        """Whether a reading is one number."""
+        """True if a reading is one number."""
         return self.part.stop - self.part.start == 1
 
 
@@ -65,16 +65,16 @@ def sensors(model: mujoco.MjModel) -> list[Sensor]:
 
 
 def wrench_whitening(model: mujoco.MjModel, base: str | None, force: float, moment: float) -> np.ndarray:
-    """What whitens the noise on the wrench between a base and its ground, as force and torque sensors on it state it.
+    """Matrix that whitens the noise of the wrench between a base and its ground, by the noise of the base's sensors.
 
     Args:
         model: Compiled model.
-        base: Name of the body whose frame is {0}; None for the world, which no sensor is on.
-        force: Standard deviation of the noise on forces where no sensor states one, N; `moment` on moments, N m.
+        base: Name of the body whose frame is {0}; None for the world, which has no sensors.
+        force: Standard deviation of the noise of forces if no sensor states one, N; `moment` of moments, N m.
 
     Returns:
-        W with `W C Wᵀ = 1` for the covariance C of `[F; τ]` in the base frame, to which a torque sensor beside its
-        origin has a lever (6, 6).
+        W with `W C Wᵀ = 1` for the covariance C of `[F; τ]` in the base frame, including the lever arm of a torque
+        sensor that is not at its origin (6, 6).
     """
     place = np.zeros(3)
     for i in range(model.nsensor):
@@ -86,12 +86,12 @@ def wrench_whitening(model: mujoco.MjModel, base: str | None, force: float, mome
             force = noise
         else:
             moment, place = noise, model.site_pos[site]
-    # Each sensor is as noisy along all axes, however they are turned.
+    # Each sensor's noise is isotropic, so that its orientation has no effect.
     return coAd(inverse(pose(np.eye(3), place))) / np.repeat([force, moment], 3)[:, None]
 
 
 def torque_noise(model: mujoco.MjModel) -> dict[str, float]:
-    """Noise that sensors of the actuators' forces on joints state: standard deviations by joints' names, N or N m."""
+    """Standard deviations of the noise of sensors of actuator forces, by the joints' names, N or N m."""
     kind = int(mujoco.mjtSensor.mjSENS_JOINTACTFRC)
     which = [i for i in range(model.nsensor) if model.sensor_type[i] == kind and 0 < model.sensor_noise[i] < HUGE]
     return {joint_name(model, model.sensor_objid[i]): float(model.sensor_noise[i]) for i in which}

@@ -1,4 +1,4 @@
-"""Commands by which a scene's servos, and the hands in it, follow a desired motion."""
+"""Commands with which a scene's servos and hands follow a desired motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,9 +28,9 @@ class Servos:
         model: The compiled scene.
         qpos: Addresses of the driven joints' positions (n,).
         dof: Addresses of their velocities (n,).
-        mechanism: All bodies, where only the driven joints move and the others stay as the model draws them.
+        mechanism: All bodies, with only the driven joints moving and the others in the reference configuration.
         order: Columns of a motion in the order of the mechanism's joints (n,).
-        held: For each mocap body, in MuJoCo's order, the name of the body that a weld ties to it.
+        held: For each mocap body, in MuJoCo's order, the name of the body that is connected to it by a weld.
     """
 
     model: mujoco.MjModel
@@ -44,8 +44,8 @@ class Servos:
         """Commands for a desired motion.
 
         A position servo's force `kp (u - q) - kv q̇` becomes a computed torque τ plus feedback,
-        `τ + kp (q_d - q) + kv (q̇_d - q̇)`, by the command `u = q_d + (kv q̇_d + τ) / kp`; τ is what the desired motion
-        of the free mechanism needs. A hand is a mocap body; it follows the desired pose of the body that it is tied to.
+        `τ + kp (q_d - q) + kv (q̇_d - q̇)`, by the command `u = q_d + (kv q̇_d + τ) / kp`; τ is the torque for the desired
+        motion of the mechanism without contacts. A hand is a mocap body; it follows the desired pose of the held body.
 
         Args:
             time: Times, s (N,).
@@ -61,7 +61,7 @@ class Servos:
         return np.concatenate([position, *(p for p, _ in poses), *(r for _, r in poses)], axis=1)
 
     def torques(self, desired: Motion) -> np.ndarray:
-        """What a motion of the free mechanism needs: of its links, rotors, dampers and springs (N, n)."""
+        """Torques for a motion without contacts, including those of links, rotors, dampers and springs (N, n)."""
         q, dq, ddq = desired.states
         model, joints = self.model, self.model.dof_jntid[self.dof]
         drives = model.dof_armature[self.dof] * ddq + model.dof_damping[self.dof] * dq
@@ -84,11 +84,11 @@ class Servos:
 
 
 def servos(model: mujoco.MjModel, joints: int) -> Servos:
-    """The servos that drive a number of joints.
+    """The servos of a scene, which must drive a given number of joints.
 
     Raises:
-        ModelError: The scene has other actuators than so many position servos on hinges or slides, or a mocap body
-            that holds nothing.
+        ModelError: The scene has other actuators than that number of position servos on hinges or slides, or a mocap
+            body without a weld.
     """
     is_position = (model.actuator_gainprm[:, 0] > 0) & (model.actuator_biasprm[:, 1] == -model.actuator_gainprm[:, 0])
     on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
@@ -101,7 +101,7 @@ def servos(model: mujoco.MjModel, joints: int) -> Servos:
 
 
 def moved_by(model: mujoco.MjModel, joints: Sequence[int]) -> Servos:
-    """Servos on some hinges and slides, given by their ids; all other joints stay as the model draws them."""
+    """Servos on some hinges and slides, by their ids; all other joints stay in the reference configuration."""
     free = mechanism(model, beyond=(), ignore=[coupling.name for coupling in couplings(model)])
     rest, names = rest_coordinates(model, beyond=()), [joint_name(model, j) for j in joints]
     tree = free.tree.fixed({name: q for name, q in rest.items() if name not in names})

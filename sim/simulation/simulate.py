@@ -1,4 +1,4 @@
-"""From a scene and an excitation to recordings, in MuJoCo's forward dynamics."""
+"""Recordings of a scene along an excitation, by MuJoCo's forward dynamics."""
 
 import hashlib
 import os
@@ -21,13 +21,13 @@ from sim.simulation.sensors import QUATERNION, sensors
 from sim.simulation.servos import servos
 
 RATE = 100.0
-"""Samples per second of a recording, unless others are asked for."""
+"""Default of the samples per second of a recording."""
 
 SAMPLES = 943
 """Samples of the paper's recordings: 4715 / 5 and 5658 / 6 rows."""
 
 LONGEST = 1_000_000
-"""Most samples of a recording: what is desired and what is read is in memory step by step."""
+"""Largest number of samples of a recording: desired motions and readings of all steps are in memory."""
 
 LEAD_IN = 1.0
 """Seconds of motion before the recording starts, for servos and contacts to settle."""
@@ -36,10 +36,10 @@ LOUDEST = 1000.0
 """Largest factor on the noise."""
 
 LOST = 0.2
-"""Tracking error, in rad, from which the servos have lost the excitation: at a joint limit or out of torque."""
+"""Tracking error in rad above which the servos fail to follow the excitation, at a joint limit or a torque limit."""
 
 TOGETHER = 4
-"""Simulations per thread that are in memory step by step, some 4 MB each."""
+"""Number of simulations per thread whose steps are in memory at a time, some 4 MB each."""
 
 
 def simulate(
@@ -51,7 +51,7 @@ def simulate(
     noise_scale: float = 1.0,
     rate: float = RATE,
 ) -> Recording:
-    """Runs a scene along an excitation and records all its sensors.
+    """Simulates a scene along an excitation and records all its sensors.
 
     Every servo must be a position actuator; the i-th one follows the i-th column of the excitation.
 
@@ -60,16 +60,16 @@ def simulate(
         excitation: Desired joint motion, with its acceleration noise.
         samples: Number of samples N.
         seed: Seed of the excitation's and of the sensors' noise.
-        noise_scale: Factor on both kinds of noise; zero records the truth.
-        rate: Samples per second, Hz; the scene's timestep divides the time between two.
+        noise_scale: Factor on both kinds of noise; zero records the true values.
+        rate: Samples per second, Hz; the scene's timestep must divide the time between samples.
 
     Returns:
-        The recording, true values included. Its provenance gives the scene's hash, the excitation, all other arguments
+        The recording, including true values. Its provenance has the scene's hash, the excitation, all other arguments
         and the largest tracking error.
 
     Raises:
-        ModelError: MuJoCo cannot compile the scene, or it has other actuators or sensors than are needed.
-        InputError: An argument does not fit, or the servos lose the excitation.
+        ModelError: MuJoCo cannot compile the scene, or it has other actuators or sensors than needed.
+        InputError: An argument does not fit, or the servos fail to follow the excitation.
     """
     return simulate_many(spec, excitation, seeds=[seed], samples=samples, noise_scale=noise_scale, rate=rate)[0]
 
@@ -84,7 +84,7 @@ def simulate_many(
     rate: float = RATE,
     threads: int | None = None,
 ) -> list[Recording]:
-    """The recordings that `simulate` makes with several seeds, to the bit, in MuJoCo's thread pool.
+    """The recordings of `simulate` with several seeds, identical to the bit, in MuJoCo's thread pool.
 
     Args:
         spec: The scene.
@@ -93,7 +93,7 @@ def simulate_many(
         samples: Number of samples N.
         noise_scale: Factor on all noise.
         rate: Samples per second, Hz.
-        threads: Number of threads, without it one for each processor.
+        threads: Number of threads, by default one for each processor.
 
     Raises:
         InputError: As for `simulate`, or the number of threads is not positive; likewise ModelError.
@@ -125,7 +125,7 @@ def simulate_many(
 def _exact(
     model: mujoco.MjModel, readings: np.ndarray, rate: float, noise_scale: float, provenance: dict[str, Any]
 ) -> Recording:
-    """The recording of all sensors' exact readings (N, nsensordata)."""
+    """Recording of all sensors without noise, from their readings (N, nsensordata)."""
     declared = sensors(model)
     true = {s.name: readings[:, s.part.start] if s.is_scalar else readings[:, s.part] for s in declared}
     return Recording(
@@ -139,10 +139,10 @@ def _exact(
 
 
 def with_noise(recording: Recording, rng: np.random.Generator) -> Recording:
-    """The recording with its sensors' noise drawn anew around the true values.
+    """The recording with new random noise of its sensors around the true values.
 
-    Noise is Gaussian and white, and none where no level is known. An orientation is turned by a random rotation vector
-    in its own axes.
+    Noise is Gaussian and white, and zero for channels without a known level. An orientation is rotated by a random
+    rotation vector in its own axes.
     """
     measured = {}
     for name, true in recording.true.items():
@@ -177,7 +177,7 @@ def _runs(
     error = errors.max(axis=-1)
     if not (error <= LOST).all():
         run, k = np.argwhere(~(error <= LOST))[0]
-        # Where the simulation diverges all errors are NaN.
+        # If the simulation diverges all errors are NaN.
         joint = joint_name(model, int(model.actuator_trnid[int(errors[run, k].argmax()), 0]))
         who = f"The servo of joint '{joint}'" if np.isfinite(error[run, k]) else "The servos"
         raise InputError(
