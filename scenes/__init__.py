@@ -1,4 +1,4 @@
-"""The MJCF scenes. Bodies, joint limits, servos, sensors and their noise levels are declared there and nowhere else."""
+"""The MJCF scenes. Only these files declare bodies, joint limits, servos, sensors and their noise levels."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -14,34 +14,33 @@ if TYPE_CHECKING:
     import numpy as np
 
 BASES = {"double_pendulum": "base", "bowing": "foot", "humanoid": "pelvis", "arm": "base"}
-"""Scenes, and the body of each whose frame is {0}."""
+"""Name of the body whose frame is {0}, by scene."""
 
 NAMES = tuple(BASES)
-"""Names that `load` knows, one for each mechanism's MJCF file in this package."""
+"""Names for `load`, one for each mechanism's MJCF file in this package."""
 
 VARIED = ("double_pendulum",)
-"""Those of them that can be tilted and touched."""
+"""Scenes that can have a tilt and contacts."""
 
 CONTACTS = {"pad": "end", "handle": "link1_end"}
-"""Surroundings that touch a load cell, one MJCF file each, and the site where it sits if there are several; alone, each
-touches one at the site `end` of the last link."""
+"""Surroundings in contact with a load cell, one MJCF file each, and the load cell's site if there are several contacts.
+A single contact has its load cell at the site `end` of the last link."""
 
 
 def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact: str | None = None) -> "mujoco.MjSpec":
-    """A scene as an editable specification; those in `VARIED` with a tilt or a contact on request.
+    """Scene as an editable specification; those in `VARIED` optionally with a tilt or contacts.
 
     Args:
         name: One of `NAMES`.
-        tilt_deg: Angle by which every hinge axis of the mechanism is turned away from its design, from X for the
-            double pendulum.
+        tilt_deg: Angle between every hinge axis of the mechanism and its design, which is X for the double pendulum.
         azimuth_deg: Direction towards which X turns, measured from +Y to +Z.
-        contact: One of `CONTACTS`, or several with spaces between, each to touch a load cell on another link.
+        contact: One of `CONTACTS`, or several separated by spaces, each with a load cell on another link.
 
     Returns:
         The specification; `.compile()` makes the model, after that `.to_xml()` the MJCF text.
 
     Raises:
-        InputError: The scene or the contact does not exist, the angles make no sense, or the scene has no variants.
+        InputError: The scene or the contact does not exist, the angles are out of range, or the scene has no variants.
     """
     import mujoco
 
@@ -58,10 +57,10 @@ def load(name: str, *, tilt_deg: float = 0.0, azimuth_deg: float = 0.0, contact:
 
 
 def tilted(spec: "mujoco.MjSpec", joints: Sequence[str], tilt_deg: float, azimuth_deg: float) -> "mujoco.MjSpec":
-    """The specification itself, the axes of some of its joints turned as `load` says.
+    """Turns the axes of some joints of a specification, as described for `load`, and returns it.
 
     Raises:
-        InputError: The angles make no sense.
+        InputError: The angles are out of range.
     """
     if not (-360 <= azimuth_deg <= 360 and 0 <= tilt_deg < 90):
         raise InputError(
@@ -76,16 +75,16 @@ def tilted(spec: "mujoco.MjSpec", joints: Sequence[str], tilt_deg: float, azimut
 
 
 def load_cells(contact: str) -> dict[str, str]:
-    """For each contact the site of its load cell, whose name its channels begin with.
+    """Site of the load cell of each contact; its name is the prefix of the channels.
 
     Args:
-        contact: One of `CONTACTS`, or several with spaces between.
+        contact: One of `CONTACTS`, or several separated by spaces.
 
     Returns:
-        In the order of `CONTACTS`: `contact` for one alone, `contact_NAME` for each of several.
+        In the order of `CONTACTS`: `contact` for a single one, `contact_NAME` for each of several.
 
     Raises:
-        InputError: A contact does not exist or is there twice.
+        InputError: A contact does not exist or occurs twice.
     """
     names = contact.split()
     for name in names or [contact]:
@@ -97,7 +96,7 @@ def load_cells(contact: str) -> dict[str, str]:
 
 
 def _touch(root: ET.Element, cells: Mapping[str, str]) -> None:
-    """Adds the surroundings and their load cells to a scene; of several cells, each has a suffix to all its names."""
+    """Adds the surroundings and their load cells to a scene; if there are several, all their names have suffixes."""
     several = len(cells) > 1
     for more in _mjcf("link1_end").iter("body") if several else ():
         next(body for body in root.iter("body") if body.get("name") == more.get("name")).extend(more)
@@ -112,13 +111,13 @@ def _touch(root: ET.Element, cells: Mapping[str, str]) -> None:
 
 
 def _mjcf(name: str, suffix: str = "") -> ET.Element:
-    """One of the files, with a suffix to the names of what belongs to a load cell."""
+    """Root element of one of the files, with a suffix added to the names of a load cell's elements."""
     text = files(__name__).joinpath(f"{name}.xml").read_text(encoding="utf-8")
     return ET.fromstring(re.sub('"(load_cell|tip|contact)', rf'"\1{suffix}', text))
 
 
 def _merge(root: ET.Element, addition: ET.Element, parent: ET.Element) -> None:
-    """Adds another file's bodies to a body of this one, and its other sections to the end, as MJCF's include does."""
+    """Adds another file's bodies to a body of this one, and its other sections at the end, like MJCF's include."""
     for section in addition:
         if section.tag == "worldbody":
             parent.extend(section)
@@ -127,7 +126,7 @@ def _merge(root: ET.Element, addition: ET.Element, parent: ET.Element) -> None:
 
 
 def _tilt(angle: float, azimuth: float) -> "np.ndarray":
-    """Rotation that takes X to `(cos, sin cos azimuth, sin sin azimuth)` the short way."""
+    """Smallest rotation that turns X to `(cos, sin cos azimuth, sin sin azimuth)` of the angle."""
     import mujoco
     import numpy as np
 
