@@ -41,11 +41,11 @@ class Follower:
         return _horner(self.coefficients, q)
 
     def slope(self, q: Any) -> Any:
-        """f'(q), likewise."""
+        """f'(q) for the same types."""
         return _horner(tuple(Polynomial(self.coefficients).deriv().coef.tolist()), q)
 
     def bend(self, q: Any) -> Any:
-        """f''(q), likewise."""
+        """f''(q) for the same types."""
         return _horner(tuple(Polynomial(self.coefficients).deriv(2).coef.tolist()), q)
 
     def states(self, q: Any, *rates: Any) -> tuple[Any, ...]:

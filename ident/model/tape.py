@@ -118,11 +118,11 @@ class Signal:
         return self.tape.record(np.tanh, self)
 
     def sin(self) -> "Signal":
-        """Sine, likewise."""
+        """Sine; `np.sin` of an array of signals calls it."""
         return self.tape.record(np.sin, self)
 
     def cos(self) -> "Signal":
-        """Cosine, likewise."""
+        """Cosine; `np.cos` of an array of signals calls it."""
         return self.tape.record(np.cos, self)
 
 

@@ -25,7 +25,7 @@ ROOM = 3.84
 """Excess of minus twice the log-likelihood of a prior's width over its minimum within the 95 % interval."""
 
 CONFIDENCE = 0.95
-"""Probability of the region around ψ in which bodies count as having ψ."""
+"""Probability of the confidence region of ψ, within which ψ counts as attained."""
 
 UNPHYSICAL = 1e-8
 """Eigenvalue of `J P⁻¹` below which a body counts as not physical."""

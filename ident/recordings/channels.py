@@ -126,7 +126,7 @@ def read_channels(
         gaps: True if samples may be missing, except those of a moving base.
 
     Returns:
-        By key of the mapping, in SI units, NaN where something is missing (N, 1), (N, 3) or (N, 4).
+        Channels by key of the mapping, in SI units, NaN for missing values (N, 1), (N, 3) or (N, 4).
 
     Raises:
         LogError: A column has no numbers, not all of them, or numbers out of range.

@@ -92,7 +92,7 @@ def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
     """Reads a mapping file, or OpenSim's ExternalLoads if its name ends in `.xml`.
 
     Raises:
-        LogError: The file is missing or malformed, or names what the mechanism does not have.
+        LogError: The file is missing or malformed, or names joints or bodies that the mechanism does not have.
     """
     entries = external_loads(path, tree.names) if path.suffix.lower() == LOADS else toml(path)
     try:

@@ -13,7 +13,7 @@ _JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE
 _GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 
 WORLD_SIDE = -1
-"""Stands for the world on one side of a joint, where a coupling's force passes through the ground."""
+"""Id for the world on one side of a joint, where a coupling's force passes through the ground."""
 
 
 class Coupling(NamedTuple):

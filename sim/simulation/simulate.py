@@ -96,7 +96,8 @@ def simulate_many(
         threads: Number of threads, by default one for each processor.
 
     Raises:
-        InputError: As for `simulate`, or the number of threads is not positive; likewise ModelError.
+        ModelError: As for `simulate`.
+        InputError: As for `simulate`, or the number of threads is not positive.
     """
     threads = (os.cpu_count() or 1) if threads is None else threads
     if not 1 <= samples <= LONGEST:
