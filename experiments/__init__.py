@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-# Python looks for the module that -m names, or runs the script of the command: all that follows are imports.
+# Python is looking for the module that -m names, or is running the command's script: what follows is imports only.
 if sys.argv and (sys.argv[0] == "-m" or Path(sys.argv[0]).stem == "multicontact"):
     from experiments.runs.signals import end_silently
 

@@ -1,4 +1,4 @@
-"""Runs everything: the mechanism, both studies, that of contacts also with several at once, a person, a page of all."""
+"""Runs everything: the mechanism, both studies, several contacts at once, and a person; and writes one page of all."""
 
 import argparse
 from collections.abc import Callable
@@ -8,8 +8,9 @@ from experiments import human, mechanism, misaligned, multicontact
 from experiments.cli import options, print_options
 
 PERSON = ("--seconds", "3")
-"""How much of a person is recorded: enough for all channels of unseen motions to be predicted three times better than
-by the prior, or more, with a rail to hold and without (`docs/human.md`), and a minute or two of work."""
+"""Options of the study of a person: long enough to predict all channels of unseen motions at least three times better
+than the prior, with and without a rail to hold (`docs/human.md`), and short enough to take a minute or two.
+"""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -37,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
     results = {}
     for folder, (study, make_parser, more) in studies.items():
         out = args.out / folder
-        # A study that the interrupted run had not reached starts from the beginning.
+        # A study that the interrupted run had not begun starts from the beginning.
         resume = ["--resume"] if args.resume and (out / FILE).exists() else []
         page = ["--page-columns", str(args.page_columns), *(["--style", str(args.style)] if args.style else [])]
         given = ["--out", str(out), "--formats", *formats, *page, *more, *resume]

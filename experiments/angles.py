@@ -7,7 +7,7 @@ from experiments.cli import options
 
 
 def run(args: argparse.Namespace) -> None:
-    """Fits a trial, and writes and prints what was found."""
+    """Fits a trial, and writes and prints the results."""
     from experiments.studies import angles
 
     angles.run(args)

@@ -1,4 +1,4 @@
-"""What the columns of your own logs are: a mapping to correct, guessed from names, numbers and the model."""
+"""Guesses what the columns of your logs hold, from names, numbers and the model, and writes a mapping to correct."""
 
 import argparse
 import shlex
@@ -10,7 +10,7 @@ from ident.errors import InputError
 
 
 def run(args: argparse.Namespace) -> None:
-    """Looks at the logs, prints what is believed of them, and writes it as a mapping."""
+    """Guesses the columns of the logs, prints them, and writes them as a mapping."""
     from experiments.guesses.guess import believed, is_complete, write_mapping
     from experiments.guesses.written import table
     from experiments.output.terminal import wrapped
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _identify(args: argparse.Namespace, columns: Path, left_out: Sequence[str], *, gaps: bool) -> str:
-    """The command that comes next."""
+    """The command to run next."""
     words = ["python", "-m", "experiments.identify", str(args.model), *map(str, args.logs), "--columns", str(columns)]
     words += ["--base", args.base] if args.base else []
     words += ["--ignore", *args.ignore] if args.ignore else []

@@ -7,7 +7,7 @@ from experiments.cli import options, print_options
 
 
 def run(args: argparse.Namespace) -> None:
-    """Compares and writes and prints what differs."""
+    """Compares results, and writes and prints the differences."""
     from experiments.output import compare_report, report
     from experiments.output.page import PAGE
     from experiments.studies.comparing import read_results

@@ -1,8 +1,8 @@
-"""Designs the joint motion that tells most about a mechanism's base parameters, within limits and without collisions.
+"""Designs the joint motion that determines a mechanism's base parameters best, within limits and without collisions.
 
-The motion is a finite Fourier series for every joint, which starts and ends at rest. It is judged by the standard
-deviations that it leaves to the base parameters, predicted from the sensors' noise, which are printed before and after.
-For the double pendulum the limits are those of the paper's excitation, which is also what the design is compared with.
+The motion is a finite Fourier series for every joint, which starts and ends at rest. It is judged by the predicted
+standard deviations of the base parameters, given the sensors' noise; they are printed before and after. For the double
+pendulum the limits are those of the paper's excitation, and the design is compared with it.
 """
 
 import argparse
@@ -61,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _number(text: str) -> float:
-    """Type of an option: a number that a quantity in SI units may have."""
+    """Type of an option: a number in the range of quantities in SI units."""
     try:
         value = float(text)
     except ValueError:
@@ -72,7 +72,7 @@ def _number(text: str) -> float:
 
 
 def _positive(text: str) -> float:
-    """Type of an option: such a number that is positive."""
+    """Type of an option: a positive number in that range."""
     value = _number(text)
     if value < 1 / HUGE:
         raise argparse.ArgumentTypeError(f"needs a positive number, {1 / HUGE:g} or more, got '{text}'")

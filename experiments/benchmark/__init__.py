@@ -1,1 +1,1 @@
-"""How fast, how accurate and how large in memory this is, beside other ways to do the same."""
+"""Benchmarks of speed, accuracy and memory against other ways to do the same."""

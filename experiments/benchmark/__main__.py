@@ -1,7 +1,7 @@
-"""Measures how fast regressor, identification, simulation and trials are: as ratios to other ways in one process.
+"""Measures the speed of regressor, identification, simulation and trials, as ratios to other ways in one process.
 
-Ours and theirs take turns, and their medians are compared, on results that were seen to be the same. All work with one
-thread for linear algebra. Nothing here is asserted: machines differ, and are noisy.
+Ours and theirs take turns, and their medians are compared, after a check that their results are the same. All use one
+thread for linear algebra. Nothing is asserted: machines differ, and are noisy.
 """
 
 import argparse

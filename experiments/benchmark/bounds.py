@@ -1,4 +1,4 @@
-"""What does not depend on how busy a machine is: peak memory, and rounding errors beside those of Householder's QR."""
+"""Measures that do not depend on the load of a machine: peak memory, and rounding errors beside Householder's QR."""
 
 import tracemalloc
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ from ident.mechanism.motion import Motion
 from ident.regression.ordinary import least_squares
 
 PIECE = 10_000
-"""Samples in a piece of a stream that is made while it is read."""
+"""Samples in a piece of a stream that is generated while it is read."""
 
 SPREADS = 10.0 ** -np.arange(0, 5, 0.5)
 """Sizes of motions: the smaller, the worse the condition number."""
@@ -32,8 +32,8 @@ class Peak:
 
     Attributes:
         samples: Number of samples N.
-        streamed: Above what there was, the samples coming in pieces of `PIECE` that are made on the way, MB.
-        in_memory: Above arrays that hold all samples, MB.
+        streamed: Peak above the memory in use before, with samples generated in pieces of `PIECE`, MB.
+        in_memory: Peak above the arrays that hold all samples, MB.
     """
 
     samples: int
@@ -44,7 +44,7 @@ class Peak:
 def peaks(numbers: Iterable[int]) -> list[Peak]:
     """Peak memory for several numbers of samples."""
     mechanism, found = double_pendulum(), []
-    # What is made once for a mechanism is made here.
+    # Caches that are filled once for each mechanism are filled here.
     _peak(mechanism, mechanism.samples(PIECE))
     for number in numbers:
         held = mechanism.samples(number)
@@ -53,7 +53,7 @@ def peaks(numbers: Iterable[int]) -> list[Peak]:
 
 
 def _peak(mechanism: Subject, source: Source) -> float:
-    """Largest memory in use beyond what was in use before, MB."""
+    """Peak memory above the memory in use before, MB."""
     tracemalloc.start()
     try:
         least_squares(mechanism.equations, source)
@@ -64,13 +64,13 @@ def _peak(mechanism: Subject, source: Source) -> float:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Errors of ψ against Householder's QR in extended precision, relative to the largest of ψ.
+    """Errors of ψ against Householder's QR in extended precision, relative to the largest element of ψ.
 
     Attributes:
-        condition_number: Of the base regressor.
-        ours: Of `least_squares`.
-        qr: Of LAPACK's Householder QR in double precision.
-        normal: Of the plain normal equations.
+        condition_number: Condition number of the base regressor.
+        ours: Error of `least_squares`.
+        qr: Error of LAPACK's Householder QR in double precision.
+        normal: Error of the plain normal equations.
     """
 
     condition_number: float
@@ -80,7 +80,7 @@ class Accuracy:
 
 
 def accuracies() -> list[Accuracy]:
-    """Errors for problems of increasing condition number, the largest of both noise levels.
+    """Errors for problems of increasing condition number, the larger of both noise levels.
 
     Raises:
         InputError: This platform has no extended precision.
@@ -121,7 +121,7 @@ def _accuracy(mechanism: Subject, spread: float, noise: float) -> Accuracy:
 
 
 def _householder(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Least-squares solution of `A x = b` by reflections, in whatever precision the numbers have."""
+    """Least-squares solution of `A x = b` by reflections, in the precision of its arguments."""
     rows, columns = np.column_stack([A, b]), A.shape[1]
     for k in range(columns):
         v = rows[k:, k].copy()

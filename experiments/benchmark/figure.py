@@ -1,4 +1,4 @@
-"""The benchmark's chart, from what `benchmark.json` holds."""
+"""The benchmark's chart, from the contents of `benchmark.json`."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +18,7 @@ BLUE, RED = "C0", "C1"
 
 
 def figure_benchmark(results: Results) -> Figure:
-    """Time a sample over the number of samples, and over the number of bodies; one IEEE column wide.
+    """Time per sample over the number of samples and over the number of bodies; one IEEE column wide.
 
     Raises:
         InputError: Nothing was compared.
@@ -36,7 +36,7 @@ def figure_benchmark(results: Results) -> Figure:
             (ALL_COLUMNS, "s--", r"$\psi$, ours", r"$\psi$, loop and lstsq"),
         ):
             found = sorted((row for row in of_pendulum if row["task"] == task), key=lambda row: row["samples"])
-            # The shortest is the recording's, close to the next.
+            # The smallest number is the recording's, close to the next.
             _lines(above, "samples", found[1:], style, (ours, theirs))
         arms = [row for row in rows if row["mechanism"] == CHAIN]
         _limit(below, [row for row in results["distances"] if row["mechanism"] == CHAIN])
@@ -53,13 +53,13 @@ def figure_benchmark(results: Results) -> Figure:
 
 
 def _limit(ax: Axes, arms: Sequence[Row]) -> None:
-    """What arithmetic or memory would take at the machine's limits, whichever is more."""
+    """Draws the time at the machine's limits of arithmetic or memory, whichever is longer."""
     times = [1e6 * max(row["arithmetic"], row["writing"]) * row["seconds"] / row["samples"] for row in arms]
     ax.loglog([row["bodies"] for row in arms], times, "k:", lw=1, label="$Y$, the machine's limit")
 
 
 def _lines(ax: Axes, key: str, rows: Sequence[Row], style: str, labels: tuple[str, str]) -> None:
-    """Our times and theirs, over a field of the comparisons."""
+    """Draws our times and theirs over a field of the comparisons."""
     x = [row[key] for row in rows]
     for side, color, label in (("ours", BLUE, labels[0]), ("theirs", RED, labels[1])):
         times = [1e6 * row[side] / row["samples"] for row in rows]

@@ -26,7 +26,7 @@ TASKS = {
     "regrouping found before, against the loop and np.linalg.lstsq on all columns, without a covariance",
     BASE_COLUMNS: "the same against the loop and np.linalg.lstsq on the base columns",
 }
-"""What is timed. Before that models are built, equations recorded, and states laid out as each side takes them."""
+"""The timed tasks. Before them, models are built, equations recorded, and states laid out for each side."""
 
 LARGEST = 1_000_000
 """Largest N b for which the whole identification is compared; np.linalg.lstsq takes minutes and gigabytes beyond."""
@@ -35,16 +35,16 @@ PIECE = 100_000
 """Samples in a piece of a stream."""
 
 CHAIN, LINKS = "arm", 30_000
-"""An arm of increasing length: what it is called, and its number of bodies times that of samples at most."""
+"""Name of the arms of increasing length, and the largest number of their bodies times samples."""
 
 AGREEMENT = 1e-7
-"""Largest difference between our results and theirs, relative to the largest number in them."""
+"""Largest difference between our results and theirs, relative to the largest element."""
 
 Ways = tuple[Callable[[], object], Callable[[], object]]
 
 
 def comparisons(effort: Effort) -> list[Comparison]:
-    """All comparisons, on samples on which both sides were seen to agree.
+    """All comparisons, after a check that both sides agree on the samples.
 
     Raises:
         ValueError: They disagree.
@@ -67,7 +67,7 @@ def arms(effort: Effort) -> Iterator[tuple[Subject, Samples]]:
 
 
 def _of_arm(arm: Subject, samples: Samples, effort: Effort) -> Comparison:
-    """The regressor of an arm, whose parameters as few samples as these do not determine."""
+    """Comparison of an arm's regressor; so few samples do not determine its parameters."""
     peer = Pinocchio(arm.tree, STANDARD_GRAVITY)
     states, every = peer.states(samples.motion.states, None), peer.columns(range(10 * len(arm.tree.inertial)))
     Y = arm.regressor(samples)
@@ -77,7 +77,7 @@ def _of_arm(arm: Subject, samples: Samples, effort: Effort) -> Comparison:
 
 
 def solved(Y: np.ndarray, wrench: np.ndarray, columns: Sequence[int] | None = None) -> np.ndarray:
-    """What `np.linalg.lstsq` makes of a regressor (N, 6, 10 b), or of some of its columns, and wrenches (N, 6)."""
+    """Solution of `np.linalg.lstsq` for a regressor (N, 6, 10 b), or some of its columns, and wrenches (N, 6)."""
     rows = Y.reshape(-1, Y.shape[2])
     # Taking columns is several times faster than indexing them.
     rows = rows if columns is None else np.take(rows, columns, axis=1)
@@ -97,7 +97,7 @@ def _compared(mechanism: Subject, number: int, effort: Effort) -> Iterator[Compa
 
 
 def _ways(mechanism: Subject, samples: Samples, peer: Pinocchio) -> dict[str, Ways]:
-    """Our way and theirs to do each of `TASKS`."""
+    """Our way and theirs for each of `TASKS`."""
     states = peer.states(samples.motion.states, samples.motion.base)
     kept = peer.columns(mechanism.parameters.kept)
 
@@ -122,7 +122,7 @@ def _identified(mechanism: Subject, samples: Samples) -> Fit:
 
 
 def _check(mechanism: Subject, samples: Samples, peer: Pinocchio) -> None:
-    """Holds our results against theirs."""
+    """Checks our results against theirs."""
     theirs = peer.regressor(*peer.states(samples.motion.states, samples.motion.base))
     every, kept = (peer.columns(columns) for columns in (range(theirs.shape[2]), mechanism.parameters.kept))
     psi = _identified(mechanism, samples).psi
@@ -136,7 +136,7 @@ def _check(mechanism: Subject, samples: Samples, peer: Pinocchio) -> None:
 
 
 def check_agreement(what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
-    """Holds two results of one task against each other.
+    """Checks that two results of one task agree.
 
     Raises:
         ValueError: They differ by more than `AGREEMENT`.
@@ -149,7 +149,7 @@ def check_agreement(what: str, ours: np.ndarray, theirs: np.ndarray) -> None:
 
 
 def _streamed(mechanism: Subject, effort: Effort) -> Comparison:
-    """Accumulation of pieces that are in memory, against the loop with a matrix for one piece at a time."""
+    """Comparison of accumulating pieces in memory with the loop, which fills a matrix for one piece at a time."""
     samples = mechanism.samples(effort.streamed)
     pieces = [samples[k : k + PIECE] for k in range(0, effort.streamed, PIECE)]
     peer = Pinocchio(mechanism.tree, STANDARD_GRAVITY)

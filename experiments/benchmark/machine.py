@@ -1,4 +1,4 @@
-"""The machine that measures: what it is, what it can do at most, and how far from that our arithmetic is."""
+"""The benchmark's machine: its description, its measured limits, and how far our times are from them."""
 
 import importlib.metadata
 import os
@@ -19,7 +19,7 @@ from ident.estimation.accumulator import accumulate
 from ident.model.regressor import regressor_program
 
 TRIES = 7
-"""Times that a limit is tried to reach."""
+"""Repetitions of which the best measures a limit."""
 
 
 def description() -> dict[str, Any]:
@@ -64,12 +64,12 @@ def _system() -> str:
 
 @dataclass(frozen=True)
 class Limits:
-    """The best of several tries in one thread.
+    """Measured limits of a machine, the best of several repetitions in one thread.
 
     Attributes:
         write: Bandwidth of filling a large array, GB/s.
-        first_write: The same for one whose memory was never touched, GB/s.
-        product: Rate of a product of matrices in double precision, GFlop/s.
+        first_write: The same for an array whose memory was never touched, GB/s.
+        product: Rate of a matrix product in double precision, GFlop/s.
     """
 
     write: float
@@ -94,17 +94,17 @@ def limits(effort: Effort) -> Limits:
 
 @dataclass(frozen=True)
 class Distance:
-    """How long a task takes beside what its results and its arithmetic would take at the limits.
+    """Time of a task beside the times that its arithmetic and its results would take at the limits.
 
     Attributes:
-        task: What is done.
-        mechanism: On which mechanism.
+        task: Name of the task.
+        mechanism: Name of the mechanism.
         bodies: Its number of bodies b.
         samples: Number of samples N.
-        seconds: Time that it takes, a median.
-        operations: Floating-point operations of a sample.
+        seconds: Median time.
+        operations: Floating-point operations per sample.
         megabytes: Size of the result, MB.
-        arithmetic: Share of the time that the operations would take in a product of matrices.
+        arithmetic: Share of the time that the operations would take in a matrix product.
         writing: Share of the time that filling old memory with the result would take.
         first_writing: Share of the time that filling new memory with it would take.
     """
@@ -122,7 +122,7 @@ class Distance:
 
 
 def distances(effort: Effort, reached: Limits) -> list[Distance]:
-    """Distances from the limits at the largest number of samples that is compared, and those of arms."""
+    """Distances from the limits at the largest number of samples, and those of arms."""
     found, number = [], effort.sizes[-1]
     for mechanism in mechanisms():
         if mechanism.name in (PENDULUM, ARM, TREE):
@@ -142,7 +142,7 @@ def _distance(
     columns, gigabytes, products = tuple(range(10 * len(mechanism.tree.inertial))), 0.0, 0
     if task == ACCUMULATION:
         columns = mechanism.parameters.kept
-        # Of each channel half of the Gram matrix of the columns that it sees, and what they say of the measurements.
+        # For each channel: half of the Gram matrix of its columns, and their products with the measurements.
         _, first = mechanism.equations.order(mechanism.samples(1))
         products = sum((seen := mechanism.parameters.rank + 1 - start) * (seen + 3) for start in first)
     else:

@@ -1,4 +1,4 @@
-"""Mechanisms that the benchmark measures on, and random samples of their motion."""
+"""Mechanisms of the benchmark, and random samples of their motion."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ from ident.parameters.structure import Sensors
 from sim.models.mujoco_model import tree_from_model
 
 PENDULUM, ARM, TREE = "double pendulum", "7-link arm", "30-body tree"
-"""Names of the mechanisms with axes along their frames' axes."""
+"""Names of the mechanisms whose axes are along the axes of their frames."""
 
 TILTED = f"{PENDULUM}, tilted"
-"""Name of the first one with tilted axes."""
+"""Name of the double pendulum with tilted axes."""
 
 NOISE = 0.1
 """Standard deviation of the noise on the wrench, N and N m."""
@@ -32,11 +32,11 @@ NOISE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Subject(Mechanism):
-    """A mechanism to measure on; its first body is its base.
+    """A mechanism of the benchmark; its first body is its base.
 
     Attributes:
-        name: What it is called in the tables.
-        moving: Whether the base moves.
+        name: Name in the tables.
+        moving: True if the base moves.
     """
 
     name: str = ""
@@ -48,7 +48,7 @@ class Subject(Mechanism):
         return find_base_parameters(self, sensors=Sensors(moving_base=self.moving))
 
     def samples(self, number: int, seed: int = 0) -> Samples:
-        """Samples with states of unit variance, and a wrench of random parameters with `NOISE`."""
+        """Samples with states of unit variance, and the wrench of random parameters with noise of `NOISE`."""
         rng = np.random.default_rng(seed)
         q, dq, ddq = rng.normal(size=(3, number, len(self.tree.freedoms)))
         base = BaseMotion.from_free_joint(*(rng.normal(size=(number, k)) for k in (7, 6, 6))) if self.moving else None
@@ -60,25 +60,25 @@ class Subject(Mechanism):
         return samples
 
     def pieces(self, number: int, size: int) -> Iterator[Samples]:
-        """Random samples in pieces that are made when they are asked for."""
+        """Random samples, generated piece by piece."""
         for seed, start in enumerate(range(0, number, size)):
             yield self.samples(min(size, number - start), seed)
 
     def regressor(
         self, samples: Samples, columns: Sequence[int] | None = None, out: np.ndarray | None = None
     ) -> np.ndarray:
-        """Ours, all columns or some, in new memory or in that of an earlier one (N, 6, ·)."""
+        """Our regressor with all columns or some, in new memory or in `out` (N, 6, ·)."""
         states, base = samples.motion.states, samples.motion.base
         return base_wrench_regressor(self.tree, *states, gravity=self.gravity, base=base, columns=columns, out=out)
 
     @cached_property
     def equations(self) -> Equations:
-        """What is fitted to its total wrench."""
+        """Equations of its total wrench."""
         return Equations(self, self.parameters)
 
 
 def double_pendulum(tilt_deg: float = 0.0) -> Subject:
-    """The scene's, of three bodies."""
+    """The double pendulum of the scene, of three bodies."""
     name = TILTED if tilt_deg else PENDULUM
     return subject(name, tree_from_model(scenes.load(SCENE, tilt_deg=tilt_deg), "base"))
 
@@ -89,7 +89,7 @@ def subject(name: str, tree: Tree, *, moving: bool = False) -> Subject:
 
 
 def mechanisms() -> tuple[Subject, ...]:
-    """Those with axes along their frames' axes, for which much of the arithmetic falls away, and twins with others."""
+    """Mechanisms with axes along their frames' axes, which simplifies the arithmetic, and twins with general axes."""
     return (
         double_pendulum(),
         double_pendulum(tilt_deg=5),
@@ -101,7 +101,7 @@ def mechanisms() -> tuple[Subject, ...]:
 
 
 def chain(bodies: int) -> Tree:
-    """A base and an arm on it whose joints turn about z axes at right angles to their neighbours'."""
+    """A base and an arm whose joints turn about z axes, each at right angles to its neighbours."""
     quarter = pose(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0.0, 0, 0.3]))
     links = [_hinged(i, i - 1, quarter, np.array([0.0, 0, 1])) for i in range(1, bodies)]
     return Tree((_base(), *links))

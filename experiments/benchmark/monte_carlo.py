@@ -27,15 +27,15 @@ TASKS = {
     "given, against the same draws, the loop and np.linalg.lstsq on all columns",
     BASE_COLUMNS: "the same with np.linalg.lstsq on the base columns",
 }
-"""What is timed."""
+"""The timed tasks."""
 
 BLOCKS = 10
-"""Repetitions that the trials are divided into."""
+"""Blocks that the trials are divided into, one for each repetition."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Trials around one simulated recording.
+    """Monte Carlo trials around one simulated recording.
 
     Attributes:
         mechanism: The double pendulum.
@@ -49,7 +49,7 @@ class Trials:
 
     @classmethod
     def of(cls, samples: int) -> "Trials":
-        """Around a recording of the scene with the paper's excitation."""
+        """Trials around a recording of the scene with the paper's excitation."""
         recording = simulate(scenes.load(SCENE), DOUBLE_PENDULUM, samples=samples)
         mechanism, true = double_pendulum(), recording.noise_free
         joints = mechanism.tree.joints
@@ -58,8 +58,8 @@ class Trials:
         return cls(mechanism, samples_true, (*recording.joint_noise(joints), wrench))
 
     def drawn(self, seed: int) -> Samples:
-        """The samples of one trial."""
-        # Of numpy's generators the one that draws fastest.
+        """Samples of one trial."""
+        # The fastest of numpy's generators.
         rng, true = np.random.Generator(np.random.SFC64(seed)), self.true
         channels = zip((*true.motion.states, true.measured), self.noise, strict=True)
         q, dq, ddq, wrench = (x + std * rng.normal(size=x.shape) for x, std in channels)
@@ -72,11 +72,11 @@ class Trials:
 
     @cached_property
     def factor(self) -> np.ndarray:
-        """Coordinates that suit all trials, those of the samples without noise."""
+        """Factor of the accumulated noise-free samples, in whose coordinates all trials are fitted."""
         return accumulate(self.mechanism.equations, self.true).factor
 
     def solved(self, peer: Pinocchio, columns: Sequence[int] | None, seeds: Iterable[int]) -> np.ndarray:
-        """What Pinocchio's regressor and least squares on some columns give for each trial (trials, columns)."""
+        """Least-squares solutions on some columns of Pinocchio's regressor, for each trial (trials, columns)."""
         found = []
         for seed in seeds:
             drawn = self.drawn(seed)
@@ -86,7 +86,7 @@ class Trials:
 
 
 def comparisons(effort: Effort) -> list[Comparison]:
-    """Seconds of a trial, ours and theirs, where both find the same base parameters."""
+    """Seconds per trial, ours and theirs, after a check that both estimate the same base parameters."""
     trials, seeds = Trials.of(effort.samples), range(effort.trials // BLOCKS)
     mechanism, found = trials.mechanism, []
     peer = Pinocchio(mechanism.tree, STANDARD_GRAVITY)

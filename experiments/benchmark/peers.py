@@ -14,7 +14,7 @@ from ident.mechanism.motion import BaseMotion
 from ident.mechanism.tree import Tree
 
 PINOCCHIO_NAME = "Pinocchio"
-"""What tables call it."""
+"""Name in the tables."""
 
 States = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Positions, velocities and accelerations, one row for each sample."""
@@ -23,16 +23,16 @@ States = tuple[np.ndarray, np.ndarray, np.ndarray]
 class Pinocchio:
     """The tree on a free-flyer in Pinocchio.
 
-    Its joints turn about their own origins, so that a joint's frame sits on its axis.
+    Joints turn about their own origins: a joint's frame is on its axis.
 
     Attributes:
-        model: Its model.
-        joint: For every body the index of the joint that carries it.
-        in_joint: For every body its pose in that joint's frame.
+        model: The tree as a Pinocchio model.
+        joint: Index of the joint that carries each body.
+        in_joint: Pose of each body in that joint's frame.
     """
 
     def __init__(self, tree: Tree, gravity: np.ndarray) -> None:
-        """Builds the model of a mechanism, gravity given in its base frame, m/s² (3,).
+        """Builds the model of a tree; gravity is in its base frame, m/s² (3,).
 
         Raises:
             InputError: Pinocchio is not installed.
@@ -55,9 +55,9 @@ class Pinocchio:
         self._neutral = pin.neutral(self.model)
 
     def states(self, states: States, base: BaseMotion | None) -> States:
-        """Our states (N, ·) as Pinocchio takes them; without a base's motion it rests.
+        """Our states (N, ·) in Pinocchio's order; the base rests if its motion is not given.
 
-        Quaternions are `x, y, z, w` there, and its joints may stand in another order.
+        Pinocchio's quaternions are `x, y, z, w`, and its joints may be in another order.
         """
         own = self.tree.body_coordinates(states[0]), *map(self.tree.body_velocities, states[1:])
         samples = len(states[0])
@@ -75,12 +75,12 @@ class Pinocchio:
 
     @property
     def rows(self) -> list[int]:
-        """Where our velocities stand among Pinocchio's."""
+        """Indices of our velocities among Pinocchio's."""
         joints = [self.model.joints[self.joint[i]] for i in self.tree.moving]
         return [row for at in joints for row in range(at.idx_v, at.idx_v + at.nv)]
 
     def regressor(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Regressors (N, 6, 10 b) in Pinocchio's order of columns: the free-flyer's rows of the joint torques'."""
+        """Regressors (N, 6, 10 b) in Pinocchio's order of columns: the free-flyer's rows of the torque regressor."""
         # Iterating over rows is faster than indexing them.
         model, data, regressor = self.model, self.model.createData(), self._pin.computeJointTorqueRegressor
         out = np.empty((len(q), 6, 10 * (model.njoints - 1)))
@@ -89,14 +89,14 @@ class Pinocchio:
         return out
 
     def columns(self, columns: Sequence[int]) -> list[int]:
-        """Where our columns stand among Pinocchio's, for bodies whose frames are their joints'."""
+        """Indices of our columns among Pinocchio's, for bodies whose frames are their joints'."""
         order = [PINOCCHIO.index(k) for k in range(10)]
         bodies = [self.joint[i] - 1 for i in self.tree.inertial]
         return [10 * bodies[k // 10] + order[k % 10] for k in columns]
 
 
 def missing() -> tuple[str, ...]:
-    """What to do about Pinocchio if it is not there."""
+    """A note on the missing installation of Pinocchio; empty if it is installed."""
     try:
         Pinocchio(Tree((Body("base", BASE, np.eye(4), np.zeros(6)),)), np.zeros(3))
     except InputError as error:
@@ -105,7 +105,7 @@ def missing() -> tuple[str, ...]:
 
 
 def _joint(pin: Any, body: Body) -> tuple[Any, np.ndarray]:
-    """Pinocchio's fastest joint for a body, and its center in the body's frame (3,)."""
+    """Pinocchio's fastest joint for a body, and the joint's center in the body's frame (3,)."""
     v, w = body.twist[:3], body.twist[3:]
     if body.is_ball:
         return pin.JointModelSpherical(), np.array([v[2, 1], v[0, 2], v[1, 0]])

@@ -1,4 +1,4 @@
-"""All that is measured, section by section, and the files that keep it."""
+"""The sections of the benchmark, and the files of their results."""
 
 import argparse
 import sys
@@ -27,11 +27,11 @@ ABOUT = (
     "Times of regressor, identification, simulation and trials beside those of other ways to the same results, taken "
     "in turns in one process with one thread for linear algebra. Machines differ, and are noisy."
 )
-"""What the page says of the benchmark."""
+"""The page's description of the benchmark."""
 
 
 def measured(effort: Effort) -> dict[str, Any]:
-    """All that `benchmark.json` holds but its provenance.
+    """Contents of `benchmark.json` without the provenance.
 
     Raises:
         ValueError: Ours and theirs differ.
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _written(results: dict[str, Any]) -> Results:
-    """Tables, all numbers, and a figure where there is something to compare with."""
+    """Tables, all numbers, and a figure if a library to compare with is installed."""
     caption = "Time a sample over the number of samples, and over the number of bodies, ours and a peer's."
     drawn = {"figure_benchmark": (figure_benchmark(results), caption)} if results["comparisons"] else {}
     numbers = {Path(FILE).stem: results, "provenance": results["provenance"]}

@@ -20,22 +20,22 @@ TOGETHER = 8
 """Recordings that one call simulates."""
 
 THREADS = (1, 2)
-"""Numbers of threads for which that is timed."""
+"""Numbers of threads in which several recordings are simulated."""
 
 
 @dataclass(frozen=True)
 class Stepping:
-    """Steps a second, medians.
+    """Simulation rate in steps per second, medians.
 
     Attributes:
-        task: What steps.
-        threads: In how many threads.
+        task: Name of the function that steps.
+        threads: Number of threads.
         steps: Steps of one recording.
-        ours: From scene and excitation to recordings of all sensors with their noise, 1/s.
-        native: Of a loop that sets prepared controls and calls `mj_step`, in one thread, and reads nothing, 1/s.
-        ratio: Of the medians, ours to native.
-        lowest: Smallest ratio of two neighbouring repetitions.
-        highest: Largest one.
+        ours: Rate from scene and excitation to recordings of all sensors with noise, 1/s.
+        native: Rate of a loop that sets prepared controls and calls `mj_step` in one thread, and reads nothing, 1/s.
+        ratio: Ratio of the medians, ours to native.
+        lowest: Smallest ratio of neighbouring repetitions.
+        highest: Largest ratio of neighbouring repetitions.
         repetitions: Number of repetitions.
     """
 
@@ -51,7 +51,7 @@ class Stepping:
 
 
 def simulations(effort: Effort) -> list[Stepping]:
-    """One recording, and several in one and in more threads."""
+    """Rates of one recording, and of several in one thread and in two."""
     spec, samples = scenes.load(SCENE), effort.samples
     steps, native = _native(spec, samples)
 
@@ -68,7 +68,7 @@ def simulations(effort: Effort) -> list[Stepping]:
 
 
 def _native(spec: mujoco.MjSpec, samples: int) -> tuple[int, Callable[[], None]]:
-    """Number of steps of a recording, and a loop that makes them with the controls that a recording has."""
+    """Number of steps of a recording, and a loop of them with the controls of a recording."""
     model = spec.compile()
     driven = servos(model, len(DOUBLE_PENDULUM.offset))
     steps = round(LEAD_IN / model.opt.timestep) + steps_per_sample(model, RATE) * (samples - 1)

@@ -1,4 +1,4 @@
-"""The benchmark's tables, from what `benchmark.json` holds."""
+"""The benchmark's tables, from the contents of `benchmark.json`."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from ident.errors import InputError
 
 
 def tables(results: Results) -> dict[str, Table]:
-    """All tables by the names of their files."""
+    """All tables by file name."""
     return {
         "table_ratios": table_ratios(results),
         "table_simulation": table_simulation(results),
@@ -23,7 +23,7 @@ def tables(results: Results) -> dict[str, Table]:
 
 
 def table_overview(results: Results) -> Table:
-    """Ratios of all tasks, as `_ratio` has them; a row for every mechanism and number of samples.
+    """Ratios of all tasks, formatted by `_ratio`; a row for each mechanism and number of samples.
 
     Raises:
         InputError: Nothing was compared.
@@ -43,13 +43,13 @@ def table_overview(results: Results) -> Table:
 
 
 def _ratio(row: Mapping[str, Any]) -> str:
-    """A ratio, in brackets that without compiled code, and what the peer takes a sample, on which they depend."""
+    """A ratio, in brackets the ratio without compiled code, and the peer's time per sample, on which both depend."""
     alone = "" if row.get("numpy") is None else f" ({row['theirs'] / row['numpy']:.1f})"
     return f"{row['ratio']:.1f}{alone} of {1e6 * row['theirs'] / row['samples']:.3g} µs"
 
 
 def table_ratios(results: Results) -> Table:
-    """Every comparison with its spread."""
+    """All comparisons with their spread."""
     return _table(
         "Times a sample in microseconds, medians; their ratios, and the extremes of neighbouring repetitions",
         ("task", "mechanism", "bodies", "N", "peer", "ours", "theirs", "numpy alone", "ratio", "lowest", "highest"),
@@ -65,7 +65,7 @@ def table_ratios(results: Results) -> Table:
 
 
 def table_simulation(results: Results) -> Table:
-    """Recorded simulations beside the bare loop."""
+    """Rates of recorded simulations beside the bare loop."""
     return _table(
         "Thousand steps a second of recorded simulations, and of a bare loop of mj_step in one thread",
         ("call", "threads", "ours", "loop", "ratio", "lowest", "highest"),
@@ -81,7 +81,7 @@ def table_simulation(results: Results) -> Table:
 
 
 def table_workers(results: Results) -> Table:
-    """Scaling with processes."""
+    """Speedup with several processes."""
     return _table(
         "Work that processes share: trials or samples a second",
         ("task", "workers", "rate", "speedup"),
@@ -90,7 +90,7 @@ def table_workers(results: Results) -> Table:
 
 
 def table_limits(results: Results) -> Table:
-    """Distance from the machine's limits."""
+    """Times of tasks beside the machine's limits."""
     reached = results["limits"]
     return _table(
         f"Time, and which part of it the operations would take in a product of matrices ({reached['product']:.0f} "
@@ -119,7 +119,7 @@ def table_limits(results: Results) -> Table:
 
 
 def table_memory(results: Results) -> Table:
-    """Peak memory."""
+    """Peak memory of an identification."""
     return _table(
         "Peak memory of an identification above what there was, MB: samples made piece by piece, and in arrays",
         ("N", "in pieces", "in arrays"),
@@ -128,7 +128,7 @@ def table_memory(results: Results) -> Table:
 
 
 def table_accuracy(results: Results) -> Table:
-    """Errors beside those of other methods."""
+    """Errors of the estimates beside those of other methods."""
     return _table(
         "Errors of the estimates against Householder's QR in extended precision, relative to the largest one",
         ("condition number", "ours", "Householder's QR", "normal equations"),

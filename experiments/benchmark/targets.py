@@ -1,4 +1,4 @@
-"""What the benchmark should show, beside what it has shown."""
+"""Targets of the benchmark beside its results."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,10 +9,10 @@ from experiments.output import report
 from experiments.studies import paper
 
 Results = Mapping[str, Any]
-"""What `benchmark.json` holds."""
+"""Contents of `benchmark.json`."""
 
 LARGE, FEW = 100_000, 10_000
-"""Numbers of samples that ratios are wanted at; where `np.linalg.lstsq` has no memory for many, few."""
+"""Numbers of samples of the targets; the smaller one where `np.linalg.lstsq` has no memory for the larger."""
 
 AT_LEAST: tuple[tuple[str, str, int, float | None, float], ...] = (
     (identification.REGRESSOR, PENDULUM, LARGE, 10, 12),
@@ -34,20 +34,20 @@ AT_LEAST: tuple[tuple[str, str, int, float | None, float], ...] = (
     (identification.ALL_COLUMNS, PENDULUM, paper.SAMPLES, 5, 15),
     (monte_carlo.ALL_COLUMNS, PENDULUM, paper.SAMPLES, 6, 12),
 )
-"""Task, mechanism, number of samples, and the ratio that is wanted of numpy alone and with compiled code."""
+"""Task, mechanism, number of samples, and the least ratio with numpy alone and with compiled code."""
 
 NATIVE = 0.9
-"""Steps a second of a recorded simulation, at least, against a bare loop of them."""
+"""Least ratio of a recorded simulation's steps per second to a bare loop's."""
 
 MEMORY = 6.0
-"""Peak memory of an identification above its inputs, at most, MB."""
+"""Largest peak memory of an identification above its inputs, MB."""
 
 ERROR = 2.0
-"""Error of ψ, at most, against that of LAPACK's Householder QR."""
+"""Largest ratio of the error of ψ to that of LAPACK's Householder QR."""
 
 
 def table_targets(results: Results) -> report.Table:
-    """Every target beside what was measured; empty where this run did not measure it."""
+    """All targets beside the results; empty where this run did not measure one."""
     rows: list[tuple[report.Cell, ...]] = []
     for task, mechanism, number, plain, compiled in AT_LEAST:
         what = f"ratio, {task}, {mechanism}, N = {number}"
@@ -66,7 +66,7 @@ def table_targets(results: Results) -> report.Table:
 
 
 def missed(results: Results) -> list[str]:
-    """Targets that were measured and missed, in words."""
+    """Missed targets, in words."""
     found = []
     for what, bound, wanted, measured in table_targets(results).rows:
         if isinstance(wanted, float | int) and isinstance(measured, float | int):
@@ -76,7 +76,7 @@ def missed(results: Results) -> list[str]:
 
 
 def _ratios(results: Results, task: str, mechanism: str, number: int) -> tuple[float | None, float | None]:
-    """Of numpy alone, and with compiled code where there is some."""
+    """Ratios of numpy alone and of compiled code; None where not measured."""
     for row in results["comparisons"]:
         if (row["task"], row["mechanism"], row["samples"]) == (task, mechanism, number):
             return (row["theirs"] / row["numpy"], row["ratio"]) if row["numpy"] else (row["ratio"], None)

@@ -1,4 +1,4 @@
-"""Times that may be compared: taken in turns, in one process."""
+"""Comparable times: taken in turns, in one process."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -10,23 +10,23 @@ from experiments.studies import paper
 from ident.model import compiled
 
 MOST = 51
-"""Repetitions at most."""
+"""Largest number of repetitions."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to measure, and on how much.
+    """Durations and sizes of the measurements.
 
     Attributes:
-        seconds: Time that the repetitions of one comparison take at least.
-        least: Repetitions at least.
+        seconds: Shortest time of all repetitions of one comparison.
+        least: Smallest number of repetitions.
         sizes: Numbers of samples N, increasing.
         streamed: Number of samples of the longest stream.
         trials: Monte Carlo trials.
         samples: Samples of a simulated recording.
         bodies: Numbers of bodies of arms, increasing.
-        array: Numbers in an array whose writing is timed.
-        matrix: Rows and columns of matrices whose product is timed.
+        array: Elements of the array whose writing is timed.
+        matrix: Rows and columns of the matrices whose product is timed.
     """
 
     seconds: float = 0.5
@@ -41,25 +41,25 @@ class Effort:
 
 
 QUICK = Effort(0.01, 3, (100, 300), 5000, 20, 50, (3, 10), 2**18, 200)
-"""Enough to see that everything runs."""
+"""Enough to check that everything runs."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """How long two ways to the same result take.
+    """Times of two ways to the same result.
 
     Attributes:
-        task: What is done.
-        mechanism: On which mechanism.
+        task: Name of the task.
+        mechanism: Name of the mechanism.
         bodies: Its number of bodies b.
         samples: Number of samples N.
-        peer: Whose the other way is.
+        peer: Name of the other library.
         ours: Median of our times, s.
         theirs: Median of theirs, s.
         numpy: Median of ours without compiled code, s; None where there is none.
-        ratio: Of the medians, theirs to ours.
-        lowest: Smallest ratio of two neighbouring repetitions.
-        highest: Largest one.
+        ratio: Ratio of the medians, theirs to ours.
+        lowest: Smallest ratio of neighbouring repetitions.
+        highest: Largest ratio of neighbouring repetitions.
         repetitions: Number of repetitions.
     """
 
@@ -78,14 +78,14 @@ class Comparison:
 
     @classmethod
     def of(cls, task: str, mechanism: str, bodies: int, samples: int, peer: str, times: np.ndarray) -> "Comparison":
-        """From alternating times, s (repetitions, 2 or 3): ours, theirs and, with compiled code, ours without it."""
+        """Comparison from alternating times, s (repetitions, 2 or 3): ours, theirs and, if compiled, ours without."""
         ours, theirs, *numpy = np.median(times, axis=0).tolist()
         plain = numpy[0] if numpy else None
         return cls(task, mechanism, bodies, samples, peer, ours, theirs, plain, *ratio(times[:, :2]), len(times))
 
 
 def with_and_without(ours: Callable[[], object], theirs: Callable[[], object]) -> list[Callable[[], object]]:
-    """Our way, theirs, and ours without compiled code, if there is some."""
+    """Our way, theirs and, if there is compiled code, ours without it."""
 
     def plain() -> object:
         with compiled.switched(False):
@@ -95,7 +95,7 @@ def with_and_without(ours: Callable[[], object], theirs: Callable[[], object]) -
 
 
 def alternating(ways: Sequence[Callable[[], object]], seconds: float, least: int) -> np.ndarray:
-    """Times of several ways that take turns, after one run of each that does not count, s (repetitions, ways)."""
+    """Times of several ways in turns, after one warm-up of each, s (repetitions, ways)."""
     for way in ways:
         way()
     rounds: list[list[float]] = []
@@ -106,7 +106,7 @@ def alternating(ways: Sequence[Callable[[], object]], seconds: float, least: int
 
 
 def timed(way: Callable[[], object]) -> float:
-    """Seconds that one call takes, its result's end not counted."""
+    """Seconds of one call, without the deallocation of its result."""
     start = time.perf_counter()
     result = way()
     took = time.perf_counter() - start
@@ -115,7 +115,7 @@ def timed(way: Callable[[], object]) -> float:
 
 
 def ratio(times: np.ndarray) -> tuple[float, float, float]:
-    """Ratio of the second way's median to the first one's, and the extremes of the repetitions' (repetitions, 2)."""
+    """Ratio of the second median to the first, and the extremes of the repetitions' ratios; times (repetitions, 2)."""
     first, second = np.median(times, axis=0)
     each = times[:, 1] / times[:, 0]
     return float(second / first), float(each.min()), float(each.max())

@@ -1,4 +1,4 @@
-"""What the benchmark says in words, for the terminal and docs/speed.md, from what `benchmark.json` holds."""
+"""Findings of the benchmark as text, for the terminal and docs/speed.md, from the contents of `benchmark.json`."""
 
 from collections.abc import Iterator
 
@@ -13,7 +13,7 @@ EMPTY = (
 
 
 def readme_block(results: Results) -> str:
-    """The generated part of docs/speed.md: the machine, the table, what its columns are, and the other findings.
+    """Generated part of docs/speed.md: machine, table, explanation of its columns, and other findings.
 
     Raises:
         InputError: Nothing was compared.
@@ -33,7 +33,7 @@ def readme_block(results: Results) -> str:
 
 
 def machine(results: Results) -> str:
-    """The machine in one line."""
+    """Description of the machine in one line."""
     found = results["machine"]
     memory = f", {found['memory_gb']:.0f} GB" if found["memory_gb"] else ""
     versions = ", ".join(f"{name} {version}" for name, version in found["versions"].items())
@@ -42,7 +42,7 @@ def machine(results: Results) -> str:
 
 
 def findings(results: Results) -> list[str]:
-    """What the tables show, a line for each."""
+    """Findings of the tables, a line for each."""
     return [
         *_times(results),
         *_trials(results),
@@ -55,7 +55,7 @@ def findings(results: Results) -> list[str]:
 
 
 def _times(results: Results) -> Iterator[str]:
-    """Times behind the ratios at the largest number of samples with all of them."""
+    """Times behind the ratios, at the largest number of samples for which all tasks were compared."""
     rows = [row for row in results["comparisons"] if row["mechanism"] == PENDULUM]
     largest = max((row["samples"] for row in rows if row["task"] == identification.BASE_COLUMNS), default=0)
     for row in rows:
@@ -104,7 +104,7 @@ def _errors(results: Results) -> Iterator[str]:
 
 
 def _limits(results: Results) -> Iterator[str]:
-    """How much of the time is what arithmetic and memory need at least."""
+    """Shares of the time that arithmetic and memory need at the machine's limits."""
     reached = results["limits"]
     for row in results["distances"]:
         if row["mechanism"] == PENDULUM:

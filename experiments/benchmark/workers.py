@@ -1,4 +1,4 @@
-"""How work that is handed to several processes grows faster."""
+"""Speedup of work that is shared by several processes."""
 
 import os
 from contextlib import ExitStack
@@ -17,14 +17,14 @@ from ident.regression.ordinary import least_squares
 
 @dataclass(frozen=True)
 class Shared:
-    """Work that several processes share.
+    """Speed of work that several processes share.
 
     Attributes:
-        task: What they do.
+        task: Name of the work.
         workers: Number of processes.
         seconds: Median time.
-        rate: Trials or samples a second.
-        speedup: Of the median, against one process.
+        rate: Trials or samples per second.
+        speedup: Ratio of one process's median time to this one.
     """
 
     task: str
@@ -35,7 +35,7 @@ class Shared:
 
 
 def shared(effort: Effort) -> list[Shared]:
-    """Monte Carlo trials, and the identification of one long recording, with 1, 2, 4, … processes up to the cores."""
+    """Speed of Monte Carlo trials and of one long identification, with 1, 2, 4, … processes up to the cores."""
     numbers = [2**k for k in range((os.cpu_count() or 1).bit_length())]
     trials, mechanism = Trials.of(effort.samples), double_pendulum()
     samples = mechanism.samples(effort.streamed)

@@ -1,5 +1,5 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The command `multicontact`: what `python -m experiments.NAME` runs, as `multicontact NAME`."""
+"""The command `multicontact`: `multicontact NAME` runs `python -m experiments.NAME`."""
 
 import argparse
 import importlib.metadata
@@ -55,7 +55,7 @@ COMMANDS = {
 
 
 def run(args: argparse.Namespace) -> None:
-    """Runs the subcommand that was chosen."""
+    """Runs the chosen subcommand."""
     vars(args).pop("run")(args)
 
 

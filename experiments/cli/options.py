@@ -1,4 +1,4 @@
-"""Command-line options that the studies share, and how they end."""
+"""Command-line options that the commands share, and how a command ends."""
 
 import argparse
 import io
@@ -28,11 +28,11 @@ MakeParser = Callable[[], argparse.ArgumentParser]
 LOGS = (
     "CSV (also .gz), npz, mat, mot, sto, parquet or C3D file, ROS bag, or FILE+FILE: angles in one, forces in another"
 )
-"""What may be given as a log."""
+"""Help on the formats of a log."""
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
-    """Help with the defaults that there are."""
+    """Help that shows defaults, except None and empty lists."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         return action.help if action.default in (None, []) else super()._get_help_string(action)
@@ -45,11 +45,11 @@ def plain_parser(name: str, description: str | None) -> argparse.ArgumentParser:
 
 
 def command_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of everything that writes results.
+    """Parser of a command that writes results.
 
     Args:
         name: Name of the command, `python -m experiments.NAME`.
-        description: What it does, for `--help`.
+        description: Description for `--help`.
     """
     parser = plain_parser(name, description)
     parser.add_argument("--out", type=Path, default=Path("results") / name, help="folder for the results")
@@ -57,14 +57,14 @@ def command_parser(name: str, description: str | None) -> argparse.ArgumentParse
 
 
 def print_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of everything that writes tables and figures for print; arguments as for `command_parser`."""
+    """Parser of a command that writes tables and figures for print; arguments as for `command_parser`."""
     parser = command_parser(name, description)
     add_print(parser)
     return parser
 
 
 def output_parser(name: str, description: str | None) -> argparse.ArgumentParser:
-    """Parser of everything of which the user chooses the figures' formats; arguments as for `command_parser`."""
+    """Parser of a command whose user chooses the formats of figures; arguments as for `command_parser`."""
     parser = print_parser(name, description)
     add_formats(parser)
     return parser
@@ -90,13 +90,13 @@ def study_parser(name: str, description: str | None) -> argparse.ArgumentParser:
 
 
 def add_tilt(parser: argparse.ArgumentParser) -> None:
-    """Adds how joint axes are tilted."""
+    """Adds the tilt of the joint axes."""
     parser.add_argument("--tilt-deg", type=float, help="angle of all joint axes from where they are drawn")
     parser.add_argument("--azimuth-deg", type=float, help="direction of the tilt, from +Y to +Z")
 
 
 def add_contact(parser: argparse.ArgumentParser) -> None:
-    """Adds what touches the mechanism."""
+    """Adds the contacts of the mechanism."""
     parser.add_argument(
         "--contact",
         nargs="+",
@@ -146,18 +146,18 @@ def add_workers(group: argparse._ActionsContainer) -> None:
 
 
 def add_local_workers(group: argparse._ActionsContainer, *, default: int | None, otherwise: str = "") -> None:
-    """Adds the number of local processes, and says what it is otherwise, where the default is None."""
+    """Adds the number of local processes; `otherwise` explains a default of None."""
     told = f"local processes that share the work{otherwise}"
     group.add_argument("--workers", type=whole_number(1, 1024), default=default, help=told)
 
 
 def add_film(parser: argparse.ArgumentParser) -> None:
-    """Adds whether what moves on the page becomes a film."""
+    """Adds the choice of a film of the page's replay."""
     parser.add_argument("--film", action="store_true", help="write a film too: MP4 by ffmpeg if it is there, else GIF")
 
 
 def add_mechanism(parser: argparse.ArgumentParser) -> None:
-    """Adds what is said of a user's model."""
+    """Adds the options of a user's model."""
     parser.add_argument("--base", help="body whose frame is {0}, by default the world")
     parser.add_argument("--ignore", nargs="*", default=[], help="equality constraints and tendons to leave out")
     add_packages(parser)
@@ -165,7 +165,7 @@ def add_mechanism(parser: argparse.ArgumentParser) -> None:
 
 
 def add_packages(parser: argparse.ArgumentParser) -> None:
-    """Adds where meshes are looked for."""
+    """Adds the folders in which meshes are searched."""
     parser.add_argument(
         "--packages",
         type=Path,
@@ -178,7 +178,7 @@ def add_packages(parser: argparse.ArgumentParser) -> None:
 
 
 def add_fixed(parser: argparse.ArgumentParser) -> None:
-    """Adds which joints do not move; `fixed` gives them."""
+    """Adds the joints that do not move; `fixed` returns them."""
     parser.add_argument(
         "--fix",
         nargs="+",
@@ -191,7 +191,7 @@ def add_fixed(parser: argparse.ArgumentParser) -> None:
 
 
 def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
-    """Coordinates of fixed joints by their names, as `tree_from_model` takes them."""
+    """Coordinates of fixed joints by joint name, as for `tree_from_model`."""
     coordinates = {}
     for joint, *values in given:
         try:
@@ -202,11 +202,11 @@ def fixed(given: Sequence[Sequence[str]]) -> dict[str, list[float]]:
 
 
 def add_fit(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Adds how a user's recordings are read, fitted and judged; `size_limit` gives `--max-size` in bytes.
+    """Adds how a user's recordings are read, fitted and judged; `size_limit` returns `--max-size` in bytes.
 
     Args:
-        parser: Where to.
-        several: Whether several logs can judge.
+        parser: The parser to add to.
+        several: True if several logs can be held out.
     """
     held_out = parser.add_argument("--held-out", type=Path, help="another log to judge by, which is not fitted")
     if several:
@@ -215,7 +215,7 @@ def add_fit(parser: argparse.ArgumentParser, *, several: bool = False) -> None:
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Adds how a user's recordings are read, and whether offsets are fitted."""
+    """Adds how a user's recordings are read, and the choice to fit offsets."""
     parser.add_argument(
         "--columns",
         type=Path,
@@ -226,7 +226,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def add_size(parser: argparse.ArgumentParser) -> None:
-    """Adds how much memory a log may take; `size_limit` gives it in bytes."""
+    """Adds the memory limit of a log; `size_limit` returns it in bytes."""
     parser.add_argument(
         "--max-size",
         type=whole_number(1, 1_000_000),
@@ -237,14 +237,14 @@ def add_size(parser: argparse.ArgumentParser) -> None:
 
 
 def size_limit(args: argparse.Namespace) -> int:
-    """Bytes that a log may take in memory."""
+    """Largest size of a log in memory, bytes."""
     from ident.recordings.npz import LIMIT
 
     return LIMIT if args.max_size is None else 1_000_000 * args.max_size
 
 
 def main(module: str, study: Study, make_parser: MakeParser) -> Callable[[Sequence[str] | None], int]:
-    """Entry point of the command in a module of that `__name__`; where it is the script, the command runs at once."""
+    """Entry point of the command in the module of that `__name__`; run as a script, the command starts at once."""
     entry = partial(run, study, make_parser)
     if module == "__main__":
         end_at_once()
@@ -253,7 +253,7 @@ def main(module: str, study: Study, make_parser: MakeParser) -> Callable[[Sequen
 
 
 def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None) -> int:
-    """Runs a study and turns bad input into one sentence; what else it raises carries a request to report it.
+    """Runs a study and turns bad input into one sentence; other errors carry a request to report them.
 
     Args:
         study: The study, given the parsed options.
@@ -287,7 +287,7 @@ def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None
 
 
 def _request(command: str) -> str:
-    """What follows the traceback of an error that no input should cause."""
+    """Request to report an error that no input should cause, printed below its traceback."""
     return (
         "This is a fault of multicontact, not of what it was given: please report it in the project's issue tracker, "
         f"with all of the above, version {ident.__version__} and the command: {command}"
@@ -296,7 +296,7 @@ def _request(command: str) -> str:
 
 @contextmanager
 def extra(name: str) -> Iterator[None]:
-    """Turns a failing import of a block into a sentence that names the extra to install."""
+    """Turns a failing import in a block into a sentence that names the extra to install."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -307,7 +307,7 @@ def extra(name: str) -> Iterator[None]:
 
 @contextmanager
 def _notes_printed_once() -> Iterator[None]:
-    """Prints remarks on models, which are read several times, as a line each."""
+    """Prints notes on models once each, as models are read several times."""
     from sim.models.notes import ModelNote
 
     printed: set[str] = set()
@@ -328,10 +328,10 @@ def _notes_printed_once() -> Iterator[None]:
 
 @contextmanager
 def _interruptible_once(message: str) -> Iterator[threading.Event]:
-    """Makes the first Ctrl-C or request to terminate end a block, and later ones wait until it has cleaned up.
+    """Makes the first Ctrl-C or request to terminate end a block, and ignores later ones until it has cleaned up.
 
-    What it yields is set by the first. A block that does not end then is ended together with the process, which prints
-    a message before.
+    Yields an event that the first one sets. If the block goes on for `GRACE` after a request to terminate, the process
+    prints the message and ends.
     """
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -355,9 +355,9 @@ def _interruptible_once(message: str) -> Iterator[threading.Event]:
 
 @contextmanager
 def _its_consequences(asked: threading.Event) -> Iterator[None]:
-    """Takes what is raised after a request to end for that request.
+    """Treats an error after a request to end as that request.
 
-    Interrupted between giving a lock back and taking it again, Python's threading complains of the lock instead.
+    If interrupted between releasing a lock and acquiring it again, Python's threading raises an error about the lock.
     """
     try:
         yield
@@ -378,7 +378,7 @@ def _address(text: str) -> str:
 
 
 def _file(text: str) -> str:
-    """Type of an option: a file that is there."""
+    """Type of an option: an existing file."""
     if not Path(text).is_file():
         raise argparse.ArgumentTypeError(f"needs files that exist, got '{text}'")
     return text

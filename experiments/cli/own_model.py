@@ -1,4 +1,4 @@
-"""What the commands on a user's own model and logs share: folders, progress, and where results come from."""
+"""Code shared by the commands on a user's own model and logs: folders, progress, and provenance."""
 
 import argparse
 import hashlib
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def folder(args: argparse.Namespace) -> Path:
-    """Folder of the results; one that holds an input is refused, so that no file of the user's is replaced."""
+    """Folder of the results; a folder that holds an input is refused, so that no file of the user's is replaced."""
     name = args.name or f"{args.model.stem}-{_files(args.logs[0])[0].stem}"
     if not name.isprintable() or Path(name).name != name or name in (".", ".."):
         raise InputError(f"--name is the name of one folder under --out, got {name!r}.")
@@ -31,7 +31,7 @@ def folder(args: argparse.Namespace) -> Path:
 
 
 def inputs(args: argparse.Namespace) -> list[Path]:
-    """All files that are read."""
+    """All input files."""
     logs = [file for log in (*args.logs, *_judges(args)) for file in _files(log)]
     return [args.model, *logs, *([args.columns] if args.columns else [])]
 
@@ -43,7 +43,7 @@ def _files(log: Path) -> tuple[Path, ...]:
 
 
 def _resolved(log: Path) -> tuple[Path, ...]:
-    """The files of a log in whatever order, so that it is known again."""
+    """Files of a log in sorted order, so that logs can be compared."""
     return tuple(sorted(file.resolve() for file in _files(log)))
 
 
@@ -52,17 +52,17 @@ def _judges(args: argparse.Namespace) -> list[Path]:
 
 
 def progress(round_: int, step: float) -> None:
-    """Says on the terminal, if there is one, how far the estimate is."""
+    """Prints the progress of the estimate, if stderr is a terminal."""
     if sys.stderr.isatty():
         print(f"\rround {round_ + 1}: parameters move by {step:.2g} of their deviations ", end="", file=sys.stderr)
 
 
 def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]]) -> dict[str, Any]:
-    """Options, versions and commit, and the files that were read with their SHA-256 sums, so that a log is known again.
+    """Options, versions and commit, and the input files with their SHA-256 sums, so that a log can be recognized.
 
     Args:
         args: The options.
-        logs: What was fitted of the logs.
+        logs: The prepared logs, and their fitted parts.
     """
     from experiments.output import report
 
@@ -76,21 +76,21 @@ def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]
 
 
 def _told(path: Path) -> dict[str, Any]:
-    """Name and SHA-256 sum of a file; of a log in several files, and of a bag's folder, those of each."""
+    """Name and SHA-256 sum of a file, or of each file of a log in several files or of a bag's folder."""
     files = sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else _files(path)
     sums = [{"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} for file in files]
     return {"files": sums} if path.is_dir() or len(sums) > 1 else sums[0]
 
 
 def _text(value: Any) -> Any:
-    """An option as JSON has it."""
+    """An option as JSON."""
     if isinstance(value, list):
         return [_text(each) for each in value]
     return str(value) if isinstance(value, Path) else value
 
 
 def fraction(text: str) -> float:
-    """Type of an option: the part of a recording that is held out."""
+    """Type of an option: the fraction of a recording that is held out."""
     try:
         value = float(text)
     except ValueError:

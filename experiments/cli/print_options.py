@@ -1,4 +1,4 @@
-"""Options of authors: the page that tables and figures are printed on, captions, parameters, and a style."""
+"""Options of authors: page, captions, parameters and style of tables and figures."""
 
 import argparse
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def add_print(parser: argparse.ArgumentParser) -> None:
-    """Adds the options; `layout_of` and `style_of` give what they say."""
+    """Adds the options; `layout_of` and `style_of` return their values."""
     print_ = add_page(parser)
     print_.add_argument(
         "--caption",
@@ -33,7 +33,7 @@ def add_print(parser: argparse.ArgumentParser) -> None:
 
 
 def add_page(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Adds those of them that all results share, and returns their group."""
+    """Adds those options that all results share, and returns their group."""
     print_ = parser.add_argument_group("print")
     print_.add_argument(
         "--page-columns", type=int, choices=(1, 2), default=2, help="columns of the page that tables and figures fit"
@@ -43,7 +43,7 @@ def add_page(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
 
 
 def layout_of(args: argparse.Namespace) -> "Layout":
-    """The page and what is on it.
+    """Layout that the options ask for.
 
     Raises:
         InputError: A table or figure is given two captions.
@@ -58,10 +58,10 @@ def layout_of(args: argparse.Namespace) -> "Layout":
 
 @contextmanager
 def style_of(args: argparse.Namespace) -> Iterator[None]:
-    """Draws figures as wide as the page's column, in the author's style, for the duration of a block.
+    """Draws figures in the page's column width and the author's style, for the duration of a block.
 
     Raises:
-        InputError: The style file does not exist, says what matplotlib does not know, or makes figures that cannot be
+        InputError: The style file does not exist, has a setting unknown to matplotlib, or makes figures that cannot be
             drawn; or a table or figure is given two captions.
     """
     if "page_columns" not in args:
@@ -80,7 +80,7 @@ def style_of(args: argparse.Namespace) -> Iterator[None]:
 
 
 def author_choices(args: argparse.Namespace) -> dict[str, Any]:
-    """Those of the options that are not as by default, for the provenance."""
+    """Options that differ from their defaults, for the provenance."""
     given = {
         "page_columns": args.page_columns if args.page_columns != 2 else None,
         "style": args.style and args.style.name,
