@@ -1,1 +1,1 @@
-"""What the columns of somebody's log may be: guessed from names, numbers and what the model predicts."""
+"""Guesses at the columns of a log, from names, numbers and the predictions of the model."""

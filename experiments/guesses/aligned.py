@@ -1,4 +1,4 @@
-"""Numbered columns taken for those of joints: the alignment with which the model explains clearly more than others."""
+"""Alignment of numbered columns with joints: the one with which the model explains clearly more than with others."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,22 +26,22 @@ from ident.recordings.plausibility import rate_factor
 from ident.recordings.wrench import GROUND
 
 ENOUGH_OF_WRENCHES = 0.95
-"""Share of wrenches that the model has to explain with an alignment among several, whatever their axes are: so much
-freedom explains up to nine tenths with a wrong one."""
+"""Share of wrenches that the model has to explain with one alignment among several, whatever the wrenches' axes: with
+that much freedom, a wrong alignment explains up to nine tenths."""
 
 SAME = 0.999
-"""Correlation of columns from which on they may be two readings of one joint."""
+"""Correlation of columns above which they may be two readings of one joint."""
 
 
 def add_aligned(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequence[str], held: bool) -> None:
-    """Adds positions, velocities and torques of joints without columns, from families of numbered columns.
+    """Adds positions, velocities and torques of joints without columns from families of numbered columns.
 
     Args:
-        belief: Where to.
+        belief: The belief to extend.
         seen: The log.
         mechanism: The mechanism.
         joints: Its joints with one axis.
-        held: Whether something holds the base.
+        held: True if something holds the base.
     """
     lacking = tuple(j for j in joints if j not in belief.of("position") and j not in belief.undecided)
     named = {name for name in seen.names if name not in belief.columns}
@@ -64,15 +64,15 @@ def add_aligned(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequen
 
 
 def _is_small(family: Family, joints: Sequence[str]) -> bool:
-    """True where columns without names are few enough to try all assignments, not only those in a row."""
+    """True where columns without names are few enough to try all assignments, not only consecutive ones."""
     return family.template == "#" and perm(len(family.names), len(joints)) <= MOST
 
 
 def _add_best(problem: Problem, every: Sequence[Alignment]) -> None:
-    """Adds the alignment that leaves least; where it is not clearly the best, or explains little, none."""
+    """Adds the alignment that leaves least unexplained; none if it is not clearly the best, or explains little."""
     every = sorted(every, key=lambda way: way.left or 0.0)
     twins = [way for way in every if _is_twin(problem, every[0], way)]
-    # What is before the gear, or the calibration, comes second to what is as good.
+    # Of equally good families, those of the joint precede those of the motor or before calibration.
     best = min(twins, key=lambda way: way.family.is_second)
     others = [way for way in every if way not in twins]
     second = min((way.left or 0.0 for way in others), default=1.0)
@@ -97,7 +97,7 @@ def _add_best(problem: Problem, every: Sequence[Alignment]) -> None:
 
 
 def _with_one_family_of_torques(problem: Problem, best: Alignment, twins: Sequence[Alignment]) -> Alignment:
-    """The best alignment, without its torques where those of another family go as the model predicts as well."""
+    """The best alignment, without its torques if another family's torques are explained as well."""
     rivals = [way for way in twins if way.torques and dict(way.torques) != dict(best.torques)]
     rivals = [
         way for way in rivals if 1 - (way.left or 0.0) >= ENOUGH and CLEAR * (way.left or 0.0) <= (best.left or 0.0)
@@ -111,7 +111,7 @@ def _with_one_family_of_torques(problem: Problem, best: Alignment, twins: Sequen
 
 
 def _add_unmeasured(problem: Problem, every: Sequence[Alignment]) -> None:
-    """Adds the only alignment where nothing is measured to hold it against; of several none."""
+    """Adds the only alignment if nothing is measured to check it; none of several."""
     different = {tuple(way.positions.items()): way for way in every}
     if len(different) == 1 and every[0].family.kind == "position":
         _add(problem, every[0], f"{every[0].order}, which nothing in the log can be held against")
@@ -136,7 +136,7 @@ def _ask_which(problem: Problem, twins: Sequence[Alignment]) -> None:
 
 
 def _is_twin(problem: Problem, one: Alignment, other: Alignment) -> bool:
-    """True where two alignments are equal, or differ by columns whose values are nearly the same."""
+    """True where two alignments are equal, or differ only in columns with nearly the same values."""
     if one.positions.keys() != other.positions.keys():
         return False
     x, y = ([problem.seen.columns[way.positions[joint]] for joint in one.positions] for way in (one, other))
@@ -144,7 +144,7 @@ def _is_twin(problem: Problem, one: Alignment, other: Alignment) -> bool:
 
 
 def _add(problem: Problem, way: Alignment, why: str) -> None:
-    """Adds what an alignment says."""
+    """Adds the quantities of an alignment to the belief."""
     belief = problem.belief
     if way.order != LABELS and not _has_numbers_of_joints(way):
         belief.by_place |= set(way.positions)
@@ -160,7 +160,7 @@ def _add(problem: Problem, way: Alignment, why: str) -> None:
 
 
 def _has_numbers_of_joints(way: Alignment) -> bool:
-    """True where columns have the joints' own numbers."""
+    """True where the columns have the joints' own numbers."""
     own = {
         joint: member.number for each in families(way.positions) for member in each.members for joint in [member.name]
     }
@@ -169,7 +169,7 @@ def _has_numbers_of_joints(way: Alignment) -> bool:
 
 
 def _rates(problem: Problem, way: Alignment) -> dict[str, str]:
-    """Columns that are the derivatives of positions, all of one family, in the same order."""
+    """Columns that are derivatives of the positions, all of one family, in the same order."""
     places = [way.family.names.index(name) for name in way.positions.values()]
     taken = {*way.positions.values(), *way.torques.values(), *way.wrench, *problem.belief.columns}
     for each in problem.families:
@@ -184,7 +184,7 @@ def _rates(problem: Problem, way: Alignment) -> dict[str, str]:
 
 
 def _are_rates(seen: Seen, positions: Sequence[str], rates: Sequence[str]) -> bool:
-    """True where columns may be the derivatives of others, in any unit and of either sign; resting ones pass."""
+    """True where columns may be derivatives of others, in any unit and of either sign."""
     if not all(name in seen.columns for name in (*positions, *rates)):
         return False
     sizes = [
@@ -199,5 +199,5 @@ def _percent(left: float) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """Names of a family, or of several joints, in short."""
+    """Names of a family or of several joints, abbreviated."""
     return ", ".join(names) if len(names) < 3 else f"{names[0]} to {names[-1]}"

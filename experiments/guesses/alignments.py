@@ -1,4 +1,4 @@
-"""Ways to align numbered columns with joints, and how much of wrenches and torques the model explains with each."""
+"""Candidate alignments of numbered columns with joints, and the share of wrenches and torques that each explains."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,22 +16,22 @@ from ident.mechanism.mechanism import Mechanism
 from ident.recordings.column import UNITS
 
 STILL = 1e-6
-"""Extent of a component of the wrench, N or N m, up to which the motion does not move it."""
+"""Range of a wrench component, N or N m, up to which it does not depend on the motion."""
 
 MODEL, ALPHABET, LABELS = "in the model's order", "in the order of the alphabet", "in the order that the log states"
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Columns of joints, one for each.
+    """Columns of joints, one for each joint.
 
     Attributes:
-        family: Where the positions are from.
-        order: What order the joints are in.
+        family: Family of the positions.
+        order: Order of the joints.
         positions: Column of the position of each joint.
-        torques: Column of the torque of each joint, none where others tell.
-        wrench: Columns of the ground's wrench where nothing names it, force first.
-        left: Share of what is measured that the model leaves unexplained; None where nothing is measured.
+        torques: Column of the torque of each joint; empty if torques are known or absent.
+        wrench: Columns of the ground's wrench if no names state it, force first.
+        left: Share of the measurements that the model leaves unexplained; None without measurements.
     """
 
     family: Family
@@ -47,13 +47,13 @@ class Problem:
     """Inputs of the search for alignments.
 
     Attributes:
-        belief: What is believed already.
+        belief: The belief so far.
         seen: The log.
         mechanism: The mechanism.
         joints: Joints without positions, in the model's order.
-        curves: Columns low-passed alike.
-        families: Families of columns that nothing was found for.
-        held: Whether something holds the base.
+        curves: Columns low-passed by one filter.
+        families: Families of columns that are not assigned yet.
+        held: True if something holds the base.
     """
 
     belief: Belief
@@ -66,20 +66,20 @@ class Problem:
 
 
 def position_families(there: Sequence[Family]) -> list[Family]:
-    """Families that may be positions: those that are named so, or else those of which nothing is said."""
+    """Families that may be positions: those named so, or else those whose names state no quantity."""
     own = [each for each in there if each.is_of_joints]
     return [each for each in own if each.kind == "position"] or [each for each in own if each.kind == ""]
 
 
 def alignments(problem: Problem, family: Family) -> Iterator[Alignment]:
-    """Ways in which a family may be the positions, with the torques beside them, each with what it leaves."""
+    """Alignments of a family as positions, with possible torques, each with its unexplained share."""
     for order, targets, columns in ways(problem, family):
         positions = dict(zip(targets, columns, strict=True))
         yield from _measured(problem, Alignment(family, order, positions))
 
 
 def ways(problem: Problem, family: Family) -> Iterator[tuple[str, Sequence[str], Sequence[str]]]:
-    """Orders, joints in it, and as many columns of a family in a row."""
+    """Possible alignments: name of the order, joints in this order, and as many consecutive columns of a family."""
     names, joints = family.names, problem.joints
     if labelled := _labelled(problem, family):
         yield LABELS, list(labelled), list(labelled.values())
@@ -95,7 +95,7 @@ def ways(problem: Problem, family: Family) -> Iterator[tuple[str, Sequence[str],
 
 
 def _labelled(problem: Problem, family: Family) -> dict[str, str]:
-    """Columns by the joints that words in the log name in the same place, where these are all that are looked for."""
+    """Columns by joint, if words in the log name all the joints in question by the same numbers."""
     for each in families(problem.seen.labels):
         said = {number: problem.seen.labels[name] for number, name in each.members}
         columns = {said[number]: name for number, name in family.members if number in said}
@@ -105,7 +105,7 @@ def _labelled(problem: Problem, family: Family) -> dict[str, str]:
 
 
 def _targets(joints: Sequence[str], size: int) -> list[tuple[str, ...]]:
-    """Joints that a family of some size may be of: all, or those of a family of their own, or some in a row."""
+    """Joints that a family of some size may be of: all, those of a family of that size, or consecutive ones."""
     if size >= len(joints):
         return [tuple(joints)]
     own = [each.names for each in families(joints) if len(each.names) == size]
@@ -113,7 +113,7 @@ def _targets(joints: Sequence[str], size: int) -> list[tuple[str, ...]]:
 
 
 def states_of(problem: Problem, positions: Mapping[str, str], factor: float) -> dict[str, np.ndarray]:
-    """Positions and both derivatives of all joints (3, M), at rest where nothing tells of one."""
+    """Positions and both derivatives of all joints (3, M); joints without columns are at rest."""
     known = problem.belief.of("position")
     hinges = {body.joint for body in problem.mechanism.tree.bodies if body.moves and body.turns}
     out = {}
@@ -129,7 +129,7 @@ def states_of(problem: Problem, positions: Mapping[str, str], factor: float) -> 
 
 
 def factors(problem: Problem, columns: Sequence[str]) -> list[float]:
-    """Candidate factors from positions to radians, by the unit that file or names state, or else by their size."""
+    """Candidate factors from positions to radians, by the unit that the file or names state, or else by their size."""
     said = {unit_of("hinge position", words(name).unit) or problem.seen.units.get(name, "") for name in columns} - {""}
     if said:
         return [UNITS["hinge position"].get(said.pop(), 1.0)]
@@ -138,7 +138,7 @@ def factors(problem: Problem, columns: Sequence[str]) -> list[float]:
 
 
 def _measured(problem: Problem, way: Alignment) -> Iterator[Alignment]:
-    """The same with each family of torques beside it, and with what the model leaves."""
+    """The same alignment with each candidate family of torques or wrench, and with its unexplained share."""
     columns = list(way.positions.values())
     options = _torques(problem, way)
     for factor in factors(problem, columns):
@@ -152,7 +152,7 @@ def _measured(problem: Problem, way: Alignment) -> Iterator[Alignment]:
         for torques in options:
             left = given + [float(shares[joint][place[name]]) for joint, name in torques.items()]
             measured.append(replace(way, torques=torques, left=sum(left) / len(left) if left else None))
-        # Of columns without names those that go best are the torques.
+        # Among columns without names, the best-fitting ones are the torques.
         yield from measured if way.family.kind else [min(measured, key=lambda each: each.left or 0.0)]
         if rows := _wrenches(problem, way, given):
             there = [k for k, c in enumerate(COMPONENTS) if np.ptp(predicted[c]) > STILL]
@@ -163,7 +163,7 @@ def _measured(problem: Problem, way: Alignment) -> Iterator[Alignment]:
 
 
 def _torques(problem: Problem, way: Alignment) -> list[dict[str, str]]:
-    """Columns of torques that may go with positions: of the same place in families of torques, none where named."""
+    """Torque columns that may go with positions: same places in families of torques; empty if torques are known."""
     if problem.belief.of("torque"):
         return [{}]
     places = [way.family.names.index(name) for name in way.positions.values()]
@@ -178,7 +178,7 @@ def _torques(problem: Problem, way: Alignment) -> list[dict[str, str]]:
             return out
     if problem.belief.groups or way.family.kind == "position":
         return [{}]
-    # One family of everything: torques are other columns of it, in the same order.
+    # A single family of all columns: torques are other columns of it, in the same order.
     n, names, first, last = len(places), way.family.names, min(places), max(places)
     starts = [k for k in range(len(names) - n + 1) if k > last or k + n <= first] if last - first + 1 == n else []
     shifted = [[names[place - first + k] for place in places] for k in starts]
@@ -187,7 +187,7 @@ def _torques(problem: Problem, way: Alignment) -> list[dict[str, str]]:
 
 
 def _wrenches(problem: Problem, way: Alignment, given: Sequence[float]) -> list[tuple[str, ...]]:
-    """Six columns in a row of a family of everything that may be the ground's wrench."""
+    """Runs of six columns of a family without a name that may be the ground's wrench."""
     if not problem.held or given or way.family.kind or problem.belief.groups:
         return []
     names = way.family.names
@@ -196,7 +196,7 @@ def _wrenches(problem: Problem, way: Alignment, given: Sequence[float]) -> list[
 
 
 def _given(problem: Problem, states: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray]) -> list[float]:
-    """Shares that are left of wrenches and torques that are known by their names."""
+    """Unexplained shares of the wrenches and torques that are known by name."""
     levels, out = problem.curves.levels, []
     wrench = [predicted[c] for c in COMPONENTS]
     for key, basis in (("force", wrench[:3]), ("torque", wrench)):

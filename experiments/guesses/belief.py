@@ -1,4 +1,4 @@
-"""What is believed of a log: columns of quantities, each with the reason, and how sure it is."""
+"""Beliefs about a log: columns of quantities, each with its reasons and its certainty."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -6,22 +6,22 @@ from typing import Any
 from ident.recordings.column import CURRENT
 
 SURE, LIKELY, DOUBTFUL = "sure", "likely", "doubtful"
-"""How sure a belief is: by an exact name or by numbers that leave no choice; by likeness; and not at all, so that it is
+"""Certainty of a belief: sure, by an exact name or by unambiguous numbers; likely, by likeness; doubtful, so that it is
 written as a remark only."""
 
 
 @dataclass
 class Quantity:
-    """The column that one quantity of a joint is believed to be in.
+    """The column that probably holds one quantity of a joint.
 
     Attributes:
         joint: The joint.
-        kind: What of it, a key of `ident.recordings.column.KINDS`.
+        kind: The quantity, a key of `ident.recordings.column.KINDS`.
         column: The column.
-        sure: How sure that is.
+        sure: Certainty.
         why: Reasons.
-        unit: Its unit, "" for that of the file or the SI's.
-        gain: What it is multiplied by; for a current in N m/A.
+        unit: Its unit, "" for the file's or the SI unit.
+        gain: Factor on the column; for a current in N m/A.
     """
 
     joint: str
@@ -39,7 +39,7 @@ class Quantity:
 
     @property
     def value(self) -> Any:
-        """Entry of a mapping for it."""
+        """Its entry in a mapping."""
         more = ({"unit": self.unit} if self.unit else {}) | (
             {"gain": self.gain} if self.gain != 1 or self.unit in CURRENT else {}
         )
@@ -48,12 +48,12 @@ class Quantity:
 
 @dataclass
 class Entry:
-    """A line of a wrench's table.
+    """A line in the table of a wrench or pose.
 
     Attributes:
-        value: What it says.
+        value: Its value.
         why: Reasons.
-        sure: How sure it is.
+        sure: Certainty.
     """
 
     value: Any
@@ -62,12 +62,12 @@ class Entry:
 
 
 LISTS = ("force", "torque", "point", "free_moment", "position", "quaternion")
-"""Lines of a group that name columns, or have numbers in their place."""
+"""Lines of a group whose values are columns, or numbers in their place."""
 
 
 @dataclass
 class Group:
-    """Columns that are believed to be a wrench, a ball joint's or a base's.
+    """Columns that probably hold a wrench, or the poses of a ball joint or a base.
 
     Attributes:
         name: Name of the wrench, of the joint, or `base`.
@@ -79,25 +79,25 @@ class Group:
 
     @property
     def columns(self) -> list[str]:
-        """All columns that it takes."""
+        """All its columns."""
         lists = (self.entries[key].value for key in LISTS if key in self.entries)
         return [name for names in lists for name in names if isinstance(name, str) and name]
 
 
 @dataclass
 class Belief:
-    """All that is believed of a log.
+    """All beliefs about a log.
 
     Attributes:
-        quantities: Of joints, by key.
+        quantities: Quantities of joints by key.
         groups: Wrenches by name.
-        poses: Ball joints and a base that moves, by their tables in a mapping.
-        open: Sentences on what could be one thing or another, or is not to be found.
-        notes: Sentences on what else was noticed.
-        unused: Columns that nothing was found for.
-        by_place: Joints whose columns are believed by their place in a series alone, and by what the model explains.
+        poses: Ball joints and a moving base, by their tables in a mapping.
+        open: Sentences on quantities that are ambiguous or missing.
+        notes: Sentences on other observations.
+        unused: Columns that are not assigned.
+        by_place: Joints whose columns are assigned only by their place in a series and by the model's predictions.
         undecided: Joints whose position a sentence of `open` is about.
-        torques_undecided: Whether one is about which of several columns are the torques.
+        torques_undecided: True if a sentence of `open` asks which of several columns are the torques.
     """
 
     quantities: dict[str, Quantity] = field(default_factory=dict)
@@ -111,11 +111,11 @@ class Belief:
     torques_undecided: bool = False
 
     def of(self, kind: str) -> dict[str, Quantity]:
-        """What is believed of one kind, without what is doubtful, by joint."""
+        """Quantities of one kind that are not doubtful, by joint."""
         return {x.joint: x for x in self.quantities.values() if x.kind == kind and x.column and x.sure != DOUBTFUL}
 
     @property
     def columns(self) -> list[str]:
-        """All columns that something was found for."""
+        """All assigned columns."""
         groups = (*self.groups.values(), *self.poses.values())
         return [x.column for x in self.quantities.values()] + [name for group in groups for name in group.columns]

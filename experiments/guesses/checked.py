@@ -1,4 +1,4 @@
-"""Beliefs tried on the log, and held against the model: units, signs and axes of wrenches, and gains of torques."""
+"""Checks of beliefs on the log against the model: units, signs and axes of wrenches, and gains of torques."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,21 +22,21 @@ from ident.recordings.log import read_log
 from ident.recordings.wrench import GROUND
 
 FAR_OFF = 0.3
-"""Error of a wrench, over what the model predicts, that is worth a word."""
+"""Relative error of a wrench against the model's prediction above which a note says so."""
 
 HALF_WAY = np.sqrt(1000)
-"""Factor up to which sizes of wrenches are in the same unit: half way to the next."""
+"""Largest ratio of sizes within one unit: the geometric mean of 1 and the next unit's factor of 1000."""
 
 
 def check_wrenches_and_torques(belief: Belief, seen: Seen, mechanism: Mechanism, limit: int, *, axes: bool) -> None:
-    """Reads the log by what is believed, and sets what the model tells of wrenches and torques.
+    """Reads the log by the belief, and sets units, signs, axes and gains of wrenches and torques by the model.
 
     Args:
-        belief: What is believed; units, signs and axes of wrenches and gains of torques are set.
+        belief: The belief; units, signs and axes of wrenches and gains of torques are set.
         seen: The log.
         mechanism: The mechanism, with a prior.
         limit: Bytes that an archive may take in memory.
-        axes: Whether signs and axes of wrenches are looked at.
+        axes: True if signs and axes of wrenches are checked.
     """
     try:
         log = _tried(belief, seen, mechanism, limit)
@@ -55,7 +55,7 @@ def check_wrenches_and_torques(belief: Belief, seen: Seen, mechanism: Mechanism,
 
 
 def _tried(belief: Belief, seen: Seen, mechanism: Mechanism, limit: int) -> Prepared:
-    """The log as it reads by what is believed."""
+    """The log, read by the belief."""
     for found in belief.of("torque").values():
         if is_current(found):
             found.unit = words(found.column).unit if words(found.column).unit in CURRENT else "A"
@@ -67,7 +67,7 @@ def _tried(belief: Belief, seen: Seen, mechanism: Mechanism, limit: int) -> Prep
 
 
 def _set_units(belief: Belief, seen: Seen, log: Prepared) -> bool:
-    """Sets units of forces and moments that nothing else told, by their size; whether one is another than the SI's."""
+    """Sets unknown units of forces and moments by their size, and returns True if one is not the SI unit."""
     predicted = predicted_channels(log.mechanism, log.samples.motion, log.frame)
     there = np.stack([predicted[c] for c in COMPONENTS], axis=1)
     changed = False
@@ -98,7 +98,7 @@ def _set_units(belief: Belief, seen: Seen, log: Prepared) -> bool:
 
 
 def _set_axes(belief: Belief, log: Prepared) -> None:
-    """Sets signs and right-angled turns of wrenches with which they look far more like what the model predicts."""
+    """Sets signs and right-angled turns of wrenches with which they are far closer to the predictions."""
     checks, base = wrench_checks(log)
     if base is not None and base.suspicious:
         belief.notes.append(
@@ -123,7 +123,7 @@ def _set_axes(belief: Belief, log: Prepared) -> None:
         if check.sign < 0:
             entries["applied_to_link"] = Entry(False, f"the opposite sign: {error}")
         if not np.array_equal(check.rotation, np.eye(3)):
-            # Others than multiples of 90° are not asked of a frame that is not turned.
+            # A frame that is not turned states no angles; others are multiples of 90°.
             angles = Rotation.from_matrix(check.rotation).as_euler("xyz", degrees=True).round(9) + 0.0
             entries["rpy_deg"] = Entry(angles.tolist(), f"its axes in those of the {_frame(name)}: {error}")
             if "frame" in entries:

@@ -1,4 +1,4 @@
-"""Which column of a log holds its times, and in which unit."""
+"""The column of times of a log, and its unit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from ident.recordings.column import UNITS, Columns
 from ident.recordings.counted import COUNT, clock_of_rate
 
 ROWS = 20_000
-"""Samples of a log that are looked at."""
+"""Largest number of samples that are read."""
 
 SLOWEST = {"s": 0.2, "ms": 200.0, "us": 2e5, "ns": 2e8}
-"""Longest steps, in each unit, of what counts in it: nobody records a motion at less than 5 Hz."""
+"""Longest steps of times in each unit: nobody records a motion at less than 5 Hz."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class Clock:
     Attributes:
         column: Its name.
         unit: Its unit.
-        why: Why it is believed to be that.
-        rate: Samples per second of a file without times, Hz; 0 of one that has times.
+        why: Reason for this choice.
+        rate: Samples per second of a file without times, Hz; 0 for a file with times.
     """
 
     column: str
@@ -36,33 +36,33 @@ class Clock:
 
     @property
     def columns(self) -> Columns:
-        """The column as a mapping has it."""
+        """The column of times in a mapping."""
         if self.rate:
             return clock_of_rate("--rate", self.rate)
         return Columns((self.column,), UNITS["time"][self.unit], "s")
 
     @property
     def entry(self) -> dict[str, Any]:
-        """Entry of a mapping for it."""
+        """Its entry in a mapping."""
         return {"rate": self.rate} if self.rate else {"column": self.column, "unit": self.unit}
 
 
 def clock_of(columns: Mapping[str, np.ndarray], rate: float = 0.0) -> Clock:
-    """The column of times: one that only grows, by its name or else the steadiest.
+    """The column of times: an increasing one, chosen by its name or else by its uniform steps.
 
     Args:
         columns: Columns of numbers by name (N,).
-        rate: Samples per second if no name is that of times, Hz; 0 where that is not known.
+        rate: Samples per second if no column is named like times, Hz; 0 if unknown.
 
     Raises:
-        LogError: None grows, or several without a name that says so.
+        LogError: No column increases, or several do and none is named like times.
     """
     steps = {name: np.diff(x) for name, x in columns.items()}
     growing = {name: dx for name, dx in steps.items() if len(dx) and (dx >= 0).all() and np.median(dx) > 0}
     named = [name for name in growing if words(name).kind == "time" or words(name).unit in UNITS["time"]]
     if rate and not named:
         return Clock(COUNT, "s", f"no column has times, and --rate says {rate:g} Hz", rate)
-    # Counters of samples grow as steadily, but by one.
+    # Counters of samples increase uniformly as well, but by one.
     others = [name for name in growing if not (steps[name] == 1).all() and _steady(steps[name])]
     candidates = named or others or list(growing)
     if not candidates:
@@ -88,5 +88,5 @@ def _steady(steps: np.ndarray) -> bool:
 
 
 def _alike(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two columns of times are the same in other units or from another day."""
+    """True where two columns of times are the same in other units or with another origin."""
     return bool(np.corrcoef(a, b)[0, 1] > 1 - 1e-6)

@@ -1,4 +1,4 @@
-"""Families of names that differ by a number alone, as `actual_q_0` to `actual_q_5` do."""
+"""Families of names that differ by a number alone, such as `actual_q_0` to `actual_q_5`."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -9,17 +9,17 @@ from experiments.guesses.words import KINDS, Words, words
 from ident.recordings.column import CURRENT, UNITS
 
 ELSEWHERE = {"tcp", "ee", "tool", "cartesian", "pose", "temperature", "temp", "voltage", "mode", "status", "error"}
-"""Words of families that are of no joint."""
+"""Words of families that are not of joints."""
 
 SECOND = {"theta", "motor", "encoder", "raw"}
-"""Words of positions before the gear or the calibration, which another family of the joints themselves precedes."""
+"""Words of positions before the gear or the calibration; a family of the joints themselves has precedence."""
 
 
 class Member(NamedTuple):
     """A name of a family.
 
     Attributes:
-        number: The number in it.
+        number: The number in the name.
         name: The name.
     """
 
@@ -32,8 +32,8 @@ class Family:
     """Names that differ by a number alone.
 
     Attributes:
-        template: What they have in common, with `#` for the number.
-        members: The names by their numbers.
+        template: The common text, with `#` for the number.
+        members: The names in the order of their numbers.
     """
 
     template: str
@@ -51,19 +51,19 @@ class Family:
 
     @property
     def words(self) -> Words:
-        """What the name of the first says."""
+        """Words of the first name."""
         return words(self.names[0])
 
     @property
     def kind(self) -> str:
-        """The quantity, a key of `words.KINDS`, by words or unit; "" if nothing says it."""
+        """The quantity, a key of `words.KINDS`, by words or unit; "" if neither states it."""
         said = self.words
         if said.unit in CURRENT:
             return "current"
         if said.unit in UNITS["hinge torque"]:
             return "torque"
         if said.kind == "time":
-            # Of several columns, T1 and T2 are torques.
+            # Among several columns, T1 and T2 are torques.
             return "torque" if set(self._parts) & KINDS["time"] == {"t"} else "time"
         # Gazebo calls the torque of a hinge a force.
         unsaid = "position" if said.unit in ("rad", "deg") else "torque" if "force" in self._parts else ""
@@ -71,12 +71,12 @@ class Family:
 
     @property
     def is_of_joints(self) -> bool:
-        """Whether no word says that it is of something else, or what was commanded."""
+        """True if no word states a quantity of something else, or a commanded one."""
         return not (set(self._parts) & ELSEWHERE) and not self.words.commanded and self.kind != "time"
 
     @property
     def is_second(self) -> bool:
-        """Whether its positions are those of motors rather than of joints."""
+        """True if its positions are of motors rather than of joints."""
         return bool(set(self._parts) & SECOND)
 
     @property
@@ -85,7 +85,7 @@ class Family:
 
 
 def families(names: Iterable[str]) -> list[Family]:
-    """Names in families, each in the largest that it fits into; one without a number is in none."""
+    """Families of names, each name in the largest that it fits; names without numbers are in none."""
     there = list(names)
     ways = {name: _templates(name) for name in there}
     sizes: dict[str, int] = {}
@@ -95,18 +95,18 @@ def families(names: Iterable[str]) -> list[Family]:
     groups: dict[str, list[Member]] = {}
     for name in there:
         if ways[name]:
-            # Of templates with as many names the number that comes last counts.
+            # Between templates with equally many names, the last number counts.
             template = max(reversed(ways[name]), key=sizes.__getitem__)
             groups.setdefault(template, []).append(Member(ways[name][template], name))
     return [Family(template, tuple(sorted(members))) for template, members in groups.items()]
 
 
 def _templates(name: str) -> dict[str, int]:
-    """The number at each place of a name by what is around it, units of quantities left out."""
+    """Numbers in a name by the text around them, without units."""
     bare = re.sub(r"\s*[\[(]\s*[^\])\d]*[\])]\s*$", "", name.lower())
     return {f"{bare[: m.start()]}#{bare[m.end() :]}": int(m[0]) for m in re.finditer(r"\d+", bare) if len(m[0]) < 7}
 
 
 def is_shifted(columns: Sequence[int], joints: Sequence[int]) -> bool:
-    """Whether numbers of columns and of joints count from different beginnings: each has some that the other lacks."""
+    """True where columns and joints are numbered from different origins: each has numbers that the other lacks."""
     return bool(set(columns) - set(joints)) and bool(set(joints) - set(columns))

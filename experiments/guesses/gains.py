@@ -1,4 +1,4 @@
-"""Gains, units and signs of joint torques and motor currents, by regression on the torques that the model predicts."""
+"""Gains, units and signs of joint torques and motor currents, by regression on the model's torques."""
 
 from typing import NamedTuple
 
@@ -16,11 +16,11 @@ _FACTORS = {"N mm": 1e-3, "kN m": 1e3}
 
 
 class Gain(NamedTuple):
-    """What makes a column the torque that the model predicts.
+    """Factor from a column to the torque that the model predicts.
 
     Attributes:
-        gain: What it is multiplied by.
-        deviation: Standard deviation of that.
+        gain: The factor.
+        deviation: Standard deviation of the factor.
         alike: Share of the predicted torque's variance that it explains.
     """
 
@@ -30,7 +30,7 @@ class Gain(NamedTuple):
 
 
 def set_gains(belief: Belief, seen: Seen, log: Prepared) -> None:
-    """Sets gains, units and signs of joint torques by regression on those that the model predicts."""
+    """Sets gains, units and signs of joint torques by regression on the model's torques."""
     felt, found = log.equations.torques, belief.of("torque")
     if not felt:
         return
@@ -48,7 +48,7 @@ def set_gains(belief: Belief, seen: Seen, log: Prepared) -> None:
 
 
 def _set_motor_constant(found: Quantity, by_model: Gain) -> None:
-    """Sets what makes a current a torque, where they are alike."""
+    """Sets the factor from current to torque, if the current explains the torque."""
     found.why.append(_explained(by_model))
     if by_model.alike > ALIKE:
         found.gain = float(f"{by_model.gain:.4g}")
@@ -61,10 +61,10 @@ def _set_motor_constant(found: Quantity, by_model: Gain) -> None:
 
 
 def _set_units(found: dict[str, Quantity], gains: dict[str, Gain], seen: Seen) -> None:
-    """Sets units and signs of torques, and gains where nothing says the unit and no torque is the model's own.
+    """Sets units and signs of torques, and gains where the unit is unknown and no torque has the model's size.
 
-    The log was read as N m, unless the unit was there already. One program writes all torques in one unit: where some
-    are as large as the model's, one that is not is that of another body.
+    The log was read in N m, unless the unit was known. A program writes all torques in one unit: if some have the
+        model's size, one that has not is due to another body.
     """
     stated = {
         j: unit_of("hinge torque", words(x.column).unit) or seen.units.get(x.column, "") for j, x in found.items()
@@ -100,7 +100,7 @@ def _set_units(found: dict[str, Quantity], gains: dict[str, Gain], seen: Seen) -
 
 
 def _near(ratio: float) -> bool:
-    """Whether a ratio of torques is that of one unit."""
+    """True where a ratio of torques is consistent with one unit."""
     return 1 / SCALE < ratio < SCALE
 
 
@@ -109,10 +109,10 @@ def _explained(by_model: Gain) -> str:
 
 
 def _gain(measured: np.ndarray, predicted: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> Gain:
-    """What a column is to be multiplied by to be the predicted torque, its deviation, and the share explained.
+    """Factor from a column to the predicted torque, its standard deviation, and the share of variance explained.
 
-    `predicted = gain · measured + offset + friction + rotor`, least squares (N,). Residuals that are correlated from
-    sample to sample by ρ count as `(1 - ρ) / (1 + ρ)` of their number.
+    `predicted = gain · measured + offset + friction + rotor`, least squares (N,). With autocorrelation ρ of the
+    residuals, `(1 - ρ) / (1 + ρ)` of the samples count.
     """
     rows = np.stack([np.ones_like(dq), dq, np.tanh(dq / SLIP), ddq], axis=1)
     rows = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)

@@ -1,4 +1,4 @@
-"""From a log and a model to a mapping of columns."""
+"""Guess of a mapping of columns from a log and a model."""
 
 import shlex
 from collections.abc import Sequence
@@ -28,17 +28,17 @@ from ident.recordings.wrench_names import wrench_groups
 def believed(
     mechanism: Mechanism, logs: Sequence[Path], *, base: str | None = None, limit: int = LIMIT, rate: float = 0.0
 ) -> tuple[Seen, Belief]:
-    """What is believed of the columns of some logs, which are those of the first.
+    """Beliefs about the columns of some logs, from the first of them.
 
     Args:
-        mechanism: Whose joints and bodies are looked for.
+        mechanism: The mechanism, with the joints and bodies to find.
         logs: Files that `read_log` reads.
         base: Body whose frame is {0}, by default the world.
         limit: Bytes that an archive may take in memory.
         rate: Samples per second of logs without times, Hz.
 
     Raises:
-        LogError: One is missing, damaged or without times, or lacks columns of the first that are used.
+        LogError: A log is missing, damaged or without times, or lacks an assigned column of the first.
         InputError: The library that reads such files is not installed.
     """
     kinds, held = joint_kinds(mechanism.tree), not mechanism.tree.floats
@@ -52,7 +52,7 @@ def believed(
     components = [name for name in components if not is_named_after(name, axes)]
     add_named(belief, log, axes, components)
     add_wrenches(belief, log, mechanism, held, flies)
-    # What the model predicts is only looked at where angles alone move it.
+    # The model's predictions are used only if angles alone determine them.
     signs = not balls and not belief.poses
     if signs:
         add_aligned(belief, log, mechanism, axes, held)
@@ -80,7 +80,7 @@ def write_mapping(path: Path, log: Seen, belief: Belief, joints: Sequence[str], 
     """Writes the mapping.
 
     Raises:
-        InputError: There is a file already, and it is not to be replaced.
+        InputError: The file exists, and is not to be replaced.
     """
     if path.exists() and not force:
         raise InputError(f"'{path}' is there already; --force replaces it, --out NAME writes another.")
@@ -89,12 +89,12 @@ def write_mapping(path: Path, log: Seen, belief: Belief, joints: Sequence[str], 
 
 
 def is_complete(belief: Belief, joints: Sequence[str]) -> bool:
-    """Whether every joint has a position."""
+    """True where every joint has a position."""
     return all(_has_position(belief, joint) for joint in joints)
 
 
 def _absent(joints: Sequence[str]) -> str:
-    """A sentence on joints that are not in the log, and how to leave them out."""
+    """A sentence on joints that are not in the log, and the options that leave them out."""
     listed = ", ".join(f"'{joint}'" for joint in joints)
     fixed = " ".join(f"--fix {shlex.quote(joint)}" for joint in joints)
     return f"No column looks like the position of {listed}; {fixed} leaves out what rests."

@@ -1,4 +1,4 @@
-"""Columns of joints: by their names, as derivatives of one another, and in which units."""
+"""Columns of joints, by name and as derivatives of one another, and their units."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -12,23 +12,23 @@ from ident.recordings.column import CURRENT, KINDS, UNITS
 from ident.recordings.plausibility import rate_factor
 
 ROUND = 2 * np.pi + 0.5
-"""Angles beyond it are hardly radians."""
+"""Largest angle of a joint that is plausible in radians."""
 
 LONG = 20.0
-"""Travels of a slide beyond it are hardly metres."""
+"""Largest travel of a slide that is plausible in metres."""
 
 
 def add_named(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
-    """Adds the columns that are named like joints, where there is no choice.
+    """Adds the columns that are named like joints, if unambiguous.
 
-    Numbers alone say little, since they may count from zero or from one: `add_aligned` aligns series of them as a
-    whole, `add_numbered` takes what is left.
+    Numbers alone are ambiguous, since they may start at zero or one: `add_aligned` aligns whole series of them,
+        `add_numbered` the remaining columns.
 
     Args:
-        belief: Where to.
+        belief: The belief to extend.
         seen: The log.
-        joints: Joints whose columns are looked for.
-        taken: Columns that are something else.
+        joints: Joints whose columns are wanted.
+        taken: Columns that hold something else.
     """
     own = _of_joints(joints)
     shifted = _shifted(seen.names, joints)
@@ -41,13 +41,13 @@ def add_named(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence
             for joint in joints
             if exact.get(name) == joint or (_fits(about, kind) and not shares_numbers_alone(about, own[joint]))
         }
-        # A column that stands still is taken by its exact name only.
+        # A constant column is accepted by its exact name only.
         likes = {pair: like for pair, like in likes.items() if pair[0] in seen.columns or like >= 0.99}
         _add_best(belief, {pair: like for pair, like in likes.items() if like >= LIKE}, kind, seen.constant)
 
 
 def add_numbered(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence[str] = ()) -> None:
-    """Adds columns in no series that have a joint's number, and that of its position; arguments as for `add_named`."""
+    """Adds columns outside series that share the number of a joint and its position; arguments as for `add_named`."""
     own = _of_joints(joints)
     series = {name for each in families(seen.names) if len(each.names) > 1 for name in each.names}
     for kind in KINDS:
@@ -69,19 +69,19 @@ def add_numbered(belief: Belief, seen: Seen, joints: Sequence[str], taken: Seque
 
 
 def _fits(about: Words, kind: str) -> bool:
-    """Whether what a name says may be a quantity."""
+    """True where words of a name are compatible with a quantity."""
     return about.kind in {"position": ("position", ""), "torque": ("torque", "current")}.get(kind, (kind,))
 
 
 def _of_joints(joints: Sequence[str]) -> dict[str, Words]:
-    """Words of the joints' names without those that all begin with; all of them where nothing else is left."""
+    """Words of the joints' names without a common prefix; all words if nothing else is left."""
     about = [words(joint) for joint in joints]
     about = [each if each.core else Words((joint.lower(),)) for joint, each in zip(joints, about, strict=True)]
     return dict(zip(joints, without_prefix(about), strict=True))
 
 
 def _shifted(names: Sequence[str], joints: Sequence[str]) -> set[str]:
-    """Columns of families whose numbers count from another beginning than the joints that they are named exactly as."""
+    """Columns of families that are named exactly like joints, but whose numbers start elsewhere."""
     place = {joint: (each, number) for each in families(joints) for number, joint in each.members}
     exact = {pattern.format(joint): joint for joint in place for those in KINDS.values() for pattern in those}
     out = set[str]()
@@ -93,13 +93,13 @@ def _shifted(names: Sequence[str], joints: Sequence[str]) -> set[str]:
 
 
 def is_named_after(name: str, joints: Sequence[str]) -> bool:
-    """Whether a column that could be a component of a wrench has the name of a joint, as `/jointset/hip/tx/value`."""
+    """True where a possible wrench component is named like a joint, as `/jointset/hip/tx/value`."""
     about = words(name)
     return about.kind == "position" and any(likeness(about, each) > LIKE for each in _of_joints(joints).values())
 
 
 def _add_best(belief: Belief, likes: dict[tuple[str, str], float], kind: str, constant: Collection[str]) -> None:
-    """Takes pairs of column and joint from the likest on; where another is as likely, none."""
+    """Assigns pairs of column and joint in the order of likeness; none if another is as likely."""
     while likes:
         name, joint = max(likes, key=lambda pair: likes[pair])
         like = likes[name, joint]
@@ -122,15 +122,15 @@ def _add_best(belief: Belief, likes: dict[tuple[str, str], float], kind: str, co
 
 
 def set_units(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> list[str]:
-    """Units of positions by what the file, their names and their size say.
+    """Sets units of positions by the file, their names and their size.
 
     Args:
-        belief: Whose positions get units.
+        belief: The belief whose positions get units.
         seen: The log.
-        kinds: Whether each joint is a `hinge` or a `slide`.
+        kinds: `hinge` or `slide` for each joint.
 
     Returns:
-        Joints with angles whose size alone tells radians from degrees.
+        Joints with angles whose unit was chosen by size alone.
     """
     left: list[Quantity] = []
     for joint, found in belief.of("position").items():
@@ -155,7 +155,7 @@ def set_units(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> list[str]
 
 
 def set_rates(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> None:
-    """Units and signs of velocities and accelerations, as derivatives; what is none is left out."""
+    """Sets units and signs of velocities and accelerations as derivatives; drops columns that are no derivatives."""
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
         for joint, found in belief.of(kind).items():
             x = _position_or_rate(belief, seen, kinds, joint, of)
@@ -185,7 +185,7 @@ def set_rates(belief: Belief, seen: Seen, kinds: Mapping[str, str]) -> None:
 
 
 def _position_or_rate(belief: Belief, seen: Seen, kinds: Mapping[str, str], joint: str, kind: str) -> np.ndarray | None:
-    """A joint's position, or its velocity, in the SI's units; the velocity from the position if need be (N,)."""
+    """A joint's position or velocity in SI units; the velocity by differentiation if it has no column (N,)."""
     found = belief.of(kind).get(joint)
     if found and found.column in seen.columns:
         return (
@@ -197,12 +197,12 @@ def _position_or_rate(belief: Belief, seen: Seen, kinds: Mapping[str, str], join
 
 
 def position(belief: Belief, seen: Seen, kinds: Mapping[str, str], joint: str) -> np.ndarray | None:
-    """A joint's position in rad or m at the common times (N,); None if there is none that changes."""
+    """A joint's position in rad or m at the common times (N,); None if no column that changes has it."""
     return _position_or_rate(belief, seen, kinds, joint, "position")
 
 
 def _factor(seen: Seen, column: str, unit: str, quantity: str) -> float:
-    """The unit of a column, its own or the file's, as a factor to the SI's."""
+    """Factor from a column's unit, its own or the file's, to the SI unit."""
     if unit:
         return UNITS[quantity][unit]
     of_file = next((u for u in UNITS[quantity] if seen.units.get(column) == "deg" and u.startswith("deg")), None)
@@ -210,11 +210,11 @@ def _factor(seen: Seen, column: str, unit: str, quantity: str) -> float:
 
 
 def factor(seen: Seen, found: Quantity, kinds: Mapping[str, str]) -> float:
-    """The unit of what is taken for a joint's quantity as a factor to the SI's."""
+    """Factor from the unit of a joint's quantity to the SI unit."""
     return _factor(seen, found.column, found.unit, f"{kinds[found.joint]} {found.kind}")
 
 
 def is_current(found: Quantity) -> bool:
-    """Whether the name of what is taken for a torque says that it is a motor's current."""
+    """True where the name of a torque column says that it is a motor current."""
     about = words(found.column)
     return about.kind == "current" or about.unit in CURRENT

@@ -1,4 +1,4 @@
-"""Columns of quaternions: of ball joints, and with a position of a base that moves, by their names and their norm."""
+"""Quaternion columns of ball joints, and poses of a moving base, by names and norm."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -12,26 +12,26 @@ from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, without_uni
 
 TURNS = r"(?:quaternion|quat|orientation|rotation|rot|position|pos|q)?"
 MOVES = r"(?:position|pos|translation|trans|p|t)?"
-"""Words between whose a column is and its component."""
+"""Words between the name of a group of columns and its component."""
 
 BASES = re.compile(r"pelvis|base|root|trunk|torso|float", re.IGNORECASE)
-"""What moves freely, by name."""
+"""Names of bodies that move freely."""
 
 UNIT = 0.01
-"""By how much the norm of a quaternion may be off."""
+"""Largest deviation of a quaternion's norm from one."""
 
 BASE = "base"
 """Table of a mapping with the poses of the base."""
 
 
 def add_orientations(belief: Belief, seen: Seen, balls: Sequence[str], base: str | None) -> None:
-    """Adds columns of ball joints, and of a base that moves.
+    """Adds columns of ball joints, and of a moving base.
 
     Args:
-        belief: Where to.
+        belief: The belief to extend.
         seen: The log.
         balls: Ball joints.
-        base: Name of the body whose frame is {0}; None for a base that rests.
+        base: Name of the body whose frame is {0}; None if the base does not move.
     """
     groups = {rest: names for rest, names in _grouped(seen, TURNS, "wxyz").items() if _is_quaternion(seen, names)}
     likes = {(rest, ball): likeness(words(rest), words(ball)) for rest in groups for ball in balls}
@@ -51,7 +51,7 @@ def add_orientations(belief: Belief, seen: Seen, balls: Sequence[str], base: str
 
 
 def _add_base(belief: Belief, seen: Seen, groups: Mapping[str, list[str]], base: str) -> None:
-    """Adds the poses of the base, where one quaternion that is named like it has a position beside it."""
+    """Adds the poses of the base, if one quaternion named like it has a position beside it."""
     places = _grouped(seen, MOVES, "xyz")
     named = [rest for rest in groups if BASES.search(rest) or likeness(words(rest), words(base)) >= LIKE]
     found = [rest for rest in named if rest in places and any(name in seen.columns for name in groups[rest])]
@@ -72,7 +72,7 @@ def _add_base(belief: Belief, seen: Seen, groups: Mapping[str, list[str]], base:
 
 
 def _grouped(seen: Seen, between: str, components: str) -> dict[str, list[str]]:
-    """Columns of vectors with all components, in their order, by what their names have in common."""
+    """Columns of vectors with all components, in order, by the common part of their names."""
     groups: dict[str, dict[str, str]] = {}
     for name in seen.names:
         bare = without_unit(name)[0].strip()
@@ -87,5 +87,5 @@ def _is_quaternion(seen: Seen, names: Sequence[str]) -> bool:
 
 
 def _column(seen: Seen, name: str) -> np.ndarray:
-    """A column at the common times, one that never changes among them (N,)."""
+    """A column at the common times, also a constant one (N,)."""
     return seen.columns.get(name, np.full(len(seen.time), seen.constant.get(name, 0.0)))

@@ -1,4 +1,4 @@
-"""What the model predicts for columns taken as positions, and how much of other columns that explains."""
+"""Predictions of the model for columns taken as positions, and the share of other columns that they explain."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from ident.mechanism.motion import Motion
 from ident.recordings.smoothing import SETTLING, chosen_cutoff, low_pass, smoothed
 
 ENOUGH = 300
-"""Samples at which the model is asked, evenly spread."""
+"""Samples at which the model is evaluated, evenly spaced."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Columns low-passed alike, at the few samples at which the model is asked.
+    """Columns low-passed by one filter, at the few samples at which the model is evaluated.
 
     Attributes:
         states: Values and both derivatives of columns that may be positions (3, M).
@@ -36,7 +36,7 @@ class Curves:
 
 
 def curves(seen: Seen, positions: Iterable[str]) -> Curves:
-    """Columns of a log at few samples, low-passed as those that may be positions ask for.
+    """Columns of a log at few samples, low-passed with the cut-off that suits possible positions.
 
     Raises:
         InputError: There are too few samples for a filter.
@@ -63,7 +63,7 @@ def prediction(mechanism: Mechanism, states: Sequence[np.ndarray]) -> dict[str, 
 
 
 def unexplained(measured: np.ndarray, predicted: Sequence[np.ndarray]) -> float:
-    """Share of the variance of some columns (M, k) that remains beside others (M,), whatever gains and offsets are."""
+    """Unexplained share of the variance of columns (M, k) in a regression on others (M,), gains and offsets free."""
     x = np.stack([np.ones(len(measured)), *predicted], axis=1)
     x = x / np.maximum(np.linalg.norm(x, axis=0), 1e-300)
     left = measured - x @ np.linalg.lstsq(x, measured, rcond=1e-8)[0]
@@ -74,7 +74,7 @@ def unexplained(measured: np.ndarray, predicted: Sequence[np.ndarray]) -> float:
 def shares_of_torques(
     states: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray], columns: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Share of each column's variance that each joint's predicted torque leaves beside friction and an offset.
+    """Share of each column's variance that a joint's predicted torque, friction and an offset do not explain.
 
     Args:
         states: Position and both derivatives of each joint (3, M).
@@ -99,5 +99,5 @@ def shares_of_torques(
 
 
 def beside_friction(states: np.ndarray, predicted: np.ndarray, measured: np.ndarray) -> float:
-    """Share of the variance of a measured torque (M,) that the predicted one leaves beside friction and an offset."""
+    """Share of a measured torque's variance (M,) that the predicted torque, friction and an offset do not explain."""
     return float(shares_of_torques({"": states}, {"": predicted}, {"": measured})[""][0])

@@ -1,4 +1,4 @@
-"""A log as it comes: how its text is laid out, its columns of numbers at common times, and what is odd about them."""
+"""The contents of a log before any mapping: layout of text, numeric columns at common times, and irregularities."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,28 +19,28 @@ from ident.recordings.several_files import files_of, name_of, read_files
 from ident.recordings.table import TRUE, Table, is_number
 
 OWN_TIMES = Clock("time", "s", "the file knows its times")
-"""What stands for the clock of a file that has several, beside other files."""
+"""Placeholder for the clock of a file that has several, beside other files."""
 
 PREAMBLE = 40
-"""Lines before a table that are tried to be left out."""
+"""Largest number of lines before a table."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A log as it was found.
+    """The contents of a log.
 
     Attributes:
         path: The file, or several as `FILE+FILE`.
-        layouts: How the text of each file is laid out.
-        clocks: Column of times of each file, none where the only file knows the times of its columns.
+        layouts: Layout of each file's text.
+        clocks: Column of times of each file; empty for a single file that stores the times of its columns.
         time: Common times of the columns, uniform, s (N,).
         columns: Columns of numbers that change, at these times (N,).
         constant: Values of columns that never change.
         missing: Share of missing numbers in each column that has some.
-        unread: What is wrong with columns that have no numbers, by name.
-        units: What the file says of units, by column.
-        holes: How many steps of time are gaps.
-        labels: Words of columns that have the same one throughout.
+        unread: Errors of columns without numbers, by name.
+        units: Units stated by the file, by column.
+        holes: Number of time steps that are gaps.
+        labels: Words of columns that hold one word throughout.
     """
 
     path: Path
@@ -57,7 +57,7 @@ class Seen:
 
     @property
     def has_gaps(self) -> bool:
-        """Whether samples are missing, as cells or as rows, of files with one clock."""
+        """True if cells or rows are missing, in files with one clock."""
         return bool(self.clocks) and bool(self.missing or self.holes)
 
     @property
@@ -67,7 +67,7 @@ class Seen:
 
     @property
     def names(self) -> list[str]:
-        """Columns with numbers, those that never change among them."""
+        """Columns with numbers, including constant ones."""
         return [*self.columns, *self.constant]
 
     def told(self) -> list[str]:
@@ -92,12 +92,12 @@ class Seen:
 
 
 def seen(path: Path, limit: int = LIMIT, rate: float = 0.0) -> Seen:
-    """Looks at a log, of a long one at its first `ROWS` samples.
+    """Reads a log, or the first `ROWS` samples of a long one.
 
     Args:
         path: The log.
         limit: Bytes that an archive may take in memory.
-        rate: Samples per second of files without a column that is named as times are, Hz.
+        rate: Samples per second of files without a column named like times, Hz.
 
     Raises:
         LogError: The file is missing or damaged, has no numbers, or none of its columns can be times.
@@ -116,7 +116,7 @@ def seen(path: Path, limit: int = LIMIT, rate: float = 0.0) -> Seen:
 
 
 def _of_one_clock(path: Path, limit: int, rate: float) -> tuple[Layout, Clock, Table]:
-    """How a file is laid out, its column of times, and its first `ROWS` samples."""
+    """Layout of a file, its column of times, and its first `ROWS` samples."""
     layout = _layout(path, limit)
     table = next(read_tables(path, ROWS, limit=limit, layout=layout), None)
     if table is None:
@@ -127,7 +127,7 @@ def _of_one_clock(path: Path, limit: int, rate: float) -> tuple[Layout, Clock, T
 
 
 def _of_several_files(path: Path, files: Sequence[Path], limit: int, rate: float) -> Seen:
-    """Looks at a log in several files."""
+    """Reads a log in several files."""
     layouts, clocks = list[Layout](), list[Clock]()
     for file in files:
         try:
@@ -142,7 +142,7 @@ def _of_several_files(path: Path, files: Sequence[Path], limit: int, rate: float
 
 
 def _layout(path: Path, limit: int) -> Layout:
-    """How a file of text is laid out: the first way in which it reads."""
+    """Layout of a text file: the first with which it can be read."""
     if not path.name.lower().endswith(TEXT) or not path.is_file():
         return Layout()
     first: LogError | None = None
@@ -163,7 +163,7 @@ def _layout(path: Path, limit: int) -> Layout:
 
 
 def _numbers(table: Table, unread: dict[str, str]) -> dict[str, np.ndarray]:
-    """Columns that hold numbers, NaN where one is missing (N,); what is wrong with the others is put into `unread`."""
+    """Columns with numbers, NaN where missing (N,); errors of the others are put into `unread`."""
     numbers = {}
     for name in table.cells:
         if name.startswith(TRUE):
@@ -183,13 +183,13 @@ def _numbers(table: Table, unread: dict[str, str]) -> dict[str, np.ndarray]:
 
 
 def _labels(table: Table, names: Iterable[str]) -> dict[str, str]:
-    """Words of columns that have no numbers and the same word throughout, as the names of joints in a ROS message."""
+    """Words of columns that hold one word throughout, such as joint names in a ROS message."""
     there = {name: {str(cell).strip() for cell in table.cells[name]} for name in names if name in table.cells}
     return {name: next(iter(said)) for name, said in there.items() if len(said) == 1}
 
 
 def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -> Seen:
-    """Columns of one table or several, interpolated at uniform times that all of them cover."""
+    """Columns of all tables, interpolated at uniform times that all of them cover."""
     unread: dict[str, str] = {}
     sampled: dict[str, Sampled] = {}
     units, labels = dict[str, str](), dict[str, str]()
@@ -200,7 +200,7 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
         own = numbers.pop(clock.column if clock else "time", np.empty(0)) * (clock.columns.factor if clock else 1.0)
         if len(own) < 10:
             raise LogError(f"a log needs at least 10 samples, it has {len(own)}.")
-        # Of times that come again, or go back, the first count.
+        # If times repeat or go back, the first ones are kept.
         kept = np.flatnonzero(own > np.maximum.accumulate(np.append(-np.inf, own[:-1])))
         sampled |= {name: Sampled(own[kept] - (own[0] if clock else 0), x[kept]) for name, x in numbers.items()}
         units |= table.units
@@ -223,10 +223,10 @@ def _at_common_times(path: Path, clock: Clock | None, tables: Sequence[Table]) -
 def check_same_columns(
     first: Seen, others: Sequence[Path], used: set[str], limit: int = LIMIT, rate: float = 0.0
 ) -> None:
-    """Refuses logs that lack columns of the mapping.
+    """Raises an error for logs that lack columns of the mapping.
 
     Raises:
-        LogError: One does, or cannot be read.
+        LogError: A log lacks one, or cannot be read.
     """
     for path in others:
         another = seen(path, limit, rate)

@@ -1,4 +1,4 @@
-"""Units and signs of joints, by how much of wrenches and torques the model explains with them."""
+"""Units and signs of joints, by the share of wrenches and torques that the model explains with them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -13,27 +13,27 @@ from ident.estimation.equations import COMPONENTS
 from ident.mechanism.mechanism import Mechanism
 
 BETTER, FAR_BETTER = 0.7, 0.5
-"""What another unit, and another sign, has to leave unexplained at most, over what there is without."""
+"""Largest ratios of unexplained shares, with over without, to accept another unit and another sign."""
 
 EXPLAINED = 0.02
-"""What may be left unexplained without a doubt about signs."""
+"""Unexplained share below which signs are not doubted."""
 
 
 TURNS_OF_A_JOINT = 60.0
-"""Angles beyond it are no radians of a joint, which would be ten turns."""
+"""Largest angle of a joint that is plausible in radians: about ten turns."""
 
 ENOUGH, LITTLE = 0.5, 0.1
-"""Shares of wrenches and torques that the model has to explain with columns that are believed by their place alone, and
-with others. Torques of arms are explained to less than half with columns of other joints, to eight tenths or more with
-the right ones, even if masses are wrong by a factor of two. What has a name may have a worse model."""
+"""Shares of wrenches and torques that the model has to explain with columns assigned only by their place, and with
+others. Torques of arms are explained to less than half with columns of other joints, to eight tenths or more with the
+right ones, even if masses are wrong by a factor of two. For columns with names the model may be worse."""
 
 
 class Left(NamedTuple):
     """Shares of variances that the model leaves unexplained.
 
     Attributes:
-        somehow: Whatever the axes, signs and units of wrenches are.
-        straight: With wrenches in the axes that they are said to be in.
+        somehow: With free axes, signs and units of wrenches.
+        straight: With wrenches in their stated axes.
     """
 
     somehow: float
@@ -43,26 +43,26 @@ class Left(NamedTuple):
 def check_positions(
     belief: Belief, seen: Seen, mechanism: Mechanism, kinds: Mapping[str, str], by_size: Sequence[str]
 ) -> bool:
-    """Holds units and signs of joints against wrenches and torques, whatever the units and axes of those are.
+    """Checks units and signs of joints against wrenches and torques, independent of the units and axes of these.
 
-    What is only likely and explains next to nothing is doubted.
+    Likely columns that explain next to nothing become doubtful.
 
     Args:
-        belief: What is believed.
+        belief: The belief.
         seen: The log.
         mechanism: The mechanism.
-        kinds: Whether each joint is a `hinge` or a `slide`.
-        by_size: Joints whose size alone tells radians from degrees.
+        kinds: `hinge` or `slide` for each joint.
+        by_size: Joints whose unit was chosen by size alone.
 
     Returns:
-        Whether no sign is open, which turned axes of wrenches cannot be told from.
+        True if no sign is open; an open one is indistinguishable from turned axes of a wrench.
     """
     joints = [joint for joint in kinds if position(belief, seen, kinds, joint) is not None]
     if not joints or belief.undecided or mechanism.prior is None:
         return True
     found = belief.of("position")
     low = curves(seen, [found[joint].column for joint in joints])
-    # What is not in the log, or never changes, rests.
+    # Joints that are not in the log, or constant, rest.
     states = {joint: np.zeros((3, low.size)) for joint in kinds}
     for joint in kinds:
         if joint in found and found[joint].column in seen.constant:
@@ -92,7 +92,7 @@ def _other_unit(
     left: Callable[[Mapping[str, float]], Left | None],
     here: Left,
 ) -> Left:
-    """Takes degrees for radians, or the reverse, where the model explains far more then; what is left."""
+    """Exchanges radians and degrees if the model explains far more then; returns the shares left unexplained."""
     found = belief.of("position")
     # A program has one unit for all angles.
     unit, other, scale = ("rad", "deg", np.pi / 180) if found[by_size[0]].unit == "rad" else ("deg", "rad", 180 / np.pi)
@@ -109,7 +109,7 @@ def _other_unit(
 
 
 def _doubt(belief: Belief, explained: float) -> None:
-    """Doubts what is only likely where the model explains next to nothing, and says so where it explains little."""
+    """Makes likely positions doubtful if the model explains next to nothing, and adds a note if it explains little."""
     told = f"the model explains {100 * explained:.0f} % of the wrenches and torques"
     likely = [x for x in belief.of("position").values() if x.sure == LIKELY]
     if explained >= ENOUGH:
@@ -128,23 +128,23 @@ def _doubt(belief: Belief, explained: float) -> None:
 def _turn(
     belief: Belief, joints: Sequence[str], left: Callable[[Mapping[str, float]], Left | None], here: Left
 ) -> tuple[bool, Left]:
-    """Turns joints around whose opposite sign explains far more, one after the other; where two do, neither is told.
+    """Inverts joints whose opposite sign explains far more, one by one; if two do so equally, the sign stays open.
 
     Args:
-        belief: What is believed.
+        belief: The belief.
         joints: The joints.
-        left: What is left unexplained with factors on some positions.
-        here: The same with none.
+        left: Function that returns the unexplained shares with factors on some positions.
+        here: The unexplained shares without factors.
 
     Returns:
-        Whether no sign is open, and what is left.
+        True if no sign is open, and the unexplained shares.
     """
     found = belief.of("position")
     turned: dict[str, float] = {}
     while here.somehow > EXPLAINED:
         ways = {joint: way for joint in joints if (way := left({**turned, joint: -turned.get(joint, 1.0)})) is not None}
         good = [joint for joint in ways if ways[joint].somehow < FAR_BETTER * here.somehow]
-        # The mirror image of a motion goes with a plate that is turned by 180°; a plate as it is, is likelier.
+        # The mirror image of a motion fits a plate that is turned by 180°; a plate that is not turned is likelier.
         good.sort(key=lambda joint: (ways[joint].straight, ways[joint].somehow))
         if not good:
             return True, here
@@ -170,7 +170,7 @@ def _percent(left: float) -> str:
 def _left(
     belief: Belief, levels: Mapping[str, np.ndarray], mechanism: Mechanism, states: Mapping[str, np.ndarray]
 ) -> Left | None:
-    """What the model leaves unexplained of wrenches and torques, on average; None where there are none."""
+    """Unexplained shares of wrenches and torques, on average; None without any."""
     predicted = prediction(mechanism, list(states.values()))
     wrench = [predicted[c] for c in COMPONENTS]
     shares = []
@@ -188,7 +188,7 @@ def _left(
 
 
 def _beside_own(measured: np.ndarray, predicted: Sequence[np.ndarray]) -> float:
-    """Share of the variance of components (M, 3) that remains beside their own predictions, with one positive gain."""
+    """Unexplained share of the variance of components (M, 3) by their own predictions, with one positive gain."""
     x, y = np.stack(predicted, axis=1), measured - measured.mean(axis=0)
     x = x - x.mean(axis=0)
     gain = max(float((x * y).sum()), 0.0) / max(float((x * x).sum()), 1e-300)

@@ -1,4 +1,4 @@
-"""Columns whose names say nothing: positions and wrenches by what the model predicts of one from the other."""
+"""Columns with meaningless names: positions and wrenches, by the model's predictions of one from the other."""
 
 from collections.abc import Sequence
 from itertools import permutations
@@ -19,27 +19,27 @@ from ident.recordings.plausibility import rate_factor
 from ident.recordings.wrench import GROUND
 
 MOST = 400
-"""Ways to assign columns to joints that are tried."""
+"""Largest number of assignments of columns to joints that are tried."""
 
 CLEAR = 0.7
-"""Unexplained share of the best way over that of another one, above which either may be right."""
+"""Ratio of the best assignment's unexplained share to the second's, above which the choice is open."""
 
 DARK = 0.5
-"""What the best way may leave unexplained at most: with wrong columns as much is explained by chance."""
+"""Largest unexplained share of the best assignment: wrong columns explain as much by chance."""
 
 EXPLAINED = 0.8
-"""Share of a column's variance from which on it is what the model predicts."""
+"""Share of a column's variance above which a prediction is accepted for it."""
 
 
 def add_unnamed(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequence[str], held: bool) -> None:
-    """Adds positions of joints without columns, and a wrench or torques where nothing is named so.
+    """Adds positions of joints without columns, and a wrench or torques if no column is named so.
 
     Args:
-        belief: Where to.
+        belief: The belief to extend.
         seen: The log.
         mechanism: The mechanism.
         joints: Its joints, each with one coordinate.
-        held: Whether something holds the base.
+        held: True if something holds the base.
     """
     known = {joint: found.column for joint, found in belief.of("position").items() if found.column in seen.columns}
     lacking = [joint for joint in joints if joint not in belief.of("position")]
@@ -49,7 +49,7 @@ def add_unnamed(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequen
         return
     free = [name for name in seen.columns if name not in belief.columns and not words(name).commanded]
     rates = _rates(seen, free)
-    # What has a rate beside it is a position; without any such pair all columns may be.
+    # A column with a derivative is a position; without any such pair all columns may be.
     roots = [name for name in free if name in rates.values() and name not in rates] or free
     candidates = roots if len(roots) >= len(lacking) else [name for name in free if name not in rates]
     if lacking and (len(candidates) < len(lacking) or perm(len(candidates), len(lacking)) > MOST):
@@ -67,7 +67,7 @@ def add_unnamed(belief: Belief, seen: Seen, mechanism: Mechanism, joints: Sequen
 
 
 def _rates(seen: Seen, names: Sequence[str]) -> dict[str, str]:
-    """Columns that are derivatives of others, in whatever unit, by name."""
+    """Columns that are derivatives of others, in any unit, with these others."""
     units = (1.0, 180 / np.pi, np.pi / 180)
     return {
         rate: name
@@ -85,7 +85,7 @@ def _unit(low: Curves, column: str) -> str:
 def _predicted(
     belief: Belief, low: Curves, mechanism: Mechanism, joints: Sequence[str], columns: dict[str, str]
 ) -> dict[str, np.ndarray]:
-    """Channels that change, as the model predicts them with these columns as positions."""
+    """Channels that change, predicted by the model with these columns as positions."""
     hinge = {body.joint: bool(body.twist[3:].any()) for body in mechanism.tree.bodies if body.moves}
     named = belief.of("position")
     states = []
@@ -115,7 +115,7 @@ def _add_positions(
     candidates: Sequence[str],
     others: Sequence[str],
 ) -> bool:
-    """Adds the columns with which the model explains the others best; whether one way was clearly the best."""
+    """Adds the columns with which the model explains the others best, and returns True if they are clearly the best."""
     joints = mechanism.tree.joints
     told = [name for group in belief.groups.values() for name in group.columns if name in low.levels]
     told += [found.column for found in belief.of("torque").values() if found.column in low.levels]
@@ -151,7 +151,7 @@ def _add_measured(
     order: Sequence[str],
     held: bool,
 ) -> None:
-    """Adds the ground's wrench, or else joint torques, as the columns that go as the model predicts them."""
+    """Adds the ground's wrench, or else joint torques: the columns that the model's predictions explain."""
     wrench = _matched(low, names, {c: x for c, x in predicted.items() if c in COMPONENTS}) if held else {}
     if sum(component in COMPONENTS[:3] for component in wrench) > 1:
         columns = {component: column for component, (column, _) in wrench.items()}
@@ -169,7 +169,7 @@ def _add_measured(
 
 
 def _matched(low: Curves, names: Sequence[str], predicted: dict[str, np.ndarray]) -> dict[str, tuple[str, float]]:
-    """Columns of predicted channels, those that are alike together the most, each with how much it is."""
+    """Columns of predicted channels, assigned by the largest sum of squared correlations, each with its own."""
     like = _likeness(low, names, predicted)
     pairs = zip(*linear_sum_assignment(-like), strict=True)
     channels = list(predicted)
@@ -177,7 +177,7 @@ def _matched(low: Curves, names: Sequence[str], predicted: dict[str, np.ndarray]
 
 
 def _fill(columns: dict[str, str], part: Sequence[str], order: Sequence[str], belief: Belief) -> None:
-    """Adds the third component between or beside two that stand in the file in order."""
+    """Adds the third component if two are in order in the file."""
     places = {k: order.index(columns[c]) - k for k, c in enumerate(part) if c in columns}
     missing = [k for k in range(3) if k not in places]
     if len(missing) == 1 and len(set(places.values())) == 1:

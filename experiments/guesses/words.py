@@ -1,4 +1,4 @@
-"""What the name of a column says: the quantity, its unit, and whose it is."""
+"""Words of a column's name: the quantity, its unit, and the joint or body that it belongs to."""
 
 import re
 from collections.abc import Sequence
@@ -15,16 +15,16 @@ KINDS = {
     "current": {"current", "cur", "amps", "i"},
     "time": {"time", "t", "timestamp", "stamp", "clock"},
 }
-"""Words of names by what the column holds."""
+"""Words of names by the quantity that the column holds."""
 
 COMMANDED = {
     *("ref", "cmd", "des", "desired", "target", "command", "commanded", "setpoint", "goal", "action"),
     *("ext", "external", "dtau", "residual"),
 }
-"""Words of what was asked for, or estimated of something else, rather than measured of a joint."""
+"""Words of quantities that were commanded, or estimated, rather than measured at a joint."""
 
 EMPTY = {"joint", "jnt", "j", "axis", "meas", "measured", "msr", "actual", "fb", "feedback", "jointset"}
-"""Words that say nothing of which joint it is."""
+"""Words that do not distinguish joints."""
 
 KINDS_AND_EMPTY = set[str]().union(*KINDS.values()) | EMPTY
 
@@ -59,27 +59,27 @@ SPELLED = {
     "sec": "s",
     "secs": "s",
 }
-"""Units by how names spell them, in small letters."""
+"""Units by their spelling in names, in lower case."""
 
 BRACKETED = {"m": "m", "n": "N", "a": "A", "s": "s", "µs": "us", "n.m": "N m", "n*m": "N m", "n·m": "N m"}
-"""Units that are so only in brackets, being letters of much else."""
+"""Units that count only in brackets, as their letters have many other uses."""
 
 LIKE = 0.6
-"""Likeness of names from which on they may mean the same."""
+"""Smallest likeness of names that may mean the same."""
 
 NEAR = 0.05
-"""Likenesses that differ by less leave open which is meant."""
+"""Differences of likeness below this leave the choice open."""
 
 
 @dataclass(frozen=True)
 class Words:
-    """What a name says.
+    """Words of a name.
 
     Attributes:
-        core: The words that are left: whose quantity it is.
+        core: The remaining words: the joint or body.
         kind: One of `KINDS`, or "".
         unit: One of the units of `SPELLED` and `BRACKETED`, without `/s`, or "".
-        commanded: Whether it is what was asked for, or estimated of something else.
+        commanded: True if the quantity was commanded or estimated, rather than measured.
     """
 
     core: tuple[str, ...]
@@ -94,20 +94,20 @@ class Words:
 
     @property
     def sides(self) -> set[str]:
-        """Left or right."""
+        """The sides among the words, left or right."""
         return {word for word in self.core if word in SIDES.values()}
 
 
 def words(name: str) -> Words:
-    """What the name of a column or a joint says."""
+    """Words of the name of a column or a joint."""
     name, unit = without_unit(name)
     split = [part.lower() for part in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_]+|\d+", name)]
     split = [str(int(part)) if part.isdigit() else part for part in split]
     kinds = [kind for part in split for kind, those in KINDS.items() if part in those]
-    # Of `motor_current_position` the last word says what it is; `current` is a quantity only without another.
+    # In `motor_current_position` the last word is the quantity; `current` is one only without another.
     kind = next((kind for kind in reversed(kinds) if kind != "current" or set(kinds) == {"current"}), "")
     spoken = KINDS_AND_EMPTY | COMMANDED
-    # Franka's `q_d` and `tau_J_d` are desired.
+    # Franka's `q_d` and `tau_J_d` are desired values.
     after = {k for k, part in enumerate(split) if part == "d" and k and split[k - 1] in KINDS_AND_EMPTY}
     core = tuple(SIDES.get(part, part) for k, part in enumerate(split) if part not in spoken and k not in after)
     return Words(core, kind, unit, bool(after) or any(part in COMMANDED for part in split))
@@ -127,7 +127,7 @@ def without_unit(name: str) -> tuple[str, str]:
 
 
 def likeness(column: Words, joint: Words) -> float:
-    """How much a column's name is that of a joint or body, from 0 to 1: numbers and sides have to agree."""
+    """Likeness of a column's name to that of a joint or body, from 0 to 1: numbers and sides have to agree."""
     if column.sides != joint.sides or not column.core or not joint.core or not joint.numbers <= column.numbers:
         return 0.0
     there, asked = set(column.core), set(joint.core)
@@ -143,13 +143,13 @@ def likeness(column: Words, joint: Words) -> float:
 
 
 def shares_numbers_alone(column: Words, joint: Words) -> bool:
-    """Whether all that two names have in common is numbers, which count from zero in one and from one in another."""
+    """True where two names share numbers only, which may start at zero in one and at one in the other."""
     common = set(column.core) & set(joint.core)
     return bool(common) and all(word.isdigit() for word in common)
 
 
 def without_prefix(names: Sequence[Words]) -> list[Words]:
-    """The same without the words that all of them begin with, such as the robot's."""
+    """The same words without a common prefix, such as the robot's name."""
     cores = [each.core for each in names]
     length = 0
     while len(cores) > 1 and all(len(core) > length + 1 and core[length] == cores[0][length] for core in cores):
@@ -158,6 +158,6 @@ def without_prefix(names: Sequence[Words]) -> list[Words]:
 
 
 def unit_of(quantity: str, said: str) -> str:
-    """The unit of a quantity of `UNITS` whose name says so, "" if it says none that the quantity can have."""
+    """The unit of a quantity of `UNITS` that a name states; "" if the quantity cannot have it."""
     rate = {"velocity": "/s", "acceleration": "/s^2"}.get(quantity.split(" ")[-1], "")
     return next((unit for unit in (said, said + rate) if said and unit in UNITS[quantity]), "")

@@ -1,4 +1,4 @@
-"""Columns of wrenches: groups by their names, what they are measured about, and what they may act on."""
+"""Columns of wrenches: groups by name, reference points of moments, and the bodies that wrenches may act on."""
 
 import re
 
@@ -15,30 +15,30 @@ from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import Component, wrench_groups
 
 FEET = re.compile(r"foot|calcn|feet|sole|heel", re.IGNORECASE)
-"""What stands on the ground, by name."""
+"""Names of bodies that stand on the ground."""
 
 GROUNDS = re.compile(r"ground|base|plate|floor", re.IGNORECASE)
-"""What the wrench at the base is named after."""
+"""Names of the wrench at the base."""
 
 SAME = 0.999
-"""Correlation of the sizes of two forces from which on they are one."""
+"""Correlation of the sizes of two forces above which they are the same force."""
 
 Parts = dict[Component, str]
 """Columns by component."""
 
 ABOUT_ORIGIN = 0.05
-"""Share of a moment's variance beside that of p × F, up to which it is about the origin rather than about the point."""
+"""Share of a moment's variance not explained by p × F, up to which it is about the origin rather than the point."""
 
 
 def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool, flies: bool) -> None:
     """Adds the columns that are named like wrenches.
 
     Args:
-        belief: Where to.
+        belief: The belief to extend.
         seen: The log.
-        mechanism: What the wrenches may act on.
-        held: Whether something holds the base.
-        flies: Whether the joints move a held base freely in a plane.
+        mechanism: The mechanism, with the bodies that wrenches may act on.
+        held: True if something holds the base.
+        flies: True if the joints move a held base freely in a plane.
     """
     names = [name for name in seen.names if name not in belief.columns]
     bare = {_bare(n): n for n in names if words(n).unit not in CURRENT and not words(n).commanded}
@@ -68,7 +68,7 @@ def add_wrenches(belief: Belief, seen: Seen, mechanism: Mechanism, held: bool, f
 
 
 def _is_same(seen: Seen, one: Parts, other: Parts) -> bool:
-    """Whether two wrenches have forces of the same size throughout, and so are one that is written twice."""
+    """True where two wrenches have forces of the same size throughout, and so are one that is written twice."""
     sizes = []
     for parts in (one, other):
         forces = [name for (kind, _), name in parts.items() if kind == "force" and name in seen.columns]
@@ -77,7 +77,7 @@ def _is_same(seen: Seen, one: Parts, other: Parts) -> bool:
 
 
 def _site(rest: str, mechanism: Mechanism) -> str:
-    """The site of the model that a wrench is named after, on a body that moves; "" if there is none."""
+    """The site on a moving body that a wrench is named after; "" if there is none."""
     own, tree = words(rest), mechanism.tree
     moving = {tree.names[k] for i in tree.moving for k in tree.carried(i)}
     named = [s for s, (body, _) in mechanism.sites.items() if body in moving and likeness(own, words(s)) >= 0.99]
@@ -85,7 +85,7 @@ def _site(rest: str, mechanism: Mechanism) -> str:
 
 
 def _mount(group: Group, mechanism: Mechanism) -> None:
-    """Adds where the model has the site that a wrench is named after."""
+    """Adds the pose of the site that a wrench is named after."""
     body, pose = mechanism.site(group.name)
     angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
     group.entries["body"] = Entry(body, "the model has a site of that name on it")
@@ -94,7 +94,7 @@ def _mount(group: Group, mechanism: Mechanism) -> None:
 
 
 def _bare(name: str) -> str:
-    """A name without its unit, whose letters would be taken for a component."""
+    """A name without its unit, whose letters would be mistaken for a component."""
     return re.sub(r"\s*[\[(][^\])]*[\])]\s*$|[\W_]+(k?Nm?m?)$", "", name)
 
 
@@ -127,7 +127,7 @@ def _entries(seen: Seen, parts: Parts) -> dict[str, Entry]:
         if len(said) == 1 and not any(name in seen.units for name in columns):
             entries[key] = Entry(said.pop(), "by the names")
         elif key == "point_unit" and not any(name in seen.units for name in columns):
-            # Where nobody stands a point is anything; half of the time somebody does.
+            # The point is meaningless while nobody stands on the plate; the median assumes contact half of the time.
             size = max(float(np.median(np.abs(seen.columns[name]))) for name in columns if name in seen.columns)
             if size > 10:
                 entries[key] = Entry("mm", f"half of the time it is {size:.3g} or more away")
@@ -135,7 +135,7 @@ def _entries(seen: Seen, parts: Parts) -> dict[str, Entry]:
 
 
 def _is_about_origin(seen: Seen, parts: Parts) -> bool:
-    """Whether moments are those of the force at the point of application, about the origin."""
+    """True where moments are those of the force at the point of application, about the origin."""
 
     def of(kind: str) -> np.ndarray:
         columns = [seen.columns.get(parts.get((kind, axis), ""), np.zeros(len(seen.time))) for axis in "xyz"]
@@ -144,12 +144,12 @@ def _is_about_origin(seen: Seen, parts: Parts) -> bool:
     force, moment, arm = of("force"), of("torque"), np.cross(of("point"), of("force"))
     pairs = [k for k in range(3) if np.ptp(moment[:, k]) > 0 and np.ptp(arm[:, k]) > 0 and np.ptp(force) > 0]
     left = [1 - np.corrcoef(moment[:, k], arm[:, k])[0, 1] ** 2 for k in pairs]
-    # About the point there is at most one component, around the plate's normal.
+    # About the point there is at most one component, along the plate's normal.
     return len([x for x in left if x < ABOUT_ORIGIN]) > 1
 
 
 def _place(belief: Belief, group: Group, mechanism: Mechanism, held: bool) -> None:
-    """Adds what a wrench that is not the ground's acts on; where that is open, it stays a remark."""
+    """Adds the body that a wrench other than the ground's acts on; if that is open, the wrench stays a remark."""
     if "point" in group.entries or not held:
         group.entries["frame"] = Entry("world", "a point of application rests in the world" if held else "plates rest")
         _stand(belief, group, mechanism)
@@ -166,7 +166,7 @@ def _place(belief: Belief, group: Group, mechanism: Mechanism, held: bool) -> No
 
 
 def _stand(belief: Belief, group: Group, mechanism: Mechanism) -> None:
-    """Adds who may be on a plate."""
+    """Adds the bodies that may stand on a plate."""
     tree = mechanism.tree
     carrying = {tree.names[body.parent] for body in tree.bodies if body.parent >= 0}
     feet = [name for name in tree.names if FEET.search(name)]
@@ -185,7 +185,7 @@ def _stand(belief: Belief, group: Group, mechanism: Mechanism) -> None:
 
 
 def is_doubtful(group: Group) -> bool:
-    """Whether something of a wrench is open, so that it can be a remark only."""
+    """True where a line of a wrench is doubtful, or force and torque are both missing; it is written as a remark."""
     return any(entry.sure == DOUBTFUL for entry in group.entries.values()) or not (
         {"force", "torque"} & group.entries.keys()
     )

@@ -1,4 +1,4 @@
-"""A mapping of columns with the reason of every line beside it, to be corrected by hand."""
+"""Text of a mapping of columns with the reason for every line, to be corrected by hand."""
 
 import json
 import re
@@ -20,11 +20,11 @@ ORDER = (
 
 
 def toml_text(seen: Seen, belief: Belief, joints: Sequence[str]) -> str:
-    """The mapping file; what is doubtful, lacking or unused is in remarks.
+    """The mapping file, with doubtful, missing and unused columns in remarks.
 
     Args:
         seen: The log.
-        belief: What is believed of it.
+        belief: The belief about it.
         joints: The mechanism's joints.
     """
     lines = [
@@ -61,7 +61,7 @@ def _times(seen: Seen) -> list[str]:
 
 
 def _layouts(seen: Seen) -> list[str]:
-    """Lines on how text is laid out, unless all of it is as usual."""
+    """Lines on the layout of text, empty if all layouts are the default."""
     several = len(seen.layouts) > 1
     lines = []
     for layout in seen.layouts if any(layout != Layout() for layout in seen.layouts) else ():
@@ -72,7 +72,7 @@ def _layouts(seen: Seen) -> list[str]:
 
 
 def _joint(joint: str, quantities: Sequence[Quantity]) -> list[str]:
-    """Lines on a joint, remarks alone where nothing of it is believed."""
+    """Lines on a joint, only remarks if none of its columns is believed."""
     believed = any(x.sure != DOUBTFUL for x in quantities)
     lines = [f"{'' if believed else '# '}[joints.{_key(joint)}]"]
     if not any(x.kind == "position" for x in quantities):
@@ -93,7 +93,7 @@ def _line(key: str, value: Any, why: str, *, guess: bool = False) -> str:
 
 
 def _toml(value: Any) -> str:
-    """A value of TOML; the names of columns that are used have nothing that JSON would write otherwise."""
+    """A TOML value; assigned columns have no characters that JSON would escape differently."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
     if isinstance(value, list):
@@ -106,12 +106,12 @@ def _key(name: str) -> str:
 
 
 def _printable(text: str) -> str:
-    """A text for a remark, which is one line."""
+    """A text on one line, for a remark."""
     return "".join(c if c.isprintable() else " " for c in text)
 
 
 def table(seen: Seen, belief: Belief) -> list[str]:
-    """What is believed, a line for each quantity: column, unit, how sure, and why."""
+    """Lines of a table of the beliefs: quantity, column, unit, certainty, and reasons."""
     rows = [("time", clock.column, clock.unit, "likely", clock.why) for clock in dict.fromkeys(seen.clocks)]
     for x in belief.quantities.values():
         unit = f"{x.gain:g} × {x.unit}" if x.gain != 1 else x.unit
