@@ -1,4 +1,4 @@
-"""A person on two force plates who holds a rail, simulated: what a prior that is wrong by a fifth becomes."""
+"""A simulated person on two force plates who holds a rail: segment estimates from a prior that is wrong by a fifth."""
 
 import argparse
 import os

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from ident.estimation.preparation import Prepared
 
 PRIOR = {"auto": None, "on": True, "off": False, **dict.fromkeys(("winter", "deleva", "dumas"), True)}
-"""Whether the model's bodies, or those of a table of people, count as known beforehand."""
+"""True if the bodies of the model or of a table of people are a prior; None to decide by the motion."""
 
 PAYS = 30_000
-"""Samples times joints from which the joint estimate gains more by several processes than it takes to start them."""
+"""Samples times joints above which several processes save more time than they take to start."""
 
 
 def run(args: argparse.Namespace) -> None:
-    """Identifies and writes and prints what was found."""
+    """Identifies, and writes and prints the results."""
     from experiments.output import identify_report, report
     from experiments.output.page import PAGE, complain
     from experiments.studies.identification import prepare
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
 
 @contextmanager
 def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[Executor | None]:
-    """Processes for the pieces of the joint estimate, none where one is enough."""
+    """Processes for the pieces of the joint estimate; None if one is enough."""
     from experiments.runs.workers import worker_pool
 
     work = sum(log.samples.motion.q.size for log in logs)
@@ -67,7 +67,7 @@ def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[E
 
 
 def _person(args: argparse.Namespace) -> Any:
-    """Whose segments the bodies are, None where the prior is the model's."""
+    """The person whose segments the bodies are; None if the prior is the model's."""
     from ident.parameters.anthropometry import TABLES
     from ident.parameters.person import Person
 

@@ -1,4 +1,4 @@
-"""Section VI: what a 5° tilt of the joint axes does to a model that neglects it (Table III, Figures 2 and 3)."""
+"""Section VI: effect of a 5° tilt of the joint axes on a model that neglects it (Table III, Figures 2 and 3)."""
 
 import argparse
 

@@ -1,4 +1,4 @@
-"""A person who bows on a force plate, recorded: what several estimators say of legs and trunk, and predict."""
+"""A recorded person who bows on a force plate: estimates of legs and trunk by several estimators, and predictions."""
 
 import argparse
 from pathlib import Path
