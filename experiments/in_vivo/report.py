@@ -1,4 +1,4 @@
-"""What estimators say of a person who bows: tables, a figure, key numbers, and the terminal's text."""
+"""Report on the study of a person who bows: tables, a figure, key numbers, and the terminal's text."""
 
 import argparse
 from dataclasses import replace
@@ -20,13 +20,13 @@ ABOUT = (
     "A recording of a person who bows on a force plate is identified by several estimators: what each makes of legs "
     "and trunk, and how well it predicts the part that was held out."
 )
-"""What the page says of the study."""
+"""The page's text on the study."""
 
 SHOWN = ("m2rz2", "Iyy2", "m3rz3", "Iyy3")
-"""What a bow tells of: first moments and inertias of the legs with all above, and of the trunk."""
+"""Parameters that a bow excites: first moments and inertias of the legs with all above, and of the trunk."""
 
 CHANNELS = {"Fx": "N", "Fz": "N", "My": "N m"}
-"""Channels that a bow moves, and their units."""
+"""Channels that a bow excites, and their units."""
 
 LINES = {"scaled model": ("0.5", "D"), "joint estimate": ("C0", "o")}
 OTHERS = (("C1", "s"), ("C2", "^"))
@@ -51,13 +51,13 @@ def table_parameters(found: Study) -> report.Table:
 
 
 def _head(column: str) -> str:
-    """A column's name in words: those of one estimator are beside each other, under its name."""
+    """Head of a column in words; columns of one estimator are adjacent, under its name."""
     name = column.removesuffix(", std")
     return column if column == "parameter" else f"{'value' if name == column else 's.d.'}, {name}"
 
 
 def table_prediction(found: Study) -> report.Table:
-    """What each estimator leaves of the held-out part."""
+    """Residual over signal of each estimator on the held-out part."""
     rows: list[tuple[report.Cell, ...]] = [(name, *map(float, ratio)) for name, ratio in found.ratios.items()]
     title = (
         f"What is left of the held-out part below {JUDGED_AT:g} Hz, a constant taken out, over the signal's standard "
@@ -67,7 +67,7 @@ def table_prediction(found: Study) -> report.Table:
 
 
 def figure(found: Study) -> Figure:
-    """Inertias and first moments by estimator, and what is predicted of the held-out part."""
+    """Inertias and first moments by estimator, and predictions of the held-out part."""
     with figures.paper_style():
         drawing = Figure(figsize=(figures.column_width(), 5.4))
         above, *below = drawing.subplots(1 + len(CHANNELS), 1, height_ratios=(1.5, 1, 1, 1))
@@ -89,7 +89,7 @@ def figure(found: Study) -> Figure:
 
 
 def _parameters(ax: Axes, found: Study) -> None:
-    """Estimates of what a bow tells of, over the scaled model's."""
+    """Draws the estimates of `SHOWN` over those of the scaled model."""
     places = np.arange(len(SHOWN))
     which = [found.names.index(name) for name in SHOWN]
     model = found.candidates["scaled model"][0][which]
@@ -117,7 +117,7 @@ def numbers(found: Study) -> dict[str, Any]:
 
 
 def results(found: Study) -> Results:
-    """What the study leaves behind."""
+    """All tables, figures and numbers."""
     caption = (
         "A person who bows on a force plate (Latella et al., 2016): base parameters of several estimators over those "
         "of the scaled model, with 95 % intervals (a), and what each predicts of the part of the recording that was "
@@ -128,14 +128,14 @@ def results(found: Study) -> Results:
 
 
 def said(found: Study) -> Said:
-    """What the page says besides tables and figure: what `identify` says of the joint estimate, and its replay."""
+    """The page's text besides tables and figure: verdict and findings of the joint estimate, and its replay."""
     joint = found.joint
     return Said(
         "A person who bows",
         ABOUT,
         verdict=f"Of the joint estimate: {joint.verdict()}",
         findings=[(finding.text, finding.doubt) for finding in joint.findings],
-        # Its table is not that of the joint estimate alone, whose rows could be pressed.
+        # The table is not that of the joint estimate alone, whose rows could be pressed.
         replay=replace(replay(joint), parameters=()),
     )
 

@@ -18,7 +18,7 @@ from experiments.output import figures
 from experiments.studies.errors import HALF_WIDTH, Errors
 
 PARAMETER = "Ixx2"
-"""Parameter of the comparison: an inertia, which accelerations alone tell of."""
+"""Parameter of the comparison: an inertia, which is identifiable from accelerations alone."""
 
 LINES = {
     "ordinary": ("C1", "s"),
@@ -29,19 +29,19 @@ LINES = {
     "chosen_filter": ("C4", "D"),
     "joint": ("C0", "o"),
 }
-"""Colour and marker of each estimator; no two of one panel share either."""
+"""Colour and marker of each estimator; no two in one panel share either."""
 
 PANELS = {
     "pendulum": ("(a) Double pendulum, all states measured", "Noise of the joint states"),
     "person": ("(b) Person who bows, angles alone measured", "Noise of the joint angles"),
 }
-"""Titles and abscissas of what is compared."""
+"""Titles and abscissas of the panels."""
 
 LINEAR = 1.0
-"""Errors, in % of the truth, up to which the ordinates are linear, and logarithmic beyond."""
+"""Errors, in % of the truth, up to which the ordinates are linear; they are logarithmic beyond."""
 
 PANEL, ROW, MARGIN = 1.75, 0.12, 0.9
-"""Heights, inches: of a comparison, of a row of the coverage, and of what is around its rows."""
+"""Heights, inches: of a comparison, of a row of the coverage, and of the margin around its rows."""
 
 
 def compared(study: Study, subject: str) -> list[str]:
@@ -51,7 +51,7 @@ def compared(study: Study, subject: str) -> list[str]:
 
 
 def figure(study: Study) -> Figure:
-    """Errors of every estimator over the noise, and coverage and bias of the joint estimate."""
+    """Errors of each estimator over the noise, and coverage and bias of the joint estimate."""
     subjects = [subject for subject in PANELS if compared(study, subject)]
     heights = [PANEL] * len(subjects) + [MARGIN + ROW * len(study.joint)]
     with figures.paper_style():
@@ -96,7 +96,7 @@ def _handle(key: str) -> Line2D:
 
 
 def _compare(ax: Axes, study: Study, subject: str) -> None:
-    """Mean error and 95 % of the errors of one parameter, over a bar for what was predicted."""
+    """Draws mean and 95 % of the errors of one parameter, over a bar for the predicted ones."""
     who, shown = SUBJECTS[subject], list(ESTIMATORS[subject])
     k = who.parameters.names.index(PARAMETER)
     percent = 100 / float(who.true[k])
@@ -130,7 +130,7 @@ def _compare(ax: Axes, study: Study, subject: str) -> None:
 
 
 def _honesty(axes: Sequence[Axes], study: Study) -> None:
-    """Coverage of the joint estimate's intervals, and its biases, in every condition."""
+    """Draws coverage of the joint estimate's intervals, and its biases, in each condition."""
     left, right = axes
     shown = {name: outcome.errors for name, outcome in study.joint.items()}
     rows = np.arange(len(shown))
@@ -155,7 +155,7 @@ def _honesty(axes: Sequence[Axes], study: Study) -> None:
 
 
 def _row(study: Study, name: str) -> str:
-    """A condition in a word or two, after the panel that shows its subject, if one does."""
+    """A condition in a word or two, after the letter of the panel that shows its subject, if any."""
     condition = CONDITIONS[name]
     label = condition.label.removeprefix("noise ").replace("0.5°, AR", "AR").replace("×3, AR", "AR")
     in_panel = compared(study, condition.subject)
@@ -163,6 +163,6 @@ def _row(study: Study, name: str) -> str:
 
 
 def _uncertainty(errors: Errors) -> float:
-    """95 % of what chance does to the mean coverage, in %; a recording's parameters are not independent."""
+    """95 % half-width of the mean coverage by chance, in %; a recording's parameters are not independent."""
     each = errors.covered.mean(axis=1)
     return 100 * HALF_WIDTH * float(each.std(ddof=1)) / np.sqrt(len(each))

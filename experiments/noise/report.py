@@ -1,4 +1,4 @@
-"""Tables, a figure and key numbers of what bad motions and sensors do to each estimator, and the terminal's text."""
+"""Report on the study of noise: tables, a figure, key numbers, and the terminal's text."""
 
 import argparse
 from collections import Counter
@@ -24,14 +24,14 @@ ABOUT = (
     "motions and sensors, and identified by several estimators: how far off each is, how far it says to be, how often "
     "its intervals hold the truth, and how often it reports a set-up deviation where there is none."
 )
-"""Text of the page on the study."""
+"""The page's text on the study."""
 
 DRIVES = tuple(f"{column}(" for column in DRIVE.values())
-"""Beginnings of the names of drives."""
+"""Prefixes of the names of drive parameters."""
 
 
 def table_estimators(study: Study, subject: str) -> report.Table:
-    """Bias, spread, predicted deviation and coverage of one parameter, by noise and estimator."""
+    """Bias, spread, predicted standard deviation and coverage of one parameter, by noise and estimator."""
     who = SUBJECTS[subject]
     k = who.parameters.names.index(PARAMETER)
     true = float(who.true[k])
@@ -54,7 +54,7 @@ def _named(parameter: str, subject: str) -> str:
 
 
 def table_coverage(study: Study) -> report.Table:
-    """Coverage of the joint estimate's intervals, errors over their deviations, biases, and set-up it reports."""
+    """Coverage of the joint estimate's intervals, normalized errors, biases and reported set-up, by condition."""
     rows: list[tuple[report.Cell, ...]] = []
     for name, outcome in study.joint.items():
         errors, wide, condition = outcome.errors, outcome.with_setup, CONDITIONS[name]
@@ -84,21 +84,21 @@ def table_coverage(study: Study) -> report.Table:
 
 
 def _rms_z(errors: Errors) -> float | None:
-    """Root mean square of errors over their own standard deviations; None where one of these is zero."""
+    """RMS of errors over their own standard deviations; None if one of these is zero."""
     if not errors.predicted.all():
         return None
     return float(np.sqrt(np.mean((errors.errors / errors.predicted) ** 2)))
 
 
 def _rms_ratio(errors: Errors) -> float | None:
-    """RMS error of a parameter over its RMS standard deviation, RMS over the parameters; None where that is zero."""
+    """RMS error of a parameter over its RMS standard deviation, RMS over the parameters; None if one is zero."""
     if not errors.predicted_std.all():
         return None
     return float(np.sqrt(np.mean((errors.errors / errors.predicted_std) ** 2)))
 
 
 def table_drives(study: Study) -> report.Table:
-    """Errors of rotor inertias and friction of arms that rub, in % of the truth."""
+    """Errors of rotor inertias and friction of arms with friction, in % of the truth."""
     rows: list[tuple[report.Cell, ...]] = []
     for name, outcome in study.joint.items():
         errors = outcome.errors
@@ -116,7 +116,7 @@ def table_drives(study: Study) -> report.Table:
 
 
 def numbers(study: Study) -> dict[str, Any]:
-    """Key numbers for scripts: of every condition and estimator those of every parameter."""
+    """Key numbers for scripts, for each condition, estimator and parameter."""
     out: dict[str, Any] = {"recordings": study.recordings}
     for (name, key), outcome in study.outcomes.items():
         refused = list(study.refused.get((name, key), ()))

@@ -1,4 +1,4 @@
-"""What markers told: joint angles as files, tables of markers, joints and lengths, a figure and a page."""
+"""Report on joint angles from markers: angles as files, tables of markers, joints and lengths, a figure and a page."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 OUTPUTS = (*report.OUTPUTS, PAGE, "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
 
 MM = 1e3
-"""Millimetres of a metre."""
+"""Millimetres per metre."""
 
 FAR_OFF = 0.05
-"""Share of the frames from which on an outlying marker is put into words."""
+"""Share of outlying frames of a marker above which a sentence says so."""
 
 
 def markers_table(postures: Postures) -> report.Table:
-    """How far each marker is from the fit, in frames that count it, and in how many it is missing or outlying."""
+    """Distance of each marker from the fit, in frames that count, and the frames in which it is missing or outlying."""
     distances, outlying = postures.distances, postures.outlying
     kept = np.where(outlying | np.isnan(distances), np.nan, distances)
     columns: dict[str, Sequence[report.Cell]] = {
@@ -49,7 +49,7 @@ def _finite(x: np.ndarray) -> np.ndarray:
 
 
 def joints_table(postures: Postures) -> report.Table:
-    """Range and standard deviation of every degree of freedom, and the frames beyond the model's range."""
+    """Range and standard deviation of each degree of freedom, and the number of frames beyond the model's range."""
     marked, model = postures.marked, postures.marked.model
     rows: list[tuple[report.Cell, ...]] = []
     for k, (d, name) in enumerate(zip(marked.dofs, marked.dof_names, strict=True)):
@@ -68,7 +68,7 @@ def joints_table(postures: Postures) -> report.Table:
 
 
 def beyond_range(postures: Postures, j: int) -> int:
-    """In how many frames a hinge or a slide is beyond its range, or a ball turned farther, by more than its noise."""
+    """Number of frames in which a hinge, slide or ball is beyond its range by more than its noise."""
     marked, model = postures.marked, postures.marked.model
     own = np.flatnonzero(model.dof_jntid[marked.dofs] == j)
     if not model.jnt_limited[j] or marked.dofs_of(j) == 6:
@@ -85,7 +85,7 @@ def beyond_range(postures: Postures, j: int) -> int:
 
 
 def scale_table(found: "Angles") -> report.Table:
-    """Factors on lengths."""
+    """Factors on the lengths of segments."""
     lengths = found.scaling
     assert lengths is not None
     columns = {
@@ -97,7 +97,7 @@ def scale_table(found: "Angles") -> report.Table:
 
 
 def residuals_figure(found: "Angles") -> Figure:
-    """Root mean square of the distances over time, and its size for each marker."""
+    """RMS distance of the markers from the fit over time."""
     distances = MM * np.where(found.postures.outlying, np.nan, found.postures.distances)
     seen = np.isfinite(distances)
     by_frame = np.sqrt(np.nansum(distances**2, axis=1) / np.maximum(seen.sum(axis=1), 1))
@@ -113,7 +113,7 @@ def residuals_figure(found: "Angles") -> Figure:
 
 
 def lines(found: "Angles") -> list[str]:
-    """What is to be known of a trial, in sentences."""
+    """Sentences on the main results of a trial."""
     postures, labels = found.postures, found.postures.marked.labels
     N, M = postures.distances.shape
     base = "the world's frame" if found.base is None else f"the frame of '{found.base}'"
@@ -158,15 +158,15 @@ def write(
     """Writes everything into a folder: angles, their covariance, tables, a page, and the scaled model if there is one.
 
     Args:
-        found: What was found.
-        folder: Where to.
+        found: The fitted angles.
+        folder: The folder.
         model: Model file; `markers` the file of the markers.
-        provenance: Where the results come from.
+        provenance: Provenance of the results.
         formats: Formats of the figures.
-        layout: How tables and figures are printed.
+        layout: Layout of tables and figures in print.
 
     Returns:
-        Why the layout is not kept to, in a sentence, else nothing.
+        A sentence if the layout cannot be applied, else an empty one.
     """
     shown, every = results(found, provenance), list(dict.fromkeys(["png", *formats]))
     layout, refused = shown.chosen(layout)
@@ -189,7 +189,7 @@ def write(
 
 
 def text(found: "Angles") -> str:
-    """What is printed."""
+    """Text for the terminal."""
     tables = [markers_table(found.postures), joints_table(found.postures)]
     tables += [scale_table(found)] if found.scaling is not None else []
     return wrapped("\n".join([*(table.text() for table in tables), *lines(found)]))

@@ -1,4 +1,4 @@
-"""What a comparison of results shows: differences with their intervals, prediction, set-up and settings."""
+"""Report on a comparison of results: differences with their intervals, prediction, set-up and settings."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -19,14 +19,14 @@ from experiments.studies.errors import HALF_WIDTH
 OUTPUTS = (*report.OUTPUTS, "comparison.json", PAGE)
 
 LINEAR = 10.0
-"""Difference in its standard deviations up to which the figure's abscissa is linear, logarithmic beyond."""
+"""Difference in standard deviations up to which the figure's abscissa is linear; it is logarithmic beyond."""
 
 UNLIKELY = 0.01
-"""Chance of a χ² from which a difference is called more than noise."""
+"""p-value of χ² below which a difference is called more than noise."""
 
 
 def differences_table(found: Difference) -> report.Table:
-    """Parameters of both, and their difference with its interval where the logs are independent."""
+    """Parameters of both, and their difference, with its interval if the logs are independent."""
     first, second, comparison = found.first, found.second, found.comparison
     half = np.full(len(found.names), np.nan) if found.shared else HALF_WIDTH * np.sqrt(np.diag(comparison.covariance))
     wider = np.full(len(found.names), np.nan) if found.shared else HALF_WIDTH * found.std_setup
@@ -52,7 +52,7 @@ def differences_table(found: Difference) -> report.Table:
 
 
 def prediction_table(results: Sequence[Result]) -> report.Table:
-    """How well each predicts its own held-out part: residual over signal by channel."""
+    """Residual over signal of each result on its own held-out part, by channel."""
     channels = list(dict.fromkeys(channel for result in results for channel in result.estimate["held_out"]))
     ratios = [
         [result.estimate["held_out"].get(channel, {}).get("ratio", np.nan) for channel in channels]
@@ -63,7 +63,7 @@ def prediction_table(results: Sequence[Result]) -> report.Table:
 
 
 def setup_table(results: Sequence[Result]) -> report.Table:
-    """What each found of the set-up; an empty cell where nothing deviates."""
+    """Set-up errors that each result reports."""
     found = [{each["name"]: each["text"] for each in result.estimate["setup"]} for result in results]
     names = list(dict.fromkeys(name for each in found for name in each))
     rows = tuple((name, *(each.get(name, "as stated") for each in found)) for name in names)
@@ -71,7 +71,7 @@ def setup_table(results: Sequence[Result]) -> report.Table:
 
 
 def settings_table(results: Sequence[Result]) -> report.Table:
-    """Settings that are not the same in all."""
+    """Settings that differ between the results."""
     keys = dict.fromkeys(key for result in results for key in result.settings)
     rows = [(key, *(result.settings.get(key, "none") for result in results)) for key in keys]
     kept = tuple((report.heading(key), *values) for key, *values in rows if len(set(values)) > 1)
@@ -79,7 +79,7 @@ def settings_table(results: Sequence[Result]) -> report.Table:
 
 
 def agreement(found: Difference) -> str:
-    """One sentence on whether two results agree."""
+    """A sentence on the agreement of two results."""
     names = f"'{found.first.name}' and '{found.second.name}'"
     if found.shared:
         return (
@@ -95,7 +95,7 @@ def agreement(found: Difference) -> str:
 
 
 def figure(found: Difference, layout: Layout = PAPER) -> Figure:
-    """Differences in their standard deviations from noise, with their intervals from noise and with the set-up."""
+    """Differences in units of their standard deviation from noise, with intervals from noise and from the set-up."""
     shown = [k for k, name in enumerate(found.names) if layout.shows(name, found.first.bodies)]
     std = np.sqrt(np.diag(found.comparison.covariance))[shown]
     z, wider = found.comparison.z[shown], HALF_WIDTH * found.std_setup[shown] / std
@@ -117,7 +117,7 @@ def figure(found: Difference, layout: Layout = PAPER) -> Figure:
 
 
 def results(compared: Sequence[Result], provenance: dict[str, Any], layout: Layout = PAPER) -> Results:
-    """All tables, figures and numbers: every result against the first."""
+    """All tables, figures and numbers: each result compared with the first."""
     pairs = [Difference(compared[0], other) for other in compared[1:]]
     ends = [""] if len(pairs) == 1 else [f"_{k}" for k in range(2, len(compared) + 1)]
     tables = {f"table_differences{end}": differences_table(pair) for end, pair in zip(ends, pairs, strict=True)}
@@ -137,7 +137,7 @@ def results(compared: Sequence[Result], provenance: dict[str, Any], layout: Layo
 
 
 def numbers(pairs: Sequence[Difference]) -> dict[str, Any]:
-    """Everything for scripts."""
+    """All numbers for scripts."""
     return {
         "pairs": [
             {
@@ -158,12 +158,12 @@ def numbers(pairs: Sequence[Difference]) -> dict[str, Any]:
 
 
 def text(shown: Results, compared: Sequence[Result]) -> str:
-    """What the terminal shows."""
+    """Text for the terminal."""
     return wrapped("\n".join([*(table.text() for table in shown.tables.values()), *sentences(compared)]))
 
 
 def sentences(compared: Sequence[Result]) -> list[str]:
-    """Whether each agrees with the first."""
+    """Sentences on the agreement of each result with the first."""
     return [agreement(Difference(compared[0], other)) for other in compared[1:]]
 
 
@@ -186,5 +186,5 @@ def write(shown: Results, compared: Sequence[Result], folder: Path, layout: Layo
 
 
 def inputs(folders: Sequence[Path]) -> list[Path]:
-    """All files that are read."""
+    """All input files."""
     return [folder / name for folder, name in product(folders, ("estimate.json", "provenance.json"))]

@@ -1,6 +1,6 @@
-"""Names and texts of whatever origin, so written that TeX, Markdown, CSV and matplotlib show them letter by letter.
+"""Escapes of arbitrary names and texts, so that TeX, Markdown, CSV and matplotlib show them literally.
 
-Pages in HTML have the standard library's `html.escape`.
+HTML pages use the standard library's `html.escape`.
 """
 
 import re
@@ -23,19 +23,19 @@ _TEX = {
 def tex(text: str) -> str:
     """A text in one line of a LaTeX document that needs no packages."""
     escaped = re.sub("-(?=-)", "-{}", "".join(_TEX.get(letter, letter) for letter in _line(text)))
-    # At the beginning of a row these would be read as arguments of the end of the row before.
+    # At the start of a row these would be read as arguments of the previous row's end.
     return re.sub(r"^( *)([*\[])", r"\1{\2}", escaped)
 
 
 def markdown(text: str) -> str:
-    """A text in a cell of a Markdown table; underscores within words stay as they are, they mean nothing."""
+    """A text in a cell of a Markdown table; underscores within words are literal there, and stay."""
     return re.sub(r"[\\`*{}\[\]<>|~$&#!]|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", _line(text))
 
 
 def cell(text: str) -> str:
-    """A text in a cell of a CSV file, behind an apostrophe if spreadsheets could take it for a formula.
+    """A text in a cell of a CSV file, after an apostrophe if spreadsheets could read it as a formula.
 
-    Signs before nothing but letters, digits, points and slashes stay as they are, which call nothing.
+    A sign before letters, digits, points and slashes alone is harmless, and stays.
 
     >>> [cell(text) for text in ("=1+2", "@x", "-2+cmd|' /C calc'!A0", "-π/2", "m2rz2")]
     ["'=1+2", "'@x", "'-2+cmd|' /C calc'!A0", '-π/2', 'm2rz2']
@@ -44,12 +44,12 @@ def cell(text: str) -> str:
 
 
 def label(text: str) -> str:
-    """A text in a figure of matplotlib's, which takes what is between dollars for formulas."""
+    """A text in a matplotlib figure, where text between dollar signs would be a formula."""
     return _line(text).replace("$", r"\$")
 
 
 def visible(text: str) -> str:
-    """A text without the marks and overrides of writing directions, which would turn round what stands beside it."""
+    """A text without marks and overrides of writing direction, which would reverse adjacent text."""
     return re.sub(r"[\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]", "", text)
 
 

@@ -1,4 +1,4 @@
-"""What a designed excitation leaves behind: the motion as a recording, tables before and after, and a figure."""
+"""Report on a designed excitation: the motion as a recording, tables before and after, and a figure."""
 
 import math
 from collections.abc import Mapping
@@ -18,11 +18,11 @@ from ident.recordings.recording import STATES, Recording
 from sim.motion.excitation_design import Limits
 
 PER = ("", "/s", "/s²")
-"""What the units of a joint's states add to its own."""
+"""Suffixes of units for position, velocity and acceleration."""
 
 
 def recording(problem: Problem, time: np.ndarray, motion: Motion, provenance: Mapping[str, Any]) -> Recording:
-    """The motion of all hinge and slide joints, as a recording names them."""
+    """Recording of the motion of all hinge and slide joints."""
     measured, units = {}, {}
     still = np.zeros(len(time))
     columns = {joint: k for k, joint in enumerate(problem.joints)}
@@ -36,7 +36,7 @@ def recording(problem: Problem, time: np.ndarray, motion: Motion, provenance: Ma
 
 
 def table_quality(problem: Problem, before: Motion, after: Motion) -> report.Table:
-    """Every criterion before and after."""
+    """All criteria before and after."""
     old, new = (criteria.quality(problem, motion) for motion in (before, after))
     rows = tuple((name, old[name], new[name]) for name in old)
     names = {name: report.heading(name) for name in old} | {"log_det_information": "log det of the information"}
@@ -44,9 +44,9 @@ def table_quality(problem: Problem, before: Motion, after: Motion) -> report.Tab
 
 
 def table_deviations(problem: Problem, before: Motion, after: Motion, title: str) -> report.Table:
-    """Predicted standard deviation of every base parameter before and after, and what is known of it; their means.
+    """Predicted standard deviation of each base parameter before and after, its prior one, and their geometric means.
 
-    The smallest one has two digits.
+    Decimals are such that the smallest one has two digits.
     """
     std = {f"std_{k}": criteria.predicted_deviations(problem, m) for k, m in (("before", before), ("after", after))}
     if problem.mechanism.prior is not None:
@@ -59,7 +59,7 @@ def table_deviations(problem: Problem, before: Motion, after: Motion, title: str
 
 
 def table_limits(problem: Problem, limits: Limits, before: Motion, after: Motion) -> report.Table:
-    """What every joint uses of its limits."""
+    """Used range and limits of each joint."""
     rows: list[tuple[report.Cell, ...]] = []
     for k, joint in enumerate(problem.joints):
         unit = problem.units[joint]
@@ -74,7 +74,7 @@ def table_limits(problem: Problem, limits: Limits, before: Motion, after: Motion
 
 
 def figure(problem: Problem, limits: Limits, time: np.ndarray, before: Motion, after: Motion) -> Figure:
-    """Position, velocity and acceleration of every joint that moves, before and after, between their limits."""
+    """Position, velocity and acceleration of each moving joint, before and after, with their limits."""
     bounds = (
         (limits.low, limits.high),
         (-limits.velocity, limits.velocity),
@@ -106,7 +106,7 @@ def figure(problem: Problem, limits: Limits, time: np.ndarray, before: Motion, a
 def _panel(
     ax: Axes, time: np.ndarray, before: np.ndarray, after: np.ndarray, limits: tuple[float, float]
 ) -> list[Line2D]:
-    """Draws one quantity of one joint, and returns the lines of the design, of what was before, and of the limits."""
+    """Draws one quantity of one joint, and returns the lines of the design, of the motion before, and of the limits."""
     bounds = [ax.axhline(limit, color="C1", lw=0.7, ls="--") for limit in limits]
     (old,) = ax.plot(time, before, color="0.6")
     (new,) = ax.plot(time, after, color="C0", lw=1.0)

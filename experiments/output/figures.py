@@ -29,36 +29,36 @@ SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau
 """Symbol and unit of the components of a wrench."""
 
 PARAMETER = re.compile(r"\bm(\d+)(?:r([xyz])\1)?\b|\bI([xyz]{2})(\d+)\b")
-"""Names of the parameters of φ, as in `m2rz2 + 0.425 m3`: a mass and its moment, or axes and number of an inertia."""
+"""Names of parameters of φ, as in `m2rz2 + 0.425 m3`: a mass and its moment, or axes and number of an inertia."""
 
 _WRITTEN: dict[str, dict[str, Any]] = {
     "pdf": {"metadata": {"CreationDate": None}},
     "svg": {"metadata": {"Date": None}},
     "png": {"pil_kwargs": {"compress_type": zlib.Z_RLE}},
 }
-"""How files of each format are written: without a date; pixels in half of the time, up to an eighth larger."""
+"""Options of writing each format: no date; a PNG compression that takes half the time for an eighth more space."""
 
 
 WIDTHS = {1: (4.77, 4.77), 2: (3.486, 7.139)}
-"""Width in inches of a column and of the text, of pages with one column (LaTeX's article) and with two (IEEEtran's, 252
-and 516 pt of TeX's, 72.27 to the inch)."""
+"""Width in inches of a column and of the text, on pages with one column (LaTeX's article) and with two (IEEEtran's, 252
+and 516 pt, at 72.27 pt per inch)."""
 
 HEIGHTS = {1: 6.7, 2: 8.6}
-"""Inches that figures of those pages may be high, caption below."""
+"""Largest height of figures on those pages, inches, with room for a caption."""
 
 VISIBLE = 0.012
-"""Share of a panel's width that can be seen and told from nothing, about a point."""
+"""Smallest visible share of a panel's width, about a point."""
 
 _PAGE: ContextVar[int] = ContextVar("_PAGE", default=2)
-"""Columns of the page that figures are drawn for."""
+"""Number of columns of the page."""
 
 _AUTHORS: ContextVar[Any] = ContextVar("_AUTHORS", default=())
-"""Settings of an author's that go before the paper's."""
+"""An author's settings, which precede the paper's."""
 
 
 @contextmanager
 def paper_style() -> Iterator[None]:
-    """The look of the paper's figures, or what an author wants of it, for the duration of a block."""
+    """Applies the style of the paper's figures, or an author's, for the duration of a block."""
     with mpl.rc_context(_papers()):
         mpl.rcParams.update(_AUTHORS.get())
         yield
@@ -69,16 +69,16 @@ def _papers() -> dict[Any, Any]:
     """All settings, the paper's before matplotlib's own; `rc_context` of a file would read all other styles first."""
     with as_file(files("experiments.output") / "paper.mplstyle") as path:
         settings = mpl.rc_params_from_file(path, use_default_template=True)
-    # To ask for the backend is to choose one, which imports all of pyplot.
+    # Reading the backend chooses one, and imports all of pyplot.
     return {name: settings[name] for name in settings if name != "backend"}
 
 
 @contextmanager
 def author_style(path: Path | None, columns: int) -> Iterator[None]:
-    """Makes a block's figures fit a page of so many columns, and be as a style file of matplotlib's says.
+    """Draws a block's figures for a page of so many columns, in the style of a matplotlib style file.
 
     Raises:
-        InputError: The file does not exist, or says what matplotlib does not know.
+        InputError: The file does not exist, or has a setting unknown to matplotlib.
     """
     with paper_style():
         given: Any = {"figure.figsize": [WIDTHS[columns][0], mpl.rcParams["figure.figsize"][1]]}
@@ -108,16 +108,16 @@ def column_width() -> float:
 
 
 def text_width() -> float:
-    """Width of the page's text in inches, for figures over all of its columns."""
+    """Width of the page's text in inches, for figures across all columns."""
     return WIDTHS[_PAGE.get()][1]
 
 
 INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
-"""Colours of curves, in the order of those of pages: black, red and blue as the paper's, then those left."""
+"""Colours of curves, in the order of pages: black, red and blue as in the paper, then the remaining ones."""
 
 
 def page_columns() -> int:
-    """Columns of the page that figures are drawn for."""
+    """Number of columns of the page."""
     return _PAGE.get()
 
 
@@ -128,7 +128,7 @@ def text_height() -> float:
 
 @dataclass(frozen=True)
 class Line:
-    """Style of one wrench: a curve, or without a style dots at every other sample from `first` on."""
+    """Style of one wrench: a curve, or, if `style` is empty, dots at every other sample from `first` on."""
 
     color: str
     width: float = 0.8
@@ -153,7 +153,7 @@ def wrench_panels(
     lowest: float | None = None,
     shaded: Mapping[str, np.ndarray] | None = None,
 ) -> Figure:
-    r"""Six panels, forces on the left and torques on the right, one curve in each for every wrench.
+    r"""Six panels, forces on the left and torques on the right, with a curve for each wrench.
 
     Args:
         x: Abscissa (N,).
@@ -193,15 +193,15 @@ def wrench_panels(
 
 
 def align_ylabels(axes: Iterable[Axes]) -> None:
-    """Puts the labels of ordinates below each other in every column of panels, beside the widest of its ticks.
+    """Aligns the labels of ordinates in each column of panels, beside its widest ticks.
 
-    `Figure.align_ylabels` looks the same, but measures all ticks of a column again for each of its labels, at every
-    step of the layout and in every file.
+    `Figure.align_ylabels` gives the same result, but measures all ticks of a column again for each label, at each
+    step of the layout and in each file.
     """
     columns: dict[int, list[tuple[Axes, float]]] = {}
     for ax in axes:
         assert isinstance(ax.figure, Figure)
-        _canvas(ax.figure)  # What is measured on it is remembered.
+        _canvas(ax.figure)  # The canvas caches these measurements.
         ax.yaxis.label.set_visible(False)
         box, place = ax.yaxis.get_tightbbox(), ax.get_subplotspec()
         ax.yaxis.label.set_visible(True)
@@ -216,13 +216,13 @@ def align_ylabels(axes: Iterable[Axes]) -> None:
 
 
 def spans(x: np.ndarray, when: np.ndarray) -> np.ndarray:
-    """First and last abscissae of the episodes in which something holds (k, 2)."""
+    """First and last abscissae of the episodes in which `when` is true (k, 2)."""
     edges = np.flatnonzero(np.diff([False, *when, False]))
     return np.stack([x[edges[::2]], x[edges[1::2] - 1]], axis=1)
 
 
 def visible_spans(found: np.ndarray, shown: float) -> np.ndarray:
-    """Spans in order (k, 2), as wide as can be seen of an abscissa `shown` long, and one where they nearly touch."""
+    """Spans in order (k, 2), widened to be visible on an abscissa of length `shown`, and merged if nearly touching."""
     least = VISIBLE * shown
     spare = np.maximum(least - np.diff(found, axis=1), 0) / 2
     wide = found + np.hstack([-spare, spare])
@@ -231,7 +231,7 @@ def visible_spans(found: np.ndarray, shown: float) -> np.ndarray:
 
 
 def _tidy(ax: Axes, x: np.ndarray) -> None:
-    """Limits and few ticks for a panel over an abscissa."""
+    """Sets limits and few ticks of a panel."""
     ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
     ax.set_xlim(x[0], x[-1])
@@ -239,7 +239,7 @@ def _tidy(ax: Axes, x: np.ndarray) -> None:
 
 
 def _logarithmic(ax: Axes, curves: Sequence[np.ndarray], lowest: float) -> None:
-    """A logarithmic ordinate for curves of absolute values, where there is anything but zeros."""
+    """Sets a logarithmic ordinate for curves of absolute values, unless all are zero."""
     largest = max(float(np.abs(curve).max()) for curve in curves)
     if largest > 0:
         ax.set_yscale("log")
@@ -250,7 +250,7 @@ def _logarithmic(ax: Axes, curves: Sequence[np.ndarray], lowest: float) -> None:
 
 
 def parameter_symbol(name: str) -> str:
-    """A parameter's name as the paper sets it, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
+    """A parameter's name as in the paper, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
     match = PARAMETER.fullmatch(name)
     if match is None:
         return escape.label(name)
@@ -267,23 +267,23 @@ def named_symbol(name: str, bodies: Sequence[str]) -> str:
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
-    """Writes `folder/name.FORMAT` for every format, byte-identical for identical figures."""
+    """Writes `folder/name.FORMAT` for each format, byte-identical for identical figures."""
     for extension in formats:
         (folder / f"{name}.{extension}").write_bytes(drawn(figure, extension))
 
 
 def drawn(figure: Figure, extension: str) -> bytes:
-    """A figure as a file of this format has it."""
+    """A figure's file in a format."""
     with paper_style():
         pixels = _canvas(figure)
-        # The layout is solved once; solved again for every file it would depend on the files before.
+        # The layout is solved once; solved again for each file it would depend on the previous files.
         if (layout := figure.get_layout_engine()) is not None:
             layout.execute(figure)
             figure.set_layout_engine("none")
-        # Figure.savefig would draw every file twice, in case the layout were still to be solved. Drawn in memory:
-        # where writing fails, matplotlib's backends raise errors that do not tell of the disk.
+        # Figure.savefig would draw each file twice, in case the layout were not solved yet. The file is drawn in
+        # memory: if writing fails, matplotlib's backends raise errors that do not name the disk.
         file = io.BytesIO()
-        # Backends of vectors leave 72 behind.
+        # Vector backends leave a dpi of 72 behind.
         dpi = mpl.rcParams["savefig.dpi"]
         figure.dpi = mpl.rcParams["figure.dpi"] if dpi == "figure" else dpi
         canvas = pixels if extension == "png" else get_registered_canvas_class(extension)(figure)
@@ -294,13 +294,13 @@ def drawn(figure: Figure, extension: str) -> bytes:
 
 
 def _canvas(figure: Figure) -> FigureCanvasAgg:
-    """The figure's canvas of pixels, which remembers how large texts are, from the first measure to the last file."""
+    """The figure's pixel canvas, which caches text sizes from the first measurement to the last file."""
     canvas = figure.canvas
     return canvas if isinstance(canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
 
 
 def _rounded(svg: bytes) -> bytes:
-    """A drawing with its paths in hundredths of a point, which halves it."""
+    """An SVG drawing with paths in hundredths of a point, which halves its size."""
 
     def path(match: re.Match[bytes]) -> bytes:
         return re.sub(rb"-?\d+\.\d{3,}", lambda number: b"%.2f" % float(number[0]), match[0])
@@ -309,7 +309,7 @@ def _rounded(svg: bytes) -> bytes:
 
 
 def widen_flat(ax: Axes) -> None:
-    """Keeps rounding noise on an ordinate that does not change from filling its panel."""
+    """Widens a flat ordinate, so that rounding noise does not fill its panel."""
     low, high = ax.get_ylim()
     middle = (low + high) / 2
     if high - low < max(1e-6, 1e-4 * abs(middle)):

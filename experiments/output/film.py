@@ -1,4 +1,4 @@
-"""Films of what a page replays, drawn by MuJoCo's renderer."""
+"""Films of a page's replay, drawn by MuJoCo's renderer."""
 
 import os
 import shutil
@@ -19,32 +19,32 @@ from sim.models.mechanism import Origin, mujoco_origin
 from sim.models.shapes import placed_geoms
 
 WIDTH, HEIGHT = 640, 480
-"""Pixels, as many as MuJoCo's models make room for if they do not say otherwise."""
+"""Pixels, the default size of MuJoCo's offscreen buffer."""
 
 LONGEST = 20.0
-"""Seconds of a film at most; what took longer is shown faster."""
+"""Largest length of a film in s; longer motions are sped up."""
 
 SYSTEMS = ("egl", "osmesa", "glfw")
-"""MuJoCo's ways to OpenGL, those without a screen first."""
+"""MuJoCo's OpenGL systems, those that need no screen first."""
 
 SOLID, FORCE, PRIOR = (0.1, 0.45, 0.7, 1.0), (0.75, 0.13, 0.13, 1.0), (0.5, 0.5, 0.5, 0.35)
-"""Colours of estimated bodies, of forces, and of the bodies of the model as it came: red, green, blue, opacity."""
+"""Colours of estimated bodies, of forces, and of the original model's bodies: red, green, blue, opacity."""
 
 Picture = np.ndarray
 """Rows of pixels (HEIGHT, WIDTH, 3), bytes."""
 
 
 def write_film(folder: Path, arm: Mechanism, page: Mapping[str, Any]) -> str:
-    """Writes `film.mp4`, or `film.gif` where there is no ffmpeg, and returns its name.
+    """Writes `film.mp4`, or `film.gif` without ffmpeg, and returns its name.
 
     Args:
-        folder: Where to.
+        folder: The folder.
         arm: The mechanism, from a model that MuJoCo reads.
-        page: What moves, as `Replay.to_page` has it.
+        page: The replay, from `Replay.to_page`.
 
     Raises:
         ModelError: MuJoCo has not read the model.
-        InputError: Nothing here can draw, or ffmpeg fails.
+        InputError: No OpenGL is available, or ffmpeg fails.
     """
     origin, time = mujoco_origin(arm), page["frames"]
     rate = max(len(time) / max(time[-1] - time[0], 1e-3), len(time) / LONGEST)
@@ -55,10 +55,10 @@ def write_film(folder: Path, arm: Mechanism, page: Mapping[str, Any]) -> str:
 
 
 def pictures(arm: Mechanism, origin: Origin, page: Mapping[str, Any]) -> Generator[Picture]:
-    """One picture for each posture.
+    """Yields one picture for each posture.
 
     Raises:
-        InputError: There is no OpenGL.
+        InputError: No OpenGL is available.
     """
     model, data = origin.model, mujoco.MjData(origin.model)
     mujoco.mj_forward(model, data)
@@ -70,7 +70,7 @@ def pictures(arm: Mechanism, origin: Origin, page: Mapping[str, Any]) -> Generat
         # Without graphics hardware these take most of the time.
         for costly in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
             scene.flags[costly] = False
-        # Sites and tendons are not moved along.
+        # Sites and tendons do not move with the bodies here.
         shown = mujoco.MjvOption()
         shown.sitegroup[:] = shown.tendongroup[:] = 0
         camera, view = _camera(arm, page), mujoco.MjrRect(0, 0, WIDTH, HEIGHT)
@@ -92,10 +92,10 @@ def pictures(arm: Mechanism, origin: Origin, page: Mapping[str, Any]) -> Generat
 
 
 def _context() -> Any:
-    """A current OpenGL context of the first system that gives one; `MUJOCO_GL` names the only one to ask."""
+    """A current OpenGL context of the first system that provides one; `MUJOCO_GL` names the only one to try."""
     asked = os.environ.get("MUJOCO_GL")
     for system in (asked,) if asked else SYSTEMS:
-        # Every system and driver has errors of its own.
+        # Each system and driver raises errors of its own.
         try:
             context = import_module(f"mujoco.{system}").GLContext(WIDTH, HEIGHT)
             context.make_current()
@@ -116,7 +116,7 @@ class _Closed:
 
 
 def _camera(arm: Mechanism, page: Mapping[str, Any]) -> mujoco.MjvCamera:
-    """A camera that sees everything from a corner, a little from above."""
+    """A camera that sees the whole motion from a corner, slightly from above."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.lookat = arm.pose[:3, :3] @ page["center"] + arm.pose[:3, 3]
@@ -125,7 +125,7 @@ def _camera(arm: Mechanism, page: Mapping[str, Any]) -> mujoco.MjvCamera:
 
 
 def _poses(numbers: Sequence[float]) -> np.ndarray:
-    """Poses of the bodies from their positions and quaternions (b, 4, 4)."""
+    """Poses of the bodies from positions and quaternions (b, 4, 4)."""
     each = np.reshape(numbers, (-1, 7))
     return se3.pose(se3.rotation(each[:, 3:]), each[:, :3])
 
@@ -133,7 +133,7 @@ def _poses(numbers: Sequence[float]) -> np.ndarray:
 def _add_body(
     scene: mujoco.MjvScene, body: Mapping[str, Any], T: np.ndarray, poses: np.ndarray, *, solid: bool
 ) -> None:
-    """Adds what stands for a body's inertia, and of one without shapes the way to the body that carries it."""
+    """Adds the inertia ellipsoids of a body and, without shapes, a link to its parent."""
     for key, color in (("prior", PRIOR), ("estimate", SOLID if solid else (*SOLID[:3], 0.5))):
         if (numbers := body.get(key)) is not None:
             *semi_axes, centre = np.array(numbers)
@@ -178,7 +178,7 @@ def _write_gif(path: Path, drawn: Iterator[Picture], rate: float) -> None:
 
 
 def _write_mp4(path: Path, drawn: Iterator[Picture], rate: float) -> None:
-    """By ffmpeg, which takes the pictures one after the other."""
+    """Writes an MP4 by ffmpeg, which receives all pictures on its input."""
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{WIDTH}x{HEIGHT}", "-r", f"{rate:.3f}", "-i", "-"]
     command = ["ffmpeg", "-loglevel", "error", "-y", *source, "-pix_fmt", "yuv420p", str(path)]
     done = subprocess.run(command, input=b"".join(each.tobytes() for each in drawn), capture_output=True, check=False)

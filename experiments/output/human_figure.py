@@ -1,4 +1,4 @@
-"""The figure of what recordings say of a person: segments, and how that grows with contacts, motions and seconds."""
+"""Figure of the study of a person: errors of segments, and precision over contacts, motions and seconds."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,14 +13,14 @@ COLORS = {"prior": "0.55", "estimate": "C0"}
 
 KINDS = {"masses": slice(0, 1), "first moments": slice(1, 4), "inertias": slice(4, 10)}
 KIND_COLORS = ("C0", "C1", "C2")
-"""Parameters of a segment by what they are, and their colours."""
+"""Parameters of a segment by kind, and their colours."""
 
 SHARES = (0.15, 0.3, 0.6, 1.0)
-"""Parts of each recording's length from whose beginning it is said what is known."""
+"""Fractions of each recording's length at which the precision is evaluated."""
 
 
 def figure(found: Study, feet_alone: Study) -> Figure:
-    """Errors of first moments, and what more recordings and seconds add, with the rail and without."""
+    """Errors of first moments, and the precision gained by more recordings and seconds, with and without the rail."""
     with figures.paper_style():
         drawing = Figure(figsize=(figures.column_width(), 7.2))
         above, middle, below = drawing.subplots(3, 1, height_ratios=(2, 1, 1.1))
@@ -31,7 +31,7 @@ def figure(found: Study, feet_alone: Study) -> Figure:
 
 
 def _segments(ax: Axes, found: Study) -> None:
-    """Error of each first moment's vector, relative to its size, of prior and estimate."""
+    """Draws the error of each first moment's vector relative to its size, of prior and estimate."""
     phi, std = found.segments
     true, prior = (arm.known.reshape(-1, 10) for arm in (found.true, found.mechanism))
     size = np.linalg.norm(true[:, 1:4], axis=1)
@@ -51,7 +51,7 @@ def _segments(ax: Axes, found: Study) -> None:
 
 
 def growth(found: Study) -> np.ndarray:
-    """Deviations of masses, first moments and inertias over the prior's, geometric means, by recordings (k + 1, 3)."""
+    """Standard deviations over the prior's by kind, geometric means, for each number of recordings (k + 1, 3)."""
     number = len(found.activities)
     deviations = np.array([found.information([found.seconds] * n + [0.0] * (number - n)) for n in range(number + 1)])
     logs = np.log(deviations / deviations[0])
@@ -59,7 +59,7 @@ def growth(found: Study) -> np.ndarray:
 
 
 def _growth(ax: Axes, found: Study, feet_alone: Study) -> None:
-    """How the deviations of segments shrink as recordings are added."""
+    """Draws the standard deviations of segments over the number of recordings."""
     numbers = np.arange(len(found.activities) + 1)
     for study, style, contacts in ((found, "-", "plates and rail"), (feet_alone, "--", "plates")):
         for name, marker, color, ratio in zip(KINDS, "osD", KIND_COLORS, growth(study).T, strict=True):
@@ -73,7 +73,7 @@ def _growth(ax: Axes, found: Study, feet_alone: Study) -> None:
 
 
 def foretold(found: Study) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Seconds in all, and how well unseen motions are then known, over the prior, of every motion alone and of all."""
+    """Total seconds, and the deviation of predictions of unseen motions over the prior's, for each motion and all."""
     lengths = np.array(SHARES) * found.seconds
     kinds = {name: np.eye(len(found.activities))[k] for k, name in enumerate(found.activities)}
     kinds["all"] = np.ones(len(found.activities))
@@ -84,7 +84,7 @@ def foretold(found: Study) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _foretold(ax: Axes, found: Study, feet_alone: Study) -> None:
-    """How the deviation of what unseen motions need shrinks with the seconds that are recorded."""
+    """Draws the deviation of the wrench that unseen motions need over the seconds recorded."""
     every = foretold(found)
     for name in found.activities:
         ax.loglog(*every[name], ".-", ms=3, lw=0.7, label=name)

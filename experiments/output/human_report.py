@@ -1,4 +1,4 @@
-"""What recordings say of a person's segments: tables, a figure, key numbers, and the terminal's text."""
+"""Report on the study of a person: tables, a figure, key numbers, and the terminal's text."""
 
 import argparse
 from collections.abc import Sequence
@@ -26,14 +26,14 @@ ABOUT = (
     "wrong by a fifth, in a laboratory where nothing is quite as stated: what becomes of each segment, and what is "
     "predicted of motions that were not recorded."
 )
-"""What the page says of the study."""
+"""The page's text on the study."""
 
 CORRELATED = 0.9
-"""Correlation of the noise of angles from sample to sample where it is not white."""
+"""Autocorrelation of correlated noise of angles at a lag of one sample."""
 
 
 def table_segments(found: Study) -> report.Table:
-    """Masses, first moments along the longest axis and largest inertias: truth, prior, estimate and its deviation."""
+    """Mass, largest component of the first moment and largest inertia of each segment: truth, prior, estimate, s.d."""
     phi, std = found.segments
     true, prior = (arm.known.reshape(-1, 10) for arm in (found.true, found.mechanism))
     rows: list[tuple[report.Cell, ...]] = []
@@ -61,7 +61,7 @@ def table_prediction(found: Study) -> report.Table:
 
 
 def table_coverage(persons: Sequence[Study]) -> report.Table:
-    """How often intervals of what is determined hold, person by person and of all together."""
+    """Coverage of the intervals of determined combinations, for each person and for all together."""
     rows: list[tuple[report.Cell, ...]] = []
     for number, found in enumerate(persons, start=1):
         better = float((found.errors["prior"] / found.errors["joint estimate"]).min())
@@ -80,7 +80,7 @@ def table_coverage(persons: Sequence[Study]) -> report.Table:
 
 
 def _counted(persons: Sequence[Study]) -> tuple[report.Cell, ...]:
-    """Combinations that are determined, and which share of their 95 % intervals hold: with set-up, of noise alone."""
+    """Number of determined combinations, and coverage of their 95 % intervals: with set-up, and from noise alone."""
     out: list[report.Cell] = []
     for each in ([found.distances for found in persons], [found.distances_of_noise for found in persons]):
         z = np.concatenate([distances[std < MOVED] for std, distances in each])
@@ -121,7 +121,7 @@ def numbers(found: Study) -> dict[str, Any]:
 
 
 def results(found: Study, feet_alone: Study, others: Sequence[Study] = ()) -> Results:
-    """What the study leaves behind, of a person who holds the rail, of one who does not, and of others who hold it."""
+    """All results, of a person who holds the rail, of one who does not, and of others who hold it."""
     caption = (
         "A person on two force plates who holds a rail: error of each segment's first moment before and after "
         f"{len(found.activities)} recordings of {found.seconds:g} s, with what the estimate says of itself (a); "
@@ -137,7 +137,7 @@ def results(found: Study, feet_alone: Study, others: Sequence[Study] = ()) -> Re
 
 
 def said(found: Study, laboratory: Laboratory) -> Said:
-    """What the page says besides tables and figure: where angles come from, what `identify` says, and a replay."""
+    """The page's text besides tables and figure: source of angles, verdict and findings of `identify`, and a replay."""
     estimate, determined = found.estimate, found.determined
     line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined"
     if determined.any():
@@ -172,10 +172,10 @@ def run(args: argparse.Namespace) -> Results:
 
 
 def _laboratory(args: argparse.Namespace) -> Laboratory:
-    """How well it measures, as the options say.
+    """The laboratory that the options describe.
 
     Raises:
-        InputError: The noise of angles is out of range, or stated of angles that follow from markers.
+        InputError: The noise of angles is out of range, or stated for angles from markers.
     """
     rate = float(args.rate)
     if args.source == "markers":
@@ -192,7 +192,7 @@ def _laboratory(args: argparse.Namespace) -> Laboratory:
 
 
 def measured(laboratory: Laboratory) -> str:
-    """Where angles come from, in a sentence."""
+    """A sentence on the source of the angles and their noise."""
     if laboratory.markers:
         noise, skin = 1e3 * laboratory.marker, 1e3 * laboratory.skin
         return f"Angles come from markers, with noise of {noise:g} mm, on skin that moves by {skin:g} mm."

@@ -1,4 +1,4 @@
-"""Figures of an identification: what is predicted, what is left of it, and the parameters beside the model's."""
+"""Figures of an identification: predictions, residuals, and the parameters beside the model's."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,19 +18,19 @@ from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 
 MEASURED, ESTIMATED = figures.INKS[:2]
-"""Colours of what was measured and of all that comes from the estimate, as the page has them."""
+"""Colours of measurements and of estimates, as on the page."""
 
 COLUMN_PANELS = 16
-"""Channels that are drawn over a column of the page; more go over all of it."""
+"""Largest number of channels in a figure of one column; more take the width of the page."""
 
 LEFT_OPEN: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Torques left open"}
-"""Style of spans in which joints are so slow that friction leaves their torques open."""
+"""Style of spans in which joints are so slow that friction makes their torques indeterminate."""
 
 
 def held_out_figure(result: Estimate) -> Figure:
     """Measured and predicted channels on the held-out part."""
     held = result.held_out
-    # Nothing is drawn from one recording to the next, nor across a gap.
+    # Lines are interrupted between recordings and at gaps.
     breaks = held.starts[1:]
     time, measured, predicted = (
         np.insert(x, breaks, np.nan, axis=0)
@@ -65,7 +65,7 @@ def held_out_caption(result: Estimate) -> str:
 
 
 def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
-    """Base parameters with 95 % intervals, set-up included, beside the model's own, each over the largest of these."""
+    """Base parameters with 95 % intervals including the set-up, beside the model's, each over the largest of these."""
     arm, shown = result.prepared.mechanism, _shown(result, layout)
     value, std = result.psi[shown], result.std_setup[shown]
     prior = result.base.regroup(arm.known)[shown]
@@ -99,7 +99,7 @@ def _wanted(result: Estimate, layout: Layout) -> list[int]:
 
 
 def _shown(result: Estimate, layout: Layout) -> list[int]:
-    """Indices of these, of more than fit a page those with the narrowest intervals for their size."""
+    """Indices of the wanted parameters; if too many for a page, those with the narrowest relative intervals."""
     prior = result.base.regroup(result.prepared.mechanism.known)
     relative = result.std_setup / np.maximum(np.maximum(np.abs(result.psi), np.abs(prior)), 1e-300)
     narrowest = sorted(_wanted(result, layout), key=relative.__getitem__)
@@ -107,7 +107,7 @@ def _shown(result: Estimate, layout: Layout) -> list[int]:
 
 
 def spectra_figure(result: Estimate) -> Figure:
-    """Spectra of the measured channels and of their residuals on the held-out part, as far as the filter lets."""
+    """Spectra of the measured channels and of their residuals on the held-out part, up to three times the cut-off."""
     held, prepared = result.held_out, result.prepared
     highest = (
         prepared.recording.rate / 2
@@ -133,7 +133,7 @@ def spectra_figure(result: Estimate) -> Figure:
 
 def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies in Hz and amplitude spectral density of a signal (N,), by Welch's method."""
-    # As scipy.signal.welch, which takes half a second to import.
+    # Equal to scipy.signal.welch, which takes half a second to import.
     length = min(len(x), 512)
     window = np.hanning(length + 1)[:-1]
     power, frequency = mlab.psd(x, length, rate, detrend="mean", window=window, noverlap=length // 2)
@@ -154,20 +154,20 @@ def _panels(result: Estimate) -> tuple[Figure, list[Axes]]:
 
 
 def _finish(figure: Figure, axes: list[Axes], xlabel: str, extra: Sequence[Patch] = ()) -> None:
-    """Labels axes and makes the legend, with patches behind the first panel's own entries."""
+    """Labels the axes and adds the legend, with patches after the first panel's own entries."""
     places = [(ax, ax.get_subplotspec()) for ax in axes]
     lowest = {place.colspan.start: ax for ax, place in places if place is not None}
     for ax in lowest.values():
         ax.set_xlabel(xlabel, labelpad=2)
         ax.tick_params(labelbottom=True)
     figures.align_ylabels(axes)
-    # Whichever panel has them, spans have one entry.
+    # Spans have one entry, whichever panels they are in.
     lines = [line for line in axes[0].lines if not str(line.get_label()).startswith("_")]
     figure.legend(handles=[*lines, *extra], loc="outside upper center", ncols=2 + len(extra))
 
 
 def _label(result: Estimate, k: int, per: str = "") -> str:
-    """Symbol or joint of a channel, and its unit; `per` what the unit is divided by."""
+    """Symbol or joint of a channel, and its unit, divided by `per`."""
     channel = result.channels[k]
     shown = f"${channel[0]}_{channel[1]}$ " if channel in COMPONENTS else f"{escape.label(channel)}\n"
     return f"{shown}({channel_unit(result, channel)}{per})"

@@ -1,4 +1,4 @@
-"""What a page replays of an identification: measured and predicted channels, bodies, and where findings are."""
+"""Replay of an identification on a page: measured and predicted channels, bodies, and places of findings."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,7 +19,7 @@ LEFT_OUT = " None are drawn where samples were left out."
 
 
 def replay(result: Estimate) -> Replay:
-    """The first recording of an estimate, with what the estimate and its rivals predict of it."""
+    """Replay of an estimate's first recording, with the predictions of the estimate and of its rivals."""
     log, part = result.logs[0]
     arm, samples, time = log.mechanism, log.samples, log.recording.time
     fits = {
@@ -60,7 +60,7 @@ def channel_unit(result: Estimate, channel: str) -> str:
 
 
 def _parameter(result: Estimate, k: int) -> dict[str, Any]:
-    """What a press on a coefficient tells: what it is, its value and its interval."""
+    """Text shown for a pressed coefficient: its meaning, value and interval."""
     name, arm, base = result.names[k], result.prepared.mechanism, result.base
     value, std = float(result.fit.values[k]), float(np.sqrt(result.covariance_setup[k, k]))
     own = unit_of(name) or ""
@@ -80,7 +80,7 @@ def _parameter(result: Estimate, k: int) -> dict[str, Any]:
 
 
 def place(finding: Finding, result: Estimate) -> dict[str, Any]:
-    """What a press on a finding shows: its body, channels and span of time in the first log, if it has them."""
+    """Text and places shown for a pressed finding: body, channels and span of time in the first log, if any."""
     log, at = result.logs[0][0], finding.place
     tree, sensors = log.mechanism.tree, log.recording.sensors
     moved = {body.joint: name for body, name in zip(tree.bodies, tree.names, strict=True) if body.joint}
@@ -99,6 +99,6 @@ def place(finding: Finding, result: Estimate) -> dict[str, Any]:
 
 
 def _listed(kind: str, names: Sequence[str]) -> str:
-    """Some names after what they are, one or several."""
+    """Names after their kind, in the singular or plural."""
     several = {"body": "bodies", "wrench": "wrenches"}.get(kind, f"{kind}s")
     return f"{kind if len(names) == 1 else several} {', '.join(names)}"

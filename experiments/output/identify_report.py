@@ -1,4 +1,4 @@
-"""What an identification leaves behind: tables, figures, a page, numbers for scripts, and the updated model."""
+"""Report on an identification: tables, figures, a page, numbers for scripts, and the updated model."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -63,12 +63,12 @@ def parameters_table(result: Estimate) -> report.Table:
 
 
 def _units(result: Estimate) -> tuple[str, ...]:
-    """Units of all coefficients: base parameters, what drives take, offsets of channels."""
+    """Units of all coefficients: base parameters, parameters of drives, offsets of channels."""
     return tuple(coefficient_unit(result, name) for name in result.names)
 
 
 def coefficient_unit(result: Estimate, name: str) -> str:
-    """Unit of a coefficient by its name, as `m2rz2`, `Fv(knee)` or `offset(Fx)`."""
+    """Unit of a coefficient by its name, such as `m2rz2`, `Fv(knee)` or `offset(Fx)`."""
     if (own := unit_of(name)) is not None:
         return own
     kind, _, of = name.removesuffix(")").partition("(")
@@ -79,12 +79,12 @@ def coefficient_unit(result: Estimate, name: str) -> str:
 
 
 def _relative(value: float, std: float) -> str:
-    """Relative standard deviation, or its absolute value where the estimate is not far from zero."""
+    """Relative standard deviation, or the absolute one if the estimate is within three of zero."""
     return f"{100 * std / abs(value):.1f} %" if abs(value) > 3 * std else f"{std:.2g} abs."
 
 
 def quality_table(result: Estimate) -> report.Table:
-    """How well each channel is predicted on the part that was held out."""
+    """Prediction errors of each channel on the held-out part."""
     held = result.held_out
     rivals = [result.rivals.get(name, np.full(len(result.channels), np.nan)) for name in ("model", "least squares")]
     rows = tuple(
@@ -113,7 +113,7 @@ def quality_table(result: Estimate) -> report.Table:
 
 
 def full_table(result: Estimate) -> report.Table:
-    """A physically consistent φ of every body beside the model's."""
+    """Physically consistent φ of each body beside the model's."""
     units = [unit_of(name) or "" for name in result.base.parameters]
     bodies = [name for name in result.prepared.mechanism.bodies for _ in PARAMETERS]
     return report.Table(
@@ -130,7 +130,7 @@ def full_table(result: Estimate) -> report.Table:
 
 
 def data_lines(result: Estimate) -> list[str]:
-    """What the data alone say."""
+    """Lines on the data: samples, structure, excitation and checks."""
     prepared, base, checks = result.prepared, result.base, result.checks
     samples, singular, numbers = len(prepared.samples), result.singular_values, result.condition_numbers
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
@@ -165,7 +165,7 @@ def data_lines(result: Estimate) -> list[str]:
 
 
 def text(result: Estimate) -> str:
-    """What the terminal shows."""
+    """Text for the terminal."""
     lines = [
         "The recording",
         *(f"  {line}" for line in data_lines(result)),
@@ -205,19 +205,19 @@ def write(
     *,
     film: bool = False,
 ) -> str:
-    """Writes everything into a folder: tables, figures, a page, and the model file updated.
+    """Writes everything into a folder: tables, figures, a page, and the updated model file.
 
     Args:
         result: The identification.
-        folder: Where to.
-        model: The model file that is updated.
-        logs: The logs it was identified from.
-        provenance: Where the results come from.
-        layout: How tables and figures are printed.
-        film: Whether a film is asked for.
+        folder: The folder.
+        model: The model file to update.
+        logs: The identified logs.
+        provenance: Provenance of the results.
+        layout: Layout of tables and figures in print.
+        film: True to write a film.
 
     Returns:
-        Why there is no film although it is asked for, and why the layout is not kept to, in sentences; else nothing.
+        Sentences on a film that cannot be written and a layout that cannot be applied; else an empty text.
     """
     shown, formats = results(result, provenance), ("pdf", "svg", "png")
     layout, refused = shown.chosen(layout)

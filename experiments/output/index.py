@@ -1,4 +1,4 @@
-"""One self-contained page with every table and figure of the studies beside the paper's numbers."""
+"""One self-contained page with all tables and figures of the studies beside the paper's numbers."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -15,8 +15,8 @@ def write_index(out: Path, results: Mapping[str, Results], formats: Iterable[str
     """Writes `out/index.html`.
 
     Args:
-        out: Folder that holds those of the studies.
-        results: What the studies of `python -m experiments` have written, by the names of their folders.
+        out: Folder of the studies' folders.
+        results: Results of the studies of `python -m experiments`, by folder name.
         formats: Formats of the figures, PNG among them.
     """
     shown = {

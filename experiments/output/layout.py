@@ -1,4 +1,4 @@
-"""How an author wants tables and figures: the page they are printed on, captions, and which parameters."""
+"""Layout of tables and figures in print: columns of the page, captions, and the parameters that are shown."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,8 +14,8 @@ class Layout:
 
     Attributes:
         columns: Columns of the page.
-        captions: Captions other than the program's, by the names of files.
-        parameters: Symbols of the parameters, or names of bodies, that tables and figures show; none for all.
+        captions: Captions that replace the program's, by file name.
+        parameters: Symbols of the parameters, or names of bodies, that tables and figures show; empty for all.
     """
 
     columns: int = 2
@@ -23,14 +23,14 @@ class Layout:
     parameters: tuple[str, ...] = ()
 
     def shows(self, parameter: str, bodies: Sequence[str]) -> bool:
-        """Whether a parameter is shown, bodies numbered from 1."""
+        """True if a parameter is shown; bodies are numbered from 1."""
         return not self.parameters or bool({parameter, body_of_parameter(parameter, bodies)} & {*self.parameters})
 
     def check(self, files: Sequence[str], parameters: Sequence[str], bodies: Sequence[str]) -> None:
-        """Refuses captions of files that are not written, and parameters that there are not.
+        """Checks that captions belong to written files, and that parameters exist.
 
         Raises:
-            InputError: There is one; the sentence names those to choose from.
+            InputError: One does not; the sentence lists the choices.
         """
         for name in self.captions:
             if name not in files:
@@ -56,5 +56,5 @@ def unit_of(parameter: str) -> str | None:
 
 
 def offset_unit(name: str) -> str:
-    """Unit of a component of a wrench, or of its offset: N of `Fx` and of `offset(Fx)`, N m of moments."""
+    """Unit of a component of a wrench, or of its offset: N for `Fx` and `offset(Fx)`, N m for moments."""
     return "N" if name.removeprefix("offset(").startswith("F") else "N m"

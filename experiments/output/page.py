@@ -1,4 +1,4 @@
-"""Pages that hold everything they show: templates of HTML, filled with results."""
+"""Self-contained HTML pages: templates filled with results."""
 
 import argparse
 import base64
@@ -22,22 +22,22 @@ from ident.errors import InputError
 from ident.recordings.atomic import replacing
 
 PAGE = "report.html"
-"""The page in a folder of results."""
+"""Name of the page in a folder of results."""
 
 
 @dataclass(frozen=True)
 class Said:
-    """What a page says besides its tables and figures.
+    """Contents of a page besides its tables and figures.
 
     Attributes:
         title: Its title.
-        about: What the command does, in a sentence or two.
-        verdict: Whether to believe the results, where that is judged.
-        findings: What was found on them, each with whether it is a doubt.
+        about: Description of the command, in a sentence or two.
+        verdict: Verdict on the results, if they are judged.
+        findings: Findings on them, each with True if it is a doubt.
         lines: Sentences with the main numbers.
-        heading: What they are about.
-        blocks: Texts to copy, by what they are for.
-        replay: What moves.
+        heading: Heading of these sentences.
+        blocks: Texts to copy, by purpose.
+        replay: Replay of the motion.
         files: Names of other files in the same folder.
     """
 
@@ -53,7 +53,7 @@ class Said:
 
 
 def write_report(folder: Path, shown: Results, formats: Iterable[str], said: Said) -> None:
-    """Writes `report.html` into a folder that holds these results, which it links to."""
+    """Writes `report.html` into a folder that holds these results, with links to them."""
     moving = None if said.replay is None else said.replay.to_page()
     page = rendered("report.html", folder, {"": shown}, formats, said=said, replay=moving)
     with replacing(folder / PAGE) as temporary:
@@ -61,10 +61,10 @@ def write_report(folder: Path, shown: Results, formats: Iterable[str], said: Sai
 
 
 def write_results(args: argparse.Namespace, folder: Path, shown: Results, formats: Iterable[str], said: Said) -> str:
-    """Writes tables, figures, numbers and their page into a folder, for print as the command line says.
+    """Writes tables, figures, numbers and their page into a folder, in the layout of the command line.
 
     Returns:
-        Why captions and parameters are not as it says, in a sentence, else nothing.
+        A sentence if captions or parameters cannot be applied, else an empty one.
     """
     layout, refused = shown.chosen(layout_of(args))
     shown.write(folder, formats, layout)
@@ -73,10 +73,10 @@ def write_results(args: argparse.Namespace, folder: Path, shown: Results, format
 
 
 def filmed(asked: bool, folder: Path, said: Said) -> tuple[Said, str]:
-    """What a page says, with a film of what moves written into the folder if one is asked for.
+    """Writes a film of the replay into the folder, if asked for.
 
     Returns:
-        It with the name of the film, and why there is none although it is asked for, in a sentence, else nothing.
+        The contents of the page with the film's name, and a sentence if it cannot be written, else an empty one.
     """
     if not asked or said.replay is None:
         return said, ""
@@ -90,20 +90,20 @@ def filmed(asked: bool, folder: Path, said: Said) -> tuple[Said, str]:
 
 
 def conclude(args: argparse.Namespace, found: Results, said: Said, origin: dict[str, Any]) -> Results:
-    """Ends a command that has no more to write than results: writes them with a page, and prints what they say.
+    """Writes the results of a command with a page, and prints them.
 
     Args:
         args: The command line: folder `out` and `formats`.
-        found: What was found.
-        said: What the page says besides, of which the terminal shows verdict and lines.
-        origin: Where it comes from, as of `report.provenance`.
+        found: The results.
+        said: Further contents of the page; the terminal shows verdict and lines.
+        origin: Provenance, from `report.provenance`.
 
     Returns:
-        All that was written.
+        All written results.
 
     Raises:
-        InputError: A film is asked for, and cannot be written, or captions or parameters are chosen of what is not
-            there; all else is written.
+        InputError: The film cannot be written, or captions or parameters are chosen that do not exist; all else is
+            written.
     """
     options = {**origin["options"], **author_choices(args)}
     written = found | Results(numbers={"provenance": {**origin, "options": options}})
@@ -118,25 +118,24 @@ def conclude(args: argparse.Namespace, found: Results, said: Said, origin: dict[
 
 
 def complain(*sentences: str) -> None:
-    """Ends a command, after everything is written and printed, with what is not as it was asked for.
+    """Raises an error at the end of a command, after all output, if a request could not be met.
 
     Raises:
-        InputError: There is such a sentence.
+        InputError: A sentence is not empty.
     """
     if told := " ".join(filter(None, sentences)):
         raise InputError(told)
 
 
 def rendered(template: str, root: Path, shown: Mapping[str, Results], formats: Iterable[str], **values: object) -> str:
-    """A page in one file, which runs no script but its own and asks for nothing from anywhere.
+    """A page in one file, which runs only its own script and loads nothing.
 
     Args:
         template: File of the folder `templates`.
         root: Folder of the page.
-        shown: Results by the names of their folders in `root`, or by an empty name those in `root` itself; they are
-            written.
+        shown: Written results by folder name in `root`; the empty name stands for `root` itself.
         formats: Formats of the figures.
-        values: What else the template takes.
+        values: Other variables of the template.
     """
 
     def png(folder: str, name: str) -> str:
@@ -149,7 +148,7 @@ def rendered(template: str, root: Path, shown: Mapping[str, Results], formats: I
 
 @cache
 def _environment() -> Environment:
-    """The templates, which are compiled when they are first used: that takes as long as to fill them."""
+    """The templates; they are compiled at first use, which takes as long as filling them."""
     environment = Environment(
         loader=PackageLoader("experiments.output"),
         autoescape=True,
@@ -164,20 +163,20 @@ def _environment() -> Environment:
 
 
 def _png(results: Results, name: str) -> bytes:
-    """A figure that was written in other formats only."""
+    """A figure as PNG that was written in other formats only."""
     return figures.drawn(results.figures[name][0], "png")
 
 
 def _visible(value: Any) -> Any:
-    """A text without what would turn the text around it, HTML that is one already the same."""
+    """A text without marks of writing direction; keeps the type of HTML texts."""
     return type(value)(escape.visible(value)) if isinstance(value, str) else value
 
 
 def _digest(text: str) -> str:
-    """How a page's policy names the one script, or style, that it allows."""
+    """Hash by which a page's content security policy names an allowed script or style."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _indented(content: Any) -> str:
-    """JSON for readers."""
+    """Indented JSON."""
     return json.dumps(content, indent=1, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""Symbols within the texts of pages: parameters, channels of wrenches, and cells that are a symbol."""
+"""Symbols in the texts of pages: parameters, channels of wrenches, and cells that are a symbol."""
 
 import re
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ Symbol = tuple[tuple[str, str], ...]
 
 
 def pieces(text: str) -> Iterator[tuple[str, Symbol]]:
-    """Plain text and the symbol behind it, again and again; the last symbol is empty.
+    """Yields pairs of plain text and the symbol after it; the last symbol is empty.
 
     >>> list(pieces("m2rz2 and Fx"))
     [('', (('m', '2'), ('r', 'z,2'))), (' and ', (('F', 'x'),)), ('', ())]

@@ -1,4 +1,4 @@
-"""Parameters as people say them: `m2rz2` is the first moment of the shank along z about the knee."""
+"""Parameters in words: `m2rz2` is the first moment of the shank along z about the knee."""
 
 from collections.abc import Iterator
 
@@ -11,11 +11,11 @@ from ident.mechanism.mechanism import Mechanism
 from ident.parameters.base_parameters import BaseParameters
 
 SHOWN = 0.0005
-"""Parts of a regrouping below this coefficient are not put into words."""
+"""Smallest coefficient of a regrouping that is put into words."""
 
 
 def order(name: str) -> int:
-    """Order of the moment of mass that a parameter is: 0, 1 or 2.
+    """Order of a parameter as a moment of mass: 0, 1 or 2.
 
     >>> [order(name) for name in ("m1", "m2rz2", "Ixx3")]
     [0, 1, 2]
@@ -42,14 +42,14 @@ def in_words(name: str, arm: Mechanism) -> str:
 
 
 def regrouped_in_words(base: BaseParameters, k: int, arm: Mechanism) -> str:
-    """What the k-th base parameter is made of, in words."""
+    """The k-th base parameter and its regrouped terms, in words."""
     parts = list(_parts(base, k, arm))
     named = in_words(base.names[k], arm)
     return f"{named}, in which are also counted: {'; '.join(parts)}" if parts else named
 
 
 def _parts(base: BaseParameters, k: int, arm: Mechanism) -> Iterator[str]:
-    """The other parameters that a base parameter contains, each with its factor, whose unit is a power of metres."""
+    """The other parameters in a base parameter, each with its factor, whose unit is a power of metres."""
     own = order(base.names[k])
     for coefficient, d in zip(base.beta[k], base.dependent, strict=True):
         if abs(coefficient) > SHOWN:
@@ -60,6 +60,6 @@ def _parts(base: BaseParameters, k: int, arm: Mechanism) -> Iterator[str]:
 
 
 def _origin(body: Body) -> str:
-    """Where the origin of a body's frame is: on the axis of its joint, if it has one that passes through it."""
+    """The origin of a body's frame in words: its joint if the joint's axis passes through it."""
     on_axis = body.moves and not np.any(body.twist[:3]) and bool(body.joint)
     return f"joint {body.joint}" if on_axis else f"the origin of the frame of {body.name}"

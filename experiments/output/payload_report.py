@@ -1,4 +1,4 @@
-"""What the identification of a payload leaves behind: numbers as robots and simulators take them, tables, a page."""
+"""Report on the identification of a payload: numbers in the formats of robots and simulators, tables, a page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ def mjcf(values: np.ndarray) -> str:
 
 
 def controllers(values: np.ndarray) -> str:
-    """What robot controllers take: mass, centre of mass and inertia about it, in the flange's frame.
+    """Calls for robot controllers: mass, centre of mass and inertia about it, in the flange's frame.
 
     Franka's `setLoad` takes the matrix column by column, UR's `set_target_payload` the entries xx, yy, zz, xy, xz, yz.
     """
@@ -52,7 +52,7 @@ def controllers(values: np.ndarray) -> str:
 
 
 def _intervals(body: RigidBody) -> str:
-    """How far to either side 95 % intervals reach."""
+    """Half-widths of the 95 % intervals."""
     reach = HALF_WIDTH * body.std_setup
     names = ("mass", "centre", "inertia")
     parts = zip(names, (reach[:1], reach[1:4], reach[4:]), strict=True)
@@ -60,7 +60,7 @@ def _intervals(body: RigidBody) -> str:
 
 
 def _sensor_unit(name: str) -> str:
-    """Unit of what may be wrong of a sensor, by its name, as `offset(Fx)` or `rotation_x(wrist)`."""
+    """Unit of a sensor's parameter by its name, such as `offset(Fx)` or `rotation_x(wrist)`."""
     kind, _, _ = name.partition("(")
     if kind == "offset":
         return offset_unit(name)
@@ -68,7 +68,7 @@ def _sensor_unit(name: str) -> str:
 
 
 def _in_words(name: str) -> str:
-    """What may be wrong of a sensor: `rotation_x(wrist)` is its turn about x."""
+    """A sensor's parameter in words: `rotation_x(wrist)` is its turn about x."""
     kind, _, of = name.removesuffix(")").partition("(")
     kind, _, axis = kind.partition("_")
     kinds = {
@@ -95,11 +95,11 @@ def _listed(numbers: np.ndarray) -> str:
 
 @dataclass(frozen=True)
 class PayloadReport:
-    """A payload to be shown.
+    """Report on a payload.
 
     Attributes:
         payload: The payload.
-        flange: Name of the body or site in whose frame controllers want it.
+        flange: Name of the body or site in whose frame controllers expect it.
     """
 
     payload: Payload
@@ -111,7 +111,7 @@ class PayloadReport:
         return self.payload.in_frame(self.payload.place_of(self.flange))
 
     def forms(self) -> dict[str, str]:
-        """Numbers in the forms that others read, with their intervals, by what reads them."""
+        """The numbers with their intervals as text for other programs, by program."""
         own, at_flange, body = self.payload.in_frame(), self.at_flange, self.payload.body
         comment = f"<!-- {_intervals(own)} -->"
         return {
@@ -123,7 +123,7 @@ class PayloadReport:
         }
 
     def forms_text(self) -> str:
-        """The same as a text."""
+        """The forms as one text."""
         return "\n".join(f"{title}\n{text}\n" for title, text in self.forms().items())
 
     def table(self) -> report.Table:
@@ -150,7 +150,7 @@ class PayloadReport:
         return report.Table("The sensor", *report.columns(**columns), decimals=5, units=units, names=names)
 
     def lines(self) -> list[str]:
-        """What was taken."""
+        """Lines on the logs, the payload's bodies and the sensor's place."""
         result, payload = self.payload.estimate, self.payload
         place = _listed(payload.place[:3, 3].round(6) + 0)
         samples = sum(part.stop - part.start for _, part in result.logs)
@@ -165,7 +165,7 @@ class PayloadReport:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything for scripts, in JSON's types."""
+        """Everything for scripts, in JSON types."""
         payload = self.payload
         frames = {payload.body: payload.in_frame(), self.flange: self.at_flange}
         return {
@@ -178,27 +178,27 @@ class PayloadReport:
         }
 
     def text(self) -> str:
-        """What the terminal shows."""
+        """Text for the terminal."""
         payload = self.payload
         tables = [self.table().text(), self.sensor_table().text()]
         verdict = [f"Verdict: {payload.verdict()}", *(finding.line for finding in payload.findings)]
-        # Forms are to be copied.
+        # Forms are for copying: they are not wrapped.
         return "\n".join([wrapped("\n".join([*self.lines(), "", *tables])), self.forms_text(), *map(wrapped, verdict)])
 
     def write(
         self, folder: Path, model: Path, logs: Sequence[Path], provenance: dict[str, Any], layout: Layout = PAPER
     ) -> str:
-        """Writes tables, a figure, a page, the forms, numbers for scripts, and the model file updated if it has masses.
+        """Writes tables, a figure, a page, the forms, numbers for scripts, and the updated model file if it has masses.
 
         Args:
-            folder: Where to.
+            folder: The folder.
             model: The model file.
             logs: The logs.
-            provenance: Where the results come from.
-            layout: How tables and figures are printed.
+            provenance: Provenance of the results.
+            layout: Layout of tables and figures in print.
 
         Returns:
-            Why the layout is not kept to, in a sentence, else nothing.
+            A sentence if the layout cannot be applied, else an empty one.
         """
         payload, formats = self.payload, ("pdf", "png")
         held_out = identify_figures.held_out_figure(payload.estimate)

@@ -1,4 +1,4 @@
-"""Tables as a journal prints them: LaTeX with booktabs, siunitx, tabularx and threeparttable."""
+"""Tables in a journal's style: LaTeX with booktabs, siunitx, tabularx and threeparttable."""
 
 import re
 from collections.abc import Sequence
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from experiments.output.report import Table
 
 PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
-"""LaTeX packages that the tables need, all of TeX Live's latexextra and science collections."""
+"""LaTeX packages that the tables need, all in TeX Live's latexextra and science collections."""
 
 AROUND = 60.0
-"""Height of a table's heads, rules and notes, about, in pt."""
+"""Approximate height of a table's heads, rules and notes, pt."""
 
 
 @dataclass(frozen=True)
 class _Size:
-    """A size of letters: what LaTeX calls it, and about the widths of letters and gaps and the height of lines, pt."""
+    """A font size: its LaTeX command, and approximate widths of letters and gaps and height of lines, pt."""
 
     command: str
     letter: float
@@ -36,10 +36,10 @@ NORMAL = _Size(r"\footnotesize", 4.4, 12.0, 9.6)
 SMALL = _Size(r"\scriptsize\setlength{\tabcolsep}{3pt}", 3.9, 6.0, 8.1)
 
 NARROW = 10
-"""Letters that a line of a head has at most, if its words let it."""
+"""Largest number of letters in a line of a head, if its words permit."""
 
 LONG = 28
-"""Letters from which a cell may break into lines."""
+"""Number of letters above which a cell may break into lines."""
 
 CHANNEL = re.compile(r"([FMτ])([xyz])")
 SYMBOL = re.compile(r"(-?)([A-Za-zα-ω])_(\w)|(-?)([α-ω])(/\d)?|(alpha|theta|omega)")
@@ -66,12 +66,12 @@ _UNITS |= {"%": r"\percent", "1": r"\text{--}"}
 
 
 def unit(text: str) -> str:
-    """A unit by siunitx, or as it is where that has none."""
+    """A unit by siunitx, or as text if siunitx lacks it."""
     return rf"\unit{{{_UNITS[text]}}}" if text in _UNITS else text_with_symbols(text)
 
 
 def text_with_symbols(text: str) -> str:
-    """Plain text as LaTeX: parameters, sums of them and channels as symbols, minus signs as such."""
+    """Plain text as LaTeX, with parameters, their sums, channels and minus signs as symbols."""
     if match := CHANNEL.fullmatch(text):
         return f"${_GREEK.get(match[1], match[1])}_{match[2]}$"
     if match := SYMBOL.fullmatch(text):
@@ -90,7 +90,7 @@ def text_with_symbols(text: str) -> str:
 
 @dataclass(frozen=True)
 class _Column:
-    """A column: its head's words, the remark that it shares with its neighbours, its cells, and whether of numbers."""
+    """A column: words of its head, the remark it shares with its neighbours, cells, and True if these are numbers."""
 
     head: str
     remark: str
@@ -99,12 +99,12 @@ class _Column:
 
     @property
     def long(self) -> bool:
-        """Whether its cells may break into lines."""
+        """True if its cells may break into lines."""
         return not self.numeric and max(map(_letters, self.cells), default=0) > LONG
 
     @property
     def format(self) -> str:
-        """What stands for it in the preamble."""
+        """Column type in the preamble."""
         numbers = [match for cell in self.cells if (match := NUMBER.fullmatch(cell))]
         if self.long:
             return r">{\raggedright\arraybackslash}X"
@@ -118,14 +118,14 @@ class _Column:
         return f"S[table-format={sign}{whole}.{decimals}{exponent}]"
 
     def width(self, size: _Size) -> float:
-        """About how wide it is at least, in pt."""
+        """Approximate smallest width, pt."""
         words = max(len(line) for line in (*_lines(self.head), *_lines(self.remark)))
         widest = max([words, *(min(_letters(cell), LONG) for cell in self.cells)])
         return size.letter * widest + size.gap
 
 
 def tex(table: "Table", label: str, layout: Layout) -> str:
-    """A table over one column of the page or, of two, over both if it is wide; in several floats if it is too large."""
+    """A table over one column of the page, or over both if it is wide; in several floats if it is too large."""
     columns, caption = _columns(table), _caption(label, table.caption or table.title, layout)
     narrow, wide = (72.27 * width for width in WIDTHS[layout.columns])
     needed = sum(column.width(NORMAL) for column in columns)
@@ -148,7 +148,7 @@ def tex(table: "Table", label: str, layout: Layout) -> str:
 
 
 def _parts(columns: Sequence[_Column], keys: int, size: _Size, room: float) -> list[list[_Column]]:
-    """The columns, or as many sets of them as it takes for each to fit, all beginning with the first ones."""
+    """The columns, in as many sets as it takes for each to fit; all sets begin with the first `keys` columns."""
     first = list(columns[:keys])
     parts = [list(first)]
     for column in columns[keys:]:
@@ -159,13 +159,13 @@ def _parts(columns: Sequence[_Column], keys: int, size: _Size, room: float) -> l
 
 
 def _with_cells(columns: Sequence[_Column], keys: int) -> list[_Column]:
-    """A set of the columns without the rows in which it holds nothing but the first ones."""
+    """A set of columns without the rows that are empty beyond the first `keys` columns."""
     kept = [k for k in range(len(columns[0].cells)) if any(column.cells[k] for column in columns[keys:])]
     return [replace(column, cells=[column.cells[k] for k in kept]) for column in columns]
 
 
 def _pages(columns: Sequence[_Column], size: _Size, room: float, height: float) -> list[slice]:
-    """Rows that stand together on a page so high, in pt, by the lines that their longest cells break into."""
+    """Slices of rows that fit on a page of this height, pt, by the number of lines of their longest cells."""
     most = (height - AROUND) / size.line
     long = [column for column in columns if column.long]
     left = room - sum(column.width(size) for column in columns if not column.long)
@@ -180,7 +180,7 @@ def _pages(columns: Sequence[_Column], size: _Size, room: float, height: float) 
 
 
 def figure(name: str, caption: str, width: float, layout: Layout) -> str:
-    """A float with a figure from a file of that name, as wide as it was drawn, in inches."""
+    """A float with a figure from a file of that name, in its drawn width, inches."""
     star = "*" if layout.columns == 2 and width > 1.05 * WIDTHS[2][0] else ""
     return (
         f"% \\usepackage{{graphicx,siunitx}}\n\\begin{{figure{star}}}\n\\centering\n\\includegraphics{{{name}}}\n"
@@ -189,7 +189,7 @@ def figure(name: str, caption: str, width: float, layout: Layout) -> str:
 
 
 def _caption(name: str, caption: str, layout: Layout) -> str:
-    """The author's caption as it is, or the program's, which ends with a full stop."""
+    """The author's caption unchanged, or the program's with a full stop."""
     text = text_with_symbols(caption)
     return layout.captions.get(name, text if not text or text.endswith(".") else f"{text}.")
 
@@ -220,7 +220,7 @@ def _texts(table: "Table") -> list[list[str]]:
 
 
 def _tabular(columns: Sequence[_Column]) -> str:
-    """Rules, heads and rows; a column with long cells takes what the others leave of the line."""
+    """Rules, heads and rows; a column with long cells takes the rest of the line's width."""
     preamble = "@{}" + "".join(column.format for column in columns) + "@{}"
     kind, width = ("tabularx", r"{\linewidth}") if any(column.long for column in columns) else ("tabular", "")
     begin = f"\\begin{{{kind}}}{width}{{{preamble}}}"
@@ -229,13 +229,13 @@ def _tabular(columns: Sequence[_Column]) -> str:
 
 
 def _heads(columns: Sequence[_Column]) -> str:
-    """One row of heads, under another one where several neighbours share a remark."""
+    """One row of heads, under another one if neighbours share a remark."""
     groups = [(remark, len(list(members))) for remark, members in groupby(columns, lambda column: column.remark)]
     shared = any(remark and size > 1 for remark, size in groups)
     top, rules, first = [], "", 1
     for remark, size in groups:
         lines = [text_with_symbols(line) for line in _lines(remark)]
-        # Over several columns there is room for a line.
+        # Several columns have room for one line.
         text = _stack(lines, True) if size == 1 and len(lines) > 1 else text_with_symbols(_capital(remark))
         top.append(f"\\multicolumn{{{size}}}{{c}}{{{text}}}" if remark else " & ".join([""] * size))
         rules += f"\\cmidrule(lr){{{first}-{first + size - 1}}}" if remark else ""
@@ -246,7 +246,7 @@ def _heads(columns: Sequence[_Column]) -> str:
 
 
 def _head(text: str, numeric: bool) -> str:
-    """A head in lines, in braces where numbers are aligned below it."""
+    """A head in lines, in braces above aligned numbers."""
     lines = [unit_line(line) for line in _lines(text)]
     shown = lines[0] if len(lines) == 1 else _stack(lines, numeric)
     return f"{{{shown}}}" if numeric else shown
@@ -258,7 +258,7 @@ def _stack(lines: Sequence[str], numeric: bool) -> str:
 
 
 def unit_line(text: str) -> str:
-    """A line of a head, a unit in brackets by siunitx."""
+    """A line of a head; a unit in brackets is set by siunitx."""
     match = re.fullmatch(r"\((.+)\)", text)
     words = re.sub(r"(^|(?<= ))[a-zα-ω]$", lambda letter: f"${_GREEK.get(letter[0], letter[0])}$", text)
     if words != text:
@@ -267,7 +267,7 @@ def unit_line(text: str) -> str:
 
 
 def _lines(head: str) -> list[str]:
-    """Lines of a head: what is in brackets or after a comma below, long ones broken in the middle."""
+    """Lines of a head, split before brackets and after commas; long ones are broken in the middle."""
     lines = []
     for k, part in enumerate(re.split(r", | (?=\()", head)):
         words = (_capital(part) if k == 0 else part).split(" ")
@@ -285,7 +285,7 @@ def _capital(text: str) -> str:
 
 
 def _notes(table: "Table") -> str:
-    """What stands below a table."""
+    """Notes below a table."""
     notes = [f"\\item[*] {text_with_symbols(table.footnote)}"] if table.footnote else []
     notes += [f"\\item {text_with_symbols(note)}" for note in table.notes]
     if not notes:
@@ -295,5 +295,5 @@ def _notes(table: "Table") -> str:
 
 
 def _letters(cell: str) -> int:
-    """About how many letters a cell of LaTeX shows."""
+    """Approximate number of letters that a LaTeX cell shows."""
     return len(re.sub(r"\\[A-Za-z]+|[${}\\_]", "", cell))

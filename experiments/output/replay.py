@@ -1,4 +1,4 @@
-"""A mechanism as a page replays it: poses, forces and channels over time, in numbers so few that they fit into it."""
+"""Replay of a mechanism on a page: poses, forces and channels over time, thinned to fit into it."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,21 +18,21 @@ from ident.recordings.wrench import GROUND, pose_in_base
 from sim.models.shapes import Shape, shapes
 
 FRAMES, POSE_NUMBERS = 300, 100_000
-"""Postures that are shown at most, and numbers that they may take together."""
+"""Largest number of postures, and of numbers that they may take together."""
 
 SAMPLES, CURVE_NUMBERS = 2000, 120_000
-"""Samples of the channels that are drawn at most, and numbers that they may take together."""
+"""Largest number of drawn samples of the channels, and of numbers that they may take together."""
 
 DIGITS = 5
 """Significant digits: a pixel is a thousandth of the width."""
 
 UNIFORM = 5.0
-"""Squared semi-axes of an ellipsoid of uniform density over its second moments per mass."""
+"""Ratio of squared semi-axes of an ellipsoid of uniform density to its second moments per mass."""
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What moves on a page.
+    """A motion to replay on a page.
 
     Attributes:
         mechanism: The mechanism.
@@ -40,16 +40,16 @@ class Replay:
         motion: Its motion (N samples).
         channels: Name and unit of each channel.
         drawn: Indices of the samples whose channels are drawn (M,), as of `every_nth`.
-        curves: The channels at those, by what they are (M, C).
-        inks: Their colours, as places in `figures.INKS`; by default in that order.
-        estimate: φ of the bodies as estimated (10 b,), None where nothing was.
-        told: How many of ten parameters the recording tells of each body (b,).
+        curves: The channels at these samples, by label (M, C).
+        inks: Their colours, as indices into `figures.INKS`; by default in order.
+        estimate: Estimated φ of the bodies (10 b,); None if none was estimated.
+        told: Number of each body's ten parameters that the recording determines (b,).
         spans: Spans of time to shade, s.
-        shaded: What they are.
+        shaded: Meaning of the shaded spans.
         remark: A sentence on the curves.
-        parameters: What a press on each base parameter tells: `text`, and the index of the tree's body.
-        findings: What a press on each finding tells: `where` in words, `body`, `channels` and `span`; without `where`
-            it is not to be pressed.
+        parameters: Shown for each pressed base parameter: `text`, and the index of the tree's body.
+        findings: Shown for each pressed finding: `where` in words, `body`, `channels` and `span`; one without `where`
+            cannot be pressed.
     """
 
     mechanism: Mechanism
@@ -68,7 +68,7 @@ class Replay:
     findings: Sequence[Mapping[str, Any]] = field(default_factory=tuple)
 
     def to_page(self) -> dict[str, Any]:
-        """All of it in JSON's types."""
+        """The replay in JSON types."""
         shown = evenly(len(self.recording.time), min(FRAMES, POSE_NUMBERS // (7 * len(self.mechanism.tree.bodies))))
         poses, solids = self._poses(shown), shapes(self.mechanism)
         bodies, arrows = self._bodies(), list(self._arrows(shown, poses))
@@ -104,7 +104,7 @@ class Replay:
         }
 
     def _poses(self, shown: np.ndarray) -> np.ndarray:
-        """Poses of the tree's bodies in the base frame, or of a base that moves in its inertial one (F, b, 4, 4)."""
+        """Poses of the tree's bodies in the base frame, or in the inertial frame of a moving base (F, b, 4, 4)."""
         poses = self.mechanism.tree.poses(self.motion.q[shown])
         base = self.motion.base_poses
         return poses if base is None else base[shown][:, None] @ poses
@@ -132,7 +132,7 @@ class Replay:
                 yield {"body": i, "point": _short(point), "direction": _short(direction), "slides": not body.turns}
 
     def _arrows(self, shown: np.ndarray, poses: np.ndarray) -> Iterator[dict[str, Any]]:
-        """Forces on the mechanism where they are measured."""
+        """Measured forces on the mechanism, with their points of application."""
         base = self.motion.base_poses
         T_base = np.eye(4) if base is None else base[shown]
         for name in self.recording.wrenches:
@@ -151,20 +151,20 @@ class Replay:
 
 
 def every_nth(N: int, numbers: int) -> np.ndarray:
-    """Indices of those of N samples of which charts draw so many numbers each."""
+    """Indices of every n-th of N samples, so that charts with so many numbers per sample stay within the limits."""
     return np.arange(0, N, -(-N // min(SAMPLES, max(2, CURVE_NUMBERS // numbers))))
 
 
 def evenly(N: int, most: int) -> np.ndarray:
-    """Indices of so many of N samples at most, the first and the last among them."""
+    """Indices of at most so many of N samples, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, N - 1, max(2, min(N, most))).round().astype(int))
 
 
 def ellipsoid(phi: np.ndarray) -> list[list[float]] | None:
-    """Three semi-axes and the centre of the body of uniform density with these parameters; None of one without mass.
+    """Three semi-axes and the centre of the uniform ellipsoid with these parameters; None without mass.
 
-    Its second moments per mass about the centre are Σ/m - r rᵀ, of which bodies that are not physical have negative
-    ones, drawn as zero.
+    Its second moments per mass about the centre are Σ/m - r rᵀ; negative ones, of bodies that are not physical, are
+    drawn as zero.
     """
     J = pseudo_inertia(phi)
     if not J[3, 3] > 0:
@@ -178,7 +178,7 @@ def ellipsoid(phi: np.ndarray) -> list[list[float]] | None:
 def _extent(
     poses: np.ndarray, solids: Sequence[Shape], ellipsoids: Sequence[list[list[float]] | None]
 ) -> tuple[np.ndarray, float]:
-    """Centre and radius of a ball around the bodies wherever they are, their shapes and their ellipsoids."""
+    """Centre and radius of a ball around the bodies in all poses, with their shapes and ellipsoids."""
     points = [poses[..., :3, 3].reshape(-1, 3), np.zeros((1, 3))]
     on_bodies = [(each.body, each.vertices) for each in solids if each.body >= 0]
     for i, numbers in enumerate(ellipsoids):
@@ -194,14 +194,14 @@ def _extent(
 
 
 def _seven_numbers(poses: np.ndarray) -> np.ndarray:
-    """Position and quaternion of every body, body after body (F, 7 b)."""
+    """Position and quaternion of each body, body after body (F, 7 b)."""
     quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat(scalar_first=True)
     numbers = np.concatenate([poses[..., :3, 3], quaternions.reshape(*poses.shape[:2], 4)], axis=-1)
     return numbers.reshape(len(poses), -1)
 
 
 def _short(x: Any) -> Any:
-    """Numbers as lists with so many digits as can be seen; those that are not finite become None."""
+    """Numbers as lists, rounded to the visible digits; those that are not finite become None."""
     # Python's own numbers take half as long as numpy's.
     if isinstance(x, np.ndarray):
         x = x.tolist()
@@ -211,5 +211,5 @@ def _short(x: Any) -> Any:
 
 
 def _readable(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Texts without marks of writing directions."""
+    """The content with texts free of marks of writing direction."""
     return {key: visible(value) if isinstance(value, str) else value for key, value in content.items()}

@@ -1,4 +1,4 @@
-"""Tables in four formats, result folders that are never half-written, and where results come from."""
+"""Tables in four formats, atomically written result folders, and provenance of results."""
 
 import csv
 import importlib.metadata
@@ -34,18 +34,18 @@ class Table:
     """A table of results.
 
     Attributes:
-        title: What it shows, for the screen and for pages.
-        columns: Column names of the CSV file; everywhere else they are `heading`s.
-        rows: Cells: texts, numbers, or None for an empty one; columns of empty ones are in the CSV file alone.
-        decimals: Decimals of the numbers, everywhere but in the CSV file, which keeps all digits; counts have none.
-        marked: First cells of the rows that get an asterisk, everywhere but in the CSV file.
-        footnote: What the asterisk means.
+        title: Title, for the screen and for pages.
+        columns: Column names of the CSV file; elsewhere `heading`s of them.
+        rows: Cells: texts, numbers, or None if empty; empty columns are in the CSV file alone.
+        decimals: Decimals of numbers, except in the CSV file, which keeps all digits; counts have none.
+        marked: First cells of the rows that get an asterisk, except in the CSV file.
+        footnote: Meaning of the asterisk.
         caption: Caption in print, by default the title.
-        notes: What else a reader in print must know.
-        bodies: Names of the bodies that parameters in the first column belong to, by their numbers from 1.
-        units: Units of the rows, by default those of the parameters where there are bodies.
-        heads: Words for columns that `heading` does not find.
-        names: Words for first cells, everywhere but in the CSV file.
+        notes: Further notes in print.
+        bodies: Names of the bodies of the parameters in the first column, numbered from 1.
+        units: Units of the rows, by default those of the parameters if there are bodies.
+        heads: Headings that `heading` would not form.
+        names: Texts that replace first cells, except in the CSV file.
     """
 
     title: str
@@ -62,9 +62,9 @@ class Table:
     names: Mapping[str, str] = field(default_factory=dict)
 
     def csv(self) -> str:
-        """Comma-separated values with full precision; where bodies have names, a column says whose a parameter is.
+        """Comma-separated values with full precision; if bodies have names, a column holds each parameter's body.
 
-        Texts that spreadsheets would take for formulas have an apostrophe before them.
+        Texts that spreadsheets would read as formulas follow an apostrophe.
         """
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
@@ -77,7 +77,7 @@ class Table:
         return out.getvalue()
 
     def filled(self) -> "Table":
-        """The table without columns of empty cells, as readers get it."""
+        """The table without empty columns."""
         kept = [k for k in range(len(self.columns)) if k == 0 or any(row[k] not in (None, "") for row in self.rows)]
         if not self.rows or len(kept) == len(self.columns):
             return self
@@ -95,11 +95,11 @@ class Table:
         return title + table + (f"\n\\* {escape.markdown(self.footnote)}\n" if self.footnote else "")
 
     def tex(self, label: str = "", layout: Layout = PAPER) -> str:
-        """A table as a journal prints it, with a label for references."""
+        """A table in a journal's style, with a label for references."""
         return print_table.tex(self.shown(layout).filled(), label, layout)
 
     def text(self) -> str:
-        """Aligned columns for the terminal, without those of units, which the title tells."""
+        """Aligned columns for the terminal, without the column of units."""
         if (filled := self.filled()) is not self:
             return filled.text()
         kept = [k for k in range(len(self.headings())) if not (k == 1 and self._units())]
@@ -114,7 +114,7 @@ class Table:
             (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
 
     def shown(self, layout: Layout) -> "Table":
-        """The table with those parameters alone that an author wants."""
+        """The table with only the parameters that an author wants."""
         if not self.bodies:
             return self
         kept = [k for k, row in enumerate(self.rows) if layout.shows(str(row[0]), self.bodies)]
@@ -127,7 +127,7 @@ class Table:
         return [first, *["unit"] * bool(self._units()), *more]
 
     def texts(self, escaped: Callable[[str], str] = str) -> list[list[str]]:
-        """Rows for readers, their cells written by `escaped`."""
+        """Rows as text, with cells written by `escaped`."""
         units, rows = self._units(), []
         for k, (first, *more) in enumerate(self.rows):
             cells = [self._text(cell, escaped) for cell in more]
@@ -135,19 +135,19 @@ class Table:
         return rows
 
     def numeric(self) -> list[bool]:
-        """Whether each column holds nothing but numbers."""
+        """True for each column that holds only numbers."""
         first, *more = [not any(isinstance(row[k], str) for row in self.rows) for k in range(len(self.columns))]
         return [first, *[False] * bool(self._units()), *more]
 
     def _units(self) -> tuple[str, ...]:
-        """Units of the rows, none where they are not known."""
+        """Units of the rows; empty if unknown."""
         return self.units or tuple(unit_of(str(row[0])) or "" for row in self.rows if self.bodies)
 
     def _name(self, cell: Cell, escaped: Callable[[str], str]) -> str:
         """A row's first cell: a parameter with the name of its body."""
         text = escaped(self.names[cell]) if isinstance(cell, str) and cell in self.names else self._text(cell, escaped)
         body = body_of_parameter(cell, self.bodies) if isinstance(cell, str) else None
-        # Added up and not formatted: in pages the parts are HTML already.
+        # Concatenated, not formatted: in pages the parts are HTML already.
         return text if body is None else text + " of " + escaped(body)
 
     def _text(self, cell: Cell, escaped: Callable[[str], str]) -> str:
@@ -159,7 +159,7 @@ class Table:
 
 
 UNITS = ("deg", "rad", "N", "s", "mm")
-"""Units that names of columns, options and other numbers end with."""
+"""Units at the end of names of columns, options and other numbers."""
 
 _HEADINGS = {
     rf"_({'|'.join(UNITS)})$": r" (\1)",
@@ -181,9 +181,9 @@ def heading(name: str) -> str:
 
 
 def number(value: float, decimals: int = 3) -> str:
-    """A number for readers: with so many decimals, or as a power of ten from a million on, where no one counts them.
+    """A number as text with so many decimals, or as a power of ten from a million on.
 
-    Whole numbers, numpy's too, have no decimals; truth values are numbers like others.
+    Integers, also numpy's, have no decimals; booleans have.
     """
     if _whole(value):
         return str(value)
@@ -196,23 +196,23 @@ OUTPUTS = ("table_*", "figure_*", "monte_carlo*", "film.*")
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Writes indented JSON; bytes in files' names that are no text become escapes."""
+    """Writes indented JSON; bytes in file names that are not text become escapes."""
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
 
 
 @contextmanager
 def results_folder(out: Path, stale: Sequence[str] = (), inputs: Sequence[Path] = ()) -> Iterator[Path]:
-    """A temporary folder whose files move to `out` together when the block ends well; else `out` stays as it was.
+    """Yields a temporary folder whose files move to `out` together if the block succeeds; else `out` stays unchanged.
 
     Args:
-        out: Folder for the results, made if missing; files of others in it are left alone.
-        stale: Patterns of files of an earlier run that go when they are not written anew.
-        inputs: Files that were read, and are never replaced.
+        out: Folder for the results, made if missing; other files in it stay.
+        stale: Patterns of files of an earlier run to remove.
+        inputs: Input files, which are never replaced.
 
     Raises:
         InputError: `out` is a file, cannot be written, or a folder or an input stands where a file has to go.
-        OSError: The results could not be written, as when the disk is full; the sentence names `out`.
+        OSError: The results could not be written, e.g. on a full disk; the sentence names `out`.
     """
     with unused_vanish(out), unwritten(out), _scratch(out) as (new, old):
         yield new
@@ -222,7 +222,7 @@ def results_folder(out: Path, stale: Sequence[str] = (), inputs: Sequence[Path] 
 
 @contextmanager
 def writable(out: Path) -> Iterator[None]:
-    """Refuses a folder that cannot be written before the block's work instead of after it.
+    """Checks before the block's work that a folder can be written.
 
     Raises:
         InputError: As for `results_folder`.
@@ -235,7 +235,7 @@ def writable(out: Path) -> Iterator[None]:
 
 @contextmanager
 def unused_vanish(out: Path) -> Iterator[None]:
-    """Removes the folders that a block has made, `out` and those it is in, if the block fails and leaves them empty."""
+    """Removes the folders that a failed block has made, `out` and its parents, if they are empty."""
     made = [folder for folder in (out, *out.parents) if not folder.exists()]
     try:
         yield
@@ -247,7 +247,7 @@ def unused_vanish(out: Path) -> Iterator[None]:
 
 
 def check_inputs(written: Iterable[Path], inputs: Iterable[Path]) -> None:
-    """Refuses to write over what was read, by whatever name.
+    """Checks that no input is overwritten, under any name.
 
     Raises:
         InputError: One of the files to write is an input.
@@ -259,7 +259,7 @@ def check_inputs(written: Iterable[Path], inputs: Iterable[Path]) -> None:
 
 @contextmanager
 def _scratch(out: Path) -> Iterator[tuple[Path, Path]]:
-    """Folders in `out` for the new files and for those they replace, which vanish when the block ends."""
+    """Yields folders in `out` for the new files and for the replaced ones; both are removed when the block ends."""
     with ExitStack() as stack:
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -276,7 +276,7 @@ def _scratch(out: Path) -> Iterator[tuple[Path, Path]]:
             old.mkdir()
             yield new, old
         except BaseException:
-            # Files that could not be put back stay where they are.
+            # Files that could not be put back stay in `old`.
             shutil.rmtree(new, ignore_errors=True)
             for folder in (old, scratch):
                 with suppress(OSError):
@@ -286,7 +286,7 @@ def _scratch(out: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _cleared(left: Path) -> None:
-    """Removes what a killed run has left, after earlier files that it was replacing are back in their place."""
+    """Removes the remains of a killed run, after putting back the files that it was replacing."""
     if not left.is_dir():
         left.unlink()
         return
@@ -296,7 +296,7 @@ def _cleared(left: Path) -> None:
 
 
 def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str], inputs: Sequence[Path]) -> None:
-    """Moves all files of `new` to `out`, and what they replace to `old`; all of them or none."""
+    """Moves all files of `new` to `out`, and the files that they replace to `old`; all of them or none."""
     names = {file.name for file in new.iterdir()}
     gone = {file.name for pattern in stale for file in out.glob(pattern)} | {n for n in names if (out / n).exists()}
     check_inputs((out / name for name in gone), inputs)
@@ -308,7 +308,7 @@ def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str], inputs: Seq
         for name, source, target in [(n, out, old) for n in gone] + [(n, new, out) for n in names]:
             (source / name).replace(target / name)
             moved.append((source / name, target / name))
-        # Whoever finds `old` takes these moves for unfinished.
+        # A folder `old` would mark these moves as unfinished.
         old.replace(old.with_name("replaced"))
     except OSError as error:
         for source, target in reversed(moved):
@@ -321,7 +321,7 @@ def _exchange(new: Path, old: Path, out: Path, stale: Sequence[str], inputs: Seq
 
 
 def provenance(options: Mapping[str, Any], recording: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Everything needed to run a study again: options, scene, versions and commit."""
+    """Everything needed to repeat a study: options, scene, versions and commit."""
     packages = ("multicontact", "mujoco", "numpy", "scipy", "matplotlib")
     return {
         "options": dict(options),
@@ -332,7 +332,7 @@ def provenance(options: Mapping[str, Any], recording: Mapping[str, Any] | None =
 
 
 def version(package: str) -> str | None:
-    """Version of an installed package, None of one that is not installed."""
+    """Version of an installed package; None if it is not installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -346,13 +346,13 @@ def _git_commit() -> str | None:
     environment = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")}
 
     def git(*arguments: str) -> str:
-        # A lock on the checkout would stay behind if this process's group was killed, or the disk was full.
+        # A lock on the checkout would remain if this process's group was killed, or the disk was full.
         command = ["git", "--no-optional-locks", "-C", str(here.parents[2]), *arguments]
         return subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.strip()
 
     try:
         git("ls-files", "--error-unmatch", str(here))
-        # `git describe --dirty` would lock all the same.
+        # `git describe --dirty` would lock nevertheless.
         differs = git("status", "--porcelain", "--untracked-files=no")
         return git("rev-parse", "HEAD") + ("-dirty" if differs else "")
     except (OSError, subprocess.CalledProcessError):
@@ -360,12 +360,12 @@ def _git_commit() -> str | None:
 
 
 def columns(**named: Iterable[Cell]) -> tuple[tuple[str, ...], tuple[tuple[Cell, ...], ...]]:
-    """Column names and rows of a `Table` from its columns; NaN becomes an empty cell, columns of counts stay so."""
+    """Column names and rows of a `Table` from its columns; NaN becomes an empty cell, and counts remain counts."""
     return tuple(named), tuple(zip(*(map(_cell, _alike(list(column))) for column in named.values()), strict=True))
 
 
 def _alike(column: list[Cell]) -> list[Cell]:
-    """A column in which whole numbers are such alone, or numbers like the others."""
+    """A column whose numbers are all integers, or all floats."""
     numbers = [cell for cell in column if cell is not None and not isinstance(cell, str)]
     if all(map(_whole, numbers)):
         return column
@@ -373,7 +373,7 @@ def _alike(column: list[Cell]) -> list[Cell]:
 
 
 def _whole(value: float) -> bool:
-    """Whether it is a count, by its type."""
+    """True for a count, by its type."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 

@@ -1,4 +1,4 @@
-"""What a study leaves behind: the files that it writes, and what a page shows of them."""
+"""Results of a study: the files that it writes, and the tables and figures of its page."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from ident.geometry.inertia import body_of_parameter
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Tables, figures and numbers by the names of their files, without the endings.
+    """Tables, figures and numbers by file name without suffix.
 
     Attributes:
         tables: Tables.
@@ -33,10 +33,10 @@ class Results:
         )
 
     def chosen(self, layout: Layout) -> tuple[Layout, str]:
-        """An author's choices, or none of them where one is of a table, figure or parameter that there is not.
+        """An author's choices, or none of them if one names a table, figure or parameter that does not exist.
 
         Returns:
-            How to print, and why it is not as the author chose, in a sentence, else nothing.
+            The layout, and a sentence if the choices cannot be applied, else an empty one.
         """
         of_bodies = [table for table in self.tables.values() if table.bodies]
         names = dict.fromkeys(
@@ -50,7 +50,7 @@ class Results:
         return layout, ""
 
     def write(self, folder: Path, formats: Iterable[str], layout: Layout = PAPER) -> None:
-        """Writes everything into a folder, the figures in these formats, and for print as a layout says."""
+        """Writes everything into a folder: figures in these formats, and tables in print by a layout."""
         formats = tuple(formats)
         for name, table in self.tables.items():
             table.write(folder, name, layout)

@@ -1,4 +1,4 @@
-"""Figures with a row for each parameter, which are never higher than a page."""
+"""Figures with a row for each parameter, never higher than a page."""
 
 from collections.abc import Sequence
 
@@ -13,14 +13,14 @@ ROW, MARGIN = 0.16, 0.8
 """Inches of a row, and of legend, ticks and label around them."""
 
 COLUMN_ROWS = 24
-"""Rows that are drawn over a column of the page; more go over all of it."""
+"""Largest number of rows in a figure of one column; more take the width of the page."""
 
 ABREAST = {1: 2, 2: 3}
-"""Panels side by side of those, on pages of so many columns."""
+"""Panels side by side in a wide figure, by the columns of the page."""
 
 
 def row_panels(labels: Sequence[str], xlabel: str) -> tuple[Figure, list[tuple[Axes, np.ndarray]]]:
-    """A figure with a row for each label, a column of the page wide or, of many rows, in panels over the page.
+    """A figure with a row for each label, one column wide or, with many rows, in panels across the page.
 
     Returns:
         The figure, and for each panel its axes and the indices of its rows, which are their ordinates as well.
@@ -43,5 +43,5 @@ def row_panels(labels: Sequence[str], xlabel: str) -> tuple[Figure, list[tuple[A
 
 
 def most_rows() -> int:
-    """Rows of such a figure that fit the page."""
+    """Largest number of rows of such a figure on a page."""
     return ABREAST[figures.page_columns()] * int((figures.text_height() - MARGIN) / ROW)

@@ -1,4 +1,4 @@
-"""Figures of a simulated study, as its file describes them."""
+"""Figures of a simulated study, as described in its file."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -12,23 +12,23 @@ from experiments.output.study_tables import wrench_error
 from experiments.studies.simulated import Study
 
 TRUE_WIDTH = 1.6
-"""Width of the truth in points, which lies below all else and shows on both sides."""
+"""Line width of the truth in points: it lies below the others and shows on both sides."""
 
 STROKES = ("-", "--", ":", "-.")
-"""Strokes of everything else, for print without colours."""
+"""Line styles of other curves, for print without colours."""
 
 WINDOW = 25
-"""Samples that a running mean of errors takes, a quarter of a second."""
+"""Samples of the running mean of errors, a quarter of a second."""
 
 DOTS = 0.7
 """Diameter of the dots of single samples, in points."""
 
 LOWEST = 0.001
-"""Share of a panel's largest error from which errors are shown."""
+"""Smallest error shown, relative to a panel's largest."""
 
 
 def figure(study: Study, name: str) -> Figure:
-    """A figure of the study by the name of its file."""
+    """A figure of the study by file name."""
     entry = study.file.figures[name]
     if entry["kind"] == "contacts":
         return contacts(study)
@@ -37,7 +37,7 @@ def figure(study: Study, name: str) -> Figure:
 
 
 def wrenches(study: Study, curves: Mapping[str, str]) -> Figure:
-    """Wrenches over time: the true and the measured total one, the ground's, and those that models predict."""
+    """Wrenches over time: the true and the measured total, the ground's, and predictions of models."""
     colors, strokes = inks(curves.values()), cycle(STROKES)
     drawn = {}
     for label, what in curves.items():
@@ -48,10 +48,10 @@ def wrenches(study: Study, curves: Mapping[str, str]) -> Figure:
 
 
 def inks(curves: Iterable[str]) -> dict[str, int]:
-    """Places in `figures.INKS` of the wrenches in a figure, as the paper colours them.
+    """Indices into `figures.INKS` of the wrenches in a figure, in the paper's colours.
 
-    The ground's wrench is red beside the true total one in blue and a recovered one in black (Figure 4); without the
-    ground's the true one is black, and the models' are red and blue (Figure 2).
+    With the ground's wrench in red, the true total is blue and a recovered one black (Figure 4); without it the true
+    one is black, and the models' are red and blue (Figure 2).
     """
     shown = list(dict.fromkeys(curves))
     own = {"ground": 1, "true": 2} if "ground" in shown else {"true": 0}
@@ -60,7 +60,7 @@ def inks(curves: Iterable[str]) -> dict[str, int]:
 
 
 def page_inks(study: Study, curves: Iterable[str]) -> list[int]:
-    """Colours of wrenches on the study's page: those of its first figure of wrenches, or others that are free."""
+    """Colours of wrenches on the study's page: those of its first figure of wrenches, or other free ones."""
     entries = (entry["curves"].values() for entry in study.file.figures.values() if entry["kind"] == "wrenches")
     wanted = list(curves)
     found = inks([*next(entries, ()), *wanted])
@@ -68,7 +68,7 @@ def page_inks(study: Study, curves: Iterable[str]) -> list[int]:
 
 
 def wrench(study: Study, what: str) -> np.ndarray:
-    """A wrench by what a study file calls it: one of `study_entries.WRENCHES`, or what a model predicts (N, 6)."""
+    """A wrench by its name in a study file: one of `study_entries.WRENCHES`, or a model's prediction (N, 6)."""
     if what == "ground":
         return study.recording.wrench("ground").values
     totals = {"true": lambda: study.true, "measured": lambda: study.measured}
@@ -76,10 +76,10 @@ def wrench(study: Study, what: str) -> np.ndarray:
 
 
 def wrench_errors(study: Study, curves: Mapping[str, str]) -> Figure:
-    """Absolute errors of the recovered wrenches over samples, as dots, and their running root mean squares.
+    """Absolute errors of the recovered wrenches over samples, as dots, and their running RMS.
 
-    Where models err alike, as joint noise makes them, their dots take turns, and their means show through each other's
-    strokes.
+    Models with equal errors, due to joint noise, have alternating dots, and means that show between each other's
+    dashes.
     """
     errors = {label: wrench_error(study, model) for label, model in curves.items()}
     lines = dict(zip(curves, other_lines(curves.values()), strict=True))
@@ -87,7 +87,7 @@ def wrench_errors(study: Study, curves: Mapping[str, str]) -> Figure:
         label: (np.abs(error), replace(lines[label], style="", width=DOTS, first=k))
         for k, (label, error) in enumerate(errors.items())
     }
-    # The first lies lowest and has to be the widest.
+    # The first is drawn lowest and has to be the widest.
     widths = np.linspace(1.6, 0.8, len(curves))
     means = {
         f"{label}, running RMS": (running_rms(error), replace(lines[label], width=float(width)))
@@ -100,14 +100,14 @@ def wrench_errors(study: Study, curves: Mapping[str, str]) -> Figure:
 
 
 def other_lines(curves: Iterable[str]) -> list[figures.Line]:
-    """Lines of what is drawn without the truth, each with a colour and a stroke of its own."""
+    """Lines of curves without the truth, each with its own colour and style."""
     drawn, strokes = list(curves), cycle(STROKES)
     colors = inks(drawn)
     return [figures.Line(figures.INKS[colors[what]], style=next(strokes)) for what in drawn]
 
 
 def running_rms(x: np.ndarray) -> np.ndarray:
-    """Root mean square of up to `WINDOW` samples around each (N, 6)."""
+    """RMS of up to `WINDOW` samples around each (N, 6)."""
     sums = np.concatenate([np.zeros((1, 6)), np.cumsum(x**2, axis=0)])
     middle = np.arange(len(x))
     first, last = np.maximum(middle - WINDOW // 2, 0), np.minimum(middle + WINDOW // 2 + 1, len(x))
@@ -115,7 +115,7 @@ def running_rms(x: np.ndarray) -> np.ndarray:
 
 
 def residuals(study: Study, curves: Mapping[str, str]) -> Figure:
-    """Measured total wrench less what models predict of it, over time."""
+    """Measured total wrench less the models' predictions, over time."""
     shown = {label: study.total(model).values - study.fit(model).predicted for label, model in curves.items()}
     lines = other_lines(curves.values()) if len(curves) > 1 else [figures.Line("black")]
     drawn = {
@@ -125,7 +125,7 @@ def residuals(study: Study, curves: Mapping[str, str]) -> Figure:
 
 
 def contacts(study: Study) -> Figure:
-    """What each contact takes from the ground wrench, measured and moved to the base frame, over time."""
+    """Contribution of each contact to the ground wrench, measured and moved to the base frame, over time."""
     taken = {
         name: study.problem.total(study.recording, {name}).values - study.measured.values for name in study.known.sites
     }
@@ -134,7 +134,7 @@ def contacts(study: Study) -> Figure:
 
 
 def episodes(study: Study) -> dict[str, np.ndarray]:
-    """When the contacts touch, all of several, by what the legend calls it (N,); nothing where they never let go."""
+    """Samples in which all contacts touch (N,), by legend entry; empty if they never separate."""
     if not study.touching:
         return {}
     touching = np.all(list(study.touching.values()), axis=0)

@@ -1,4 +1,4 @@
-"""What a simulated study leaves behind: tables, figures, key numbers, and the text for the terminal."""
+"""Report on a simulated study: tables, figures, key numbers, and the terminal's text."""
 
 import argparse
 import dataclasses
@@ -22,7 +22,7 @@ from ident.mechanism.motion import Motion
 
 
 def summary(study: Study) -> dict[str, Any]:
-    """Key numbers for scripts, of each model with its name at the end."""
+    """Key numbers for scripts; those of a model end with its name."""
     file, numbers = study.file, dict[str, Any]()
     for name in file.models:
         fit, suffix = study.fit(name), file.suffix(name)
@@ -66,7 +66,7 @@ def axes(study: Study) -> dict[str, float]:
 
 
 def joint_summary(study: Study) -> dict[str, float | None]:
-    """Key numbers of the joint estimates, which take longer than all the rest."""
+    """Key numbers of the joint estimates, which take longer than all others."""
     numbers: dict[str, float | None] = {}
     for name, model in study.file.models.items():
         if "joint" in model.estimators:
@@ -76,12 +76,12 @@ def joint_summary(study: Study) -> dict[str, float | None]:
 
 
 def text(study: Study) -> str:
-    """What the terminal shows."""
+    """Text for the terminal."""
     return wrapped("\n".join([*(study_tables.table(study, name).text() for name in study.file.tables), *lines(study)]))
 
 
 def lines(study: Study) -> list[str]:
-    """The main numbers in sentences."""
+    """Sentences with the main numbers."""
     shown = [*_conditions(study), *_errors(study), *(_axes(study) if study.recovers else [])]
     if study.touching:
         found = touches(study)
@@ -133,7 +133,7 @@ def _axes(study: Study) -> list[str]:
 
 
 def said(study: Study) -> Said:
-    """What the page says besides tables and figures."""
+    """The page's text besides tables and figures."""
     models = [model.title for model in study.file.models.values()]
     about = (
         f"Simulated from the scene '{study.file.scene.identity['name']}' and identified anew, a model at a time: "
@@ -143,7 +143,7 @@ def said(study: Study) -> Said:
 
 
 def replay(study: Study) -> Replay:
-    """The mechanism as it was simulated, and the total wrench: true, measured, and as models predict it."""
+    """Replay of the simulated motion, with the total wrench: true, measured, and predicted by the models."""
     arm, recording = (
         dataclasses.replace(study.known, tree=study.problem.true),
         study.problem.with_cells(study.recording),
@@ -177,9 +177,9 @@ def run(args: argparse.Namespace, file: StudyFile, source: Path | None = None) -
     """Runs a study and writes and prints its results.
 
     Args:
-        args: The command line, whose values go before the file's.
+        args: The command line, whose values precede the file's.
         file: The study.
-        source: Where it was read, None for one of the package's.
+        source: Its path; None for a study of the package.
     """
     given = {name: getattr(args, name, None) for name in ("seed", "samples", "tilt_deg", "azimuth_deg", "noise_scale")}
     file = file.with_options(**{name: value for name, value in given.items() if value is not None})

@@ -1,4 +1,4 @@
-"""Tables of a simulated study, as its file describes them."""
+"""Tables of a simulated study, as described in its file."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -10,23 +10,23 @@ from experiments.studies.fitting import ESTIMATORS, JointTrial, Trial
 from experiments.studies.simulated import Study
 
 CHANNELS = ("Fx", "Fy", "Fz", "τx", "τy", "τz")
-"""The wrench's components as the paper names them."""
+"""The wrench's components in the paper's names."""
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 
 STILL = 1e-9
-"""Standard deviation, N or N m, up to which a channel only shows rounding."""
+"""Standard deviation, N or N m, below which a channel has only rounding errors."""
 
 
 def table(study: Study, name: str) -> report.Table:
-    """A table of the study by the name of its file."""
+    """A table of the study by file name."""
     entry = study.file.tables[name]
     kinds = {"parameters": parameters, "wrench errors": wrench_errors, "contacts": contacts}
     return kinds[entry["kind"]](study, entry)
 
 
 def parameters(study: Study, entry: Mapping[str, Any]) -> report.Table:
-    """What the models tell of the base parameters, a group of columns for each."""
+    """The models' base parameters, a group of columns for each model."""
     groups = entry["groups"]
     names = study.fit(groups[0]["model"]).base.names
     columns: dict[str, Any] = {"parameter": names}
@@ -53,7 +53,7 @@ def parameters(study: Study, entry: Mapping[str, Any]) -> report.Table:
 
 
 def _head(quantity: str, model: str) -> str:
-    """A column's name in words, after a comma what it shares with its neighbours."""
+    """Head of a column in words; the part after the comma is shared with neighbours."""
     words = report.heading(quantity)
     return f"{' '.join(reversed(words.split(', ')))}, {report.heading(model)}" if model else words
 
@@ -66,7 +66,7 @@ def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> 
     if name == "true_paper":
         return _published(published.get("true", {}), parameters)
     if name == "regrouping":
-        # Recovered axes do not know more digits.
+        # Recovered axes have no more digits.
         digits = {"digits": 4} if study.file.models[model].axes == "recovered" else {}
         return study.fit(model).base.expressions(**digits)
     fit: Trial | JointTrial = study.fit(model)
@@ -85,7 +85,7 @@ def _published(numbers: Mapping[str, float], parameters: Iterable[str]) -> list[
 
 
 def _notes(study: Study, groups: Iterable[Mapping[str, Any]]) -> list[str]:
-    """What heads of columns do not say."""
+    """Notes that explain the heads of columns."""
     shown = {name: group["model"] for group in groups for name in group["show"]}
     notes = []
     if "std_wrench_noise" in shown:
@@ -96,7 +96,7 @@ def _notes(study: Study, groups: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def wrench_errors(study: Study, entry: Mapping[str, Any]) -> report.Table:
-    """Root mean squares of the recovered wrenches' errors by channel, and their ratio to the channel's own s.d."""
+    """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
     std, models = study.true.values.std(axis=0), entry["models"]
     rms = [np.sqrt((wrench_error(study, model) ** 2).mean(axis=0)) for model in models]
     rows = tuple(
@@ -114,7 +114,7 @@ def wrench_error(study: Study, model: str) -> np.ndarray:
 
 
 def touches(study: Study) -> dict[str, float]:
-    """When each contact touches, and how much; how often all do, and none does."""
+    """Fraction and episodes of each contact and its peak force; fractions in which all and none touch."""
     number = np.sum(list(study.touching.values()), axis=0)
     found: dict[str, float] = {}
     for name, touching in study.touching.items():
@@ -133,7 +133,7 @@ def touches(study: Study) -> dict[str, float]:
 
 
 def contacts(study: Study, entry: Mapping[str, Any]) -> report.Table:
-    """When each contact touches, and how much."""
+    """Fraction and episodes of each contact, and its peak force."""
     found, known = touches(study), study.known
 
     def each(number: str) -> list[float]:

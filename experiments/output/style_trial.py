@@ -1,4 +1,4 @@
-"""A style of an author's, tried on a figure before there is any work that it could spoil at its end."""
+"""Trial of an author's style on a small figure, before any work that a bad style would waste."""
 
 from pathlib import Path
 
@@ -10,17 +10,17 @@ from experiments.output import figures
 from ident.errors import InputError
 
 LONGEST = 100.0
-"""Inches that a figure may be wide or high."""
+"""Largest width and height of a figure, inches."""
 
 PIXELS = 1e8
-"""Pixels that it may have: at 300 in an inch, those of a poster of 85 cm by 85 cm."""
+"""Largest number of pixels: at 300 per inch, a poster of 85 cm by 85 cm."""
 
 LARGEST = 500.0
-"""Points that letters and lines may have; larger ones take libraries for drawing minutes, or all memory."""
+"""Largest size of letters and lines, points; drawing larger ones takes minutes, or all memory."""
 
 
 def try_style(path: Path) -> None:
-    """Draws curves, letters and formulas of all kinds in the style of the surrounding `figures.author_style`.
+    """Draws curves, letters and formulas in the style of the surrounding `figures.author_style`.
 
     Args:
         path: The style's file, for the message.
@@ -32,7 +32,7 @@ def try_style(path: Path) -> None:
         with figures.paper_style():
             _check_sizes()
         _draw()
-    # Each backend, library of letters, and converter of settings has errors of its own.
+    # Each backend, font library and converter of settings raises errors of its own.
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
@@ -41,7 +41,7 @@ def try_style(path: Path) -> None:
 
 
 def _check_sizes() -> None:
-    """Refuses sizes that take more memory or time than there is."""
+    """Raises an error for sizes that take too much memory or time."""
     size, settings = np.array(mpl.rcParams["figure.figsize"], float), mpl.rcParams
     if not ((size > 0) & (size <= LONGEST)).all():
         raise ValueError(f"figure.figsize needs to be above 0 and at most {LONGEST:g} inches, got {size.tolist()}")

@@ -1,4 +1,4 @@
-"""Text in a terminal, whose lines are never longer than `WIDTH`: sentences, and tables with aligned columns."""
+"""Text for a terminal with lines of at most `WIDTH`: sentences, and tables with aligned columns."""
 
 import re
 import textwrap
@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 WIDTH = 120
-"""Columns of a terminal that lines fill at most."""
+"""Largest number of letters in a line."""
 
 GAP = 2
 """Spaces between the columns of a table."""
 
 NARROW, LONG = 10, 20
-"""Letters that a head has at least in a line, and that a cell has before it may break into lines."""
+"""Smallest width of a head's line, and the width above which a cell may break into lines."""
 
 
 def wrapped(text: str) -> str:
-    """A text whose long lines break between words, indented below what follows their dashes."""
+    """A text whose long lines break between words; further lines of a dashed item are indented."""
     return "\n".join(_broken(line) for line in text.split("\n"))
 
 
@@ -29,7 +29,7 @@ def _broken(line: str) -> str:
 
 
 def _lines(text: str, width: int, indent: str = "") -> list[str]:
-    """Lines of a text no wider than this, if its words let it."""
+    """Lines of a text of at most this width, if its words permit."""
     broken = textwrap.wrap(
         text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
     )
@@ -38,7 +38,7 @@ def _lines(text: str, width: int, indent: str = "") -> list[str]:
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of texts below a head, numbers to the right."""
+    """A column of cells below a head; numbers are right-aligned."""
 
     head: str
     cells: Sequence[str]
@@ -46,35 +46,35 @@ class _Column:
 
     @property
     def natural(self) -> int:
-        """Width with everything in one line."""
+        """Width without line breaks."""
         return max(len(self.head), self.widest)
 
     @property
     def widest(self) -> int:
-        """Width of the cells, each in one line."""
+        """Width of the cells without line breaks."""
         return max(map(len, self.cells), default=0)
 
     @property
     def least(self) -> int:
-        """Width with a head of several lines, and cells of several where they are long."""
+        """Smallest width, with line breaks in the head and in long cells."""
         words = max(map(len, self.head.split()), default=0)
         cells = self.widest if self.numeric else min(self.widest, LONG)
         return max(cells, words, min(len(self.head), NARROW))
 
     def block(self, text: str, width: int) -> list[str]:
-        """Lines of the head or of a cell, a number and the parameter behind it together."""
+        """Lines of the head or of a cell; a number and the parameter after it stay together."""
         joined = re.sub(r"(?<=\d) (?=[A-Za-z])|(?<=[-+]) ", "\N{NO-BREAK SPACE}", text)
         lines = [line.replace("\N{NO-BREAK SPACE}", " ") for line in _lines(joined, width)]
         return [line.rjust(width) if self.numeric else line.ljust(width) for line in lines]
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool]) -> list[str]:
-    """Lines of a table; heads and long cells break, and columns that still do not fit stand below the others.
+    """Lines of a table; heads and long cells break, and columns that do not fit follow below the others.
 
     Args:
         headings: Heads of the c columns.
-        rows: Cells in words (r, c).
-        numeric: Whether each column holds numbers.
+        rows: Cells as text (r, c).
+        numeric: True for each column of numbers.
     """
     cells = list(zip(*rows, strict=True)) or [()] * len(headings)
     columns = [_Column(*each) for each in zip(headings, cells, numeric, strict=True)]
@@ -91,7 +91,7 @@ def _total(widths: Sequence[int]) -> int:
 
 
 def _parts(columns: Sequence[_Column]) -> list[list[_Column]]:
-    """The columns in sets that fit, each beginning with the first."""
+    """Sets of columns that fit, each beginning with the first column."""
     parts = [[columns[0]]]
     for column in columns[1:]:
         if len(parts[-1]) > 1 and _total([each.least for each in (*parts[-1], column)]) > WIDTH:
@@ -101,7 +101,7 @@ def _parts(columns: Sequence[_Column]) -> list[list[_Column]]:
 
 
 def _widths(columns: Sequence[_Column]) -> list[int]:
-    """Widths of columns: what each needs at least; what is left of the line goes to cells, and then to heads."""
+    """Widths of columns: the smallest of each; the rest of the line goes to cells, then to heads."""
     widths = [column.least for column in columns]
     for wanted in ([column.widest for column in columns], [column.natural for column in columns]):
         for k, width in enumerate(wanted):
@@ -110,7 +110,7 @@ def _widths(columns: Sequence[_Column]) -> list[int]:
 
 
 def _drawn(columns: Sequence[_Column], widths: Sequence[int], *, skip: bool = False) -> list[str]:
-    """Lines of the heads, from below, and of all rows, or of those with more than a first cell."""
+    """Lines of the heads, bottom-aligned, and of all rows, or with `skip` of those with more than a first cell."""
     heads = [column.block(column.head, width) for column, width in zip(columns, widths, strict=True)]
     highest = max(map(len, heads))
     blocks = [[[" " * w] * (highest - len(head)) + head for head, w in zip(heads, widths, strict=True)]]

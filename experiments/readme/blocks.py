@@ -1,4 +1,4 @@
-"""The generated parts of README.md and of docs: tables of both studies, figures, and the benchmark."""
+"""Generated parts of README.md and of docs: tables of both studies, figures, and the benchmark."""
 
 import json
 import re
@@ -31,7 +31,7 @@ def table_3(result: Study) -> report.Table:
 
 
 def table_wrench_errors(result: Study) -> report.Table:
-    """Errors of the recovered wrenches by channel, in brackets over what there is to recover."""
+    """Errors of the recovered wrenches by channel, in brackets relative to the true wrench."""
     rows = []
     for (channel, found), (_, unit) in zip(
         study_report.summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True
@@ -58,10 +58,10 @@ def table_4(result: Study) -> report.Table:
 
 
 def benchmark_results(root: Path) -> dict[str, Any]:
-    """The benchmark that docs/speed.md shows: that of `results/benchmark`, or the one it shows already.
+    """The benchmark for docs/speed.md: that of `results/benchmark`, or else the current one.
 
     Raises:
-        InputError: That one was made with `--quick`, or of a checkout with changes that nobody has committed.
+        InputError: It was made with `--quick`, or in a checkout with uncommitted changes.
     """
     made, shown = root / "results" / "benchmark" / sections.FILE, root / "docs" / sections.FILE
     results = json.loads((made if made.exists() else shown).read_text(encoding="utf-8"))
@@ -83,7 +83,7 @@ def with_block(text: str, name: str, content: str) -> str:
 
 
 def write(root: Path) -> None:
-    """Writes the generated parts of the pages, the figures, and the record of the benchmark anew."""
+    """Writes the generated parts of the pages, the figures, and the benchmark's record."""
     docs = root / "docs"
     if not ((root / "README.md").is_file() and docs.is_dir()):
         raise InputError(f"The root of a checkout has a README.md and a folder docs; '{root}' has not.")
@@ -105,7 +105,7 @@ def write(root: Path) -> None:
 
 
 def _replace_blocks(page: Path, contents: Mapping[str, str]) -> None:
-    """Replaces blocks of a page by their names."""
+    """Replaces blocks of a page by name."""
     text = page.read_text(encoding="utf-8")
     for name, content in contents.items():
         text = with_block(text, name, content)

@@ -1,4 +1,4 @@
-"""The figure that explains the joint estimate: an acceleration as a filter has it, and as angles and wrench have it."""
+"""Figure that explains the joint estimate: an acceleration from filtered angles, and from angles and wrench."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,15 +10,15 @@ from experiments.studies.competitors import USUAL, low_passed
 from ident.identification import identify
 
 CONDITION = "person_half_degree"
-"""A person who bows on a force plate, of whom angles are measured to half a degree."""
+"""A person who bows on a force plate, with angles measured to half a degree."""
 
 JOINT = "hip"
 SHOWN = (10.0, 16.0)
-"""Times that are shown, s."""
+"""Times in the figure, s."""
 
 
 def accelerations(seed: int = 0) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times, s (N,), and by where they come from the accelerations of a joint, rad/s² (N,).
+    """Times, s (N,), and accelerations of a joint by method, rad/s² (N,).
 
     Args:
         seed: Seed of the recording's noise.

@@ -1,4 +1,4 @@
-"""README's moving picture: a double pendulum that a hand holds, the forces on it, and what the estimate predicts."""
+"""README's animation: a double pendulum held by a hand, the forces on it, and the prediction of the estimate."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,11 +15,11 @@ from experiments.studies.simulated import Study
 from ident.recordings.atomic import replacing
 
 CONTACT = "handle"
-"""The contact that is shown: a hand at the end of the second link."""
+"""The contact in the animation: a hand at the end of the second link."""
 
 FRAMES_PER_SECOND = 10
 WINDOW = (1.7, 7.7)
-"""Times that are shown, s."""
+"""Times in the animation, s."""
 
 METRES_PER_NEWTON = 1 / 500
 CHANNEL = 3
@@ -35,7 +35,7 @@ def moving_figure(result: Study) -> tuple[Figure, Callable[[int], None]]:
         result: The study with `CONTACT` alone.
 
     Returns:
-        The figure, and what draws one of the samples into it.
+        The figure, and a function that draws one sample into it.
     """
     figure = Figure(figsize=(6.4, 3.0), layout=ConstrainedLayoutEngine(h_pad=0.08))
     side, curves = figure.subplots(1, 2, width_ratios=(1, 1.3))
@@ -50,7 +50,7 @@ def moving_figure(result: Study) -> tuple[Figure, Callable[[int], None]]:
 
 
 def save(result: Study, path: Path) -> None:
-    """Writes the moving picture as a GIF."""
+    """Writes the animation as a GIF."""
     first, last = np.searchsorted(result.recording.time, WINDOW)
     writer = PillowWriter(FRAMES_PER_SECOND)
     with figures.paper_style(), replacing(path) as temporary:
@@ -59,7 +59,7 @@ def save(result: Study, path: Path) -> None:
             for sample in range(int(first), int(last), round(result.recording.rate / FRAMES_PER_SECOND)):
                 drawn(sample)
                 writer.grab_frame()
-                # Layout is made once, or else the frames would tremble.
+                # The layout is solved once, or the frames would jitter.
                 figure.set_layout_engine("none")
 
 
@@ -75,14 +75,14 @@ def _points(result: Study) -> np.ndarray:
 
 
 def _forces(result: Study) -> np.ndarray:
-    """What ground and hand exert on the mechanism, in Y and Z of the base frame, N (N, 2, 2)."""
+    """Forces of ground and hand on the mechanism, in Y and Z of the base frame, N (N, 2, 2)."""
     ground = result.recording.wrench("ground").values
-    # By Eq. 17 the total is the ground's less what the link exerts on the hand.
+    # By Eq. 17 the total is the ground's wrench less the one that the link exerts on the hand.
     return np.stack([ground, result.measured.values - ground], axis=1)[..., 1:3]
 
 
 def _draw_side(ax: Axes, points: np.ndarray, forces: np.ndarray) -> None:
-    """One frame: the mechanism and an arrow for each force."""
+    """Draws one frame: the mechanism and an arrow for each force."""
     ax.clear()
     ax.set(xlim=(-0.75, 0.95), ylim=(-0.62, 1.15), aspect="equal")
     ax.set_axis_off()
@@ -100,7 +100,7 @@ def _draw_side(ax: Axes, points: np.ndarray, forces: np.ndarray) -> None:
 
 
 def _draw_curves(ax: Axes, result: Study) -> Line2D:
-    """The moment about X over time as the ground has it, with the hand's, and as predicted; returns the cursor."""
+    """Draws the moment about X over time, from the ground, with the hand, and predicted; returns the cursor."""
     time, (symbol, unit) = result.recording.time, figures.SYMBOLS[CHANNEL]
     for label, wrench, line in (
         ("ground", result.recording.wrench("ground").values, figures.Line(GROUND, 1.0)),
