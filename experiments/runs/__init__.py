@@ -1,1 +1,1 @@
-"""Long runs: who works on them, and how they are interrupted and resumed."""
+"""Long runs: their workers, interruption and resumption."""

@@ -1,4 +1,4 @@
-"""Outcomes of a long run, kept in a file while they come in: interrupted and resumed without loss."""
+"""Outcomes of a long run, saved as they come in, so that it can be interrupted and resumed without loss."""
 
 import json
 import sys
@@ -16,17 +16,17 @@ from ident.recordings import npz
 from ident.recordings.atomic import save_arrays
 
 SAVE_EVERY = 5.0
-"""Seconds between two saves of what is done."""
+"""Seconds between two saves."""
 
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """Where a run keeps its outcomes.
+    """File with the outcomes of a run.
 
     Attributes:
-        what: What the run consists of, "trials".
-        file: NPZ file with the outcomes, whole at any time.
-        identity: What outcomes must have in common to belong to one run, as JSON has it.
+        what: Name of the outcomes, e.g. "trials".
+        file: NPZ file with the outcomes, replaced atomically.
+        identity: Settings that all outcomes of one run share, in JSON types.
     """
 
     what: str
@@ -34,7 +34,7 @@ class Checkpoint:
     identity: Mapping[str, Any]
 
     def done(self) -> list[np.ndarray]:
-        """Outcomes that an interrupted run left.
+        """Outcomes of an interrupted run.
 
         Raises:
             InputError: There are none, or they belong to another run.
@@ -62,10 +62,10 @@ class Checkpoint:
     def collect(
         self, batches: Iterable[Sequence[Any]], total: int, done: Sequence[np.ndarray] = ()
     ) -> list[np.ndarray]:
-        """Takes outcomes as they come and saves them every few seconds, at the end, and when anything fails.
+        """Collects outcomes and saves them every few seconds, at the end, and on any error.
 
         Args:
-            batches: Outcomes in their order, a few at a time: arrays of one shape, or texts.
+            batches: Outcomes in order, a few at a time: arrays of one shape, or texts.
             total: Number of outcomes to reach.
             done: The first of them, from an interrupted run; without any, an earlier run's file is set aside.
 
@@ -103,5 +103,5 @@ class Checkpoint:
 
 
 def _is_whole(outcome: np.ndarray) -> bool:
-    """Whether an outcome is a text or finite numbers."""
+    """True where an outcome is a text or finite numbers."""
     return outcome.dtype.kind == "U" or bool(np.isfinite(outcome).all())

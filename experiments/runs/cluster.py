@@ -19,7 +19,7 @@ ANSWER = 5.0
 
 @contextmanager
 def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[Executor, int]]:
-    """An executor whose tasks a cluster does for the duration of a block, and how many at once.
+    """Yields an executor on a cluster's workers, and the number of tasks that they do at once.
 
     The scheduler redoes the tasks of workers that die.
 
@@ -29,10 +29,10 @@ def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[
             configuration.
 
     Raises:
-        InputError: The scheduler cannot be reached, with these files, has no workers or unfit ones, or was lost; or one
+        InputError: The scheduler cannot be reached with these files, has no workers or unfit ones, or was lost; or one
             task has killed several workers.
     """
-    # What matters of its logs is raised, also after the client is closed.
+    # All that matters of its logs is raised, also after the client is closed.
     for name in ("distributed", "distributed.client", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with ExitStack() as stack:
@@ -40,7 +40,7 @@ def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[
             security = _security(tls) if address.startswith("tls://") else None
             client = stack.enter_context(Client(address, timeout=ANSWER, set_as_default=False, security=security))
             client.wait_for_workers(1, timeout=ANSWER)
-        # Without files for TLS Dask has a TypeError.
+        # Without files for TLS Dask raises a TypeError.
         except (OSError, ValueError, TypeError, RuntimeError) as error:
             raise InputError(f"There is no Dask scheduler with workers at {address} ({error}).") from None
         executor = stack.enter_context(_Watched(client))
@@ -56,7 +56,7 @@ def connected(address: str, tls: Sequence[str] | None = None) -> Iterator[tuple[
 
 
 def _check_workers(client: Any, executor: Executor, address: str) -> None:
-    """Refuses workers without this package, or with several threads for linear algebra."""
+    """Checks that workers have this package and one thread for linear algebra."""
     try:
         executor.submit(_threads_for_linear_algebra).result()
         threads = set(client.run(_threads_for_linear_algebra).values())
@@ -82,7 +82,7 @@ def _security(tls: Sequence[str] | None) -> Any:
 class _Watched(Executor):
     """A Dask client's executor whose tasks end when the scheduler is lost.
 
-    Dask cancels those that it knows then, but not those that are submitted while it tries to connect again.
+    Dask cancels the tasks that it knows then, but not those submitted while it tries to reconnect.
     """
 
     def __init__(self, client: Any) -> None:
@@ -99,7 +99,7 @@ class _Watched(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leaves the workers, whatever they are doing."""
+        """Disconnects without waiting for the workers' tasks."""
         self._ended.set()
         self._executor.shutdown(wait=False)
 
@@ -112,5 +112,5 @@ class _Watched(Executor):
 
 
 def _threads_for_linear_algebra() -> str | None:
-    """What the process was started with."""
+    """Number of threads from the environment that the process was started with."""
     return os.environ.get("OPENBLAS_NUM_THREADS")

@@ -1,4 +1,4 @@
-"""Ctrl-C and requests to terminate: held back, before there is anything to clean up, and where nothing obeys them."""
+"""Handling of Ctrl-C and requests to terminate: blocked, silent during imports, and enforced if nothing obeys them."""
 
 import multiprocessing
 import os
@@ -10,29 +10,29 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 GRACE = 1.5
-"""Seconds that a command has to clean up when it is asked to terminate."""
+"""Seconds that a command has to clean up after a request to terminate."""
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
-"""What asks a command to end."""
+"""Signals that ask a command to end."""
 
 
 def end_silently() -> None:
-    """Lets Ctrl-C end this process without a traceback, as long as all that it does is to import."""
+    """Lets Ctrl-C end this process without a traceback, while it only imports."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @contextmanager
 def ended_after(seconds: float, message: str) -> Iterator[None]:
-    """Ends this process and those that it has started if a block goes on for so long after a request to terminate.
+    """Ends this process and its children if a block goes on for so long after a request to terminate.
 
-    Libraries that compute for minutes, or swallow what is raised in the middle of their calls, would go on. Files that
-    are not whole yet have names of their own, and the next run removes them. Ctrl-C has all the time that it takes: an
-    estimate that it interrupts is still reported. For the main thread.
+    Libraries that compute for minutes, or swallow exceptions raised during their calls, would go on. Incomplete files
+    have names of their own, and the next run removes them. Ctrl-C sets no limit: an estimate that it interrupts is
+    still reported. For the main thread.
 
     Args:
-        seconds: How long it may go on.
-        message: What is printed then.
+        seconds: Time limit after the request.
+        message: Text to print before the process ends.
     """
     here, there = socket.socketpair()
     there.setblocking(False)
@@ -65,9 +65,9 @@ def ended_after(seconds: float, message: str) -> Iterator[None]:
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Holds back Ctrl-C and termination until the end of a block, where the system can.
+    """Blocks Ctrl-C and termination until the end of a block, if the system supports it.
 
-    Processes that start in the block hold them back for good.
+    Processes that start in the block have them blocked for good.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield

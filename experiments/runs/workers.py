@@ -1,4 +1,4 @@
-"""Who does the work of trials and sweeps: processes of this machine, or a Dask cluster's workers."""
+"""Worker pools for trials and sweeps: processes of this machine, or workers of a Dask cluster."""
 
 import os
 import pickle
@@ -22,9 +22,9 @@ class WorkerPool:
     """Workers for the duration of a block.
 
     Attributes:
-        executor: Takes their work.
-        ahead: Number of tasks to submit ahead, so that nobody waits for work.
-        threads: Number of threads that each may use for simulations, so that all together fit the machine.
+        executor: Executor for their tasks.
+        ahead: Number of tasks to submit ahead, so that no worker waits.
+        threads: Number of threads for simulations in each, so that all together fit the machine.
     """
 
     executor: Executor
@@ -34,11 +34,11 @@ class WorkerPool:
 
 @contextmanager
 def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] | None = None) -> Iterator[WorkerPool]:
-    """Workers with one thread each for linear algebra, so that sums are taken in the same order everywhere.
+    """Yields workers with one thread each for linear algebra, so that sums have the same order everywhere.
 
     Args:
         workers: Number of local processes.
-        scheduler: Address of a Dask scheduler, `tcp://host:port` or `tls://host:port`, whose workers are taken instead.
+        scheduler: Address of a Dask scheduler, `tcp://host:port` or `tls://host:port`, whose workers are used instead.
         tls: Files for the latter, as for `cluster.connected`.
 
     Raises:
@@ -50,7 +50,7 @@ def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] |
         with _local(workers) as executor:
             yield WorkerPool(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
     else:
-        # Local processes import this module too, and start sooner without what draws figures.
+        # Local processes import this module too, and start sooner without the modules that draw figures.
         from experiments.cli import options
 
         with options.extra("cluster"):
@@ -61,9 +61,9 @@ def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] |
 
 @contextmanager
 def _local(number: int) -> Iterator[Executor]:
-    """Local processes, deaf to Ctrl-C and requests to terminate, which are their parent's business."""
+    """Yields local processes that ignore Ctrl-C and requests to terminate, which their parent handles."""
     if os.name == "posix":
-        # Started later, the tracker of shared resources would let signals through again.
+        # Started later, the tracker of shared resources would unblock signals.
         resource_tracker.ensure_running()
     with ExitStack() as stack:
         with environment(dict.fromkeys(THREADS, "1")), held_back():
@@ -76,10 +76,10 @@ def _local(number: int) -> Iterator[Executor]:
 
 
 class Processes(ThreadPoolExecutor):
-    """Threads that each hand their task to a process, through a pipe that nobody else holds.
+    """Thread pool whose threads each pass tasks to a process, through a pipe of their own.
 
-    So what waits for a process ends with it, be it in the middle of a large result, and the processes end with their
-    parent, however it died. Where processes share a pipe, as in Python's own pool and in loky's, both may wait forever.
+    A thread that waits for a process ends with it, even in the middle of a large result, and the processes end with
+    their parent, however it died. With a shared pipe, as in Python's own pool and in loky's, both may wait forever.
     """
 
     def __init__(self, number: int) -> None:
@@ -97,13 +97,13 @@ class Processes(ThreadPoolExecutor):
             self._free.put(here)
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """As every executor; `BrokenExecutor` is the result when the process died."""
-        # A request to end in the middle of this would leave a lock of the threads' closed for good.
+        """Submits a task; its future raises `BrokenExecutor` if the process died."""
+        # A signal in the middle of this would leave a lock of the threads' closed for good.
         with held_back():
             return super().submit(self._sent, (function, args, kwargs))
 
     def kill(self) -> None:
-        """Ends the processes in the middle of their work."""
+        """Ends the processes, also in the middle of their work."""
         for process in self._started:
             process.kill()
         self.shutdown(cancel_futures=True)
@@ -126,7 +126,7 @@ class Processes(ThreadPoolExecutor):
 
 
 def _serve(connection: Connection) -> None:
-    """Does the tasks that come in, until the connection ends with the parent."""
+    """Runs incoming tasks until the connection ends with the parent."""
     with suppress(EOFError, OSError), seldom_collected():
         while True:
             task = connection.recv_bytes()
