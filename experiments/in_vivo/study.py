@@ -1,4 +1,4 @@
-"""A person who bows on a force plate, recorded: what several estimators say, beside the scaled model and each other.
+"""Comparison of estimators on the recording of a person who bows on a force plate, and with the scaled model.
 
 The recording is of the Italian Institute of Technology (Latella et al., Sensors 16(5):727, 2016,
 doi:10.3390/s16050727) and not ours to ship.
@@ -24,25 +24,25 @@ from ident.trajectory.fit.iteration import Report
 from sim.models.mechanism import mechanism
 
 FILES = {"model": "three_link_human.xml", "recording": "bowing.csv"}
-"""What a folder has to hold."""
+"""Files in the folder of the recording."""
 
 BASE = "foot"
-"""Body whose frame is {0}, and on which the force plate's wrench is told."""
+"""Body whose frame is {0}, in which the force plate's wrench is stated."""
 
 COLUMNS = Path(__file__).with_name("bowing.toml")
-"""What the recording's columns are."""
+"""Mapping of the recording's columns."""
 
 JUDGED_AT = 3.0
-"""Cut-off of what predictions are judged at, Hz; a person who bows moves below it."""
+"""Cut-off below which predictions are judged, Hz; a person who bows moves below it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What estimators say of one recording.
+    """Estimates from one recording.
 
     Attributes:
         joint: The joint estimate.
-        others: Other estimates by what they are called.
+        others: Other estimates by name.
     """
 
     joint: Estimate
@@ -55,7 +55,7 @@ class Study:
 
     @cached_property
     def candidates(self) -> dict[str, tuple[np.ndarray, np.ndarray | None]]:
-        """Base parameters and their standard deviations by estimator; none of the model's (r,)."""
+        """Base parameters and their standard deviations by estimator (r,); the model has no standard deviations."""
         model = self.joint.base.regroup(self.joint.prepared.mechanism.known)
         least_squares = {name: (each.psi, each.std_setup) for name, each in self.others.items()}
         return {
@@ -66,10 +66,10 @@ class Study:
 
     @cached_property
     def held_out(self) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Times of the held-out part (M,), its channels, and what each estimator predicts of them (M, C).
+        """Times of the held-out part (M,), its channels, and each estimator's predictions of them (M, C).
 
-        All are judged below `JUDGED_AT` and at the same states, smoothed from the angles alone; but for a constant of
-        each channel, by which plates drift.
+        All are low-passed at `JUDGED_AT` and predicted at the same states, smoothed from the angles alone. A constant
+        of each channel, by which plates drift, does not count.
         """
         held, rate = self.joint.held_out, self.joint.prepared.recording.rate
         low_pass = butter(2, JUDGED_AT, fs=rate, output="sos")
@@ -83,7 +83,7 @@ class Study:
 
     @property
     def ratios(self) -> dict[str, np.ndarray]:
-        """Standard deviation of what predictions leave of the held-out part over that of the signal (C,)."""
+        """Standard deviation of the prediction errors on the held-out part over that of the signal (C,)."""
         _, measured, predicted = self.held_out
         return {name: (measured - x).std(axis=0) / measured.std(axis=0) for name, x in predicted.items()}
 
@@ -92,8 +92,8 @@ def study(folder: Path, report: Report | None = None) -> Study:
     """Identifies the person by several estimators.
 
     Args:
-        folder: Where the model and the recording are.
-        report: Called with every round of the joint estimate.
+        folder: Folder of the model and the recording.
+        report: Called in each round of the joint estimate.
 
     Raises:
         InputError: One of the files is missing.

@@ -1,4 +1,4 @@
-"""Subjects and conditions of the study of noise: a row of `CONDITIONS` is all that a new one needs."""
+"""Subjects and conditions of the study of noise; a new condition is a row of `CONDITIONS`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,13 +20,13 @@ from sim.simulation.simulate import RATE
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Who moves.
+    """A mechanism that moves, with its motion.
 
     Attributes:
         scene: Name of the scene.
         base: Body whose frame is {0}.
-        excitation: The motion; None where each recording has its own.
-        samples: Samples of a recording, unless the condition says otherwise.
+        excitation: The motion; None if each recording has its own.
+        samples: Samples of a recording, unless the condition states another number.
     """
 
     scene: str
@@ -36,7 +36,7 @@ class Subject:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The mechanism, with the true φ for its prior."""
+        """The mechanism, with the true φ as its prior."""
         return mechanism(scenes.load(self.scene), self.base)
 
     @cached_property
@@ -51,7 +51,7 @@ class Subject:
 
     @property
     def commanded(self) -> Motion:
-        """The motion that its servos are told to follow."""
+        """The motion commanded to its servos."""
         assert self.excitation is not None
         return Motion(*self.excitation.trajectory(np.arange(self.samples) / RATE))
 
@@ -61,41 +61,41 @@ SUBJECTS: Mapping[str, Subject] = {
     "person": Subject("bowing", "foot", BOWING, 3000),
     "arm": Subject("arm", "base", None, 1000),
 }
-"""The paper's double pendulum; a person who bows for 30 s on a force plate, and whose angles alone are measured; and an
-arm of four joints, of which angles are measured, and joint torques or the wrench on its base."""
+"""The paper's double pendulum; a person who bows for 30 s on a force plate, with only angles measured; and an arm of
+four joints, with angles measured, and joint torques or the wrench on its base."""
 
 OPEN = {"known": False, "offsets": True}
-"""Identification with constant offsets, as is usual, and without what the model knows, which here is the truth."""
+"""Identification with constant offsets, as is usual, and without the model's prior, which here is the truth."""
 
 DRIVEN = {**OPEN, "drive": ["rotor", "viscous", "coulomb"]}
-"""The same with rotor inertia and friction of every joint."""
+"""The same with rotor inertia and friction of each joint."""
 
 KNOWING = {**OPEN, "known": True}
-"""With what the model knows of its bodies, which are not the model's."""
+"""The same with the model's bodies as a prior, which differ from the recorded ones."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Motion and sensors of recordings. The noise is the scene's where nothing else is said.
+    """Motion and sensors of recordings. Noise is the scene's by default.
 
     Attributes:
         subject: One of `SUBJECTS`.
-        label: What readers call it.
+        label: Label in tables and figures.
         scale: Factor on the noise of joint angles, velocities and accelerations.
-        decay: Correlation of the angles' noise from one sample to the next, that of an AR(1) process.
+        decay: Autocorrelation of the angles' noise at a lag of one sample, as an AR(1) process.
         missing: Share of the instants that are not recorded.
-        outliers: Share of the angles, forces and torques that have `GROSS` errors besides.
-        compared: Whether all estimators are compared, not the joint one alone.
-        motion: Motion drawn for each recording, one of `MOTIONS`; without one the subject's own.
-        rate: Samples per second; other rates than `RATE` for motions that are drawn alone.
+        outliers: Share of the angles, forces and torques with additional `GROSS` errors.
+        compared: True to compare all estimators, False for the joint one alone.
+        motion: Motion drawn for each recording, one of `MOTIONS`; by default the subject's own.
+        rate: Samples per second; rates other than `RATE` for drawn motions only.
         samples: Samples of a recording, 0 for the subject's own number.
-        rubs: Whether joints rub and rotors count, as MuJoCo simulates them; else a motion that is drawn is exact.
-        sensors: Sensors of a subject whose motion is drawn, out of `wrench` and `torques`.
+        rubs: True for friction and rotor inertia in the joints, simulated by MuJoCo; else a drawn motion is exact.
+        sensors: Sensors of a subject with a drawn motion, out of `wrench` and `torques`.
         wrench_scale: Factor on the noise of forces and torques of the ground.
-        drift: Noise beside the white noise of the ground's wrench and as large, one of `DRIFTS`.
-        freedom: Degrees of freedom of Student's t by which all noise is distributed, 0 for normal noise.
-        steps: Steps in which angles (rad), forces (N) and torques (N m) are read, 0 for none.
-        drawn: Whether each recording's bodies are drawn from what is known of the model's.
+        drift: Noise added to the white noise of the ground's wrench, of equal variance, one of `DRIFTS`.
+        freedom: Degrees of freedom of Student's t distribution of all noise, 0 for normal noise.
+        steps: Quantisation steps of angles (rad), forces (N) and torques (N m), 0 for none.
+        drawn: True to draw each recording's bodies from the prior around the model's.
         options: Options of the joint estimate, `ident.identify`'s; by default neither offsets nor held-out samples.
     """
 
@@ -125,7 +125,7 @@ class Condition:
 
 
 def _rubbing(label: str, motion: str, rate: float) -> Condition:
-    """An arm that rubs, for 20 s."""
+    """Condition of an arm with friction, for 20 s."""
     return Condition(
         *("arm", f"rubs, {label}"),
         motion=motion,
@@ -138,7 +138,7 @@ def _rubbing(label: str, motion: str, rate: float) -> Condition:
 
 
 def _on_a_plate(label: str, motion: str, rate: float, seconds: float, **others: Any) -> Condition:
-    """An arm on a force plate, all but white noise exact."""
+    """Condition of an arm on a force plate, exact except for white noise."""
     return Condition(
         *("arm", label), motion=motion, rate=rate, samples=round(seconds * rate), **({"options": OPEN} | others)
     )

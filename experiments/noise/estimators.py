@@ -1,4 +1,4 @@
-"""Estimators of base parameters that the study of noise compares, and what each answers to a recording."""
+"""Estimators that the study of noise compares, and their answers to a recording."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -33,17 +33,17 @@ class Case:
 
     @classmethod
     def drawn(cls, condition: Condition, seed: int, number: int) -> "Case":
-        """One of many, by its number."""
+        """Case of a condition, by the recording's number."""
         return cls(condition, noisy_recording(condition, seed, number), true_bodies(condition, seed, number))
 
     @property
     def subject(self) -> Subject:
-        """Who moves."""
+        """The subject of the condition."""
         return SUBJECTS[self.condition.subject]
 
     @cached_property
     def drives(self) -> dict[str, float]:
-        """True rotor inertia and friction of every joint, where joints have any."""
+        """True rotor inertia and friction of each joint; empty without friction."""
         origin = self.subject.mechanism.source
         assert isinstance(origin, Origin)
         return drives(self.subject.mechanism, origin.model) if self.condition.rubs else {}
@@ -56,10 +56,10 @@ class Answer:
     Attributes:
         names: Names of base parameters and drives.
         values: Their estimates (p,).
-        std: Standard deviations by noise alone (p,).
+        std: Standard deviations from noise alone (p,).
         true: True values (p,).
-        std_setup: Standard deviations with what is left open of the set-up, None of what searches none (p,).
-        setup: Names of the set-up deviations that it reports.
+        std_setup: Standard deviations including the set-up (p,); None for estimators without a set-up.
+        setup: Names of the set-up errors that it reports.
     """
 
     names: tuple[str, ...]
@@ -70,7 +70,7 @@ class Answer:
     setup: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, in JSON's types; errors for the values."""
+        """Everything in JSON types, with errors in place of the values."""
         wide = None if self.std_setup is None else self.std_setup.tolist()
         out = {"error": (self.values - self.true).tolist(), "std": self.std.tolist(), "true": self.true.tolist()}
         return {"names": list(self.names), **out, "std_setup": wide, "setup": list(self.setup)}
@@ -94,22 +94,22 @@ def identified(case: Case, estimator: str, cutoff: str | None = None) -> Answer:
 
 
 def commanded_instruments(case: Case) -> Answer:
-    """Instrumental variables: the regressor at measured states, the instruments at those the servos follow."""
+    """Instrumental variables: the regressor at measured states, the instruments at the commanded ones."""
     who = case.subject
     motion = Motion(*case.recording.joint_states(who.mechanism.tree.joints))
     return _instrumental(case, motion, who.commanded)
 
 
 def usual_filter(case: Case) -> Answer:
-    """Least squares at states that a filter with the usual cut-off gives."""
+    """Least squares at states from a filter with the usual cut-off."""
     motion, edge = competitors.low_passed(case.subject.mechanism, case.recording, competitors.USUAL)
     return _instrumental(case, motion, edge=edge)
 
 
 def filtered_instruments(case: Case) -> Answer:
-    """Instrumental variables: the regressor at those states, the instruments at states that are filtered more.
+    """Instrumental variables: the regressor at those states, the instruments at more strongly filtered states.
 
-    Nobody knows what a person's motion was meant to be, from which instruments without noise could be simulated.
+    A person has no commanded motion from which noise-free instruments could be simulated.
     """
     motion, _ = competitors.low_passed(case.subject.mechanism, case.recording, competitors.USUAL)
     instruments, edge = competitors.low_passed(case.subject.mechanism, case.recording)
@@ -117,7 +117,7 @@ def filtered_instruments(case: Case) -> Answer:
 
 
 def cross_validated(case: Case) -> Answer:
-    """Least squares at the states of splines by cross-validation."""
+    """Least squares at states from splines chosen by cross-validation."""
     motion, edge = competitors.splined(case.subject.mechanism, case.recording)
     return _instrumental(case, motion, edge=edge)
 

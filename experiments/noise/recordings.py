@@ -1,4 +1,4 @@
-"""Recordings of a robot, an arm and a person whose motions and sensors are bad in many ways."""
+"""Recordings of a robot, an arm and a person with noise, drift, outliers, quantisation and friction."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,17 +19,17 @@ from sim.simulation.sensors import sensors
 from sim.simulation.simulate import simulate, with_noise
 
 GROSS = 20.0
-"""Standard deviation of outliers, in that of the noise."""
+"""Standard deviation of outliers, over that of the noise."""
 
 FREQUENCIES, ANGLES = np.array([0.15, 0.31, 0.52, 0.78]), np.array([0.5, 0.38, 0.26, 0.16])
-"""Frequencies, Hz, and largest angles, rad, of the sinusoids of each joint, before either is drawn."""
+"""Frequencies, Hz, and amplitudes, rad, of the sinusoids of each joint, before random scaling."""
 
 GROUND = "ground_force", "ground_torque"
 """Channels of the wrench on the base."""
 
 
 def sinusoids(rng: np.random.Generator, joints: int, seconds: float) -> Excitation:
-    """Sums of four sinusoids for each joint, at frequencies, sizes and phases that are drawn, however long."""
+    """Sums of four sinusoids for each joint, with random frequencies, amplitudes and phases, of any duration."""
     frequency = FREQUENCIES * rng.uniform(0.9, 1.1, size=(joints, 4))
     angles = ANGLES * rng.uniform(0.3, 1, size=(joints, 4))
     amplitude = angles * (2 * np.pi * frequency) ** 2
@@ -44,7 +44,7 @@ MOTIONS: Mapping[str, Callable[[np.random.Generator, int, float], DesiredMotion]
 
 
 def noisy_recording(condition: Condition, seed: int, number: int) -> Recording:
-    """One of many recordings; those of the same number differ between conditions by their sensors alone.
+    """Recording of a condition by its number; for equal numbers, conditions differ by their sensors alone.
 
     Args:
         condition: Motion and sensors.
@@ -69,14 +69,14 @@ def noisy_recording(condition: Condition, seed: int, number: int) -> Recording:
 
 
 def exact_recording(condition: Condition, seed: int, number: int) -> tuple[Recording, Motion | None]:
-    """The same recording without noise, and its motion where velocities and accelerations are known."""
+    """The same recording without noise, and its motion if velocities and accelerations are known."""
     who = SUBJECTS[condition.subject]
     own = int(_seeds(seed, number)[0].generate_state(1)[0])
     if who.excitation is None:
         drawn = condition.motion, condition.rate, condition.rubs, condition.sensors
         recording, motion = _drawn_motion(condition.subject, condition.length, own, *drawn)
     else:
-        # Without noise on the motion every one is the same.
+        # Without noise on the motion all recordings are equal.
         recording = _motion(condition.subject, condition.length, own if who.excitation.noise else 0)
         motion = _motion_of(recording, who.mechanism.tree.joints)
     if not condition.drawn:
@@ -86,7 +86,7 @@ def exact_recording(condition: Condition, seed: int, number: int) -> tuple[Recor
 
 
 def true_bodies(condition: Condition, seed: int, number: int) -> np.ndarray:
-    """φ of the bodies that a recording is of (10 b,)."""
+    """φ of a recording's bodies (10 b,)."""
     arm = SUBJECTS[condition.subject].mechanism
     return drawn_bodies(arm, np.random.default_rng(_seeds(seed, number)[4])) if condition.drawn else arm.known
 
@@ -97,7 +97,7 @@ def _seeds(seed: int, number: int) -> list[np.random.SeedSequence]:
 
 
 def _at_fault(recording: Recording, condition: Condition, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Channels with angle noise that is correlated, and with outliers."""
+    """Channels with autocorrelated noise on angles, and with outliers."""
     measured, noise = dict(recording.measured), recording.noise
     angles = [f"{joint}_position" for joint in SUBJECTS[condition.subject].mechanism.tree.joints]
     if condition.decay:
@@ -111,7 +111,7 @@ def _at_fault(recording: Recording, condition: Condition, rng: np.random.Generat
 
 
 def _unusual(recording: Recording, condition: Condition, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Channels with noise by Student's t, with drift beside it, and read in steps."""
+    """Channels with noise from Student's t, with drift, and quantised."""
     measured, noise = dict(recording.measured), recording.noise
     for name, true in recording.true.items() if condition.freedom else ():
         if name in noise:
@@ -124,7 +124,7 @@ def _unusual(recording: Recording, condition: Condition, rng: np.random.Generato
 
 
 def _motion_of(recording: Recording, joints: Sequence[str]) -> Motion | None:
-    """The motion of a recording of all joint states."""
+    """Motion of a recording; None if it lacks joint states."""
     channels = [f"{joint}_{kind}" for joint in joints for kind in STATES]
     known = all(name in recording.true for name in channels)
     return Motion(*recording.noise_free.joint_states(joints)) if known else None
@@ -141,7 +141,7 @@ def _motion(subject: str, samples: int, seed: int) -> Recording:
 def _drawn_motion(
     subject: str, samples: int, seed: int, motion: str, rate: float, rubs: bool, felt: tuple[str, ...]
 ) -> tuple[Recording, Motion | None]:
-    """A recording without noise of a motion of its own, MuJoCo's where joints rub."""
+    """A noise-free recording of a drawn motion; simulated by MuJoCo if joints have friction."""
     who = SUBJECTS[subject]
     spec, joints = scenes.load(who.scene), who.mechanism.tree.joints
     desired = MOTIONS[motion](np.random.default_rng(seed), len(joints), samples / rate)
@@ -160,7 +160,7 @@ def _drawn_motion(
 
 
 def _of_motion(subject: str, motion: Motion, rate: float) -> Recording:
-    """Angles, torques and the wrench on the base of links that nothing disturbs."""
+    """Angles, torques and base wrench of links without disturbances."""
     joints = SUBJECTS[subject].mechanism.tree.joints
     angles = {f"{joint}_position": q for joint, q in zip(joints, motion.q.T, strict=True)}
     empty = Recording(np.arange(len(motion)) / rate, angles | _loads(subject, motion))
@@ -168,7 +168,7 @@ def _of_motion(subject: str, motion: Motion, rate: float) -> Recording:
 
 
 def _loads(subject: str, motion: Motion, phi: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """The wrench on the base and the joint torques that a motion needs, of the model's links or of others."""
+    """The base wrench and the joint torques of a motion, for the model's links or others."""
     arm = SUBJECTS[subject].mechanism
     phi = arm.known if phi is None else phi
     wrench = base_wrench_regressor(arm.tree, *motion.states, gravity=arm.gravity) @ phi
@@ -178,7 +178,7 @@ def _loads(subject: str, motion: Motion, phi: np.ndarray | None = None) -> dict[
 
 
 def _of_bodies(recording: Recording, subject: str, motion: Motion, phi: np.ndarray) -> Recording:
-    """The same motion of other bodies."""
+    """The same motion with other bodies."""
     loads = {name: x for name, x in _loads(subject, motion, phi).items() if name in recording.true}
     true = {**recording.true, **loads}
     return replace(recording, measured=true, true=true)

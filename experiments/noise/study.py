@@ -20,19 +20,19 @@ from ident.errors import InputError
 from ident.estimation.in_order import in_order
 
 FILE = "fits.npz"
-"""File in the output folder that keeps what every recording gave."""
+"""File in the output folder with the fits of each recording."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Answers of one estimator to the recordings of one condition.
+    """Estimates of one estimator from the recordings of one condition.
 
     Attributes:
-        errors: Errors of base parameters and drives, beside standard deviations by noise alone.
-        with_setup: The same errors, beside standard deviations with what is left open of the set-up; None of estimators
-            that search none.
-        true: True values, their means where bodies are drawn (p,).
-        setup: Names of the set-up deviations that each recording's answer reports.
+        errors: Errors of base parameters and drives, beside standard deviations from noise alone.
+        with_setup: The same errors, beside standard deviations including the set-up; None for estimators without a
+            set-up.
+        true: True values, or their means if bodies are drawn (p,).
+        setup: Names of the set-up errors that each answer reports.
     """
 
     errors: Errors
@@ -42,7 +42,7 @@ class Outcome:
 
     @classmethod
     def of(cls, answers: Sequence[Mapping[str, Any]]) -> "Outcome":
-        """Answers one below the other; all have the same parameters."""
+        """Outcome of several answers, all with the same parameters."""
         names = tuple(answers[0]["names"])
         error, std, true = (np.array([each[key] for each in answers]) for key in ("error", "std", "true"))
         wide = [each["std_setup"] for each in answers]
@@ -52,7 +52,7 @@ class Outcome:
 
     @property
     def reporting(self) -> float:
-        """Share of the recordings in whose answers a set-up deviation is reported."""
+        """Share of the answers that report a set-up error."""
         return float(np.mean([bool(names) for names in self.setup]))
 
 
@@ -61,10 +61,10 @@ class Study:
     """Results of the study, by condition and estimator.
 
     Attributes:
-        outcomes: Answers of every condition's estimators.
+        outcomes: Outcomes by condition and estimator.
         refused: Sentences of the fits that were refused.
         recordings: Number of recordings of each condition.
-        conditions: Names of the conditions that were looked at.
+        conditions: Names of the conditions.
     """
 
     outcomes: Mapping[tuple[str, str], Outcome]
@@ -74,14 +74,14 @@ class Study:
 
     @property
     def joint(self) -> dict[str, Outcome]:
-        """The joint estimate's, by condition."""
+        """Outcomes of the joint estimate, by condition."""
         return {name: self.outcomes[name, "joint"] for name in self.conditions if (name, "joint") in self.outcomes}
 
 
 def fits(seed: int, task: tuple[int, str]) -> list[str]:
-    """A batch of one outcome, as JSON, of a recording's number and a condition: work for a worker.
+    """Outcome of a recording's number and a condition as JSON, in a batch of one; run by workers.
 
-    The outcome has `Answer.to_dict` of every estimator, or why it refused.
+    The outcome has `Answer.to_dict` of each estimator, or its error.
     """
     number, name = task
     case = Case.drawn(CONDITIONS[name], seed, number)
@@ -101,10 +101,10 @@ def estimators(condition: str) -> tuple[str, ...]:
 
 
 def chosen(names: Sequence[str] | None) -> tuple[str, ...]:
-    """Names of conditions in the order of `CONDITIONS`, all of them where none are named.
+    """Names of conditions in the order of `CONDITIONS`; all if none are named.
 
     Raises:
-        InputError: There is no such condition.
+        InputError: A condition does not exist.
     """
     if unknown := [name for name in names or () if name not in CONDITIONS]:
         raise InputError(f"Conditions are {', '.join(CONDITIONS)}; got '{unknown[0]}'.")
@@ -112,7 +112,7 @@ def chosen(names: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def outcomes(args: argparse.Namespace, conditions: Sequence[str]) -> list[dict[str, Any]]:
-    """Outcomes of all tasks in their order, the same however many workers share them."""
+    """Outcomes of all tasks in order, independent of the number of workers."""
     todo = tasks(args.recordings, conditions)
     identity = {"seed": args.seed, "conditions": {name: asdict(CONDITIONS[name]) for name in conditions}}
     kept = Checkpoint("fits", args.out / FILE, identity)
@@ -125,15 +125,15 @@ def outcomes(args: argparse.Namespace, conditions: Sequence[str]) -> list[dict[s
 
 
 def tasks(recordings: int, conditions: Sequence[str]) -> list[tuple[int, str]]:
-    """Numbers and conditions, all conditions of a recording's number one after the other."""
+    """Pairs of recording number and condition, grouped by number."""
     return [(number, name) for number in range(recordings) for name in conditions]
 
 
 def study(collected: Iterable[Mapping[str, Any]], recordings: int, conditions: Sequence[str]) -> Study:
-    """Errors from the outcomes of all tasks; of estimators that refuse all recordings but one there are none.
+    """Errors from the outcomes of all tasks; estimators with fewer than two estimates have none.
 
     Raises:
-        InputError: The joint estimate is one of them in every condition.
+        InputError: The joint estimate has none in any condition.
     """
     gathered: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     refused: dict[tuple[str, str], list[str]] = {}

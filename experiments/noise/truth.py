@@ -1,4 +1,4 @@
-"""True values of what is identified: base parameters with what they take up of rotors, and drives."""
+"""True values of identified quantities: base parameters, with the effects of rotors that they absorb, and drives."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,19 +16,19 @@ from ident.parameters.prior import KNOWN
 from sim.models.names import joint_name
 
 INSTANTS = 200
-"""Random states from which follows what base parameters take up of a rotor: some for each column."""
+"""Random states for the columns, several for each column."""
 
 TAKEN_UP = 1e-8
-"""Largest part of a unit column that base parameters may leave of it if they take it up."""
+"""Largest part of a unit column outside the span of base parameters that absorb it."""
 
 
 def drawn_bodies(mechanism: Mechanism, rng: np.random.Generator) -> np.ndarray:
-    """φ of bodies drawn from what is known of a mechanism's, as in `ident.parameters.prior` (10 b,)."""
+    """φ of bodies drawn from the prior around a mechanism's, as in `ident.parameters.prior` (10 b,)."""
     return np.concatenate([_drawn(phi, rng) for phi in mechanism.known.reshape(-1, 10)])
 
 
 def _drawn(phi: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """φ of a body whose mass, centre of mass and inertia about that err independently (10,)."""
+    """φ of a body with independent random errors of mass, centre of mass and central inertia (10,)."""
     mass, center, inertia = com_from_parameters(phi)
     values, axes = np.linalg.eigh(inertia)
     root = (axes * np.sqrt(np.maximum(values, 0))) @ axes.T
@@ -41,7 +41,7 @@ def _drawn(phi: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def drives(mechanism: Mechanism, model: mujoco.MjModel) -> dict[str, float]:
-    """Rotor inertia, viscous and Coulomb friction of every joint as a model states them, by the columns' names."""
+    """Rotor inertia, viscous and Coulomb friction of each joint in a model, by column name."""
     addresses = {joint_name(model, j): int(model.jnt_dofadr[j]) for j in range(model.njnt)}
     stated = {"rotor": model.dof_armature, "viscous": model.dof_damping, "coulomb": model.dof_frictionloss}
     return {
@@ -54,13 +54,13 @@ def drives(mechanism: Mechanism, model: mujoco.MjModel) -> dict[str, float]:
 def truth(equations: Equations, phi: np.ndarray, stated: Mapping[str, float]) -> np.ndarray:
     """True values of base parameters and drives (r + d,).
 
-    A drive without a column of its own, as the rotor of a joint that turns a link about a fixed axis, is taken up by
-    base parameters: its column is a combination of theirs.
+    A drive without a column of its own, such as the rotor of a joint that turns a link about a fixed axis, is absorbed
+    by base parameters: its column is a combination of theirs.
 
     Args:
-        equations: Columns that were identified.
+        equations: Equations with the identified columns.
         phi: φ of the bodies (10 b,).
-        stated: Values of all drives that there are, by name; none for joints without any.
+        stated: Values of all drives by name; empty without drives.
     """
     own = np.r_[equations.parameters.regroup(phi), [stated[name] for name in equations.drives]]
     others = [name for name in stated if name not in equations.drives]
@@ -71,7 +71,7 @@ def truth(equations: Equations, phi: np.ndarray, stated: Mapping[str, float]) ->
     sizes = np.linalg.norm(kept, axis=0)
     combined = np.linalg.lstsq(kept / sizes, taken, rcond=None)[0] / sizes[:, None]
     left = np.linalg.norm(taken - kept @ combined, axis=0)
-    # Friction that is not identified is not taken up, and is none of the parameters' truth.
+    # Friction that is not identified is not absorbed, and is not part of the parameters' truth.
     is_taken = left < TAKEN_UP * np.linalg.norm(taken, axis=0)
     return own + combined[:, is_taken] @ np.array([stated[name] for name in others])[is_taken]
 

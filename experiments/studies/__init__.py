@@ -1,1 +1,1 @@
-"""What the commands compute."""
+"""The computations of the commands."""

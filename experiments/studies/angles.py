@@ -29,16 +29,16 @@ from sim.models.opensim.mechanism import is_opensim
 
 @dataclass(frozen=True, eq=False)
 class Angles:
-    """What was found of a trial.
+    """Fitted angles of a trial.
 
     Attributes:
         markers: The markers of the file.
-        unmatched: Labels that no site belongs to.
+        unmatched: Labels without a site.
         postures: Fitted postures.
         swaps: Markers whose labels seem exchanged.
-        base: Body whose frame is {0}, None for the world's.
+        base: Body whose frame is {0}; None for the world.
         recording: Joint positions, their noise and the base's poses.
-        scaling: Lengths of segments, None if they are the model's.
+        scaling: Lengths of segments; None for the model's.
     """
 
     markers: Markers
@@ -51,7 +51,7 @@ class Angles:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Fits a trial, and writes and prints what was found."""
+    """Fits a trial, and writes and prints the results."""
     _check(args)
     found = study(args)
     inputs = [
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _identify(args: argparse.Namespace, found: Angles) -> str:
-    """The command that comes next."""
+    """The command to run next."""
     log = f"{args.out / 'angles.csv'}" + ("" if args.wrenches else "+PLATES.mot")
     words = [
         "python",
@@ -85,7 +85,7 @@ def _identify(args: argparse.Namespace, found: Angles) -> str:
 
 
 def study(args: argparse.Namespace) -> Angles:
-    """What the options ask for."""
+    """Fit of the trial that the options describe."""
     settings = read_settings(args.places) if args.places is not None else Settings()
     fix = options.fixed(args.fix)
     markers = read_markers(args.markers, settings.unit)
@@ -108,7 +108,7 @@ def study(args: argparse.Namespace) -> Angles:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Refuses options that contradict each other."""
+    """Checks that options do not contradict each other."""
     if args.scale and is_opensim(args.model):
         raise InputError("--scale needs an MJCF or URDF model; let OpenSim's Scale Tool scale an OpenSim model.")
     for option in ("symmetric", "scale_from", "mass"):
@@ -119,7 +119,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _wrenches(path: Path) -> Recording:
-    """A recording that has wrenches."""
+    """A recording with wrenches."""
     felt = Recording.load(path)
     if not felt.wrenches:
         raise InputError(f"{path}: no wrench is in this file; it needs columns NAME_force.x to NAME_torque.z.")
@@ -127,7 +127,7 @@ def _wrenches(path: Path) -> Recording:
 
 
 def _other_trial(args: argparse.Namespace, settings: Settings) -> tuple[MarkedModel, np.ndarray]:
-    """Model and positions of the markers of the trial that lengths are found from."""
+    """Model and marker positions of the trial that lengths are estimated from."""
     markers = read_markers(args.scale_from, settings.unit)
     marked, unmatched = marked_model(args.model, markers.labels, settings.places, options.fixed(args.fix))
     return marked, marked_positions(markers, unmatched, marked, settings.up)
@@ -142,12 +142,12 @@ def _scaling(marked: MarkedModel, positions: np.ndarray, settings: Settings, arg
 
 
 def _constraint_note(marked: MarkedModel) -> list[str]:
-    """What there is to say of equality constraints."""
+    """A note on equality constraints, if the model has some."""
     if not marked.model.neq:
         return []
     return [f"The model's equality constraints ({marked.model.neq}) are not kept: joints follow the markers alone."]
 
 
 def _number(value: float) -> float | None:
-    """A number as JSON has it."""
+    """A number for JSON, None if not finite."""
     return value if isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Results of `identify` side by side: whether their parameters agree, and what was done otherwise."""
+"""Comparison of results of `identify`: agreement of their parameters, and differences of their settings."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,15 +14,15 @@ from ident.errors import InputError
 from ident.judgement.comparison import Comparison
 
 UNTOLD = ("out", "name", "logs", "model", "held_out", "page_columns", "style", "caption", "parameters")
-"""Options that decide nothing, or are files, which are told by their contents."""
+"""Options without effect on results, and files, which are compared by content."""
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What an identification left in its folder.
+    """Results of an identification, read from its folder.
 
     Attributes:
-        name: What the folder is called, with the folders above it as far as others have the same name.
+        name: Name of the folder, or its path if names are not unique.
         estimate: Content of `estimate.json`.
         provenance: Content of `provenance.json`.
     """
@@ -33,23 +33,23 @@ class Result:
 
     @property
     def regrouping(self) -> Mapping[str, str]:
-        """Base parameters, each with what it is made of."""
+        """Regrouping of each base parameter, by name."""
         return self.estimate["regrouping"]
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of the bodies by their numbers."""
+        """Names of the bodies in order."""
         return tuple(self.estimate["bodies"])
 
     @property
     def logs(self) -> Mapping[str, str]:
-        """Files that were fitted, by the sums of their contents."""
+        """Fitted files by the SHA-256 sums of their contents."""
         several = [log.get("files") or [log] for log in self.provenance["recording"]["logs"]]
         return {"+".join(each["sha256"] for each in log): "+".join(each["file"] for each in log) for log in several}
 
     @property
     def settings(self) -> Mapping[str, str]:
-        """All that was chosen, in words."""
+        """All settings, as text."""
         files, origin = self.provenance["recording"], self.provenance
         chosen = {key: _told(value) for key, value in origin["options"].items() if key not in UNTOLD}
         told = {
@@ -59,7 +59,7 @@ class Result:
         return chosen | told | {"logs": ", ".join(self.logs.values())} | version
 
     def at(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values (k,), covariance from noise (k, k) and deviations with the set-up (k,) of some parameters."""
+        """Values (k,), covariance from noise (k, k) and standard deviations with the set-up (k,) of some parameters."""
         found = self.estimate
         where = [found["columns"].index(name) for name in names]
         covariance = np.array(found["covariance"], float)[np.ix_(where, where)]
@@ -78,7 +78,7 @@ def read_results(folders: Sequence[Path]) -> list[Result]:
     """Reads folders that `identify` has written.
 
     Raises:
-        InputError: One of them lacks a file, or holds something else.
+        InputError: A folder lacks a file, or holds something else.
     """
     if len(folders) < 2 or len({folder.resolve() for folder in folders}) < len(folders):
         raise InputError("A comparison needs two or more different folders of results.")
@@ -92,11 +92,11 @@ def read_results(folders: Sequence[Path]) -> list[Result]:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """One result less another, of the base parameters that mean the same in both.
+    """Difference of two results, for the base parameters with the same regrouping in both.
 
     Attributes:
-        first: The one.
-        second: The other.
+        first: The result to subtract from.
+        second: The result to subtract.
     """
 
     first: Result
@@ -104,7 +104,7 @@ class Difference:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Base parameters of the same regrouping.
+        """Base parameters with the same regrouping.
 
         Raises:
             InputError: There is none.
@@ -121,12 +121,12 @@ class Difference:
 
     @property
     def shared(self) -> list[str]:
-        """Logs that both were fitted to, whose noise is in both: no interval of the difference is known then."""
+        """Logs that both were fitted to; their noise is in both, so that the difference has no known interval."""
         return [file for sum_, file in self.first.logs.items() if sum_ in self.second.logs]
 
     @cached_property
     def comparison(self) -> Comparison:
-        """The difference from noise that the two do not share.
+        """The difference, for independent noise of the two.
 
         Raises:
             InputError: The sum of their covariances is singular.
@@ -145,12 +145,12 @@ class Difference:
 
     @cached_property
     def std_setup(self) -> np.ndarray:
-        """Deviations of the difference with what each leaves open of a set-up of its own (k,)."""
+        """Standard deviations of the difference, with independent set-up errors of the two (k,)."""
         return np.hypot(self.first.at(self.names)[2], self.second.at(self.names)[2])
 
     @property
     def settings(self) -> dict[str, tuple[str, str]]:
-        """What was chosen otherwise."""
+        """Settings that differ."""
         a, b = self.first.settings, self.second.settings
         pairs = {key: (a.get(key, "none"), b.get(key, "none")) for key in (*a, *b)}
         return {key: pair for key, pair in pairs.items() if pair[0] != pair[1]}

@@ -1,11 +1,11 @@
-"""What others do about noisy joint angles, in a few lines each: filters, splines and instrumental variables.
+"""Other methods for noisy joint angles, in a few lines each: filters, splines and instrumental variables.
 
-Each of them makes velocities and accelerations first, and takes the regressor Y at these states for exact:
+Each estimates velocities and accelerations first, and treats the regressor Y at these states as exact:
 
     ψ = (Zᵀ Y)⁻¹ Zᵀ Γ
 
-Least squares has Z = Y. With instrumental variables, Z is the regressor at other states, whose noise should not be that
-of Y.
+Least squares has Z = Y. With instrumental variables, Z is the regressor at other states, whose noise should be
+independent of Y's.
 
 References:
     Janot, Vandanjon and Gautier, A Generic Instrumental Variable Approach for Industrial Robot Identification, IEEE
@@ -31,12 +31,12 @@ BLOCK = 50
 
 
 def low_passed(mechanism: Mechanism, recording: Recording, cutoff: float | None = None) -> tuple[Motion, int]:
-    """Angles through a zero-phase Butterworth filter, differentiated, and the samples that either end needs to settle.
+    """Angles and derivatives by a zero-phase Butterworth filter, and the samples that it takes to settle at each end.
 
     Args:
         mechanism: The mechanism.
         recording: Its joint angles.
-        cutoff: Cut-off frequency, Hz, by default the one that the angles ask for.
+        cutoff: Cut-off frequency, Hz, by default chosen from the angles.
     """
     q, rate = recording.of_joints(mechanism.tree.joints, "position"), recording.rate
     cutoff = chosen_cutoff(q, rate) if cutoff is None else cutoff
@@ -44,9 +44,9 @@ def low_passed(mechanism: Mechanism, recording: Recording, cutoff: float | None 
 
 
 def splined(mechanism: Mechanism, recording: Recording) -> tuple[Motion, int]:
-    """Angles by cubic splines whose smoothness generalised cross-validation has chosen, and their derivatives.
+    """Angles and derivatives by cubic smoothing splines, chosen by generalised cross-validation.
 
-    Natural splines do not accelerate at either end: half a second of it is to be left out.
+    Natural splines have no acceleration at the ends: half a second is to be left out there.
     """
     angles = recording.of_joints(mechanism.tree.joints, "position").T
     splines = [make_smoothing_spline(recording.time, q) for q in angles]
@@ -70,7 +70,7 @@ def instrumental(
         recording: The ground wrench, with the covariance of its noise.
         motion: States of the regressor Y.
         instruments: States of the instruments Z, by default those of Y: least squares.
-        edge: Samples to leave out at either end.
+        edge: Samples to leave out at each end.
 
     Returns:
         Base parameters, and their standard deviations for residuals that are correlated within `BLOCK` samples (r,).
@@ -89,6 +89,6 @@ def instrumental(
 
 
 def _weighted(mechanism: Mechanism, kept: tuple[int, ...], motion: Motion, std: np.ndarray) -> np.ndarray:
-    """Columns of the regressor, each channel over its noise (N, 6, r)."""
+    """Columns of the regressor, each channel divided by its noise (N, 6, r)."""
     Y = base_wrench_regressor(mechanism.tree, *motion.states, gravity=mechanism.gravity)
     return Y[..., list(kept)] / std[:, None]

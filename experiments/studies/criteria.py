@@ -1,10 +1,10 @@
-"""How well a motion determines the base parameters of a mechanism: predicted standard deviations, and criteria.
+"""Criteria of excitation: predicted standard deviations of a mechanism's base parameters, and functions of them.
 
 M = Σ Y_bᵀ C⁻¹ Y_b     information of a motion, C the covariance of the noise on a sample
 σ = √diag M⁻¹          standard deviations of ψ by least squares, weighted by C
-P = B S Bᵀ             covariance of ψ as known beforehand, S that of φ, and ψ = B φ the regrouping
+P = B S Bᵀ             prior covariance of ψ, S that of φ, and ψ = B φ the regrouping
 
-Noise is white from sample to sample, and joint states are accurate.
+Noise is white, and joint states are exact.
 """
 
 import numpy as np
@@ -17,11 +17,11 @@ from ident.parameters.prior import known_rows
 from sim.motion.excitation_design import Cost, States
 
 INVISIBLE = 1e-14
-"""Eigenvalues of the information below this fraction of the largest are rounding."""
+"""Eigenvalues of the information below this fraction of the largest are rounding errors."""
 
 
 def known_root(problem: Problem) -> np.ndarray:
-    """A root L of what is known of ψ beforehand, `P = Lᵀ L` (r, r); its columns are as long as the standard deviations.
+    """Root L of the prior covariance of ψ, `P = Lᵀ L` (r, r); norms of its columns are standard deviations.
 
     Raises:
         ModelError: No body has a mass.
@@ -35,10 +35,10 @@ def known_root(problem: Problem) -> np.ndarray:
 
 
 def predicted_deviations(problem: Problem, motion: Motion) -> np.ndarray:
-    """Standard deviations σ of ψ that a motion leaves, by weighted least squares and nothing known before.
+    """Standard deviations σ of ψ from a motion, by weighted least squares without a prior.
 
     Args:
-        problem: What is excited.
+        problem: The problem.
         motion: A sampled motion.
 
     Returns:
@@ -50,18 +50,18 @@ def predicted_deviations(problem: Problem, motion: Motion) -> np.ndarray:
 
 
 def geometric_mean(deviations: np.ndarray) -> float:
-    """The geometric mean of standard deviations, of which no unit matters to a comparison."""
+    """Geometric mean of standard deviations; ratios of it do not depend on units."""
     with np.errstate(divide="ignore"):
         return float(np.exp(np.log(deviations).mean()))
 
 
 def mean_deviation(problem: Problem, motion: Motion) -> float:
-    """The geometric mean of the standard deviations of ψ that a motion leaves."""
+    """Geometric mean of the standard deviations of ψ from a motion."""
     return geometric_mean(predicted_deviations(problem, motion))
 
 
 def quality(problem: Problem, motion: Motion) -> dict[str, float]:
-    """What a sampled motion makes of every criterion, by its name; without masses nothing is relative to them."""
+    """All criteria of a sampled motion by name; without masses, those relative to the prior are missing."""
     Y = problem.regressor(*motion.states)
     columns, weighted = (x.reshape(-1, Y.shape[2]) for x in (Y, problem.whitening @ Y))
     norms = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
@@ -80,26 +80,26 @@ def quality(problem: Problem, motion: Motion) -> dict[str, float]:
 
 
 def cost(problem: Problem, criterion: str, samples: int) -> Cost:
-    """What a criterion of `defaults.CRITERIA` makes small, as a logarithm, with its derivatives by a motion.
+    """Cost of a criterion of `defaults.CRITERIA`, as a logarithm, with its derivatives with respect to a motion.
 
     Args:
-        problem: What is to be excited.
-        criterion: `deviations`: the geometric mean of the standard deviations of ψ relative to those known beforehand.
-            What is known counts as one more measurement (Chaloner and Verdinelli, Bayesian experimental design,
-            Stat. Sci. 1995, doi:10.1214/ss/1177009939), so that bodies too small to be seen do not rule the motion. The
-            mean of squares instead, the trace of A-optimality, leaves the motion to the parameter that is seen least:
+        problem: The problem.
+        criterion: `deviations`: the geometric mean of the standard deviations of ψ relative to the prior ones. The
+            prior counts as one more measurement (Chaloner and Verdinelli, Bayesian experimental design, Stat. Sci.
+            1995, doi:10.1214/ss/1177009939), so that bodies too small to be identified do not dominate the design.
+            The mean of squares instead, the trace of A-optimality, is dominated by the worst-determined parameter:
             within the paper's limits it gets an eighth smaller, and the geometric mean an eighth larger.
             `determinant`: det M to the power of -1/2r, D-optimality. `condition`: the condition number of Y_b.
-        samples: Number of samples N that the motion will be recorded with.
+        samples: Number of samples N of the motion's recording.
 
     Raises:
-        ModelError: No body has a mass that deviations could be relative to.
+        ModelError: No body has a mass, so that there is no prior.
     """
     W = problem.whitening if criterion != "condition" else np.eye(len(problem.whitening))
     L = known_root(problem) if criterion == "deviations" else None
 
     def logarithm(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[float, States]:
-        # Columns first, as the regressor has them in memory.
+        # Columns first, as in the regressor's memory.
         Y = W @ problem.regressor(q, dq, ddq).T
         columns, each = Y.reshape(len(Y), -1), samples / len(q)
         M = each * columns @ columns.T

@@ -1,4 +1,4 @@
-"""A motion designed for a model or a scene, from its limits to its files."""
+"""Design of a motion for a model or a scene, from its limits to its files."""
 
 import argparse
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from sim.motion.fourier import FourierTrajectory
 from sim.simulation.simulate import LONGEST, RATE
 
 PER_PERIOD = 10
-"""Samples that a period of the fastest harmonic needs at least."""
+"""Smallest number of samples in a period of the fastest harmonic."""
 
 
 def sample_times(seconds: float, harmonics: int) -> np.ndarray:
@@ -66,7 +66,7 @@ def joint_limits(args: argparse.Namespace, problem: Problem, reference: Motion |
 
 
 def _ranges(problem: Problem, given: Sequence[float] | None) -> tuple[np.ndarray, np.ndarray]:
-    """The part of the given range that the model allows to each joint: lower and upper limits (n,)."""
+    """The part of the given range that the model allows for each joint: lower and upper limits (n,)."""
     limits = []
     for joint in problem.joints:
         allowed, unit = problem.mechanism.ranges.get(joint), problem.units[joint]
@@ -137,7 +137,7 @@ def _designed(
     time: np.ndarray,
     collisions: Collisions | None,
 ) -> tuple[Motion, FourierTrajectory]:
-    """What the design is compared with, and the design."""
+    """The motion that the design is compared with, and the design."""
     rest = np.array([problem.rest[joint] for joint in problem.joints])
     starts = excitation.start_motions(limits, rest, float(time[-1]), args.harmonics, args.starts, args.seed)
     if reference is None:
@@ -157,7 +157,7 @@ def _write(
     time: np.ndarray,
     trajectory: FourierTrajectory,
 ) -> str:
-    """Writes everything, and returns what `write_results` does."""
+    """Writes everything, and returns the result of `write_results`."""
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
     series = {
         "duration": trajectory.duration,
@@ -178,7 +178,7 @@ def _write(
 
 
 def _lines(problem: Problem, start: str, compared: tuple[Motion, Motion], collisions: Collisions | None) -> list[str]:
-    """What is printed, and what the page says, besides the tables."""
+    """Sentences for the terminal and the page, besides the tables."""
     before, after = (criteria.mean_deviation(problem, motion) for motion in compared)
     first, last = (criteria.quality(problem, motion)["condition_number"] for motion in compared)
     named = with_bodies(problem.parameters.names, problem.mechanism.bodies)
@@ -192,7 +192,7 @@ def _lines(problem: Problem, start: str, compared: tuple[Motion, Motion], collis
 
 
 def _checked(collisions: Collisions | None) -> str:
-    """What is known about collisions."""
+    """Result of the collision checks in words."""
     if collisions is None:
         return "not checked"
     pairs = collisions.pairs()

@@ -1,4 +1,4 @@
-"""Errors of estimates over many recordings, beside what each estimate said of itself."""
+"""Errors of estimates over many recordings, beside the standard deviations that the estimates state."""
 
 from dataclasses import dataclass
 
@@ -44,7 +44,7 @@ class Errors:
 
     @property
     def covered(self) -> np.ndarray:
-        """Whether each recording's own 95 % interval holds the truth (recordings, parameters)."""
+        """True where a recording's own 95 % interval holds the truth (recordings, parameters)."""
         return np.abs(self.errors) <= HALF_WIDTH * self.predicted
 
     @property

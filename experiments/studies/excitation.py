@@ -1,4 +1,4 @@
-"""Which motion of a mechanism tells most about its base parameters: the problem, and the best motion of many."""
+"""Design of exciting motions: the problem, and the best motion from several starts."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -29,15 +29,15 @@ from sim.simulation.sensors import ONE_DOF, torque_noise, wrench_whitening
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be excited.
+    """A mechanism to excite, and the measurements to design for.
 
     Attributes:
-        mechanism: The mechanism of the joints that move, all others locked where they rest.
-        rest: Where each hinge and slide rests, moved or not, rad or m.
+        mechanism: The mechanism of the joints that move; all others are locked at rest.
+        rest: Rest position of each hinge and slide, moved or not, rad or m.
         units: Their units, `rad` or `m`.
         sensors: One of `defaults.SENSORS`.
         whitening: W that makes the noise on the rows of a sample white and of unit size, 1/N and 1/(N m) (rows, rows).
-        parameters: Base parameters that motions of these joints can tell apart.
+        parameters: Base parameters identifiable by motions of these joints.
     """
 
     mechanism: Mechanism
@@ -59,7 +59,7 @@ class Problem:
         return function(tree, q, dq, ddq, gravity=gravity, columns=self.parameters.kept)
 
     def pulled_back(self, motion: Motion, adjoints: np.ndarray) -> States:
-        """Derivatives by a motion of what has these derivatives by its base regressor (N, rows, r)."""
+        """Derivatives by a motion, from derivatives by its base regressor (N, rows, r)."""
         torques = self.sensors == "torque"
         return pulled_back(self.mechanism, motion, self.parameters.kept, adjoints, torques=torques)
 
@@ -72,18 +72,18 @@ def problem(
     noise: tuple[float, float] | None = None,
     ignore: Sequence[str] = (),
 ) -> Problem:
-    """What some joints of a mechanism can excite, on a base that stands still.
+    """Problem of exciting some joints of a mechanism on a fixed base.
 
     Args:
         mechanism: The mechanism, from `sim.mechanism`.
         names: Joints to move; by default all hinge and slide joints.
         sensors: One of `defaults.SENSORS`.
-        noise: Standard deviations of the noise on forces in N, and on moments and torques in N m; by default those that
-            the model's sensors state, and `NOISE` of channels without.
+        noise: Standard deviations of the noise on forces in N, and on moments and torques in N m; by default those
+            that the model's sensors state, and `NOISE` for channels without.
         ignore: Names of equality constraints and tendons to leave out.
 
     Raises:
-        ModelError: A joint does not exist or cannot be moved so, or there is none.
+        ModelError: A joint does not exist, or is neither hinge nor slide; or the mechanism has none.
     """
     origin = mujoco_origin(mechanism)
     model, base = origin.model, origin.base
@@ -113,7 +113,7 @@ def problem(
 def _whitening(
     model: mujoco.MjModel, base: str | None, torques: Mapping[str, str], noise: tuple[float, float] | None
 ) -> np.ndarray:
-    """What whitens the noise on the torques of joints, given with their units, or without any on the base wrench."""
+    """Whitening of the noise on the torques of joints, given with their units, or on the base wrench without any."""
     force, moment = noise or NOISE
     if not torques:
         return np.diag(1 / np.repeat(noise, 3)) if noise else wrench_whitening(model, base, force, moment)
@@ -123,7 +123,7 @@ def _whitening(
 
 
 def _chosen(joints: Sequence[str], tree: Tree, names: Sequence[str] | None) -> Sequence[str]:
-    """Those of the hinges and slides of a tree that have some names, in the tree's order."""
+    """Hinges and slides with the given names, in the tree's order."""
     if not joints:
         raise ModelError("Excitation needs a hinge or slide joint; this mechanism has none.")
     for name in names or ():
@@ -141,21 +141,21 @@ def best(
     iterations: int,
     seed: int,
 ) -> FourierTrajectory:
-    """The best of what is found from several starts, and then from half as many near the best; progress goes to stderr.
+    """The best motion from several starts, and then from half as many near the best; prints progress to stderr.
 
-    A way around collisions is looked for where the motion with them is better than the best without any so far. Where
-    nothing is found, the first start stands for the best.
+    Collisions are only avoided for a motion that is better with them than the best one without so far. While no motion
+    is found, the first start counts as the best.
 
     Args:
-        value: What to make small.
+        value: Cost to minimize.
         limits: Joint limits.
-        starts: Motions to begin from.
-        collisions: What must not touch, None if nothing is checked.
-        iterations: Iterations at most, each time.
+        starts: Motions to start from.
+        collisions: Bodies that must not touch; None for no checks.
+        iterations: Largest number of iterations from each start.
         seed: Seed of the starts near the best.
 
     Raises:
-        InputError: Everything found collides.
+        InputError: All motions collide.
     """
     if collisions is not None:
         check_starts(collisions, starts, limits)
@@ -177,17 +177,17 @@ def _value_of(value: Cost, trajectory: FourierTrajectory) -> float:
 
 
 def _collision(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> str:
-    """Who touches whom along the start that touches least."""
+    """Names of the bodies that touch along the start with the fewest contacts."""
     time = np.linspace(0, starts[0].duration, 401)
     pairs = min((collisions.touching(scaled_into(s, limits).states(time)[0]) for s in starts), key=len)
     return _closer(collisions, list(pairs))
 
 
 def check_starts(collisions: Collisions, starts: Sequence[FourierTrajectory], limits: Limits) -> None:
-    """Refuses bodies that touch wherever the joints go, before the search looks for a way around.
+    """Checks before the search that no bodies touch in all postures.
 
     Raises:
-        InputError: Some pair touches at every posture of every start.
+        InputError: A pair touches in every posture of every start.
     """
     time = np.linspace(0, starts[0].duration, 101)
     always: set[tuple[str, str]] | None = None
@@ -211,6 +211,6 @@ def _closer(collisions: Collisions, pairs: Sequence[tuple[str, str]]) -> str:
 def start_motions(
     limits: Limits, rest: np.ndarray, duration: float, harmonics: int, count: int, seed: int
 ) -> list[FourierTrajectory]:
-    """Random motions, the first one about where the joints rest (n,)."""
+    """Random motions, the first one about the rest position (n,)."""
     rng = np.random.default_rng(seed)
     return [random_start(limits, duration, harmonics, rng, rest if k == 0 else None) for k in range(count)]

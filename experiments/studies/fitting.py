@@ -1,4 +1,4 @@
-"""One model identified from one recording, by the paper's estimator and by the joint one."""
+"""Identification of one model from one recording, by the paper's estimator and by the joint one."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -24,12 +24,12 @@ ESTIMATORS = {
     "weighted": "the same, weighted by the covariance of the wrenches' noise",
     "joint": "parameters and trajectory at once, from joint angles and wrenches alone; set-up as stated, no offsets",
 }
-"""What the studies identify with."""
+"""Estimators of the studies."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A model's base parameters: the estimate, what the true φ gives by the same regrouping, and what is predicted.
+    """A model's base parameters: estimated, true by the same regrouping, and the predicted wrench.
 
     Attributes:
         estimate: The estimate.
@@ -53,13 +53,13 @@ class Trial:
 
     @property
     def std(self) -> np.ndarray:
-        """Standard deviations that noise on the wrenches causes (r,)."""
+        """Standard deviations due to noise on the wrenches (r,)."""
         return self.estimate.std
 
 
 @dataclass(frozen=True, eq=False)
 class JointTrial:
-    """A model's base parameters by the joint estimate, and what the true φ gives by the same regrouping.
+    """A model's base parameters by the joint estimate, and the true ones by the same regrouping.
 
     Attributes:
         psi: Base parameters, NaN where angles and wrenches do not determine them (r,).
@@ -78,12 +78,12 @@ class JointTrial:
 
     @property
     def largest_error(self) -> float | None:
-        """The largest error, None where there is no estimate."""
+        """The largest error; None without an estimate."""
         return float(np.abs(self.error).max()) if np.isfinite(self.psi).all() else None
 
     @property
     def rms_z(self) -> float | None:
-        """Root mean square of the errors over their standard deviations, None where there is no estimate."""
+        """RMS of the errors over their standard deviations; None without an estimate."""
         return float(np.sqrt(np.mean((self.error / self.std) ** 2))) if np.isfinite(self.psi).all() else None
 
 
@@ -98,7 +98,7 @@ def fit(
     """Base parameters of one model from measured joint states and wrenches.
 
     Args:
-        mechanism: The model's mechanism, with the true φ for its prior.
+        mechanism: The model's mechanism, with the true φ as its prior.
         recording: Measured joint states and ground wrench.
         wrench: Total wrench `[F; τ]`, N and N m (N, 6); by default the recording's ground wrench alone.
         covariance: Its covariance (N, 6, 6), to weight by; by default ordinary least squares.
@@ -119,9 +119,9 @@ def fit(
 
 
 def joint_fit(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> JointTrial:
-    """Base parameters of one model from joint angles and wrenches alone, as if no rates had been measured.
+    """Base parameters of one model by the joint estimate, from joint angles and wrenches alone.
 
-    Nothing is known of φ, and the set-up is as stated.
+    φ has no prior, and the set-up is as stated.
 
     Args:
         mechanism: The model's mechanism, with the true φ.
@@ -139,7 +139,7 @@ def joint_fit(mechanism: Mechanism, recording: Recording, base: BaseParameters) 
 
 
 def joint_fit_if_determined(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> JointTrial:
-    """The same, or NaN: a few samples of accelerations may be enough where as many angles are not."""
+    """The same, or NaN if undetermined: few samples may suffice with accelerations, but not with angles alone."""
     try:
         return joint_fit(mechanism, recording, base)
     except (ExcitationError, np.linalg.LinAlgError):
@@ -148,7 +148,7 @@ def joint_fit_if_determined(mechanism: Mechanism, recording: Recording, base: Ba
 
 
 def without(recording: Recording, channels: Collection[str]) -> Recording:
-    """The recording as if some of its channels had not been measured."""
+    """The recording without some of its channels."""
     measured, true = (
         {name: x for name, x in values.items() if name not in channels}
         for values in (recording.measured, recording.true)
@@ -157,7 +157,7 @@ def without(recording: Recording, channels: Collection[str]) -> Recording:
 
 
 def measured_poses(tree: Tree, recording: Recording) -> np.ndarray:
-    """Measured pose of every body in the base frame (N, b, 4, 4); a welded body goes with its parent."""
+    """Measured pose of each body in the base frame (N, b, 4, 4); a welded body moves with its parent."""
     poses: list[np.ndarray] = []
     for body in tree.bodies:
         parent = np.tile(np.eye(4), (len(recording.time), 1, 1)) if body.parent == BASE else poses[body.parent]

@@ -1,4 +1,4 @@
-"""A person on two force plates who holds a rail, identified from a prior that is wrong, and the truth known."""
+"""Identification of a simulated person on two force plates who holds a rail, from a wrong prior, with known truth."""
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -28,28 +28,28 @@ from ident.trajectory.fit.precision import inverse_of_precision
 from sim.motion.person import ACTIVITIES
 
 UNSEEN = 1000
-"""What is added to the seeds of recordings that are not fitted."""
+"""Offset of the seeds of recordings that are not fitted."""
 
 MOVED = 0.5
-"""Standard deviation, over that known beforehand, below which recordings determine what it is of."""
+"""Standard deviation over the prior one, below which a combination counts as determined."""
 
 ROUNDING = 1e-10
-"""Least variance, over that known beforehand, that can be told from none."""
+"""Smallest variance over the prior one that is distinguishable from rounding."""
 
 LEAST_SEEN = 1e-3
-"""Singular values, over the largest, below which least squares leave the prior as it is."""
+"""Singular values over the largest, below which least squares keeps the prior."""
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What was found.
+    """Results of the study.
 
     Attributes:
         estimate: The estimate of all recordings.
         true: The person.
-        activities: What each recording is of.
+        activities: Activity of each recording.
         seconds: Length of each, s.
-        seed: Of the first recording.
+        seed: Seed of the first recording.
     """
 
     estimate: Estimate
@@ -70,23 +70,23 @@ class Study:
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `distances_by`, with what is left open of the set-up."""
+        """As `distances_by`, including the uncertainty of the set-up."""
         return self.distances_by(self.estimate.covariance_setup)
 
     @cached_property
     def distances_of_noise(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `distances_by`, of noise alone, the set-up as it was found."""
+        """As `distances_by`, from noise alone, with the estimated set-up."""
         return self.distances_by(self.estimate.covariance)
 
     def distances_by(self, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Along the combinations of base parameters that recordings tell of independently, the best known first.
+        """Precision and errors along independently estimated combinations of base parameters, the best known first.
 
         Args:
-            covariance: That of what was fitted, base parameters first (p, p).
+            covariance: Covariance of the fitted parameters, base parameters first (p, p).
 
         Returns:
-            Standard deviations over those known beforehand, and errors in standard deviations (k,); without
-            combinations that are known to rounding.
+            Standard deviations over the prior ones, and errors in standard deviations (k,); without combinations known
+            to rounding.
         """
         rank = len(self.psi)
         variances, directions = linalg.eigh(
@@ -98,19 +98,19 @@ class Study:
 
     @property
     def determined(self) -> np.ndarray:
-        """Which of these combinations the recordings determine (k,)."""
+        """True for combinations that the recordings determine (k,)."""
         return self.distances[0] < MOVED
 
     @cached_property
     def candidates(self) -> dict[str, np.ndarray]:
-        """Base parameters that are compared (r,)."""
+        """Base parameters of the compared estimators (r,)."""
         prior = self.estimate.base.regroup(self.mechanism.known)
         filtered = least_squares_from_prior(self.estimate)
         return {"prior": prior, "filtered least squares": filtered, "joint estimate": self.estimate.psi}
 
     @cached_property
     def unseen(self) -> np.ndarray:
-        """Base-wrench regressor of motions that were not recorded (N, 6, r); they are exact: parameters alone err."""
+        """Base-wrench regressor of motions that were not recorded (N, 6, r); they are exact: only ψ has errors."""
         columns = []
         for number, activity in enumerate(self.activities):
             time = Laboratory().times(self.seconds)
@@ -121,24 +121,24 @@ class Study:
 
     @cached_property
     def errors(self) -> dict[str, np.ndarray]:
-        """Errors of the wrench that unseen motions need, RMS over the wrench's own deviation, by candidate (6,)."""
+        """RMS errors of the wrench that unseen motions need, over the wrench's own deviation, by estimator (6,)."""
         signal = (self.unseen @ self.psi).std(axis=0)
         off = {name: self.unseen @ (psi - self.psi) for name, psi in self.candidates.items()}
         return {name: np.sqrt((x**2).mean(axis=0)) / signal for name, x in off.items()}
 
     @cached_property
     def segments(self) -> tuple[np.ndarray, np.ndarray]:
-        """φ of all segments and standard deviations, by what was known and the estimate (b, 10) each."""
+        """φ of all segments and standard deviations, from prior and estimate (b, 10) each."""
         return self._conditioned([self.seconds] * len(self.activities))
 
     @property
     def coverage(self) -> float:
-        """Share of the 95 % intervals of what is determined that hold the truth."""
+        """Coverage of the 95 % intervals of determined combinations."""
         return float((np.abs(self.distances[1][self.determined]) < HALF_WIDTH).mean())
 
     @property
     def noise_of_angles(self) -> float:
-        """Standard deviation of the hinges' angles that was found, degrees: their median."""
+        """Median of the estimated standard deviations of the hinges' angles, degrees."""
         joint = self.estimate.joint
         assert joint is not None
         hinges = np.concatenate(
@@ -148,14 +148,14 @@ class Study:
         return float(np.degrees(np.median(joint.fit.noise.states[0, hinges])))
 
     def information(self, seconds: Sequence[float]) -> np.ndarray:
-        """Standard deviations of φ after the first seconds of each recording, at the noise that all show (b, 10)."""
+        """Standard deviations of φ after the first seconds of each recording, with the noise of all of them (b, 10)."""
         return self._conditioned(seconds)[1]
 
     def foretold(self, seconds: Sequence[float]) -> float:
         """Standard deviation of the wrench that unseen motions need after the first seconds of each recording.
 
-        It is over that by what was known beforehand, a geometric mean of the channels, and of noise alone: the set-up
-        is as it was found.
+        Relative to the prior one, as a geometric mean of the channels, and from noise alone: the set-up is the
+        estimated one.
         """
         both = [self._covariance(each, setup=False) for each in (seconds, [0.0] * len(self.activities))]
         now, before = ((self._squares * covariance).sum(axis=(1, 2)) for covariance in both)
@@ -168,7 +168,7 @@ class Study:
         return Y.swapaxes(1, 2) @ Y
 
     def _conditioned(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """φ and its standard deviations, as the first seconds of each recording tell of it (b, 10) each."""
+        """φ and its standard deviations, from the prior and the first seconds of each recording (b, 10) each."""
         estimate = self.estimate
         phi, std = conditioned(self.mechanism, estimate.base, estimate.psi, self._covariance(seconds))
         return phi.reshape(-1, 10), std.reshape(-1, 10)
@@ -177,8 +177,8 @@ class Study:
         """Covariance of base parameters after the first seconds of each recording (r, r).
 
         Args:
-            seconds: How many of each.
-            setup: Whether with what is left open of the set-up.
+            seconds: Length of each.
+            setup: True to include the uncertainty of the set-up.
         """
         joint, rank = self.estimate.joint, self.estimate.base.rank
         assert joint is not None
@@ -190,7 +190,7 @@ class Study:
         return inverse_of_precision(precision[np.ix_(open_, open_)])[:rank, :rank]
 
     def _share(self, k: int, seconds: float) -> np.ndarray:
-        """What the first seconds of a piece add to the precision of θ (p, p)."""
+        """Information on θ in the first seconds of a piece (p, p)."""
         joint = self.estimate.joint
         assert joint is not None
         fit = joint.fit
@@ -201,7 +201,7 @@ class Study:
             self._begun[k, seconds] = np.zeros_like(fit.shares[k][0])
             if not len(begun.when):
                 return self._begun[k, seconds]
-            # A trajectory through too few samples to be determined tells nothing.
+            # A trajectory through too few samples to be determined adds no information.
             with suppress(np.linalg.LinAlgError):
                 coefficients = fit.coefficients[k][: begun.spline.size]
                 part = linearised(joint.measurement, begun, coefficients, theta=fit.theta, noise=fit.noise)
@@ -210,19 +210,19 @@ class Study:
 
     @cached_property
     def _begun(self) -> dict[tuple[int, float], np.ndarray]:
-        """These of the pieces and seconds that were asked for."""
+        """Cached shares by piece and seconds."""
         return {}
 
 
 def beginning(piece: Piece, seconds: float) -> Piece:
-    """What a piece has of the first seconds of its recording, and the trajectory as far as that.
+    """The first seconds of a piece's samples and trajectory.
 
-    What a trajectory does where nothing was recorded is hardly determined, and its equations may then have no solution.
+    A trajectory beyond the samples is hardly determined, and its equations may have no solution.
     """
     q, *_ = piece.states
     there, felt = (x < piece.origin + seconds for x in (piece.time, piece.when))
     last = max((float(x[-1]) for x in (piece.time[there], piece.when[felt]) if len(x)), default=piece.spline.start)
-    # An interval more, as channels may be late.
+    # One interval more, as channels may be late.
     intervals = int((last - piece.spline.start) / piece.spline.step) + 2
     return replace(
         piece,
@@ -237,7 +237,7 @@ def beginning(piece: Piece, seconds: float) -> Piece:
 
 
 def least_squares_from_prior(estimate: Estimate) -> np.ndarray:
-    """Base parameters next to the prior that fit best at filtered states, taken for exact (r,)."""
+    """Base parameters next to the prior with the best fit at filtered states, treated as exact (r,)."""
     logs = [prepared(log.mechanism, log.recording, cutoff=USUAL) for log, _ in estimate.logs]
     equations = logs[0].equations
     samples = joined([log.samples[slice(log.edge, len(log.samples) - log.edge)] for log in logs])
@@ -256,15 +256,15 @@ def study(
     executor: Executor | None = None,
     report: Report | None = None,
 ) -> Study:
-    """Simulates recordings of all activities, and others to judge by, and identifies the person.
+    """Simulates recordings of all activities, and others that are held out, and identifies the person.
 
     Args:
         seconds: Length of each recording.
-        seed: Of the motions, the noise and the wrong prior.
-        laboratory: How well it measures.
-        activities: What is recorded, by default all of `ACTIVITIES`.
-        executor: Where the joint estimate works on its pieces.
-        report: Called with every round of it.
+        seed: Seed of the motions, the noise and the wrong prior.
+        laboratory: The laboratory, with its noise and set-up errors.
+        activities: Recorded activities, by default all of `ACTIVITIES`.
+        executor: Executor for the pieces of the joint estimate.
+        report: Called in each round of it.
 
     Raises:
         InputError: Recordings are too short.

@@ -1,4 +1,4 @@
-"""A user's model and log, read and made ready to be fitted."""
+"""Reading and preparation of a user's model and log."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -39,7 +39,7 @@ def prepare(
 
     Args:
         source: MJCF, URDF or OpenSim file.
-        log_path: A file that `read_log` reads; of a .trc file the markers become angles first.
+        log_path: A file that `read_log` reads; markers of a .trc file become angles first.
         base: Body whose frame is {0}, by default the world.
         columns: Mapping of the log's columns.
         cutoff: As for `prepared`, also `filters` and `leave_out`.
@@ -47,9 +47,9 @@ def prepare(
         ignore: Equality constraints and tendons to leave out.
         fix: Joints that do not move and are not in the log, as for `tree_from_model`.
         limit: Bytes that an archive may take in memory.
-        gaps: Whether samples may be missing.
+        gaps: True if samples may be missing.
         packages: Folders of ROS packages, for the meshes of a URDF file.
-        person: Whose bodies these are, by a table instead of the model; `columns` says which is which.
+        person: Person whose bodies these are, from a table instead of the model; `columns` assigns the segments.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.
@@ -88,7 +88,7 @@ def recorded(
 
 
 def _of_person(arm: Mechanism, person: Person) -> str:
-    """A sentence on whose bodies the prior has."""
+    """A sentence on the person and the table of the prior's bodies."""
     bodies = ", ".join(name for name in arm.bodies if name in arm.prior_known)
     whose = f"a {person.sex} person of {person.mass:g} kg and {person.height:g} m"
     return f"The model's {bodies} are taken from the table '{person.table}', of {whose}."

@@ -1,4 +1,4 @@
-"""Logs with positions of markers in place of angles, `TRIAL.trc+PLATES.mot`: the model is fitted to them first."""
+"""Logs with positions of markers instead of angles, `TRIAL.trc+PLATES.mot`: angles are fitted first."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,28 +13,28 @@ from sim.markers.recording import recording
 from sim.markers.trial_fit import check_fit, fit_trial
 
 MARKERS = ".trc"
-"""What names of files end in that hold nothing but markers."""
+"""Suffix of files that hold only markers."""
 
 
 @contextmanager
 def with_angles(
     source: Path, log: Path, base: str | None = None, fix: Mapping[str, Sequence[float]] | None = None
 ) -> Iterator[tuple[Path, list[str]]]:
-    """A log in which files of angles, for as long as the block runs, stand for those of markers.
+    """Yields a log in which files of fitted angles replace those of markers, for the duration of a block.
 
     Args:
         source: MJCF, URDF or OpenSim file, whose sites or markers are named like the labels.
-        log: The log, perhaps several files joined by `+`.
+        log: The log, one file or several joined by `+`.
         base: Body whose frame is {0}.
         fix: Joints that do not move.
 
     Yields:
-        The log to read, which is the same where no file is of markers, and sentences on the fit.
+        The log to read, unchanged if it has no markers, and sentences on the fit.
 
     Raises:
         ModelError: The model cannot be read.
-        InputError: The markers do not belong to the model, or leave a joint open that is not fixed.
-        LogError: A file of markers is missing or damaged, or the block raises one, of whatever file.
+        InputError: The markers do not belong to the model, or do not determine a joint that is not fixed.
+        LogError: A file of markers is missing or damaged, or the block raises one for any file.
     """
     if not any(file.suffix.lower() == MARKERS for file in files_of(log)):
         yield log, []
@@ -53,7 +53,7 @@ def with_angles(
 
 
 def _fitted(source: Path, file: Path, base: str | None, fix: Mapping[str, Sequence[float]], out: Path) -> list[str]:
-    """Writes the angles of a trial, and returns sentences on them."""
+    """Writes the angles of a trial, and returns sentences on the fit."""
     markers = read_markers(file)
     marked, unmatched = marked_model(source, markers.labels, fix=fix)
     postures = fit_trial(marked, marked_positions(markers, unmatched, marked, None))

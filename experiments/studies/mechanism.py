@@ -27,7 +27,7 @@ FRAME_COLORS = ("C1", "C2", "C0")
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What Figure 1 shows, in metres and world axes.
+    """Geometry of Figure 1, in metres and world axes.
 
     Attributes:
         base: Position of the base frame (3,).
@@ -43,7 +43,7 @@ class Drawing:
 
 
 def mechanism() -> tuple[Tree, Drawing]:
-    """The scene's tree, and its geometry at `DRAWN_AT`."""
+    """Tree of the scene, and its geometry at `DRAWN_AT`."""
     model = scenes.load(SCENE).compile()
     pendulum = sim.mechanism(model, "base")
     tree, base = pendulum.tree, model.body("base").pos
@@ -64,7 +64,7 @@ def table_1() -> report.Table:
 
 
 def table_2(tree: Tree, base: np.ndarray) -> report.Table:
-    """Table II: home pose and joint twist of every body, the pose in the world's frame."""
+    """Table II: home pose in the world's frame and joint twist of each body."""
     home = tree.poses(np.zeros(len(tree.moving)))
     rows = []
     for i, (body, T) in enumerate(zip(tree.bodies, home, strict=True), start=1):
@@ -80,7 +80,7 @@ def table_2(tree: Tree, base: np.ndarray) -> report.Table:
 
 
 def tree_of_table_1(base: np.ndarray, length: float) -> Tree:
-    """The mechanism that Table I describes, with the scene's dimensions for its symbols.
+    """The mechanism of Table I, with the scene's dimensions for its symbols.
 
     Args:
         base: `[T_x, T_y, T_z]`, m (3,).
@@ -109,7 +109,7 @@ def _numbers(values: np.ndarray) -> str:
 
 
 def figure_1(drawing: Drawing) -> Figure:
-    """Mechanism on the left, frames on the right."""
+    """Figure 1: the mechanism on the left, its frames on the right."""
     with figures.paper_style():
         figure = Figure(figsize=(figures.column_width(), 2.8))
         left, right = figure.subplots(1, 2, sharey=True)
@@ -137,7 +137,7 @@ def _flat(points: np.ndarray) -> np.ndarray:
 
 
 def _draw_links(ax: Axes, drawing: Drawing) -> None:
-    """Pedestal, links, joints and centres of mass, as seen from the front."""
+    """Draws pedestal, links, joints and centres of mass from the front."""
     foot = drawing.base * [1, 1, 0]
     shoulder, elbow = drawing.poses[1, :3, 3], drawing.poses[2, :3, 3]
     for a, b, width in ((foot, shoulder, 6), (shoulder, elbow, 4), (elbow, drawing.end, 3)):
@@ -151,7 +151,7 @@ def _draw_links(ax: Axes, drawing: Drawing) -> None:
 
 
 def _label_mechanism(ax: Axes, drawing: Drawing) -> None:
-    """Masses, lengths and angles."""
+    """Draws the symbols of masses, lengths and angles."""
     base, elbow = drawing.base, drawing.poses[2, :3, 3]
     _frame(ax, np.eye(4))
     _note(ax, base / 2, "$[T_x, T_y, T_z]^T$", (8, 0))
@@ -161,7 +161,7 @@ def _label_mechanism(ax: Axes, drawing: Drawing) -> None:
     for k, (origin, direction) in enumerate(((base, base), (elbow, elbow - base)), start=1):
         center, up = _flat(origin), _flat(direction) / np.linalg.norm(_flat(direction))
         ax.plot(*np.array([center, center + 0.36 * up]).T, color="0.4", lw=0.5, ls="--")
-        # A positive angle about X turns Y towards Z, counterclockwise in the picture.
+        # A positive angle about X turns Y towards Z, counterclockwise in the figure.
         start = np.degrees(np.arctan2(up[1], up[0]))
         sweep = start, start + np.degrees(DRAWN_AT[k - 1])
         ax.add_patch(Arc((center[0], center[1]), 0.5, 0.5, theta1=sweep[0], theta2=sweep[1], lw=0.7))
@@ -175,7 +175,7 @@ def _note(ax: Axes, point: np.ndarray, text: str, shift: tuple[int, int]) -> Non
 
 
 def _frame(ax: Axes, T: np.ndarray) -> None:
-    """Axes of a frame: x vermilion, y green, z blue."""
+    """Draws the axes of a frame: x vermilion, y green, z blue."""
     origin = T[:3, 3]
     for axis, color in enumerate(FRAME_COLORS):
         arrow = {"arrowstyle": "-|>", "color": color, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}

@@ -1,4 +1,4 @@
-"""How the errors of many trials are distributed, and where the paper's single run lies among them."""
+"""Distribution of the errors over many trials, and percentiles of the paper's single run."""
 
 import argparse
 import hashlib
@@ -36,12 +36,12 @@ from experiments.studies.trials import (
 from ident.errors import InputError
 
 JOINT = "_joint"
-"""What the name of a model ends with where it is identified by the joint estimate."""
+"""Suffix of a model's name for its joint estimate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Distribution(Errors):
-    """Errors of one model's base parameters over the trials, and the paper's.
+    """Errors of one model's base parameters over the trials, and the paper's errors.
 
     Attributes:
         published: The paper's errors (parameters,).
@@ -51,7 +51,7 @@ class Distribution(Errors):
 
     @property
     def percentile(self) -> np.ndarray:
-        """Percentiles of the paper's errors among the trials, over the half digit that print has rounded (2, p)."""
+        """Percentiles of the paper's errors among the trials, at both limits of their rounding in print (2, p)."""
         low, high = self.published - 0.005, self.published + 0.005
         return 100 * np.array([np.mean(self.errors < limit, axis=0) for limit in (low, high)])
 
@@ -84,7 +84,7 @@ def table(model: str, found: Distribution, bodies: tuple[str, ...] = ()) -> repo
 
 
 def chart(found: Mapping[str, Distribution], bodies: tuple[str, ...] = (), layout: Layout = PAPER) -> Figure:
-    """All parameters at a glance, a panel for each model: interval, mean, prediction and the paper's error."""
+    """Chart of all parameters, a panel for each model: interval, mean, prediction and the paper's error."""
     with figures.paper_style():
         width = figures.column_width() if len(found) < 3 else figures.text_width()
         figure = Figure(figsize=(width, 3.2))
@@ -101,7 +101,7 @@ def chart(found: Mapping[str, Distribution], bodies: tuple[str, ...] = (), layou
 
 
 def _draw(ax: Axes, d: Distribution, shown: Sequence[int]) -> None:
-    """One model's panel, with some of its parameters."""
+    """Draws one model's panel, with some of its parameters."""
     rows, spread, (low, high) = np.arange(len(shown)), 1.96 * d.predicted_std[shown], d.interval[:, shown]
     ax.axvline(0, color="0.6", lw=0.5)
     ax.barh(rows, 2 * spread, left=-spread, height=0.6, color="0.85", label="predicted 95 %")
@@ -109,7 +109,7 @@ def _draw(ax: Axes, d: Distribution, shown: Sequence[int]) -> None:
     ax.plot(d.mean[shown], rows, "o", color="C0", ms=2.5, label="mean")
     if np.isfinite(d.published).any():
         ax.plot(d.published[shown], rows, "x", color="C1", ms=4, mew=0.9, label="paper")
-    # Linear within ±0.01, logarithmic beyond, so that parameters known to grams stand beside wrong ones.
+    # Linear within ±0.01 and logarithmic beyond, so that errors of grams and gross ones are both visible.
     ax.set_xscale("symlog", linthresh=0.01, linscale=1.0)
     ticks = [-1, -0.1, -0.01, 0, 0.01, 0.1, 1]
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks], rotation=60)
@@ -119,25 +119,25 @@ def _draw(ax: Axes, d: Distribution, shown: Sequence[int]) -> None:
 
 
 def _limit(error: float) -> float:
-    """A limit of the abscissa that an error does not reach."""
+    """A limit of the abscissa beyond an error."""
     return next((limit for limit in (0.3, 1.0, 3.0, 10.0) if error < 0.9 * limit), 100.0)
 
 
 def conclude(
     args: argparse.Namespace, study: Study, results: Results, text: str, said: Said, source: Path | None
 ) -> Results:
-    """Ends a study's command line: writes its results, prints them, and runs its trials.
+    """Writes and prints a study's results, and runs its trials.
 
     Args:
         args: The command line.
         study: The study.
-        results: What it leaves behind.
-        text: What the terminal shows.
-        said: What the page says.
-        source: The file that states the study, None for one of the package's.
+        results: The results.
+        text: Text for the terminal.
+        said: Text of the page.
+        source: The study file; None for a study of the package.
 
     Returns:
-        All that was written, by the trials too.
+        All written results, with those of the trials.
     """
     layout = layout_of(args)
     if args.trials and not study.file.trials:
@@ -173,7 +173,7 @@ def _run(
     args: argparse.Namespace,
     layout: Layout,
 ) -> Results:
-    """Runs the trials, and writes and prints how their errors are distributed."""
+    """Runs the trials, and writes and prints the distribution of their errors."""
     found = _distributions(draw, done, joint_done, study, args)
     remark = "No predicted interval of a model knows the errors of its recovered axes." if study.recovers else ""
     results = _results(found, draw, remark, study.known.bodies, layout)
@@ -196,7 +196,7 @@ def _run(
 def _distributions(
     draw: Draw, done: Sequence[Outcome], joint_done: Sequence[Outcome], study: Study, args: argparse.Namespace
 ) -> dict[str, Distribution]:
-    """Runs the trials, and the first of them once more for the joint estimate."""
+    """Runs the trials, and repeats the first of them for the joint estimate."""
     file, joint_model = study.file, study.file.joint_trials
     joint_trials = min(args.trials, args.joint_trials) if joint_model else 0
     if not args.resume:
@@ -218,7 +218,7 @@ def _distributions(
 
 
 def _distribution(study: Study, model: str, outcomes: np.ndarray) -> Distribution:
-    """A model's errors and predicted deviations (trials, 2, parameters), beside what was published of it."""
+    """A model's errors and predicted standard deviations (trials, 2, parameters), beside the published errors."""
     names, published = study.fit(model).base.names, study.file.published.get("error", {}).get(model, {})
     beside = np.array([published.get(name, np.nan) for name in names])
     return Distribution(names, outcomes[:, 0], outcomes[:, 1], beside)

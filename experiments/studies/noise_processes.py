@@ -1,4 +1,4 @@
-"""Noise of variance one that is not white and normal, and readings in steps."""
+"""Unit-variance noise that is not white or not normal, and quantisation."""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -16,7 +16,7 @@ def flicker(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
     samples = shape[0]
     spectrum = np.fft.rfft(rng.normal(size=shape), axis=0)
     falls = np.arange(len(spectrum), dtype=float).reshape(-1, *[1] * (len(shape) - 1)) ** 0.5
-    # There is no constant part.
+    # The constant part is zero.
     falls[0] = np.inf
     return _standard(np.fft.irfft(spectrum / falls, n=samples, axis=0))
 
@@ -27,16 +27,16 @@ def random_walk(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
 
 
 DRIFTS = {"flicker": flicker, "walk": random_walk}
-"""Noise that drifts, by what conditions call it."""
+"""Drifting noise, by its name in conditions."""
 
 
 def student(rng: np.random.Generator, shape: tuple[int, ...], freedom: float) -> np.ndarray:
-    """White noise of variance one by Student's t with more than two degrees of freedom."""
+    """White noise of variance one from Student's t with more than two degrees of freedom."""
     return rng.standard_t(freedom, size=shape) * np.sqrt((freedom - 2) / freedom)
 
 
 def quantised(x: np.ndarray, step: float) -> np.ndarray:
-    """Readings as multiples of a step, unchanged where that is zero."""
+    """Readings as multiples of a step, unchanged if it is zero."""
     return step * np.round(x / step) if step else x
 
 

@@ -1,4 +1,4 @@
-"""What one pass over a recording tells of its channels, and whether to believe the estimate that it gives."""
+"""One pass over a recording: statistics of its channels, and the verdict on the estimate."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,10 +27,10 @@ from ident.regression.ordinary import Fit
 from ident.tolerances import HUGE, KILONEWTONS, TURNS
 
 MOVES = 0.01
-"""Range, in SI units, from which a joint or its velocity changes."""
+"""Range, in SI units, above which a joint or its velocity counts as changing."""
 
 STUCK = 0.1
-"""Fraction of the predicted wrench from which a constant channel differs from it."""
+"""Relative difference from the predicted wrench above which a constant channel counts as stuck."""
 
 ROUNDING = 1e-6
 """Fraction of the largest predicted channel below which others are zero."""
@@ -38,14 +38,14 @@ ROUNDING = 1e-6
 
 @dataclass(eq=False)
 class Seen:
-    """Extremes of the joints' channels and of the total wrench, and the latter's sum, of the samples seen so far.
+    """Extremes of the joints' channels and of the total wrench, and its sum, over all samples so far.
 
     Attributes:
-        joints: Quantity of each joint's channels, position, velocity and acceleration, as `UNITS` has them.
+        joints: Quantity of each joint's channels, position, velocity and acceleration, as keys of `UNITS`.
         samples: Number of samples.
         total: Sum of the total wrench (6,).
-        low: Smallest value of each joint's channel, and of the total wrench (6,) by the name `wrench`.
-        high: Largest.
+        low: Smallest value of each joint's channel, and of the total wrench (6,) as `wrench`.
+        high: Largest value.
     """
 
     joints: Mapping[str, str]
@@ -56,11 +56,11 @@ class Seen:
 
     @classmethod
     def of(cls, tree: Tree) -> "Seen":
-        """Nothing yet of a mechanism's joints.
+        """Empty statistics of a mechanism's joints.
 
         Raises:
-            ModelError: Nothing moves.
-            LogError: A joint is a ball, whose channels are not summed sample by sample.
+            ModelError: The mechanism has no joints.
+            LogError: A joint is a ball, which one pass does not support.
         """
         if not tree.moving:
             raise ModelError(f"Nothing moves on this base: {', '.join(tree.names)} without joints; see --base.")
@@ -73,10 +73,10 @@ class Seen:
         return cls({f"{joint}_{rate}": f"{kind} {rate}" for joint, kind in kinds.items() for rate in STATES})
 
     def check(self, recording: Recording, wrenches: Iterable[str]) -> None:
-        """Refuses channels of another shape or unit, of the joints and of some wrenches.
+        """Checks shapes and units of the channels of the joints and of some wrenches.
 
         Raises:
-            LogError: A channel is missing, has another number of components, or is in no unit of the SI.
+            LogError: A channel is missing, has another number of components, or is not in SI units.
         """
         parts = {f"{name}_{kind}": kind for name in wrenches for kind in ("force", "torque")}
         for name, kind in {**self.joints, **parts}.items():
@@ -88,7 +88,7 @@ class Seen:
                 raise LogError(f"channel '{name}' is in {unit}, but a recording needs {next(iter(UNITS[kind]))}.")
 
     def add(self, recording: Recording, wrench: np.ndarray) -> None:
-        """Looks at more samples and their total wrench (N, 6).
+        """Adds samples and their total wrench (N, 6).
 
         Raises:
             LogError: A number is too large, or angles look like degrees.
@@ -112,19 +112,19 @@ class Seen:
                 )
 
     def resting(self) -> list[str]:
-        """Rates that are zero throughout although what they are the rates of changes."""
+        """Rates that are zero throughout although their integrals change."""
         zero = {name for name in self.joints if not (self.low[name] or self.high[name])}
         rates = [(x, rate) for x, rate in pairwise(self.joints) if not self.joints[rate].endswith("position")]
         return [rate for x, rate in rates if rate in zero and self.extent(x) > MOVES]
 
     def extent(self, name: str) -> np.ndarray:
-        """Range of a channel, of each of its columns."""
+        """Range of a channel, of each of its components."""
         return self.high[name] - self.low[name]
 
 
 def with_offsets(equations: Equations) -> Equations:
-    """The equations with constant offsets of all channels where some motion tells them from the other columns."""
-    # Columns that no motion separates would have the accumulator look for better coordinates in vain.
+    """The equations with constant offsets of all channels in which some motion separates them from other columns."""
+    # With inseparable columns the accumulator would search for better coordinates in vain.
     whole, joints = equations.with_offsets(range(len(equations.channels))), len(equations.mechanism.tree.freedoms)
     states = np.random.default_rng(0).uniform(-2, 2, (3, 4 * len(whole.names), joints))
     measured = np.zeros((len(states[0]), len(whole.channels)))
@@ -132,12 +132,12 @@ def with_offsets(equations: Equations) -> Equations:
 
 
 def separated(accumulated: Accumulator, equations: Equations) -> tuple[Accumulator, Equations]:
-    """The accumulator and its equations without offsets that the motion does not tell from the columns before them."""
+    """The accumulator and its equations without offsets that the motion does not separate from earlier columns."""
     apart = independent(accumulated.root[:, : len(equations.names)])
     first = len(equations.names) - len(equations.offsets)
     kept = [k for k in range(len(equations.names)) if k < first or apart[k]]
     fewer = equations.with_offsets([equations.offsets[k - first] for k in kept if k >= first])
-    # Rows in the coordinates of P are Z P, of which some columns are Z Q R.
+    # Rows in the coordinates of P are Z P, and some of their columns are Z Q R.
     Q, R = np.linalg.qr(accumulated.factor[:, [*kept, len(equations.names)]])
     grams = Q.T @ accumulated.grams @ Q
     return replace(accumulated, names=fewer.names, factor=R, order=np.arange(len(R)), grams=grams), fewer
@@ -145,18 +145,18 @@ def separated(accumulated: Accumulator, equations: Equations) -> tuple[Accumulat
 
 @dataclass(frozen=True, eq=False)
 class Passed:
-    """What one pass over recordings leaves.
+    """Results of one pass over recordings.
 
     Attributes:
-        seen: What was seen of the channels.
-        accumulated: What was accumulated of them.
+        seen: Statistics of the channels.
+        accumulated: Accumulated sums of their equations.
     """
 
     seen: Seen
     accumulated: Accumulator
 
     def ratio(self, fit: Fit) -> dict[str, float]:
-        """RMS residual over the signal's standard deviation, of each channel that changes.
+        """RMS residual over the signal's standard deviation, for each channel that changes.
 
         Raises:
             LogError: No channel of the wrench changes.
@@ -177,12 +177,12 @@ class Passed:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What an estimate of one pass is judged by.
+    """Verdict on an estimate from one pass, and its reasons.
 
     Attributes:
-        ratio: RMS residual over the signal's standard deviation, of each channel that changes.
+        ratio: RMS residual over the signal's standard deviation, for each channel that changes.
         findings: Findings, the doubts first.
-        part: What the ratios are those of, "fitted" or "held-out" samples.
+        part: Samples of the ratios, "fitted" or "held-out".
     """
 
     ratio: Mapping[str, float]
@@ -191,7 +191,7 @@ class Judged:
 
     @property
     def verdict(self) -> str:
-        """One sentence."""
+        """The verdict in one sentence."""
         return sentence(self.ratio, self.findings, self.part)
 
 
@@ -199,7 +199,7 @@ def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:
     """Judges an estimate without another pass.
 
     Args:
-        fitted: What was fitted.
+        fitted: The pass over the fitted recordings.
         fit: The fit.
         held_out: Other recordings to judge by, accumulated for the same equations.
 
@@ -236,14 +236,14 @@ def _offsets(fit: Fit) -> Iterator[Finding]:
     if not offsets:
         return
     scale = dict(zip(COMPONENTS, fit.residual_norms / np.sqrt(fit.samples), strict=True))
-    # How far the mechanism reaches, against which moments are held, is not seen.
+    # The mechanism's reach, to which moments would be compared, is not known here.
     weights = {"F": fit.equations.mechanism.weight or np.inf, "M": np.inf}
     yield from offset_findings(offsets, scale, weights)
     yield from inseparable_findings([channel for channel in COMPONENTS if channel not in offsets])
 
 
 def _sign(predicted: np.ndarray, straight: np.ndarray, opposite: np.ndarray) -> Iterator[Finding]:
-    """Whether the wrench fits the model far better with the opposite sign, from sums of squares (6,)."""
+    """Finding if the wrench fits the model far better with the opposite sign; arguments are sums of squares (6,)."""
     size = predicted.reshape(2, 3).sum(axis=1)
     scale = np.repeat(np.maximum(size, 1e-6 * size.max(initial=1e-24)), 3)
     error, turned = (float(np.sqrt((left / scale).sum() / 2)) for left in (straight, opposite))

@@ -81,4 +81,4 @@ SECTION_7 = {
     "condition_number": {"contact": CONDITION_NUMBER_MULTICONTACT},
     "shape": {"contact": SHAPE_MULTICONTACT},
 }
-"""The same by models, as study files take them."""
+"""The numbers by model, in the form of study files."""

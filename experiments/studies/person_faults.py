@@ -1,4 +1,4 @@
-"""Where a laboratory's plates and a person's joints are, beside where they are taken to be."""
+"""Set-up errors of a laboratory's plates and a person's joints."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,19 +20,19 @@ CAREFUL = {
     "zero": np.radians(0.5),
     "axis": np.radians(0.5),
 }
-"""How well a laboratory knows its set-up that has calibrated plates and joints, as `ident.estimation.setup.PRIORS`."""
+"""Set-up uncertainty of a laboratory with calibrated plates and joints, as `ident.estimation.setup.PRIORS`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Faults:
-    """What is not as stated, with one person in one laboratory.
+    """Set-up errors with one person in one laboratory.
 
     Attributes:
         tilts: Rotations of joint axes about the point on them that is next to the body's origin, by joint.
         gravity: Rotation of gravity.
-        frames: Poses of sensors' frames in those that are stated (4, 4).
-        gains: What each of the six channels of a sensor reads of one unit (6,).
-        zeros: What joints read too much, rad.
+        frames: Poses of the sensors' frames in their stated frames (4, 4).
+        gains: Readings of a sensor's six channels for one unit (6,).
+        zeros: Zero errors of joints, rad.
     """
 
     tilts: Mapping[str, Rotation] = field(default_factory=dict)
@@ -42,17 +42,17 @@ class Faults:
     zeros: Mapping[str, float] = field(default_factory=dict)
 
     def true(self, who: Mechanism) -> Mechanism:
-        """The person as she is, of whom something else is stated."""
+        """The person with true axes and gravity, from the stated one."""
         bodies = [self._tilted(body) for body in who.tree.bodies]
         return replace(who, tree=Tree(tuple(bodies)), gravity=self.gravity.as_matrix() @ who.gravity)
 
     def read(self, sensor: str, wrench: np.ndarray) -> np.ndarray:
-        """What a sensor reads of a wrench in the frame that is stated (N, 6)."""
+        """Reading of a sensor for a wrench in the stated frame (N, 6)."""
         there = transform_wrench(inverse(self.frames[sensor]), wrench) if sensor in self.frames else wrench
         return there * self.gains.get(sensor, 1.0)
 
     def shown(self, who: Mechanism, q: np.ndarray) -> np.ndarray:
-        """What joints show of their coordinates (N, n_q)."""
+        """Readings of the joints for their coordinates (N, n_q)."""
         parts = who.tree.body_coordinates(q)
         joints = zip(who.tree.bodies, parts, strict=True)
         return np.hstack([x + self.zeros.get(body.joint, 0.0) if x.size else x for body, x in joints])
@@ -66,13 +66,13 @@ class Faults:
 
 
 def drawn(who: Mechanism, sensors: Iterable[str], known: Mapping[str, float], rng: np.random.Generator) -> Faults:
-    """Faults by chance.
+    """Random set-up errors.
 
     Args:
         who: The person.
         sensors: Names of her contacts.
-        known: Standard deviations, as `CAREFUL`; nothing is wrong of a kind that is not there.
-        rng: Draws them.
+        known: Standard deviations, as `CAREFUL`; kinds that are missing have no error.
+        rng: Random generator.
     """
 
     def by_chance(kind: str, number: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A person's markers on skin that moves, and the angles that the project's own fit finds from them."""
+"""Markers on a person's moving skin, and the angles that the package's own fit estimates from them."""
 
 from functools import lru_cache
 
@@ -19,10 +19,10 @@ EACH = 4
 """Markers on each body."""
 
 LASTS = 0.3
-"""Time over which skin stays where it has moved, s."""
+"""Correlation time of the skin's random motion, s."""
 
 PER_RADIAN = 2.0
-"""How far skin slides as the body's joint turns by one radian, of its standard deviation otherwise."""
+"""Shift of the skin per radian of the body's joint, over the standard deviation of its random motion."""
 
 
 def from_markers(
@@ -35,20 +35,20 @@ def from_markers(
     felt: Recording,
     base: str = "pelvis",
 ) -> Recording:
-    """A recording whose angles and base follow from noisy markers, as those of `python -m experiments.angles` do.
+    """Recording with angles and base pose fitted to noisy markers, as by `python -m experiments.angles`.
 
-    Skin moves over bone by chance, for about `LASTS`, and slides as the joint turns, a marker in a direction of
-    its own.
+    Skin moves over bone at random, correlated over about `LASTS`, and shifts as the joint turns, each marker in its
+    own direction.
 
     Args:
-        who: The person as she is stated, whose joints the fit takes.
-        tree: Her joints as they are.
+        who: The stated person, whose joints the fit uses.
+        tree: Her true joints.
         time: Times of the frames, s (N,).
-        motion: What she does.
-        size: Standard deviations of the markers' positions, and of how far skin moves, m.
-        rng: Of all noise.
-        felt: What plates and rail measure on the same clock.
-        base: The body that everything hangs on.
+        motion: Her motion.
+        size: Standard deviations of the markers' positions and of the skin's motion, m.
+        rng: Random generator of all noise.
+        felt: Measurements of plates and rail on the same clock.
+        base: The root body.
     """
     marked, places = _marked(who)
     poses = tree.poses(motion.q)
@@ -71,23 +71,23 @@ def from_markers(
 
 
 def _turned(coordinates: np.ndarray) -> np.ndarray:
-    """How far a body's joint is turned from its home, rad (N,): angles (N, 1), quaternions (N, 4) or nothing (N, 0)."""
+    """Angle of a body's joint from its home, rad (N,): from angles (N, 1), quaternions (N, 4) or nothing (N, 0)."""
     if coordinates.shape[1] == 4:
         return 2 * np.arctan2(np.linalg.norm(coordinates[:, 1:], axis=1), np.abs(coordinates[:, 0]))
     return coordinates.sum(axis=1)
 
 
 def _direction(rng: np.random.Generator) -> np.ndarray:
-    """A unit vector by chance (3,)."""
+    """A random unit vector (3,)."""
     v = rng.normal(size=3)
     return np.asarray(v / np.linalg.norm(v))
 
 
 @lru_cache(maxsize=2)
 def _marked(who: Mechanism) -> tuple[MarkedModel, list[tuple[str, np.ndarray]]]:
-    """The model with `EACH` markers on every body that has mass, and these bodies and places in their frames.
+    """The model with `EACH` markers on each body with mass, and these bodies and positions in their frames.
 
-    Markers are by chance on the ellipsoid with the body's mass and moments of inertia.
+    Markers are at random points of the ellipsoid with the body's mass and moments of inertia.
     """
     spec, rng, places = updated_spec(who, who.known), np.random.default_rng(0), []
     labels = []

@@ -1,4 +1,4 @@
-"""Recordings of a person on two force plates who holds a rail: the truth is known, sensors are as laboratories' are."""
+"""Simulated recordings of a person on two force plates who holds a rail, with a laboratory's sensors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -23,7 +23,7 @@ from sim.motion import person
 from sim.motion.person import RAIL, Style
 
 BASE = "pelvis"
-"""The body that everything hangs on."""
+"""The root body."""
 
 PLATES = {"left": (0.0, 0.25, 0.0), "right": (0.0, -0.25, 0.0)}
 """Centres of the force plates, m; each carries the foot of its side."""
@@ -32,7 +32,7 @@ SENSORS = {
     **{side: Sensor(f"{side}_foot", pose(np.eye(3), np.array(at)), True, "world") for side, at in PLATES.items()},
     "rail": Sensor("right_hand", pose(np.eye(3), RAIL), True, "world"),
 }
-"""Where wrenches are measured; plates and rail rest in the world."""
+"""Sensors of the wrenches; plates and rail rest in the world."""
 
 HELD = np.array([[4.0, 3.0, 12.0], [6.0, 5.0, 20.0]])
 """Mean and amplitude of the force on the rail, N."""
@@ -40,20 +40,20 @@ HELD = np.array([[4.0, 3.0, 12.0], [6.0, 5.0, 20.0]])
 
 @dataclass(frozen=True)
 class Laboratory:
-    """How well it measures.
+    """Noise and set-up errors of a laboratory.
 
     Attributes:
         angle_deg: Standard deviation of joint angles, degrees.
-        decay: Correlation of their noise from one sample to the next.
+        decay: Autocorrelation of their noise at a lag of one sample.
         position: Standard deviation of the pelvis's position, m.
-        force: Of the plates' forces, N; moments have a tenth of it, N m; the rail a third of both.
-        late: Seconds by which plates and rail are late.
+        force: Standard deviation of the plates' forces, N; a tenth of it for moments, N m; a third for the rail.
+        late: Delay of plates and rail, s.
         rate: Samples per second, Hz.
-        rail: Whether there is a rail to hold.
-        markers: Whether angles and the pelvis's pose follow from markers, instead of having noise of their own.
+        rail: True if there is a rail to hold.
+        markers: True if angles and the pelvis's pose are fitted to markers, instead of having noise of their own.
         marker: Standard deviation of the markers' positions, m.
-        skin: How far skin moves over bone, m; see `experiments.studies.person_markers`.
-        setup: How well its set-up is known, as `CAREFUL`, which its recordings say.
+        skin: Standard deviation of the skin's motion, m; see `experiments.studies.person_markers`.
+        setup: Uncertainty of its set-up, as `CAREFUL`, which its recordings state.
     """
 
     angle_deg: float = 0.5
@@ -69,20 +69,20 @@ class Laboratory:
     setup: Mapping[str, float] = field(default_factory=lambda: CAREFUL)
 
     def times(self, seconds: float) -> np.ndarray:
-        """Sample times of a recording of such a length, s (N,)."""
+        """Sample times of a recording of this length, s (N,)."""
         return np.arange(round(seconds * self.rate)) / self.rate
 
 
 @lru_cache(maxsize=1)
 def humanoid() -> Mechanism:
-    """The person, with the true φ for its prior."""
+    """The person, with the true φ as the prior."""
     return mechanism(scenes.load("humanoid"), BASE)
 
 
 def mistaken(true: Mechanism, rng: np.random.Generator, share: float = 0.2) -> Mechanism:
-    """The mechanism with a prior that is wrong, each body on its own.
+    """The mechanism with a wrong prior, independently for each body.
 
-    Masses and central moments are off by such a share, centres of mass by so much of the radius of gyration.
+    Masses and central moments are wrong by this share, centres of mass by this share of the radius of gyration.
     """
     bodies = []
     for phi in true.known.reshape(-1, 10):
@@ -108,14 +108,14 @@ def recorded(
     laboratory: Laboratory = Laboratory(),
     faults: Faults = Faults(),  # noqa: B008
 ) -> Recording:
-    """A recording of an activity, from noisy sensors.
+    """Recording of an activity by noisy sensors.
 
     Args:
         activity: One of `sim.motion.person.ACTIVITIES`.
-        seconds: How long.
-        seed: Of the motion, and of all noise.
-        laboratory: How well it measures.
-        faults: What of the set-up is not as stated.
+        seconds: Duration, s.
+        seed: Seed of the motion and of all noise.
+        laboratory: The laboratory.
+        faults: Set-up errors.
     """
     time, who = laboratory.times(seconds), faults.true(humanoid())
     true, late = (moved(activity, t, seed, rail=laboratory.rail, who=who) for t in (time, time - laboratory.late))
@@ -133,16 +133,16 @@ def sensed(
     unmeasured: np.ndarray | float = 0.0,
     faults: Faults = Faults(),  # noqa: B008
 ) -> Recording:
-    """What a laboratory's sensors say of a person.
+    """Recording of a person by a laboratory's sensors.
 
     Args:
-        who: The person, on a pelvis that moves.
+        who: The person, with a moving pelvis.
         time: Sample times, s (N,).
-        motions: What she does then, and what she did when plates and rail, which are late, felt it.
-        laboratory: How well it measures.
-        rng: Of all noise.
-        unmeasured: Wrench in the world that something else exerts on her then, which has no sensor (N, 6).
-        faults: What of sensors and joints is not as stated.
+        motions: Her motion at these times, and at the earlier times that delayed plates and rail measure.
+        laboratory: The laboratory.
+        rng: Random generator of all noise.
+        unmeasured: Wrench on her in the world without a sensor (N, 6).
+        faults: Set-up errors of sensors and joints.
     """
     true, late = motions
     measured = {}
@@ -173,7 +173,7 @@ def _wrenches(
     laboratory: Laboratory,
     unmeasured: np.ndarray | float,
 ) -> dict[str, np.ndarray]:
-    """Wrenches on the plates and the rail (N, 6), which with what is not measured give what the motion needs."""
+    """Wrenches on plates and rail (N, 6), which add up with the unmeasured one to the motion's wrench."""
     base = motion.base
     assert base is not None
     Y = base_wrench_regressor(who.tree, *motion.states, gravity=who.gravity, base=base)
@@ -183,7 +183,7 @@ def _wrenches(
         waves = np.sin(2 * np.pi * rng.uniform(0.2, 0.8, 3) * np.arange(len(left_over))[:, None] / laboratory.rate)
         sensed["rail"] = np.hstack([HELD[0] + HELD[1] * waves, np.zeros((len(left_over), 3))])
         left_over = left_over - transform_wrench(SENSORS["rail"].pose, sensed["rail"])
-    # Each foot carries as much as its distance from where the whole force acts says.
+    # The feet share the load by their distances from the centre of pressure.
     aside = left_over[:, 3] / left_over[:, 2]
     poses = base.T[:, None] @ who.tree.poses(motion.q)
     y = {side: poses[:, who.tree.names.index(f"{side}_foot"), 1, 3] for side in PLATES}
@@ -194,13 +194,13 @@ def _wrenches(
 
 
 def _turns(rng: np.random.Generator, samples: int, laboratory: Laboratory) -> Rotation:
-    """Small rotations by chance."""
+    """Small random rotations."""
     noise = np.stack([autoregressive(rng, samples, laboratory.decay) for _ in range(3)], axis=1)
     return Rotation.from_rotvec(np.radians(laboratory.angle_deg) * noise)
 
 
 def _noisy(x: np.ndarray, rng: np.random.Generator, laboratory: Laboratory) -> np.ndarray:
-    """Angles (N, 1) or quaternions (N, 4) as they are measured, (N,) or (N, 4)."""
+    """Noisy angles (N,) from (N, 1), or quaternions (N, 4)."""
     if x.shape[1] == 4:
         turned = Rotation.from_quat(x, scalar_first=True) * _turns(rng, len(x), laboratory)
         return np.asarray(turned.as_quat(scalar_first=True))

@@ -1,4 +1,4 @@
-"""The files that `identify` leaves in its folder, read and checked entry by entry: anybody may have edited them."""
+"""The files that `identify` writes, read and checked entry by entry, since users may have edited them."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -10,20 +10,20 @@ import numpy as np
 from ident.errors import InputError
 
 LARGE = 1e30
-"""No number of an identification is as large, nor a standard deviation as small as its inverse."""
+"""Larger than any number of an identification; its inverse is smaller than any standard deviation."""
 
 Content = Mapping[str, Any]
 
 
 class _WrongError(Exception):
-    """An entry is not what it needs to be; says so in the second half of a sentence."""
+    """An entry is invalid; the message is the second half of a sentence."""
 
 
 def estimate_of(folder: Path) -> Content:
     """Content of `estimate.json` in a folder.
 
     Raises:
-        InputError: The folder lacks it, or an entry that is needed is missing or of another kind.
+        InputError: The folder lacks it, or a needed entry is missing or of another type.
     """
     return _read(folder / "estimate.json", _check_estimate)
 
@@ -36,7 +36,7 @@ def provenance_of(folder: Path) -> Content:
 def _read(path: Path, check: Callable[[Content], None]) -> Content:
     try:
         content: Content = json.loads(path.read_text(encoding="utf-8"))
-        # Half of a surrogate pair is text for JSON, but not for any file.
+        # Half of a surrogate pair is text for JSON, but cannot be written to a file.
         json.dumps(content, ensure_ascii=False).encode()
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"'{path.parent}' needs to hold results of identify, but {path.name}: {error}.") from None
@@ -68,7 +68,7 @@ def _check_estimate(content: Content) -> None:
 
 
 def _check_covariance(covariance: Any, size: int, base: Sequence[int]) -> None:
-    """Refuses what is no covariance of so many, some of which have to be known to some deviation."""
+    """Checks a covariance of this size, with positive variances of the base parameters."""
     _need(_is_list_of(covariance, list) and len(covariance) == size, f"its 'covariance' has not {size} rows")
     for row in covariance:
         _check_numbers("a row of its 'covariance'", row, size)
@@ -96,7 +96,7 @@ def _check_provenance(content: Content) -> None:
 
 
 def _check_keys(what: str, content: Any, needed: Mapping[str, type]) -> None:
-    """Refuses what is no mapping with entries of these types."""
+    """Checks that content is a mapping with entries of these types."""
     _need(isinstance(content, dict), f"{what} is no JSON object")
     missing = [key for key in needed if key not in content]
     _need(not missing, f"{what} lacks {', '.join(missing)}")

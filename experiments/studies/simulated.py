@@ -32,13 +32,13 @@ from sim.simulation.simulate import simulate
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is known before anything is recorded.
+    """A study's mechanism before any recording.
 
     Attributes:
-        file: What the study is to be.
-        known: The mechanism as drawn, which ends at the load cells, with the true φ, which tilted axes do not change;
-            its sites are those of the load cells, by the contacts' names.
-        true: The tree with the axes as they are tilted.
+        file: The study file.
+        known: The mechanism with untilted axes, up to the load cells, and the true φ, which a tilt does not change; its
+            sites are those of the load cells, by contact name.
+        true: The tree with tilted axes.
     """
 
     file: StudyFile
@@ -62,7 +62,7 @@ class Problem:
         return cls(file, replace(drawn, sites=sites), tree_from_model(file.scene.spec(), base))
 
     def with_cells(self, recording: Recording, ignored: Collection[str] = ()) -> Recording:
-        """A recording that knows where its load cells are, or of some nothing at all."""
+        """The recording with its load cells as sensors, and without the channels of ignored contacts."""
         cells = self.file.scene.contacts.items()
         channels = [f"{site}_{kind}" for name, site in cells if name in ignored for kind in ("force", "torque")]
         sensors = {
@@ -71,24 +71,24 @@ class Problem:
         return without(recording, channels).with_sensors(sensors)
 
     def total(self, recording: Recording, ignored: Collection[str] = (), tree: Tree | None = None) -> TotalWrench:
-        """Eq. 17: what the ground gives less what the links pass on to all contacts that are not ignored.
+        """Total wrench (Eq. 17): the ground's less those of the links on all contacts that are not ignored.
 
         Args:
             recording: Measured joint angles and wrenches.
             ignored: Contacts to leave out.
-            tree: What moves the contacts' wrenches to the base, by default the mechanism with its true axes.
+            tree: Tree that moves the contacts' wrenches to the base, by default with the true axes.
         """
         return self.with_cells(recording, ignored).total_wrench(tree or self.true)
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What the study found, each model's estimates when they are asked for.
+    """Results of a study; each model's estimates are computed on first use.
 
     Attributes:
-        problem: What was known.
+        problem: The problem.
         recording: The recording.
-        significance: Chance of telling truly parallel axes apart, as for `recover_axes`.
+        significance: Significance level at which parallel axes are rejected, as for `recover_axes`.
     """
 
     problem: Problem
@@ -98,20 +98,20 @@ class Study:
 
     @property
     def file(self) -> StudyFile:
-        """What the study was to be."""
+        """The study file."""
         return self.problem.file
 
     @property
     def known(self) -> Mechanism:
-        """The mechanism, as for `Problem`."""
+        """The untilted mechanism, as for `Problem`."""
         return self.problem.known
 
     def fit(self, model: str, estimator: str | None = None) -> Trial:
-        """A model's base parameters by least squares, `ordinary` or `weighted`; by default as its numbers are.
+        """A model's base parameters by least squares, `ordinary` or `weighted`; by default the model's first estimator.
 
         Raises:
             ExcitationError: The motion does not separate the base parameters.
-            InputError: Recovered axes are not parallel, as the other model's parameters need them to be.
+            InputError: Recovered axes are not parallel, but the other model's parameters require it.
         """
         estimator = estimator or self.file.models[model].estimators[0]
         if (model, estimator) not in self._made:
@@ -129,11 +129,11 @@ class Study:
         return made
 
     def total(self, model: str) -> TotalWrench:
-        """Total wrench from the measured wrenches that a model knows, moved to the base along its own axes."""
+        """Total wrench from the measured wrenches that a model includes, moved to the base along its own axes."""
         return self.problem.total(self.recording, self.file.ignored(model), self.mechanism(model).tree)
 
     def joint(self, model: str) -> JointTrial:
-        """A model's joint estimate; NaN where angles and wrenches do not determine it."""
+        """A model's joint estimate; NaN if angles and wrenches do not determine it."""
         if (model, "joint") not in self._made:
             recording = self.problem.with_cells(self.recording, self.file.ignored(model))
             base = self.fit(model).base
@@ -143,7 +143,7 @@ class Study:
         return made
 
     def determined_joint(self, model: str) -> JointTrial:
-        """The same, but refused where it is not determined.
+        """The same, but raises an error if undetermined.
 
         Raises:
             ExcitationError: The motion does not separate the base parameters.
@@ -166,7 +166,7 @@ class Study:
         return replace(self.known, tree=trees[axes]())
 
     def _kept(self, model: str) -> tuple[str, ...] | None:
-        """Names of base parameters that a model shares with another one."""
+        """Names of base parameters that a model shares with another one; None if it shares none."""
         described = self.file.models[model]
         if described.parameters is None:
             return None
@@ -179,13 +179,13 @@ class Study:
 
     @cached_property
     def recovered(self) -> RecoveredAxes:
-        """The axes as the measured poses tell them."""
+        """The axes recovered from the measured poses."""
         poses = measured_poses(self.known.tree, self.recording)
         return recover_axes(self.known.tree, poses, significance=self.significance)
 
     @property
     def recovers(self) -> bool:
-        """Whether some model has recovered axes."""
+        """True if some model has recovered axes."""
         return any(model.axes == "recovered" for model in self.file.models.values())
 
     @cached_property
@@ -208,17 +208,17 @@ class Study:
 
     @cached_property
     def true(self) -> TotalWrench:
-        """The same from true values."""
+        """The same from noise-free values."""
         return self.problem.total(self.recording.noise_free)
 
     @property
     def several(self) -> bool:
-        """Whether there are several contacts."""
+        """True if there are several contacts."""
         return len(self.file.scene.contacts) > 1
 
     @property
     def touching(self) -> dict[str, np.ndarray]:
-        """When each contact touches (N,); one without a sensor for its normal force is held and never let go."""
+        """Samples in which each contact touches (N,); one without a sensor of its normal force always does."""
         true = self.recording.true
         held = np.ones(len(self.recording.time))
         return {name: true.get(f"{name}_normal_force", held) > 0 for name in self.file.scene.contacts}
@@ -228,7 +228,7 @@ def simulated(file: StudyFile) -> Study:
     """Simulates the scene of a study and identifies all its models by least squares.
 
     Raises:
-        InputError: Something that the file states makes no sense.
+        InputError: An entry of the file is invalid.
         ExcitationError: The motion does not separate the base parameters.
     """
     recording = simulate(

@@ -1,4 +1,4 @@
-"""Base parameters from recordings of any length, read and worked on piece by piece."""
+"""Base parameters from recordings of any length, read and processed piece by piece."""
 
 import argparse
 import hashlib
@@ -44,20 +44,20 @@ from ident.regression.ordinary import PIECE, Fit, huber_white, solve
 from sim.models.mechanism import mechanism
 
 FILE = "accumulated.npz"
-"""File in the output folder that keeps what has been read."""
+"""File in the output folder with the progress."""
 
 OUTPUTS = (FILE, PAGE, "estimate.json", "provenance.json", *(f"base_parameters.{end}" for end in ("csv", "md", "tex")))
-"""All files that are written."""
+"""All output files."""
 
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """What is known of the pieces read so far, kept in a file.
+    """Progress over the pieces read so far, saved in a file.
 
     Attributes:
-        file: Where it is kept.
-        identity: What decides the result, as JSON has it.
-        found: Accumulator of the pieces, None before the first.
+        file: The file.
+        identity: Settings that determine the result, in JSON types.
+        found: Accumulator of the pieces; None before the first.
         done: Number of pieces.
     """
 
@@ -91,29 +91,29 @@ class Progress:
         return Progress(self.file, self.identity, found, done)
 
     def and_piece(self, part: Accumulator) -> "Progress":
-        """With one piece more."""
+        """The progress with one more piece."""
         found = part if self.found is None else self.found + part
         return Progress(self.file, self.identity, found, self.done + 1)
 
     def save(self) -> None:
-        """Writes the file anew."""
+        """Writes the file."""
         save_arrays(self.file, {"identity": json.dumps(self.identity), "done": self.done, **vars(self.found)})
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What is read, and how it becomes samples.
+    """Recordings to read, and settings for making samples of them.
 
     Attributes:
-        equations: What is fitted.
-        files: Recordings, one after the other.
-        columns: Mapping of their columns; without it they have the channels' names.
+        equations: The equations to fit.
+        files: Recordings in order.
+        columns: Mapping of their columns; by default they are named like channels.
         piece: Samples read at a time.
-        sensors: Where wrenches besides the ground's are measured, by their names.
+        sensors: Sensors of the wrenches besides the ground's, by name.
         without: Names of wrenches to leave out.
-        limit: Bytes that a piece of a npz file may take in memory.
-        seen: What has been seen of the channels.
-        notes: Sentences on what was detected in the files; more are appended.
+        limit: Bytes that a piece of an npz file may take in memory.
+        seen: Statistics of the channels.
+        notes: Sentences on the files; more are appended.
     """
 
     equations: Equations
@@ -127,10 +127,10 @@ class Reading:
     notes: list[str] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Samples]:
-        """Pieces of all files, checked against the mechanism.
+        """Yields pieces of all files, checked against the mechanism.
 
         Raises:
-            LogError: A file is no recording of this mechanism.
+            LogError: A file is not a recording of this mechanism.
         """
         for file in self.files:
             try:
@@ -178,12 +178,12 @@ def accumulated(
     executor: Executor,
     ahead: int | None = None,
 ) -> Accumulator:
-    """What all pieces give, those included that an earlier run has done.
+    """Accumulator of all pieces, including those of an earlier run.
 
     Args:
-        progress: What is done, and where it is kept.
-        reading: What is read.
-        executor: Who works on the pieces.
+        progress: The progress so far.
+        reading: The recordings.
+        executor: Executor for the pieces.
         ahead: Number of pieces to submit ahead, as for `in_order`.
 
     Raises:
@@ -228,7 +228,7 @@ def table(estimate: Fit) -> report.Table:
 
 
 def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
-    """Everything about the estimate for scripts."""
+    """All numbers of the estimate for scripts."""
     rank = estimate.parameters.rank
     return {
         "verdict": judged.verdict,
@@ -250,7 +250,7 @@ def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Identifies, and writes and prints what was found."""
+    """Identifies, and writes and prints the results."""
     inputs = _inputs(args)
     identity = _identity(args)
     reading = _reading(args)
@@ -279,7 +279,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _said(args: argparse.Namespace, estimate: Fit, judged: Judged, notes: Sequence[str]) -> Said:
-    """What the page says besides the table."""
+    """The page's text besides the table."""
     files = ", ".join(file.name for file in args.recordings)
     return Said(
         f"{args.model.name}, identified from {files} in pieces",
@@ -290,7 +290,7 @@ def _said(args: argparse.Namespace, estimate: Fit, judged: Judged, notes: Sequen
 
 
 def _reading(args: argparse.Namespace) -> Reading:
-    """What the options say of the mechanism and of its recordings."""
+    """Reading of the mechanism and recordings that the options describe."""
     if GROUND in args.contact:
         raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
     arm = mechanism(args.model, args.base, ignore=args.ignore, fix=options.fixed(args.fix), packages=args.packages)
@@ -302,7 +302,7 @@ def _reading(args: argparse.Namespace) -> Reading:
 
 
 def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool) -> Passed:
-    """What one pass over another recording leaves."""
+    """One pass over another recording."""
     other = replace(reading, files=[file], equations=equations, seen=Seen.of(equations.mechanism.tree))
     parts = in_order(pool.executor, partial(accumulate, equations), other, ahead=pool.ahead)
     with closing(parts):
@@ -310,7 +310,7 @@ def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPo
 
 
 def _inputs(args: argparse.Namespace) -> list[Path]:
-    """All files that are read."""
+    """All input files."""
     inputs = [args.model, *args.recordings, *filter(None, [args.columns, args.held_out])]
     for file in inputs:
         if not file.is_file():
@@ -321,7 +321,7 @@ def _inputs(args: argparse.Namespace) -> list[Path]:
 
 
 def _lines(estimate: Fit, judged: Judged) -> list[str]:
-    """The main numbers in sentences."""
+    """Sentences with the main numbers."""
     rms = estimate.residual_norms / np.sqrt(estimate.samples)
     residuals = ", ".join(f"{name} {x:.3g}" for name, x in zip(COMPONENTS, rms, strict=True))
     ratios = ", ".join(f"{name} {x:.2g}" for name, x in judged.ratio.items())
@@ -334,7 +334,7 @@ def _lines(estimate: Fit, judged: Judged) -> list[str]:
 
 
 def text(estimate: Fit, judged: Judged) -> str:
-    """What the terminal shows."""
+    """Text for the terminal."""
     return "\n".join(
         [
             table(estimate).text(),
@@ -346,7 +346,7 @@ def text(estimate: Fit, judged: Judged) -> str:
 
 
 def _identity(args: argparse.Namespace) -> dict[str, Any]:
-    """What decides what is accumulated."""
+    """Settings that determine the accumulated sums."""
     stats = [(file.resolve(), file.stat()) for file in args.recordings]
     return {
         "model": hashlib.sha256(args.model.read_bytes()).hexdigest(),

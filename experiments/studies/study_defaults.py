@@ -1,4 +1,4 @@
-"""What tables and figures of a study show where its file does not say it."""
+"""Default entries for tables and figures of a study file."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,7 +18,7 @@ CONTACTS = "Measured wrenches in the base frame that the links exert on what tou
 
 
 def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entries]:
-    """Entries of tables and of figures by their kinds: captions, and the models that have parameters of their own."""
+    """Default entries of tables and of figures by kind: captions, and the models with parameters of their own."""
     own = labelled([name for name, model in models.items() if model.parameters is None])
     tables: Entries = {
         "parameters": {"caption": ""},
@@ -35,7 +35,7 @@ def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entri
 
 
 def labelled(models: Sequence[str]) -> dict[str, str]:
-    """Models by what legends call them: their names in words, or as they are where words would say the same of two.
+    """Models by label: their names in words, or unchanged names if the words are not unique.
 
     >>> labelled(["full", "a_b", "a b"])
     {'Full': 'full', 'a_b': 'a_b', 'a b': 'a b'}

@@ -1,4 +1,4 @@
-"""Reading a study file: every entry is checked, and what nobody would read is refused."""
+"""Reading of study files: each entry is checked, and unknown entries are errors."""
 
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
@@ -21,19 +21,19 @@ from ident.tolerances import HUGE
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
 
 EXCITATIONS = {"double_pendulum": DOUBLE_PENDULUM, "bowing": BOWING}
-"""Motions that have a name."""
+"""Named motions."""
 
 PUBLISHED = {"section_6": paper.SECTION_6, "section_7": paper.SECTION_7}
-"""Numbers of the paper's that have a name."""
+"""Named sets of the paper's numbers."""
 
 PACKAGED = ("misaligned", "multicontact", "several_contacts")
-"""Studies that come with this package, a file each."""
+"""Studies in this package, a file each."""
 
 QUANTITIES = (
     *("true", "true_scene", "true_paper", "estimated", "error", "std_wrench_noise", "paper_error", "regrouping"),
     *("estimated_weighted", "error_weighted", "std_weighted", "joint_estimated", "joint_error", "joint_std"),
 )
-"""What a column of a table of parameters can show of a model."""
+"""Quantities of a model that a column of a parameter table can show."""
 
 TABLES = {
     "parameters": ("groups", "marked", "footnote", "decimals"),
@@ -43,20 +43,20 @@ TABLES = {
 """Entries of each kind of table, beside `kind` and `caption`."""
 
 FIGURES = {"wrenches": ("curves",), "wrench errors": ("curves",), "residuals": ("curves",), "contacts": ()}
-"""The same of figures."""
+"""Entries of each kind of figure, beside `kind` and `caption`."""
 
 DIGITS = 12
-"""Most decimals that a table prints."""
+"""Largest number of decimals in a table."""
 
 WRENCHES = ("true", "measured", "ground")
-"""What a curve of wrenches can be besides a model's: the true and the measured total one, and the ground's."""
+"""Curves of wrenches besides those of models: the true and the measured total, and the ground's."""
 
 
 def packaged(name: str, **options: Any) -> StudyFile:
     """One of the studies in this package with other values for some of its options.
 
     Raises:
-        InputError: It has no such option, or the value makes no sense.
+        InputError: It has no such option, or the value is invalid.
     """
     several = name == "multicontact" and len(str(options.get("contact", "")).split()) > 1
     text = files("experiments.studies").joinpath(f"{'several_contacts' if several else name}.toml")
@@ -75,7 +75,7 @@ def read(path: Path) -> StudyFile:
         )
     try:
         entries = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    # Not all are the parser's own: Python refuses numbers of thousands of digits, and deep nesting.
+    # Python itself raises errors for numbers of thousands of digits and deep nesting.
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: a study needs to be TOML in UTF-8 ({error}).") from None
     try:
@@ -85,7 +85,7 @@ def read(path: Path) -> StudyFile:
 
 
 def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
-    """A study from the entries of a file in a folder, which is where it looks for models."""
+    """A study from the entries of a file; models are searched in its folder."""
     known = {field.name for field in fields(StudyFile)} - {"noise", "samples", "seed", "noise_scale", "joint_trials"}
     check_keys("the study", entries, sorted(known | {"recording"}))
     for needed in ("scene", "models"):
@@ -116,10 +116,10 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
 
 
 def choice(where: str, value: Any, choices: Collection[str]) -> str:
-    """One of some words.
+    """The value, if it is one of the choices.
 
     Raises:
-        InputError: It is none.
+        InputError: It is not.
     """
     if not isinstance(value, str) or value not in choices:
         raise InputError(f"{where} needs one of {', '.join(choices) or 'none'}, got '{short(value)}'.")
@@ -127,7 +127,7 @@ def choice(where: str, value: Any, choices: Collection[str]) -> str:
 
 
 def several(where: str, value: Any, choices: Collection[str]) -> tuple[str, ...]:
-    """A list of different words out of some; errors as for `choice`."""
+    """The list as a tuple, if all are different and among the choices; errors as for `choice`."""
     if not isinstance(value, list) or len({str(x) for x in value}) < len(value):
         raise InputError(f"{where} needs a list of different ones of {', '.join(choices)}, got {short(value)}.")
     return tuple(choice(where, each, choices) for each in value)
@@ -162,7 +162,7 @@ def _scene(entry: Mapping[str, Any], folder: Path) -> Scene:
 
 
 def _contacts(value: Any, own: bool) -> Mapping[str, str]:
-    """Sites of load cells by the names of contacts: in a file of one's own a table, else a list of the package's."""
+    """Sites of load cells by contact: a table in a user's own file, else a list of the package's contacts."""
     if own and isinstance(value, dict):
         return {name: _text(f"scene.contacts.{name}", site) for name, site in value.items()}
     if own and value != []:
@@ -210,7 +210,7 @@ def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, Model]:
         models[name] = Model(
             title=_text(f"{where}.title", entry.get("title", f"{name.replace('_', ' ')} model")),
             axes=choice(f"{where}.axes", entry.get("axes", "drawn"), AXES),
-            # Those before it, so that no two wait for each other.
+            # Only earlier models, so that there are no cycles.
             parameters=choice(f"{where}.parameters", entry["parameters"], models) if "parameters" in entry else None,
             ignored=ALL if given == "all" else several(f"{where}.ignore", given, scene.contacts),
             estimators=several(f"{where}.estimators", entry.get("estimators", ["ordinary"]), ESTIMATORS),
@@ -244,7 +244,7 @@ def _shown(
     scene: Scene,
     unsaid: Mapping[str, Mapping[str, Any]],
 ) -> Mapping[str, Mapping[str, Any]]:
-    """Tables or figures by the names of their files, each with `kind`, `caption` and, `unsaid`, what is usual of it."""
+    """Tables or figures by file name, each with `kind`, `caption` and defaults from `unsaid`."""
     shown = {}
     for name, value in table(f"[{what}]", entries.get(what, {})).items():
         where, entry = f"{what}.{name}", table(f"{what}.{name}", value)
@@ -255,7 +255,7 @@ def _shown(
         entry = {**unsaid[kind], **entry}
         if kind == "contacts" and not scene.contacts:
             raise InputError(f"{where} shows contacts, but [scene] has none.")
-        # What a kind is made of comes first, and there has to be some of it.
+        # The first entry of a kind is its content, and must not be empty.
         for needed in kinds[kind][:1]:
             if needed != "decimals" and not entry.get(needed):
                 raise InputError(f"{where} needs {needed}.")
@@ -265,7 +265,7 @@ def _shown(
 
 
 def _check_shown(where: str, entry: Mapping[str, Any], models: Mapping[str, Model], more: Sequence[str]) -> None:
-    """Refuses entries of a table or a figure that make no sense; curves can be `more` than models."""
+    """Checks the entries of a table or a figure; curves can be `more` than models."""
     groups, marked = entry.get("groups", []), entry.get("marked", [])
     if not isinstance(groups, list) or not isinstance(marked, list):
         raise InputError(f"{where} needs groups and marked to be lists, got {short(groups)} and {short(marked)}.")

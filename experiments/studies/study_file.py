@@ -1,4 +1,4 @@
-"""A study as one file states it: scene, excitation, noise, models with their estimators, tables and figures."""
+"""A study as stated in one file: scene, excitation, noise, models with their estimators, tables and figures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,23 +14,23 @@ from sim.models.refusals import refusals
 from sim.motion.excitation import Excitation
 
 AXES = ("drawn", "recovered", "true")
-"""Joint axes of a model: as the scene draws them, as measured poses tell them, or as they were tilted."""
+"""Joint axes of a model: as the scene draws them, recovered from measured poses, or tilted."""
 
 
 ALL = ("all",)
-"""Contacts that are ignored where none is known."""
+"""Ignored contacts of a model that includes none."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Who moves, and what is touched.
+    """The mechanism that moves, and its contacts.
 
     Attributes:
         model: Name of a scene of the package, or an MJCF file.
-        base: Body whose frame is {0}, None for the world's.
-        tilt_deg: Angle of all hinge axes from where they are drawn; None where no tilt is studied.
+        base: Body whose frame is {0}; None for the world.
+        tilt_deg: Angle of all hinge axes from the drawn ones; None without a tilt.
         azimuth_deg: Direction of the tilt, from +Y to +Z.
-        contacts: For each contact the site of its load cell, with which the names of its channels begin.
+        contacts: Site of each contact's load cell, which is the prefix of its channels.
     """
 
     model: str | Path
@@ -41,16 +41,16 @@ class Scene:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What trials must have in common."""
+        """Settings that all trials of one run share."""
         tilt = {} if self.tilt_deg is None else {"tilt_deg": self.tilt_deg, "azimuth_deg": self.azimuth_deg}
         contact = {"contact": " ".join(self.contacts)} if self.contacts else {}
         return {"name": self.model if isinstance(self.model, str) else self.model.name, **tilt, **contact}
 
     def spec(self, *, tilted: bool = True) -> mujoco.MjSpec:
-        """The scene, its axes tilted or as they are drawn.
+        """The scene, with tilted or drawn axes.
 
         Raises:
-            InputError: The tilt makes no sense; likewise ModelError, MuJoCo cannot read the file.
+            InputError: The tilt is invalid; or, as ModelError, MuJoCo cannot read the file.
         """
         tilt, azimuth = (self.tilt_deg or 0.0, self.azimuth_deg) if tilted else (0.0, 0.0)
         if isinstance(self.model, str):
@@ -68,14 +68,14 @@ def _from_file(path: Path) -> mujoco.MjSpec:
 
 @dataclass(frozen=True)
 class Model:
-    """What is identified, and how.
+    """A model to identify, with its estimators.
 
     Attributes:
-        title: What it is called in sentences.
+        title: Name in sentences.
         axes: One of `AXES`.
-        parameters: Name of the model whose base parameters it has; None for the first independent columns.
-        ignored: Contacts whose wrenches it does not know; `ALL` whichever there are.
-        estimators: Of `fitting.ESTIMATORS`, the first for the numbers of the summary.
+        parameters: Name of the model whose base parameters it shares; None for the first independent columns.
+        ignored: Contacts whose wrenches it omits; `ALL` for all.
+        estimators: Some of `fitting.ESTIMATORS`; the first gives the numbers of the summary.
     """
 
     title: str
@@ -87,22 +87,22 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class StudyFile:
-    """All that a file states.
+    """Contents of a study file.
 
     Attributes:
-        title: What is studied.
+        title: Title of the study.
         scene: The scene.
         excitation: The motion.
-        noise: Standard deviations of channels other than the scene states, in the sensors' units.
+        noise: Standard deviations of channels that differ from the scene's, in the sensors' units.
         samples: Samples of the recording.
         seed: Seed of all noise.
         noise_scale: Factor on all noise.
-        models: Models by their names.
-        main: The one whose numbers stand in the summary without its name.
-        trials: Models of which many trials are made, by what the tables call them.
-        joint_trials: The one of these whose joint estimate is tried too.
+        models: Models by name.
+        main: The model whose numbers are in the summary without its name.
+        trials: Models of Monte Carlo trials, by their names in tables.
+        joint_trials: The one of these with trials of the joint estimate.
         published: Numbers to compare with: `true` by parameter, `error` and `condition_number` by model.
-        tables: Entries of tables by the names of their files; likewise `figures`.
+        tables: Entries of tables by file name; likewise `figures`.
     """
 
     title: str
@@ -122,7 +122,7 @@ class StudyFile:
 
     @cached_property
     def options(self) -> dict[str, Any]:
-        """What can be chosen anew for a run, with its value."""
+        """Options that a run can change, with their values."""
         scene = self.scene
         tilt = {} if scene.tilt_deg is None else {"tilt_deg": scene.tilt_deg, "azimuth_deg": scene.azimuth_deg}
         contact = {"contact": " ".join(scene.contacts)} if scene.contacts and isinstance(scene.model, str) else {}
@@ -143,12 +143,12 @@ class StudyFile:
         return replace(self, scene=replace(self.scene, **scene), **options)
 
     def ignored(self, model: str) -> tuple[str, ...]:
-        """Contacts that a model knows nothing of."""
+        """Contacts that a model omits."""
         ignored = self.models[model].ignored
         return tuple(self.scene.contacts) if ignored == ALL else ignored
 
     def spec(self) -> mujoco.MjSpec:
-        """The scene that is simulated, with the noise that the file states.
+        """The scene to simulate, with the file's noise.
 
         Raises:
             InputError: A channel does not exist; or as for `Scene.spec`.
@@ -162,5 +162,5 @@ class StudyFile:
         return spec
 
     def suffix(self, model: str) -> str:
-        """What the names of a model's numbers end with."""
+        """Suffix of the names of a model's numbers."""
         return "" if model == self.main else f"_{model}"

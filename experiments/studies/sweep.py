@@ -37,21 +37,21 @@ CHARTED = {
         "contact_peak_force_N": "Peak contact force (N)",
     },
 }
-"""Numbers of a study's summary that the chart shows if none are named, and their titles."""
+"""Numbers of a study's summary that the chart shows by default, and their titles."""
 
 FILE = "runs.npz"
-"""File in the output folder that keeps every run's summary."""
+"""File in the output folder with the summaries of all runs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What a study found for each value and seed.
+    """Results of a study for each value and seed.
 
     Attributes:
         option: Name of the option.
         values: Its values.
-        runs: Value, seed and summary of each run, or under `refused` why the study refused it; all values with the
-            first seed, then with the next.
+        runs: Value, seed and summary of each run, or its error under `refused`; all values with the first seed, then
+            with the next.
     """
 
     option: str
@@ -60,17 +60,17 @@ class Sweep:
 
     @property
     def names(self) -> list[str]:
-        """Names of the numbers in the summaries, without those that are the paper's."""
+        """Names of the numbers in the summaries, without the paper's."""
         names = dict.fromkeys(name for run in self.runs for name, x in run.items() if isinstance(x, int | float))
         return [name for name in names if not name.startswith("paper_") and name not in (self.option, "seed")]
 
     def numbers(self, name: str) -> np.ndarray:
-        """A number for each seed and value (seeds, values); NaN where a summary does not have it."""
+        """A number for each seed and value (seeds, values); NaN if a summary lacks it."""
         return np.array([run.get(name, np.nan) for run in self.runs], dtype=float).reshape(-1, len(self.values))
 
 
 def run_of(study: str, option: str, run: tuple[str | float, int]) -> list[str]:
-    """What a worker makes of a value and a seed: a batch of one summary, as JSON."""
+    """Summary of a study with a value and a seed as JSON, in a batch of one; run by workers."""
     value, seed = run
     try:
         found = study_report.summary(simulated(packaged(study, **{option: value}, seed=seed)))
@@ -83,7 +83,7 @@ def values_of(study: str, option: str, texts: Sequence[str]) -> list[str | float
     """Values of a study's option, of its default's type.
 
     Raises:
-        InputError: The study has no such option, or the values are none, equal or not of that type.
+        InputError: The study has no such option, or the values are missing, equal or not of that type.
     """
     defaults = {name: value for name, value in packaged(study).options.items() if name != "seed"}
     if option not in defaults:
@@ -112,7 +112,7 @@ def table(found: Sweep, names: Sequence[str]) -> report.Table:
 
 
 def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
-    """Some numbers over the option, a panel for each: every seed as a dot, and their mean as a line."""
+    """Chart of some numbers over the option, a panel for each: all seeds as dots, and their mean as a line."""
     numeric = not isinstance(found.values[0], str)
     x = np.array(found.values) if numeric else np.arange(len(found.values))
     order = np.argsort(x)
@@ -140,7 +140,7 @@ def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
 
 
 def _statistics(x: np.ndarray) -> tuple[int, float | None, float | None]:
-    """Number of runs that have a number, its mean and its standard deviation, as far as they are defined."""
+    """Number of runs that have a number, its mean and its standard deviation; None if undefined."""
     known = x[np.isfinite(x)]
     mean = float(known.mean()) if len(known) else None
     return len(known), mean, float(known.std(ddof=1)) if len(known) > 1 else None
@@ -153,10 +153,10 @@ def _label(name: str) -> str:
 
 
 def swept(args: argparse.Namespace, option: str, values: Sequence[str | float]) -> Sweep:
-    """Runs the study with every value and seed, or what an interrupted run has left of them.
+    """Runs the study with each value and seed, or the remainder of an interrupted run.
 
     Raises:
-        InputError: The study refuses every run, or a worker died.
+        InputError: All runs raise errors, or a worker died.
     """
     runs = [(value, seed) for seed in range(args.seeds) for value in values]
     kept = Checkpoint("runs", args.out / FILE, {"study": args.study, "option": option, "values": values})
@@ -177,7 +177,7 @@ def swept(args: argparse.Namespace, option: str, values: Sequence[str | float]) 
 
 
 def run(args: argparse.Namespace) -> None:
-    """Runs the sweep and writes and prints its results."""
+    """Runs the sweep, and writes and prints its results."""
     option, *texts = args.over
     values = values_of(args.study, option, texts)
     args.out = args.out / args.study / option

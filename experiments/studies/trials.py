@@ -1,4 +1,4 @@
-"""Many trials of one study, with whatever workers there are, interrupted and resumed without loss."""
+"""Monte Carlo trials of one study by a worker pool, interrupted and resumed without loss."""
 
 import argparse
 from collections.abc import Callable, Iterable, Sequence
@@ -20,17 +20,17 @@ from ident.recordings.recording import Recording
 from sim.simulation.simulate import simulate_many, with_noise
 
 FILE, JOINT_FILE = "trials.npz", "trials_joint.npz"
-"""Files in the output folder that keep every trial's outcome, by least squares and by the joint estimate."""
+"""Files in the output folder with the outcomes of all trials, by least squares and by the joint estimate."""
 
 BATCH = 8
-"""Most trials that a worker does at once: half a second's work if all noise is drawn anew."""
+"""Largest number of trials in a worker's task: half a second's work if all noise is drawn anew."""
 
 Outcome = np.ndarray
-"""Errors and predicted standard deviations of every model's base parameters (models, 2, parameters)."""
+"""Errors and predicted standard deviations of each model's base parameters (models, 2, parameters)."""
 
 
 def outcome(*fits: Trial | JointTrial) -> Outcome:
-    """What a trial keeps of its fits."""
+    """Outcome of a trial with these fits."""
     return np.array([[fit.error, fit.std] for fit in fits])
 
 
@@ -39,7 +39,7 @@ class Draw:
     """A source of recordings that differ by their noise.
 
     Attributes:
-        file: The study; of its seed trial k has a seed of its own, made of this one and k.
+        file: The study; the seed of trial k is made of its seed and k.
         redrawn: One of `defaults.REDRAWN`.
         recording: The one simulation of `sensors` and `wrench`.
     """
@@ -50,7 +50,7 @@ class Draw:
 
     @classmethod
     def of(cls, file: StudyFile, redrawn: str, recording: Recording) -> "Draw":
-        """From a study, what is drawn anew, and the study's recording."""
+        """Draw of a study, from the noise to redraw and the study's recording."""
         if redrawn == "wrench":
             # Only wrench channels keep their noise; their names end as `Recording.wrench` expects.
             noise = {k: v if k.endswith(("_force", "_torque")) else 0.0 for k, v in recording.noise.items()}
@@ -59,7 +59,7 @@ class Draw:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What trials must have in common to belong to one run."""
+        """Settings that all trials of one run share."""
         return {
             "scene": self.file.scene.identity,
             "scene_sha256": self.recording.provenance["scene_sha256"],
@@ -70,7 +70,7 @@ class Draw:
         }
 
     def recordings(self, trials: Iterable[int], threads: int = 1) -> list[Recording]:
-        """The recordings of some trials, the same whoever asks and in however many threads they are simulated."""
+        """The recordings of some trials, independent of workers and threads."""
         seeds = [np.random.SeedSequence((self.file.seed, k)) for k in trials]
         if self.redrawn != "all":
             return [with_noise(self.recording, np.random.default_rng(seed)) for seed in seeds]
@@ -100,20 +100,20 @@ def run_trials(
 
     Args:
         draw: Source of the recordings.
-        analyse: What becomes of a recording; sent to the workers, so a module's function or a partial of one.
+        analyse: Function of a recording; sent to the workers, so a module's function or a partial of one.
         trials: Number of trials.
-        executor: Who does them. Each worker uses one thread for linear algebra, so that sums are taken in the same
+        executor: Executor of the trials. Each worker uses one thread for linear algebra, so that sums have the same
             order everywhere.
         ahead: Number of batches of trials to submit ahead, as for `in_order`.
         threads: Number of threads in which each worker simulates.
-        file: Where the trials done are kept.
+        file: File of the finished trials.
         done: Outcomes of the first trials, from an interrupted run.
-        what: What the progress bar calls them.
+        what: Name of the trials in the progress bar.
 
     Raises:
         InputError: A trial failed.
         OSError: The trials could not be saved.
-        Exception: What the executor raises when its workers die. The trials done before are in `file`.
+        Exception: Errors of the executor when its workers die. The finished trials are in `file`.
     """
     left = range(len(done), trials)
     size = min(BATCH, 1 + len(left) // 16)
@@ -125,7 +125,7 @@ def run_trials(
 
 
 def trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
-    """Outcomes that an interrupted run left, if the command line asks to resume it.
+    """Outcomes of an interrupted run, if the command line asks to resume it.
 
     Raises:
         InputError: There are none, or they belong to another run.
@@ -138,18 +138,18 @@ def trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
 
 
 def joint_trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
-    """The same of the joint estimate's trials; none where the run was interrupted before them."""
+    """The same for the joint estimate; empty if the run was interrupted before its trials."""
     kept = joint_trials_kept(draw, args)
     return kept.done() if args.resume and kept.file.exists() else []
 
 
 def joint_trials_kept(draw: Draw, args: argparse.Namespace) -> Checkpoint:
-    """Where the joint estimate's trials are kept."""
+    """Checkpoint of the joint estimate's trials."""
     return Checkpoint("joint trials", args.out / JOINT_FILE, draw.identity)
 
 
 def _outcomes(
     draw: Draw, analyse: Callable[[Recording], Outcome], threads: int, trials: Sequence[int]
 ) -> list[Outcome]:
-    """What a worker makes of a batch of trials."""
+    """Outcomes of a batch of trials; run by workers."""
     return [analyse(recording) for recording in draw.recordings(trials, threads)]
