@@ -1,4 +1,4 @@
-"""A symbolic model written down: as LaTeX, as a Python function and as a C function."""
+"""A symbolic model as text: LaTeX, a Python function and a C function."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from experiments.output.figures import parameter_symbol
 from experiments.symbols.symbolic import SymbolicModel, decimals
 
 READABLE = 250
-"""Up to so many operations, shared ones counted once, the LaTeX form is expanded in sines of sums of angles."""
+"""Largest number of operations, shared ones counted once, at which LaTeX is expanded in sines of sums of angles."""
 
 LINE = 54
 """Width of the right-hand side of a printed equation, in letters; an article at 11 pt has room for it."""
@@ -22,12 +22,12 @@ Definitions = list[tuple[sympy.Symbol, sympy.Expr]]
 
 
 def plain(text: str) -> str:
-    """A name that can stand in any comment, docstring or path: ASCII word characters, dots, colons, blanks, hyphens."""
+    """A name for any comment, docstring or path: ASCII word characters, dots, colons, blanks, hyphens."""
     return re.sub(r"[^\w.: -]", "_", text, flags=re.ASCII)
 
 
 def python_source(model: SymbolicModel, name: str) -> str:
-    """A module with the function `base_wrench_regressor`; it needs nothing but numpy."""
+    """A module with the function `base_wrench_regressor`, which needs numpy only."""
     shared, entries = _shared(model.Y)
     printer = PythonCodePrinter({"fully_qualified_modules": False})
     rows, columns = model.Y.shape
@@ -95,7 +95,7 @@ def c_source(model: SymbolicModel, name: str) -> str:
 
 
 def latex_source(model: SymbolicModel, name: str) -> str:
-    """The base parameters and their columns of the regressor, to be included in a document that uses amsmath."""
+    """The base parameters and their columns of the regressor, for inclusion in a document with amsmath."""
     columns = model.regrouping.reduce(model.Y)
     shared, entries = _shared(columns)
     # Counted without sharing, the operations of a long chain grow without bounds.
@@ -132,7 +132,7 @@ def _arguments(model: SymbolicModel) -> dict[str, list[sympy.Symbol]]:
 
 
 def _description(model: SymbolicModel) -> list[str]:
-    """What stands where; plain text for a comment."""
+    """Order of joints and columns, and units, as plain text for a comment."""
     joints = ", ".join(map(plain, model.mechanism.tree.joints))
     return [
         f"Joints: {joints or 'none'}.",
@@ -151,7 +151,7 @@ def _shared(Y: np.ndarray) -> tuple[Definitions, list[tuple[int, int, sympy.Expr
 
 
 def _waves(Y: np.ndarray) -> tuple[Definitions, list[tuple[int, int, sympy.Expr]]]:
-    """As `_shared`, but of sines and cosines only."""
+    """As `_shared`, but only for sines and cosines."""
     atoms = set().union(*(x.atoms(sympy.sin, sympy.cos) for x in Y.flat))
     symbols = {x: sympy.Symbol(f"x{k}") for k, x in enumerate(sorted(atoms, key=sympy.default_sort_key), start=1)}
     entries = [(r, c, x.xreplace(symbols)) for (r, c), x in np.ndenumerate(Y) if x != 0]
@@ -177,7 +177,7 @@ def _latex_names(model: SymbolicModel) -> dict[sympy.Symbol, str]:
 
 
 def _align(rows: Sequence[str]) -> list[str]:
-    """Equations one below the other, over several pages where need be."""
+    """Equations one below the other, over several pages if necessary."""
     if not rows:
         return []
     body = " \\\\\n".join(map(_broken, rows))

@@ -1,4 +1,4 @@
-"""A mechanism's model in symbols as files: from its name or its MJCF or URDF file to LaTeX, Python and C."""
+"""Derivation of a mechanism's symbolic model: from its name or model file to files in LaTeX, Python and C."""
 
 import argparse
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _tree(path: str, base: str | None, ignore: Sequence[str]) -> Tree:
-    """The mechanism of a model file, which needs to have mass."""
+    """The mechanism of a model file, which must have mass."""
     arm = mechanism(path, base, ignore=ignore)
     if arm.prior is None:
         raise ModelError(f"A mechanism needs mass; {', '.join(arm.bodies)} have none.")

@@ -17,31 +17,31 @@ from ident.model import dim
 from ident.parameters.base_parameters import BaseParameters, find_base_parameters
 
 ROUNDING = 1e-9
-"""Entries of poses and axes this close to a whole number are one, as are directions given with ten digits."""
+"""Distance from a whole number below which entries of poses and axes are one: directions have ten digits or more."""
 
 FEW = 6
-"""Up to so many lengths coefficients are exact whatever the directions."""
+"""Largest number of lengths for which coefficients are exact with arbitrary directions."""
 
 LONG = 1000
-"""Fractions with larger denominators are written as decimals."""
+"""Largest denominator of fractions that are not written as decimals."""
 
 DENOMINATOR = 10**9
-"""Largest denominator of the fractions that stand for other entries, which makes them right to 1e-16."""
+"""Largest denominator of the fractions for other entries, which are then right to 1e-16."""
 
 
 class Symbol(sympy.Symbol):  # type: ignore[misc]
     """A real symbol that numpy's sine and cosine take."""
 
     def __new__(cls, name: str) -> "Symbol":
-        """A symbol of that name."""
+        """Returns a symbol of that name."""
         return super().__new__(cls, name, real=True)
 
     def sin(self) -> sympy.Expr:
-        """Sine, as numpy asks for it."""
+        """Sine, called by numpy."""
         return sympy.sin(self)
 
     def cos(self) -> sympy.Expr:
-        """Cosine, as numpy asks for it."""
+        """Cosine, called by numpy."""
         return sympy.cos(self)
 
 
@@ -54,8 +54,8 @@ class SymbolicModel:
         lengths: Numerical value of each length, m.
         motion: Symbols of one sample.
         Y: The regressor of Eq. 14 (6, 10 b).
-        regrouping: How parameters regroup, with exact coefficients, rational functions of the lengths.
-        reason: Why they are decimals instead, at the lengths' values; empty if they are not.
+        regrouping: Regrouping with exact coefficients, which are rational functions of the lengths.
+        reason: Reason for decimal coefficients at the lengths' values; empty if they are exact.
     """
 
     mechanism: Mechanism
@@ -67,11 +67,11 @@ class SymbolicModel:
 
     @property
     def exact(self) -> bool:
-        """Whether the regrouping has exact coefficients."""
+        """True if the regrouping has exact coefficients."""
         return not self.reason
 
     def base_expressions(self) -> dict[str, sympy.Expr]:
-        """Each base parameter by its name, in symbols of φ and of the lengths."""
+        """Each base parameter by name, in symbols of φ and of the lengths."""
         base, phi = self.regrouping, [sympy.Symbol(name) for name in self.regrouping.parameters]
         return {
             base.parameters[k]: phi[k] + sum(c * phi[d] for c, d in zip(row, base.dependent, strict=True))
@@ -91,7 +91,7 @@ def derive(tree: Tree, lengths: dict[Symbol, float]) -> SymbolicModel:
     coordinates, freedoms = sum(body.coordinates for body in tree.bodies), len(tree.freedoms)
     motion = Motion(_symbols("q", coordinates), _symbols("dq", freedoms), _symbols("ddq", freedoms))
     gravity = np.array([Symbol(f"g_{axis}") for axis in "xyz"])
-    # Products of long fractions grow; decimals with digits to spare do not.
+    # Products of long fractions grow; decimals with spare digits do not.
     short = _each(lambda x: decimals(x, 20))
     bodies = [replace(body, home=short(body.home), twist=short(body.twist)) for body in tree.bodies]
     mechanism, Y = Mechanism(tree, gravity), dim.base_wrench_regressor(Mechanism(Tree(tuple(bodies)), gravity), motion)
@@ -107,7 +107,7 @@ def derive(tree: Tree, lengths: dict[Symbol, float]) -> SymbolicModel:
 
 
 def decimals(x: sympy.Expr, digits: int) -> sympy.Expr:
-    """An expression with its long fractions and decimals rounded to some digits, whole ones as such."""
+    """An expression with long fractions and decimals rounded to some digits; whole ones become integers."""
 
     def rounded(number: sympy.Number) -> sympy.Number:
         value = number.evalf(digits)
@@ -135,14 +135,14 @@ def exact_base_parameters(tree: Tree, lengths: list[Symbol]) -> BaseParameters:
 
 
 def table_1() -> tuple[Tree, dict[Symbol, float]]:
-    """The double pendulum as Table I prints it, with T and l_1 as symbols; their values are the scene's."""
+    """The double pendulum of Table I, with T and l_1 as symbols; their values are the scene's."""
     lengths = _lengths_of_the_tables()
     *base, length = lengths
     return _without_rounding(tree_of_table_1(np.array(base), length)), lengths
 
 
 def table_2() -> tuple[Tree, dict[Symbol, float]]:
-    """The double pendulum as Table II prints it: home poses in the world, and twists about X."""
+    """The double pendulum of Table II: home poses in the world, and twists about X."""
     lengths = _lengths_of_the_tables()
     T_x, T_y, T_z, length = lengths
     home = np.tile(np.eye(4, dtype=int).astype(object), (3, 1, 1))
@@ -159,7 +159,7 @@ def _lengths_of_the_tables() -> dict[Symbol, float]:
 
 
 def with_values(tree: Tree, lengths: dict[Symbol, float]) -> Tree:
-    """A mechanism of symbols as one of numbers."""
+    """A symbolic mechanism with numbers for its symbols."""
 
     def values(x: np.ndarray) -> np.ndarray:
         return _each(lambda entry: float(sympy.sympify(entry).subs(lengths)))(x).astype(float)
@@ -168,7 +168,7 @@ def with_values(tree: Tree, lengths: dict[Symbol, float]) -> Tree:
 
 
 def exact_tree(tree: Tree) -> tuple[Tree, dict[Symbol, float]]:
-    """A mechanism of numbers with symbols for its lengths and exact numbers for its directions.
+    """A numeric mechanism with symbols for its lengths and exact numbers for its directions.
 
     Offsets of body i from its parent become `l{i}x`, `l{i}y`, `l{i}z`, offsets of its joint's axis from its frame
     `c{i}x`, …; zeros stay zeros. Directions along frame axes are whole numbers, others fractions within 1e-16 of the
@@ -220,7 +220,7 @@ def _fraction(x: float) -> sympy.Rational:
 
 
 def _exact_rotation(R: np.ndarray) -> np.ndarray:
-    """A rotation matrix of whole numbers, or of a quaternion of fractions."""
+    """A rotation matrix of whole numbers, or from a quaternion of fractions."""
     if np.abs(R - np.round(R)).max() < ROUNDING:
         return _each(_exact_number)(R)
     x, y, z, w = map(_fraction, Rotation.from_matrix(R).as_quat())
@@ -240,7 +240,7 @@ def _exact_direction(u: np.ndarray) -> np.ndarray:
 
 
 def _is_aligned(tree: Tree) -> bool:
-    """Whether all axes are along axes of the frames, and these along one another."""
+    """True if all axes are along axes of the frames, and these along one another."""
     directions = [np.concatenate([body.home[:3, :3].ravel(), body.motions[3:].ravel()]) for body in tree.bodies]
     return all(sympy.sympify(x).is_Integer for x in np.concatenate(directions))
 
@@ -250,7 +250,7 @@ def _symbols(name: str, count: int) -> np.ndarray:
 
 
 def _each(function: Callable) -> Callable[[np.ndarray], np.ndarray]:
-    """A function of one entry as a function of arrays."""
+    """A function of arrays from a function of one entry."""
 
     def of_array(x: np.ndarray) -> np.ndarray:
         out = np.empty(np.shape(x), dtype=object)
@@ -262,6 +262,6 @@ def _each(function: Callable) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _without_rounding(tree: Tree) -> Tree:
-    """A tree of symbols whose decimals, such as the cosine of a right angle, are exact numbers again."""
+    """A symbolic tree whose decimals, such as the cosine of a right angle, are replaced by exact numbers."""
     exact = _each(lambda x: sympy.expand(x).replace(lambda part: part.is_Float, _exact_number))
     return Tree(tuple(replace(body, home=exact(body.home), twist=exact(body.twist)) for body in tree.bodies))
