@@ -8,7 +8,7 @@ from ident.tolerances import HOLDOUT
 
 
 def run(args: argparse.Namespace) -> None:
-    """Identifies and writes and prints what was found."""
+    """Identifies, and writes and prints the results."""
     from experiments.output import payload_report, report
     from experiments.output.page import PAGE, complain
     from experiments.studies.identification import recorded

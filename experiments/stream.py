@@ -1,7 +1,7 @@
 """Base parameters from recordings of any length, read and worked on piece by piece.
 
-They are those of `identify --estimator ordinary --holdout 0` with the same options: other estimators need all residuals
-at once and passes until they settle, and a fraction to hold out the number of samples before the first is read.
+Results are those of `identify --estimator ordinary --holdout 0` with the same options: other estimators need all
+residuals at once and several passes, and a held-out fraction needs the number of samples before the first is read.
 """
 
 import argparse
@@ -11,7 +11,7 @@ from experiments.cli import options
 
 
 def run(args: argparse.Namespace) -> None:
-    """Identifies, and writes and prints what was found."""
+    """Identifies, and writes and prints the results."""
     from experiments.studies import stream
 
     stream.run(args)

@@ -1,4 +1,4 @@
-"""A simulated study of your own, all of it stated in one file: its tables and figures as they are printed."""
+"""A simulated study of your own, stated in one file: its tables and figures as in print."""
 
 import argparse
 from pathlib import Path
@@ -7,7 +7,7 @@ from experiments.cli import options
 
 
 def run(args: argparse.Namespace) -> None:
-    """Runs the study and writes and prints its results."""
+    """Runs the study, and writes and prints its results."""
     from experiments.output import study_report
     from experiments.studies.study_entries import PACKAGED, packaged, read
 

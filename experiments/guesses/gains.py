@@ -64,7 +64,7 @@ def _set_units(found: dict[str, Quantity], gains: dict[str, Gain], seen: Seen) -
     """Sets units and signs of torques, and gains where the unit is unknown and no torque has the model's size.
 
     The log was read in N m, unless the unit was known. A program writes all torques in one unit: if some have the
-        model's size, one that has not is due to another body.
+    model's size, one that has not is due to another body.
     """
     stated = {
         j: unit_of("hinge torque", words(x.column).unit) or seen.units.get(x.column, "") for j, x in found.items()

@@ -22,7 +22,7 @@ def add_named(belief: Belief, seen: Seen, joints: Sequence[str], taken: Sequence
     """Adds the columns that are named like joints, if unambiguous.
 
     Numbers alone are ambiguous, since they may start at zero or one: `add_aligned` aligns whole series of them,
-        `add_numbered` the remaining columns.
+    `add_numbered` the remaining columns.
 
     Args:
         belief: The belief to extend.

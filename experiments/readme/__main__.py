@@ -7,7 +7,7 @@ from experiments.cli import options
 
 
 def run(args: argparse.Namespace) -> None:
-    """Writes the generated parts of the pages, their figures and the record of the benchmark anew."""
+    """Writes the generated parts of the pages, their figures and the benchmark's record."""
     from experiments.readme import blocks
 
     blocks.write(args.root)
