@@ -22,7 +22,7 @@ TILTED = STRAIGHT.with_twists(np.tile([0, 0, 0, *tilted_axis(5, 120)], (2, 1)))
 
 
 def moved_by(size, samples=3000, seed=0, tree=STRAIGHT, noise=1e-3):
-    """Motions of a size about one posture: the smaller, the less the columns of the regressor differ."""
+    """Motions of some size about one posture: the smaller, the more alike are the columns of the regressor."""
     rng = np.random.default_rng(seed)
     q = rng.normal(size=2) + size * rng.normal(size=(samples, 2))
     dq, ddq = size * rng.normal(size=(2, samples, 2))
@@ -64,7 +64,7 @@ def by_householder(rows, target):
     ],
 )
 def test_as_accurate_as_householder_in_extended_precision(tree, size, condition, noise):
-    """One problem's error is a matter of luck, by factors of ten; the sum of some is not."""
+    """The error of one problem varies by factors of ten at random; the sum over several does not."""
     base, errors = find_base_parameters(tree, gravity=GRAVITY), []
     for seed in range(16):
         samples = moved_by(size, 500, tree=tree, noise=noise, seed=seed)
@@ -82,7 +82,7 @@ def test_as_accurate_as_householder_in_extended_precision(tree, size, condition,
 
 
 def test_normal_equations_would_not_do():
-    """What the coordinates are for: without them the condition number is squared."""
+    """Without the coordinates the condition number is squared."""
     base = find_base_parameters(TILTED, gravity=GRAVITY)
     samples = moved_by(1e-3, 2000, tree=TILTED)
     rows, target = rows_of(TILTED, samples, base), samples.measured.ravel()
@@ -94,7 +94,7 @@ def test_normal_equations_would_not_do():
 
 @pytest.mark.parametrize(("quiet", "renewed"), [(0.0, 0), (1e-7, 1), (1e-3, 0)])
 def test_a_quiet_beginning_is_put_right_by_qr(quiet, renewed):
-    """Coordinates made while the joints hardly move may not fit the motion that follows."""
+    """Coordinates from almost resting joints may not suit the motion that follows."""
     base = find_base_parameters(STRAIGHT, gravity=GRAVITY)
     parts = [moved_by(quiet, CHUNK, seed=1), moved_by(1.0, CHUNK, seed=2), moved_by(0.3, CHUNK, seed=3)]
     found = fitted(STRAIGHT, parts, gravity=GRAVITY, parameters=base)
@@ -112,7 +112,7 @@ def test_a_quiet_beginning_is_put_right_by_qr(quiet, renewed):
 
 
 def test_a_long_rest_needs_no_new_coordinates():
-    """What rounding leaves of columns that the others say all of is not taken for a motion, chunk after chunk."""
+    """Rounding errors of dependent columns do not count as motion, over many chunks."""
     known, rest = equations(STRAIGHT), moved_by(0.0, 2000)
     total = None
     for k in range(0, len(rest), 50):
@@ -185,7 +185,7 @@ def test_what_does_not_belong_together_does_not_add():
 
 
 def test_memory_is_flat(monkeypatch):
-    """Above the inputs, and with inputs that come in pieces; in a second pass as well."""
+    """Memory above the inputs, and with inputs in pieces; also in a second pass."""
 
     def peak(source, work=fitted):
         tracemalloc.start()
@@ -226,7 +226,7 @@ def at_rest(samples, seed, noise):
 
 
 def one_at_a_time(samples):
-    """A joint rests in each half of the recording."""
+    """A recording in each half of which one joint rests."""
     half = len(samples) // 2
     q, dq, ddq = (x.copy() for x in samples.motion.states)
     for x, rest in ((q, 0.3), (dq, 0), (ddq, 0)):
@@ -271,7 +271,7 @@ def test_no_split_costs_digits(parts):
 
 @pytest.mark.parametrize(("out", "least"), [(0, 1e-7), (1e-12, 1e-7), (1e-6, 1e-6), (0.1, 0.1)])
 def test_coordinates_are_regular_and_leave_what_is_excited(out, least):
-    """A column sticks out of the span of others by 1e-7 of itself at least, and by what it does where that is more."""
+    """A column's part outside the span of others is at least 1e-7 of its norm, or its true size if that is larger."""
     rng = np.random.default_rng(0)
     Q = linalg.qr(rng.normal(size=(50, 4)), mode="economic")[0]
     rows = np.column_stack([Q[:, 0], Q[:, 1], Q[:, :2] @ [0.6, 0.8] + out * Q[:, 2], Q[:, 3]]) * [1, 10, 0.1, 100]
@@ -279,16 +279,16 @@ def test_coordinates_are_regular_and_leave_what_is_excited(out, least):
     sizes = abs(np.diag(P)) / np.linalg.norm(P, axis=0)
     np.testing.assert_allclose(sizes, [1, 1, least / np.hypot(1, out), 1], rtol=0.01)
     np.testing.assert_allclose(np.linalg.norm(P, axis=0), np.linalg.norm(rows, axis=0), rtol=1e-9)
-    # One that is nothing but zeros, or rounding, is measured against the others.
+    # A column of zeros or rounding errors is measured against the others.
     still = np.column_stack([Q[:, 0], 1e-20 * out * Q[:, 1], Q[:, 2]])
     np.testing.assert_allclose(abs(np.diag(_regular_triangle(still))), [1, 1e-14, 1], rtol=0.01)
     np.testing.assert_allclose(abs(np.diag(_regular_triangle(np.zeros((3, 2))))), 1e-7, rtol=0.01)
 
 
 def test_only_what_hardly_sticks_out_is_combined():
-    """Where less than a tenth of a column's squares is not in the span of those before it, that span is taken out.
+    """Earlier columns are projected out of a column with less than a tenth of its squares outside their span.
 
-    Of the last column, what is measured, it is in any case.
+    They are always projected out of the last column, the measurements.
     """
     rng = np.random.default_rng(0)
     a, b, c, d = linalg.qr(rng.normal(size=(50, 4)), mode="economic")[0].T
@@ -297,7 +297,7 @@ def test_only_what_hardly_sticks_out_is_combined():
     np.testing.assert_array_equal(P[:, :2], np.eye(4)[:, :2])
     Z = rows @ np.linalg.inv(P)
     np.testing.assert_allclose(Z[:, 2:], np.column_stack([0.2 * c, 1e-3 * d]), atol=1e-14)
-    # Triangular in an order of the columns: then the first one is what hardly sticks out.
+    # Triangular in an order of the columns: then the first one is nearly in the span of others.
     order = np.array([1, 2, 0, 3])
     P = _factor(rows[:, order], order)
     np.testing.assert_array_equal(P[:, order][:, :2], np.eye(4)[:, :2])

@@ -1,4 +1,4 @@
-"""What is left out of products is zero whatever the motion is, and nothing else is."""
+"""Entries left out of products are exactly those that are zero for all motions."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ SAMPLES = 300
 
 
 def random_equations(seed):
-    """Of some components of the wrench, or all, of joint torques with drives, or of both; and random samples."""
+    """Equations of some or all wrench components, of joint torques with drives, or of both; and random samples."""
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, kinds=("revolute", "prismatic", "ball", "welded"))
     mechanism = Mechanism(tree, rng.normal(size=3))
@@ -46,7 +46,7 @@ def test_what_a_channel_does_not_see_is_zero(seed):
 
 
 def test_forces_leave_out_all_columns_of_inertias():
-    """Of a chain, forces see the mass and three first moments of each body at most."""
+    """In a chain, forces depend at most on the mass and the three first moments of each body."""
     rng = np.random.default_rng(0)
     tree = random_tree(rng, 12, kinds=("revolute",), chain=True)
     equations = Equations.of_wrench(Mechanism(tree, rng.normal(size=3)))

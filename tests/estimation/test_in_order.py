@@ -14,7 +14,7 @@ def test_it_is_map_whoever_finishes_first():
     released[7].set()
 
     def function(k):
-        # Every item waits for the one after it.
+        # Each item waits for the next one.
         assert released[k].wait(timeout=60)
         released.get(k - 1, threading.Event()).set()
         return k**2
@@ -51,7 +51,7 @@ def test_pending_items_are_cancelled_when_nobody_takes_their_results():
             next(results)
             assert busy.wait(timeout=60)
         go.set()
-    # Item 1 was being worked on, items 2 to 4 were in the queue.
+    # Item 1 was in progress, items 2 to 4 were in the queue.
     assert done == [0, 1]
 
 

@@ -1,4 +1,4 @@
-"""Noise that channels and coordinates are taken to have at least: resolution, flat channels, coordinates that rest."""
+"""Lower bounds on the noise of channels and coordinates: resolution, flat channels, coordinates at rest."""
 
 import os
 import warnings
@@ -36,7 +36,7 @@ def test_the_torque_of_a_finger_is_not_flat_beside_that_of_a_hip():
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_noise_is_no_less_than_that_of_rounding(seed):
-    """Slow motions in coarse steps: what the fit leaves of them is far less than the steps make."""
+    """For slow motions in coarse steps, the fit's residuals are far smaller than the steps."""
     steps = {"forces": 0.3, "moments": 0.03, "angles": 2 * np.pi / 4096}
     estimate = ident.identify(PENDULUM, recorded(seed, speed=0.1, jitter=0, **steps))
     noise, floor = estimate.joint.fit.noise, np.array([0.3, 0.3, 0.3, 0.03, 0.03, 0.03]) / np.sqrt(12)
@@ -46,7 +46,7 @@ def test_noise_is_no_less_than_that_of_rounding(seed):
 
 
 def flat_for_a_while(channel, value=0.0):
-    """A recording of which a component rests in the part that is fitted, and then goes on in steps of 0.3."""
+    """A recording with a component that is constant in the fitted part, and then goes on in steps of 0.3."""
     recording = faulty(1)
     wrench = wrench_of(recording)
     wrench[:, channel] = value + 0.3 * ((np.arange(len(wrench)) > 650) & (np.arange(len(wrench)) % 9 == 0))
@@ -71,14 +71,14 @@ def test_one_that_should_change_there_is_called_stuck():
 
 
 def test_what_is_known_of_bodies_is_symmetric():
-    """A plain inverse is not, by more than its smallest eigenvalue where light bodies hang on joints that rest."""
+    """A plain inverse is asymmetric by more than its smallest eigenvalue if light bodies hang on joints at rest."""
     precision = ident.identify(PENDULUM, faulty(), known=True).joint.fit.prior.precision
     np.testing.assert_array_equal(precision, precision.T)
 
 
 @pytest.mark.skipif("MULTICONTACT_DATA" not in os.environ, reason="needs the recorded data in MULTICONTACT_DATA")
 def test_a_walkers_forearms_rest():
-    """At their limit, of which no column may be left out."""
+    """Forearms rest at the joints' limits, and none of their columns may be left out."""
     folder = Path(os.environ["MULTICONTACT_DATA"]) / "subject4_walking"
     log = f"{folder / 'walking1_ik.mot'}+{folder / 'walking1_grf.mot'}"
     fix = {"mtp_angle_r": (), "mtp_angle_l": ()}
@@ -91,7 +91,7 @@ def test_a_walkers_forearms_rest():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_joint_at_rest_is_held_where_it_is(seed):
-    """Its angle is one number, without noise."""
+    """The angle of a joint at rest is one number, without noise."""
     estimate = ident.identify(PENDULUM, recorded(seed, speed=1.5, rests=0.7, noise=1))
     assert estimate.prepared.notes == ("'joint2' rests at 0.7.",)
     fit = estimate.joint.fit

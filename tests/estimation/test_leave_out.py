@@ -1,4 +1,4 @@
-"""Channels that are left out of equations, estimate and judgement, of a moving base, of a ground and of torques."""
+"""Left-out channels of equations, estimate and verdict, with a moving base, a ground, and torques."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from sim.motion.excitation import DOUBLE_PENDULUM
 
 
 def posed(sway):
-    """A person whose pelvis's pose is measured, on a plate and a rail; what they read sways about its own x."""
+    """A person with a measured pelvis pose, on a plate and a rail whose readings sway about their own x."""
     rng, (time, q, *_) = np.random.default_rng(0), walker.motion()
     total, places = walker.truth(walker.SMALL)
     poses, share = places["pelvis"].copy(), 0.2 + 0.1 * np.sin(3 * time)
@@ -81,7 +81,7 @@ def test_torques_are_left_out_by_their_joints(pendulum):
 
 
 def test_what_contacts_never_read_together_is_left_out():
-    """A force that is zero throughout, as simulations in a plane have it, has a noise that nobody knows."""
+    """A force that is zero throughout, as in planar simulations, has unknown noise."""
     person, recording = sagittal_walker.mechanism(), sagittal_walker.recording(sway=0.0)
     level = {name: x * [1, 1, 0] if name.endswith("_force") else x for name, x in recording.measured.items()}
     estimate = ident.identify(person, replace(recording, measured=level))

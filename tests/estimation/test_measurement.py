@@ -18,7 +18,7 @@ from ident.recordings.wrench import Sensor
 from ident.tolerances import STRIBECK
 
 SMALL = 1e-4
-"""Size of rotations whose third order does not matter."""
+"""Size of rotations whose third order is negligible."""
 
 
 def stated(measurement, states, wrenches, theta):
@@ -89,14 +89,14 @@ def test_where_nothing_holds_the_base_what_is_left_of_a_wrench_is_in_the_bases_a
 
 
 def with_plate(m):
-    """The same with its first contact resting in the world."""
+    """The measurement with its first contact at rest in the world."""
     name, hand = next(iter(m.contacts.items()))
     return replace(m, contacts={**m.contacts, name: replace(hand, frame="world")})
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_plate_in_the_world_is_what_the_body_feels_wherever_it_is(seed):
-    """A wrench carried over to the body's frame, sample by sample, by poses of base and body."""
+    """The wrench is transformed to the body's frame, sample by sample, by the poses of base and body."""
     rng = np.random.default_rng(seed)
     m = random_measurement(rng, moving=bool(seed % 2), contacts=2, setup=False)
     m = replace(m, frame=None if seed > 2 else m.frame)
@@ -120,14 +120,14 @@ def test_bodies_that_take_turns_on_a_plate_share_where_it_is():
     m = replace(m, frame=None, contacts=turns, setup=setup_parameters(m.equations, ["plate"], held=False))
     states, wrenches, theta = random_inputs(rng, m)
     other = replace(m, contacts={"plate": Sensor(two[0], place, frame="world")})
-    # Without joint torques it does not matter who stands there.
+    # Without joint torques the body on the plate does not matter.
     expected = other.values(states, wrenches[..., :6] + wrenches[..., 6:], theta)
     np.testing.assert_allclose(m.values(states, wrenches, theta), expected, atol=1e-11 * abs(expected).max())
 
 
 @pytest.mark.parametrize("held", [True, False])
 def test_a_contact_is_what_its_sensor_reads_over_its_gains(held):
-    """Of the average over neighbours: the noise of the rest is not to be made smaller."""
+    """Gains apply to the average over neighbours only, so that they cannot make the noise of the rest smaller."""
     rng = np.random.default_rng(3)
     m = random_measurement(rng, moving=True, torques=held)
     m = m if held else replace(m, frame=None, equations=m.equations.with_offsets(()))
@@ -142,7 +142,7 @@ def test_a_contact_is_what_its_sensor_reads_over_its_gains(held):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_derivatives_are_central_differences(seed):
-    """Of states and every kind of parameter, the set-up's included."""
+    """With respect to states and all kinds of parameters, including the set-up's."""
     rng = np.random.default_rng(seed)
     kinds = (*SCREWS, "revolute", "ball")
     m = random_measurement(rng, 3, kinds, moving=bool(seed % 2), torques=seed > 1, contacts=1)
@@ -176,7 +176,7 @@ def test_every_kind_of_set_up_parameter_is_among_those_differentiated():
 
 
 def changed(m, states, wrenches, theta, **values):
-    """Channels (N, C) with set-up parameters as given, and the stated ones."""
+    """Channels (N, C) with the given set-up parameters, and the stated ones."""
     theta = theta.copy()
     theta[len(m.equations.names) :] = 0
     before = m.values(states, wrenches, theta).T
@@ -192,7 +192,7 @@ def vector(kind, of, value):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_origin_and_rotation_place_the_sensors_frame_in_the_one_stated(seed):
-    """For the ground's sensor and for a contact's, whose noise, the rest beside averages, stays where it is."""
+    """For the ground's sensor and for a contact's, whose average over neighbours moves, but not the noise beside it."""
     rng = np.random.default_rng(seed)
     m = random_measurement(rng, 4, JOINTS, torques=False, moving=bool(seed % 2))
     m = replace(m, equations=m.equations.with_offsets(()))
@@ -246,7 +246,7 @@ def test_gains_gravity_and_axes_are_those_of_another_laboratory(seed):
 
 
 def _turned(body, turn):
-    """A body whose joint's axis is turned about its point next to the body's origin, the pitch kept."""
+    """A body whose joint axis is turned about its point next to the body's origin, with the same pitch."""
     v, w = body.twist[:3], body.twist[3:]
     pitch, point = v @ w, np.cross(w, v)
     return replace(body, twist=np.concatenate([np.cross(point, turn @ w) + pitch * (turn @ w), turn @ w]))

@@ -47,7 +47,7 @@ def test_what_does_not_turn_has_neither_zero_nor_axis_and_torques_no_frame():
 
 @pytest.mark.parametrize("seed", range(10))
 def test_tilts_are_about_axes_across(seed):
-    """The axis that is nearest to the direction is left out, so that the two tilts turn it by about their size."""
+    """The axis nearest to the direction is left out, so that the two tilts turn it by about their size."""
     direction = np.random.default_rng(seed).normal(size=3)
     axes = across(direction)
     assert axes == sorted(set(range(3)) - {int(np.argmax(abs(direction)))})

@@ -1,4 +1,4 @@
-"""Least squares at the best of several cut-offs, beside which an estimate is judged."""
+"""Least squares at the best of several cut-offs, the rival of an estimate."""
 
 from dataclasses import replace
 from functools import cache
@@ -18,7 +18,7 @@ NOTHING = np.zeros(13), np.zeros((13, 13))
 
 
 def ready(seed=0, noise=1.0):
-    """A recording of the pendulum whose angles are so many times as noisy."""
+    """A recording of the pendulum with the noise of its angles scaled."""
     recording, rng = faulty(seed), np.random.default_rng(seed)
     q = recording.of_joints(PENDULUM.tree.joints, "position")
     q = q + np.sqrt(noise**2 - 1) * 0.004 * rng.normal(size=q.shape)
@@ -26,7 +26,7 @@ def ready(seed=0, noise=1.0):
 
 
 def left(log, part, found):
-    """Residual over signal of the channels but for Fx, which nothing moves."""
+    """Residual over signal of all channels except Fx, which is constant."""
     measured = log.recording.total_wrench(PENDULUM.tree).values[log.taken(part)]
     return (np.sqrt(((measured - found.predicted[0]) ** 2).mean(axis=0)) / measured.std(axis=0))[1:]
 
@@ -72,7 +72,7 @@ def arm():
 
 
 def rubbing(seconds=10.0, seed=0):
-    """Angles and torques of an arm whose joints rub by 2 N m and stick for 20 ms around each reversal."""
+    """Angles and torques of an arm with friction of 2 N m that sticks for 20 ms at each reversal."""
     mechanism, (t, q, dq, ddq) = arm(), wrist.motion(seconds, 100.0)
     rng = np.random.default_rng(seed)
     torque = ident.joint_torque_regressor(mechanism.tree, q, dq, ddq, gravity=mechanism.gravity) @ mechanism.known
@@ -99,7 +99,7 @@ def test_samples_near_reversals_are_left_alone(monkeypatch):
 
 
 def test_signals_and_residuals_of_sums_are_those_of_their_samples():
-    """Of `[Y | low-passed | raw]`, in two parts, a channel being raw more than what is low-passed of it."""
+    """For `[Y | low-passed | raw]` in two parts, with one more raw channel than low-passed ones."""
     rng = np.random.default_rng(0)
     Y, low, x = rng.normal(size=(2, 50, 3)), rng.normal(size=(2, 50)) + 3, np.array([1.0, -2, 0.5])
     raw = low + 2 * rng.normal(size=(2, 50))

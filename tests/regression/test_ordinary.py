@@ -73,7 +73,7 @@ def test_weighted_least_squares_is_ordinary_on_whitened_rows():
 
 @pytest.mark.parametrize("noise", [np.tile(CONSTANT, (200, 1, 1)), MOVING], ids=["constant", "moving"])
 def test_standard_deviations_are_the_spread_of_the_estimates(noise):
-    """One pass knows the components' own noise, two passes and a covariance also how it is correlated and changes."""
+    """One pass knows each component's own noise, two passes and a covariance also its correlation and changes."""
     rng, root = np.random.default_rng(0), np.linalg.cholesky(noise)
     trials = []
     for _ in range(600):
@@ -81,7 +81,7 @@ def test_standard_deviations_are_the_spread_of_the_estimates(noise):
         trials.append([*both_passes(sampled(*STATES, wrench)), identified(wrench, covariance=noise, parameters=BASE)])
     for way, estimates in zip(("one pass", "two passes", "weighted"), zip(*trials, strict=True), strict=True):
         spread = np.std([estimate.psi for estimate in estimates], axis=0)
-        # 600 trials know a standard deviation to 3 %; 13 of them stay within 4 standard errors.
+        # 600 trials determine a standard deviation to 3 %; 13 of them stay within 4 standard errors.
         off = 0.6 if (way, noise is MOVING) == ("one pass", True) else 0.12
         np.testing.assert_allclose(np.mean([estimate.std for estimate in estimates], axis=0), spread, rtol=off)
         bias = np.mean([estimate.psi for estimate in estimates], axis=0) - BASE.regroup(PHI)
@@ -90,7 +90,7 @@ def test_standard_deviations_are_the_spread_of_the_estimates(noise):
 
 def test_weights_reduce_the_uncertainty():
     ratio = identified(noisy(), covariance=CONSTANT).std / identified(noisy()).std
-    # Ten times less noise on the moments is worth most where they say most; residuals know a std to some 10 %.
+    # Moments with a tenth of the noise matter most for some parameters; residuals determine their std to about 10 %.
     assert ratio.max() < 1.4
     assert ratio.min() < 0.5
 
@@ -146,7 +146,7 @@ def test_a_joint_at_rest_is_named():
     with pytest.raises(ExcitationError, match=r"200 samples.*m2rz2.*m3rz3.* combinations") as raised:
         identified(wrench, states)
     assert {"m2rz2", "m3rz3"} <= set(raised.value.parameters) < set(find_base_parameters(TREE, gravity=GRAVITY).names)
-    # A worker process sends its errors home.
+    # A worker process sends back its errors.
     sent = pickle.loads(pickle.dumps(raised.value))
     assert (str(sent), sent.parameters) == (str(raised.value), raised.value.parameters)
 
@@ -178,7 +178,7 @@ def test_the_check_takes_noise_of_some_samples_for_that_of_all():
 
 
 def test_what_counts_as_excited_and_who_is_named():
-    """Columns at a small angle are told from rounding, and columns from their own noise if half as long again."""
+    """Columns at a small angle exceed rounding errors, and columns half as long again as their noise exceed it."""
     names = ("a", "b", "c")
     for ratio, excited in ((2e-10, True), (0.5e-10, False)):
         triangle = np.eye(3)
@@ -186,11 +186,11 @@ def test_what_counts_as_excited_and_who_is_named():
         with nullcontext() if excited else pytest.raises(ExcitationError, match="parameters a, b: 2 of 3"):
             check_excitation(triangle, names, 10)
     for level, excited in ((0.65, True), (0.68, False)):
-        # Ten rows of noise stand for those of ten samples, six times as many.
+        # Ten rows of noise represent those of ten samples, six times as many.
         noise = np.tile([level / np.sqrt(60), 0, 0], (10, 1))
         with nullcontext() if excited else pytest.raises(ExcitationError, match="parameters a: 2 of 3"):
             check_excitation(np.eye(3), names, 10, noise)
-    # Unit columns that add up to nothing as a + b + share c, which is named from a tenth on.
+    # Unit columns with a + b + share c = 0, in which c is named from a share of a tenth on.
     for share, named in ((0.05, "a, b"), (0.2, "a, b, c")):
         b = np.array([-share / 2, np.sqrt(1 - share**2 / 4), 0])
         triangle = np.column_stack([-b - [share, 0, 0], b, [1, 0, 0]])
@@ -208,7 +208,7 @@ def test_too_few_samples_are_not_enough():
 
 @pytest.mark.parametrize("samples", [20, 100])
 def test_a_loud_component_does_not_hide_a_quiet_one(samples):
-    """Standard deviations in one pass where the noise of forces is twenty times that of moments, and few samples."""
+    """Standard deviations in one pass, with noise on forces twenty times that on moments, and few samples."""
     rng, level = np.random.default_rng(0), np.array([1, 1, 1, 0.05, 0.05, 0.05])
     states = random_states(rng, TREE, samples)
     true = base_wrench_regressor(TREE, *states, gravity=GRAVITY) @ PHI
@@ -252,7 +252,7 @@ def smooth_states(samples=600):
 
 
 def autoregressive(rng, correlation, samples=600):
-    """Noise of the levels above that has a correlation from one sample to the next."""
+    """Noise of the levels above with an autocorrelation at a lag of one sample."""
     u = rng.normal(size=(samples + 300, 6))
     return STD * np.sqrt(1 - correlation**2) * lfilter([1], [1, -correlation], u, axis=0)[300:]
 
@@ -276,7 +276,7 @@ def both_passes(samples, parameters=BASE):
     ],
 )
 def test_intervals_hold_for_noise_that_is_correlated_over_time(correlation, weighted, one_pass, two_passes):
-    """Two passes cover the truth of every parameter; one pass takes all noise for white."""
+    """Two passes have full coverage for every parameter; one pass treats all noise as white."""
     rng, covered = np.random.default_rng(1), []
     covariance = CONSTANT if weighted else None
     for _ in range(200):
@@ -285,12 +285,12 @@ def test_intervals_hold_for_noise_that_is_correlated_over_time(correlation, weig
         covered.append([abs(trial.psi - BASE.regroup(PHI)) < 1.96 * trial.std for trial in trials])
     for (low, high), share in zip((one_pass, two_passes), np.mean(covered, axis=0), strict=True):
         assert low < share.mean() < high, share
-    # 200 trials know a share of 0.95 to 0.015.
+    # 200 trials determine a coverage of 0.95 to 0.015.
     assert share.min() >= 0.9, share
 
 
 def test_white_noise_leaves_huber_and_whites_formula(monkeypatch):
-    """To the last digit where no correlation is beyond chance, also in parts; five of six components have rows."""
+    """To the last digit if no correlation is significant, also in parts; five of six components have rows."""
     wrench = SWING + autoregressive(np.random.default_rng(1), 0)
     first, found = both_passes(sampled(*SMOOTH, wrench))
     columns = BASE.reduce(base_wrench_regressor(TREE, *SMOOTH, gravity=GRAVITY))
@@ -302,14 +302,14 @@ def test_white_noise_leaves_huber_and_whites_formula(monkeypatch):
         in_parts = huber_white(first, sampled(*SMOOTH, wrench))
     for covariance in (found.covariance, in_parts.covariance):
         np.testing.assert_allclose(covariance, usual, rtol=1e-8, atol=1e-16)
-    # Of a covariance only the proportions are needed.
+    # Only the proportions of a covariance matter.
     one, nine = (both_passes(sampled(*SMOOTH, wrench, covariance=scale * CONSTANT))[1] for scale in (1, 9))
     np.testing.assert_allclose(nine.std, one.std, rtol=1e-9)
 
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, weighted):
-    """Also where a part is longer than the pieces, or they are longer than a part, and it remembers across borders."""
+    """Also if a part is longer than the pieces or shorter, with memory across the borders."""
     wrench = SWING + autoregressive(np.random.default_rng(0), 0.9)
     covariance = np.tile(CONSTANT, (600, 1, 1)) if weighted else None
     samples = sampled(*SMOOTH, wrench, covariance=covariance)
@@ -326,7 +326,7 @@ def test_a_second_pass_over_pieces_is_that_over_the_whole(monkeypatch, weighted)
     monkeypatch.setattr(module, "PIECE", 250)
     for source in (samples, parts):
         halves = huber_white(first, source)
-        # Either half knows its own correlation, and what the other leaves to it.
+        # Each half estimates its own correlation, and continues into the other.
         np.testing.assert_allclose(halves.std, whole.std, rtol=0.3)
     np.testing.assert_allclose(halves.std, huber_white(first, samples).std, rtol=1e-9)
 
@@ -349,7 +349,7 @@ def test_an_estimate_says_what_its_standard_deviations_take_the_noise_for():
 
 
 def test_variances_of_the_components_are_unbiased():
-    """The expected squares of residuals, from the fit's projection, give back the variances they were made of."""
+    """The expected squares of residuals, from the fit's projection, return the true variances."""
     rng, samples = np.random.default_rng(0), 5
     Q = np.linalg.qr(rng.normal(size=(6 * samples, 4)))[0].reshape(samples, 6, 4)
     flat, variances = Q.reshape(-1, 4), rng.uniform(0.1, 5, size=6)

@@ -16,7 +16,7 @@ TRUE = np.array([2.0, -1.0, 0.5])
 
 @dataclass(frozen=True)
 class Columns:
-    """Equations whose columns (N, C, m) are given in the place of a motion."""
+    """Equations with given columns (N, C, m) in place of a motion."""
 
     channels: tuple[str, ...]
     names: tuple[str, ...]
@@ -67,7 +67,7 @@ def test_the_fit_solves_hubers_equations():
 
 
 def test_a_channel_that_is_fitted_exactly_keeps_a_finite_weight():
-    """Where nothing is measured the coefficient goes to zero, and the channel's residual with it."""
+    """Without a signal the coefficient goes to zero, and so does the channel's residual."""
     columns, measured = case(np.random.default_rng(3))
     columns[:, 1, :2] = measured[:, 1] = 0
     fit = fit_of(columns, measured)
@@ -94,7 +94,7 @@ def test_gross_outliers_move_the_fit_by_less_than_its_interval():
 
 @pytest.mark.parametrize("colour", [None, 0.02])
 def test_standard_deviations_are_right_for_white_and_for_slow_noise(colour):
-    """Over 200 recordings the errors are as large as predicted, whatever the noise's autocorrelation."""
+    """Over 200 recordings the errors are as large as predicted, for any autocorrelation of the noise."""
     samples, errors, predicted = 600, [], []
     for seed in range(200):
         rng = np.random.default_rng(seed)
@@ -112,13 +112,13 @@ def test_standard_deviations_are_right_for_white_and_for_slow_noise(colour):
 
 
 def autoregressive(rng, correlation, shape):
-    """Noise of variance one with a correlation from one sample to the next, samples last."""
+    """Noise of variance one with an autocorrelation at a lag of one sample, samples last."""
     u = rng.normal(size=(*shape[:-1], shape[-1] + 2000))
     return lfilter([np.sqrt(1 - correlation**2)], [1, -correlation], u, axis=-1)[..., 2000:]
 
 
 def errors_over_predicted(columns, correlation, recordings=300):
-    """Root mean square errors of ordinary least squares over the root mean square of their standard deviations."""
+    """RMS errors of ordinary least squares over the RMS of their standard deviations."""
     noise = autoregressive(np.random.default_rng(0), correlation, (recordings, len(columns)))
     fits = [fit_of(columns[:, None], x[:, None], weighted=False) for x in noise]
     squares, variances = (
@@ -128,7 +128,7 @@ def errors_over_predicted(columns, correlation, recordings=300):
 
 
 def test_what_a_fit_takes_of_the_noise_is_given_back():
-    """With few samples for their number of columns, and in recordings of a few of the noise's correlation times."""
+    """With few samples per column, and in recordings of a few correlation times of the noise."""
     few = errors_over_predicted(np.random.default_rng(1).normal(size=(20, 8)), 0)
     assert (few > 0.9).all() and (few < 1.1).all()
     t = np.arange(300) / 100
@@ -138,16 +138,16 @@ def test_what_a_fit_takes_of_the_noise_is_given_back():
 
 def test_how_long_noise_is_taken_to_remember():
     rng = np.random.default_rng(0)
-    # The residuals' correlation time is stretched by a fifth; a sum of correlations counts, not the first alone.
+    # The residuals' correlation time is stretched by a fifth; the sum of the correlations counts, not the first alone.
     decay, size = innovations(autoregressive(rng, 0.9, (4, 100_000)), 1)
     np.testing.assert_allclose(decay, 0.9 ** (1 / 1.2), atol=0.004)
     np.testing.assert_allclose((size**2).mean(axis=1), 1 - decay**2, rtol=0.05)
     u = rng.normal(size=(4, 100_000))
     blocks = (u[:, 2:] + u[:, 1:-1] + u[:, :-2]) / np.sqrt(3)
-    # Correlations 2/3 and 1/3 add up to ρ / (1 - ρ) = 1 in the lags and as much again beyond, as an exponential.
+    # Correlations 2/3 and 1/3 sum to ρ / (1 - ρ) = 1 over the lags, and an exponential has as much again beyond.
     total = 2 / 3 + 1 / 3 / (1 - np.sqrt(1 / 3))
     np.testing.assert_allclose(innovations(blocks, 1)[0], (total / (1 + total)) ** (1 / 1.2), atol=0.01)
-    # White noise shows more than two standard deviations in one of 44 cases.
+    # White noise exceeds two standard deviations in one of 44 cases.
     assert 0.95 < (innovations(rng.normal(size=(1000, 500)), 1)[0] == 0).mean() < 0.99
 
 

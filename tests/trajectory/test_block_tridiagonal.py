@@ -6,7 +6,7 @@ from ident.trajectory.algebra.spline import LOCAL
 
 
 def problem(seed):
-    """Windows (S, 7 n, 7 n), and the dense matrix that they add up to, ones where none of them is."""
+    """Windows (S, 7 n, 7 n), and the dense matrix of their sum, with ones on the diagonal where no window is."""
     rng = np.random.default_rng(seed)
     number, n = int(rng.integers(1, 40)), int(rng.integers(1, 4))
     roots = rng.normal(size=(number, WINDOW * n, WINDOW * n))

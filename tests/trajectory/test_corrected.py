@@ -1,4 +1,4 @@
-"""The joint estimate as a fit of linear equations: its covariance, from the root that others go on with."""
+"""Covariance of the joint estimate as a fit of linear equations, from the root that later steps use."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def test_the_root_is_that_of_the_inverse_however_different_units_are(seed):
 
 
 def test_what_is_known_for_certain_weighs_as_much_as_rounding_tells():
-    """A direction without variance, and none of the others', changes nothing of these."""
+    """A direction without variance does not change the other directions."""
     root = _root_of_inverse(np.diag([4.0, 0.0, 9.0]))
     precision = root.T @ root
     assert np.isfinite(root).all() and precision[1, 1] > 1e10

@@ -1,4 +1,4 @@
-"""Plates that are late by a tenth of a second and more, as those of laboratories where somebody lifts a box are."""
+"""Plates with delays of a tenth of a second and more, as in laboratories for lifting."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -22,13 +22,13 @@ DELAY_ALONE = dict.fromkeys(PRIORS, 0.0) | {"delay": 0.2}
 
 
 def later(recording, start):
-    """A recording on a clock that begins at some other time."""
+    """A recording on a clock with another origin."""
     streams = {name: (x.time + start, x.values) for name, x in recording.streams.items()}
     return replace(recording, time=recording.time + start, streams=streams)
 
 
 def lifts(who, seed, begin, seconds=3.0):
-    """Recordings of lifts whose clock does not begin with them."""
+    """Recordings of lifts on a clock with another origin."""
     recordings = [lifting.recorded(who, *lift, seed + k, seconds=seconds) for k, lift in enumerate(LIFTS)]
     return [later(each, start) for each, start in zip(recordings, begin, strict=True)]
 
@@ -54,7 +54,7 @@ def test_where_nothing_but_a_delay_is_left_open(monkeypatch):
 
 
 def test_lifts_that_were_selected_of_one_long_recording(monkeypatch):
-    """Far from where the clock is counted from a rate of it passes for a delay."""
+    """Far from the clock's origin, a rate error resembles a delay."""
     monkeypatch.setattr(lifting, "LATE", 0.13)
     who, lows = lifting.lifter(2), (*LIFTS, (lifting.SQUAT, 0.5))
     parts = [lifting.recorded(who, *lift, 20 + k, seconds=6 if k else 1) for k, lift in enumerate(lows)]
@@ -67,7 +67,7 @@ def test_lifts_that_were_selected_of_one_long_recording(monkeypatch):
 
 
 def test_a_clock_that_is_fast_is_no_delay():
-    """Over forty seconds it amounts to a tenth of a second."""
+    """Over forty seconds a fast clock amounts to a tenth of a second."""
     who, rng, fast, time = lifting.lifter(0), np.random.default_rng(0), 0.003, np.arange(0, 40, 0.04)
     motion, before = (lifting.motion(t, lifting.SQUAT, 0.35, 0) for t in (time, (1 - fast) * time))
     wrench = base_wrench_regressor(who.tree, *before.states, gravity=who.gravity) @ who.known
@@ -86,7 +86,7 @@ def test_plates_on_the_angles_clock_are_left_there(monkeypatch):
 
 
 def likely_delay_of_pendulum(std, *, missing=0, late=0.0, samples=600):
-    """The likely delay of the pendulum's ground, known so well, whose first samples are missing."""
+    """Likely delay of the pendulum's ground for a prior standard deviation, with its first samples missing."""
     recording = faulty(0, delay=late)
     ready = prepared(PENDULUM, recording)
     at, delay = len(ready.equations.names), SetupParameter("delay", "ground", None, std)

@@ -1,4 +1,4 @@
-"""Pieces that are left out, against equations solved without them."""
+"""Pieces left out of a fit, against equations solved without them."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from ident.trajectory.setup_search import Search
 
 
 def quadratic(seed, pieces=4, p=5):
-    """A fit of linear equations, pieces of which see all parameters but the last, which is held."""
+    """A fit of linear equations, with pieces that involve all parameters but the last, which is held."""
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(pieces, 12, p))
     y = rows @ rng.normal(size=p) + 0.1 * rng.normal(size=(pieces, 12))
@@ -74,7 +74,7 @@ def test_what_predicts_no_better_than_chance_is_not_believed():
 
 @pytest.mark.parametrize("rounds", [2, 9, 12, 15])
 def test_an_interrupt_ends_every_stage(rounds):
-    """Whether knots, weights or the set-up are looked at."""
+    """In the choice of knots, of weights and of the set-up alike."""
     calls = []
 
     def interrupt(*_):
@@ -98,7 +98,7 @@ def test_a_limit_of_what_is_far_below_its_bound_is_finite():
 
 
 def test_white_weights_are_kept_unless_others_predict_clearly_better():
-    """Channels that neither explains have no say."""
+    """Channels that neither explains do not count."""
     white = np.array([0.2, 0.3, 1.0])
     assert preferred({"white": white, "coloured": np.array([0.2, 0.295, 1.0])}, "white") == "white"
     assert preferred({"white": white, "coloured": np.array([0.15, 0.3, 1.0])}, "white") == "coloured"

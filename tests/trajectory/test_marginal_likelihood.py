@@ -1,4 +1,4 @@
-"""What the marginal likelihood of θ adds, against determinants."""
+"""The marginal likelihood's contribution to the estimate of θ, against determinants."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ RUNS, DRAWS, STEP = 12, 100, 1e-5
 
 @pytest.mark.parametrize("seed", range(4))
 def test_pull_is_half_the_gradient_of_the_determinant_as_the_trajectory_follows(seed, monkeypatch):
-    """Of all parameters but the clock's, by whose little the determinant hardly changes."""
+    """For all parameters except the clock's, on which the determinant hardly depends."""
     monkeypatch.setattr(whitening, "HUBER", 1e6)  # Weights of outliers change with θ, which the gradient leaves out.
     p = problem(seed)
     every = np.arange(RUNS) + RUNS * seed

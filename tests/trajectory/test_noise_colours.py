@@ -1,4 +1,4 @@
-"""White and slow noise told apart by what is left of them."""
+"""White and slow noise, separated by their residuals."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ TIMES = np.array([0.0, 2.0, 6.0, 18.0, 54.0])
 
 
 def powers(number, bands=24):
-    """Expected power of white noise and of each kind of slow noise in bands, and how many frequencies these have."""
+    """Expected power of white noise and of each kind of slow noise in bands, and the bands' numbers of frequencies."""
     frequency = np.fft.rfftfreq(number)
     band = np.clip(np.searchsorted(np.geomspace(1 / number, 0.5, bands + 1), frequency, side="right") - 1, 0, bands - 1)
     rho = np.where(TIMES > 0, np.exp(-1 / np.maximum(TIMES, 1e-9)), 0)
@@ -47,7 +47,7 @@ def test_white_noise_of_a_pendulum_is_white():
 
 
 def test_noise_is_found_from_some_pieces_of_logs_with_offsets_of_their_own(monkeypatch):
-    """What the pieces that are looked at leave open is known from the others."""
+    """Parameters that the selected pieces leave open are known from the others."""
     monkeypatch.setattr("ident.trajectory.fit.noise_colours.ENOUGH", 400)
     logs = [shortened(faulty(seed), 400) for seed in range(3)]
     estimate = ident.identify(PENDULUM, logs, own=["offset"])

@@ -1,4 +1,4 @@
-"""A piece's normal equations and statistics against dense ones, whose derivatives are differences of its residuals."""
+"""A piece's normal equations and statistics against dense ones, by numerical differences of its residuals."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -44,7 +44,7 @@ class Problem:
         return misfit(self.measurement, self.piece, c, theta=theta, noise=self.noise).cost
 
     def residuals(self, c, theta):
-        """Measured less predicted of every kind of stream: values (N, s), times, std and ρ of each."""
+        """Measured less predicted of each kind of stream: values (N, s), times, std and ρ of each."""
         m, piece, noise = self.measurement, self.piece, self.noise
         c = c.reshape(self.coefficients.shape)
         x = piece.spline.evaluate(c, piece.time)
@@ -84,7 +84,7 @@ class Problem:
 
     @property
     def numbers(self):
-        """Samples that follow another one, times the variances of slow and of fast halves (2, s)."""
+        """Numbers of samples after another one, times the variances of slow and of fast halves (2, s)."""
         out = []
         for values, when, _, rho in self.residuals(self.coefficients, self.theta):
             apart = np.diff(self.piece.spline.local(when).interval) > 1
@@ -97,7 +97,7 @@ class Problem:
 
     @cached_property
     def penalty(self):
-        """Σ λ ∫ x⃛² dt as a matrix."""
+        """Matrix of Σ λ ∫ x⃛² dt."""
         spline, n = self.piece.spline, self.coefficients.shape[1]
         P = np.zeros((spline.size, spline.size))
         for k in range(spline.intervals):
@@ -107,7 +107,7 @@ class Problem:
 
 @cache
 def problem(seed, outliers=0.0):
-    """Samples with gaps, missing ones and correlated noise; small residuals, so that none of them loses weight."""
+    """Samples with gaps, missing values and correlated noise; residuals are so small that none loses weight."""
     rng = np.random.default_rng(seed)
     m = random_measurement(rng, 3, ("revolute",), torques=seed % 2 == 0, contacts=seed % 3)
     n, C, p = m.coordinates, len(m.equations.channels), len(m.names)
@@ -165,7 +165,7 @@ def test_normal_equations_are_the_dense_ones_with_the_trajectory_eliminated(seed
     close(own.linearised.gradient, right[size:] - W.T @ right[:size])
     close(own.linearised.step, np.linalg.solve(A, right[:size]))
     close(own.linearised.by_theta, W)
-    # What is left when the trajectory takes its step is the whole system's solution.
+    # The trajectory's part of the step equals the whole system's solution.
     tight = np.diag(np.r_[np.zeros(size), np.full(len(D), 1e-3 * np.diag(D).max())])
     whole = np.linalg.solve(H + tight, right)
     step = np.linalg.solve(own.linearised.schur + tight[size:, size:], own.linearised.gradient)
@@ -183,7 +183,7 @@ def test_what_streams_take_is_what_they_add_to_the_curvature(seed):
     H = rows.T @ rows
     H[:size, :size] += weighted
     root = np.random.default_rng(seed).normal(size=(len(own.theta), len(own.theta)))
-    # With the covariance of θ, here any, that of the coefficients follows.
+    # The covariance of the coefficients follows from that of θ, here an arbitrary one.
     inverse, W = np.linalg.inv(H[:size, :size]), np.linalg.solve(H[:size, :size], H[:size, size:])
     moves = np.vstack([-W, np.eye(len(own.theta))]) @ root
     covariance = moves @ moves.T
@@ -191,7 +191,7 @@ def test_what_streams_take_is_what_they_add_to_the_curvature(seed):
     taken = ((J @ covariance) * J).sum(axis=(2, 3))
     white = np.concatenate([rho for *_, rho in own.residuals(own.coefficients, own.theta)]) == 0
     assert white.any()
-    taken[1:, white] = 0  # What is taken of halves is known where noise is correlated.
+    taken[1:, white] = 0  # The rank taken of the halves is known for correlated noise.
     found = own.linearised_with(root)
     close(found.taken, np.insert(taken, [2 * n] * n, 0, axis=1))
     for j in range(n):
@@ -221,7 +221,7 @@ def test_sums_are_those_of_innovations_and_halves(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_everything_together_takes_one_for_each_unknown(seed):
-    """`tr(H⁻¹ H) = size n + p`, H being the sum of all streams' parts and the prior's."""
+    """`tr(H⁻¹ H) = size n + p`, with H the sum over all streams and the prior."""
     own = problem(seed)
     prior = np.diag(np.full(len(own.theta), 1.0))
     covariance = np.linalg.inv(own.linearised.schur + prior)
@@ -240,7 +240,7 @@ def test_equations_know_the_cost_where_they_are_made(seed, outliers):
 @pytest.mark.parametrize("outliers", [0.0, 0.1])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_gradient_is_that_of_the_cost(seed, outliers):
-    """With outliers, too; along the trajectories that follow θ, and along the step at fixed θ."""
+    """Also with outliers; along the trajectories that follow θ, and along the step at fixed θ."""
     own = problem(seed, outliers)
     L, c = own.linearised, own.coefficients.ravel()
     some = np.random.default_rng(seed).choice(len(own.theta), 12, replace=False)

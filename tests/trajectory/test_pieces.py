@@ -1,4 +1,4 @@
-"""The joint estimate takes samples where they are: other rates, jitter, missing samples, gaps."""
+"""The joint estimate uses samples at their own times: other rates, jitter, missing samples, gaps."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_of_eight_recordings_the_intervals_cover_the_truth():
     z = []
     for seed in range(8):
         own = streams(np.random.default_rng(seed), wrench=250.0, missing=0.05)
-        # The joint estimate has no cut-off: one that is given needs no search.
+        # The joint estimate has no cut-off: a given one needs no search.
         log = prepared(pendulum(), ident.Recording.from_streams(own), cutoff=10.0)
         fit = joint_estimate([(log, slice(0, len(log.samples)))], log.equations, search=False, knots=0.1).fit
         z.append(z_of(fit.theta, fit.covariance))
@@ -119,7 +119,7 @@ def test_a_coordinate_that_is_away_for_too_long_is_one_sentence():
     ("samples", "counts"), [([943], (4,)), ([943, 943], (3, 3)), ([943, 250], (3, 1)), ([300], (2,))]
 )
 def test_recordings_are_cut_into_six_pieces_of_two_seconds_or_more(samples, counts):
-    """All together; one by itself into two at least, so that one is predicted from the other."""
+    """Over all recordings; a single recording has two pieces at least, so that one is predicted from the other."""
     logs = [shortened(faulty(k), number) for k, number in enumerate(samples)]
     estimate = ident.identify(PENDULUM, logs, holdout=0, setup=dict.fromkeys(PRIORS, 0.0))
     assert estimate.joint.counts == counts

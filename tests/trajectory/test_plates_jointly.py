@@ -19,7 +19,7 @@ EXACT = dict.fromkeys(PRIORS, 0.0)
 
 
 def on_plates(late=0, gains=(1,) * 6):
-    """A person on a plate and a rail, both late by so many samples, the plate's channels with gains of their own."""
+    """A person on a plate and a rail, both delayed by so many samples, with gains on the plate's channels."""
     rng = np.random.default_rng(0)
     person, (time, q, *_) = walker.mechanism(walker.SMALL), walker.motion()
     total, share = walker.truth(walker.SMALL)[0], 0.2 + 0.1 * np.sin(3 * walker.motion()[0])
@@ -36,7 +36,7 @@ def on_plates(late=0, gains=(1,) * 6):
 
 
 def test_plates_that_are_late_are_found_where_nothing_holds_the_base():
-    """The pelvis's coordinates are joints; a plate and a rail, both 30 ms late, make up the total wrench."""
+    """The pelvis's coordinates are joints; a plate and a rail, both 30 ms late, add up to the total wrench."""
     ready = on_plates(late=3)
     found = joint_estimate([(ready, slice(0, 300))], ready.equations, setup=EXACT | {"delay": 0.05}, knots=0.12)
     (finding,) = setup_findings(found)
@@ -57,7 +57,7 @@ def test_a_plate_that_reads_too_much_along_one_axis_is_found_beside_a_rail():
 
 
 def test_a_rail_in_the_world_tells_what_a_cell_on_the_link_does():
-    """The same noisy recording of the pendulum, whose hand's wrench is written once in each frame."""
+    """One noisy recording of the pendulum, with the hand's wrench in each of the two frames."""
     spec = scenes.load("double_pendulum", contact="handle")
     pendulum, recording = sim.mechanism(spec, base="base"), sim.simulate(spec, DOUBLE_PENDULUM)
     cell = ident.Sensor(*pendulum.site("contact"), applied_to_link=False)

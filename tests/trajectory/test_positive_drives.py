@@ -15,7 +15,7 @@ DRIVES = np.arange(P) >= 2
 
 
 def solver(A, y):
-    """Fits of linear equations with some parameters held where they are."""
+    """Fits of linear equations with some parameters held."""
 
     def solve(begin, *, free, rounds):
         theta = begin.theta.copy()
@@ -29,7 +29,7 @@ def solver(A, y):
 
 
 def problem(seed):
-    """Correlated columns, so that drives that are negative together need not be one by one."""
+    """Correlated columns: drives that are negative together need not be negative one by one."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(30, P)) @ rng.normal(size=(P, P))
     return A, A @ rng.normal(size=P) + 3 * rng.normal(size=30)
@@ -48,14 +48,14 @@ def test_drives_are_those_of_non_negative_least_squares(seed):
     fit, best, cost = fitted(seed)
     assert (fit.theta[DRIVES] >= 0).all()
     np.testing.assert_array_equal(fit.bounded, DRIVES & (fit.theta == 0))
-    # What stays at the bound would be negative if it were free.
+    # A drive at the bound would be negative if it were free.
     held = np.flatnonzero(fit.bounded)
     assert (fit.scores(np.eye(P)[held])[0] <= 1e-9).all()
     assert cost(fit.theta) == pytest.approx(cost(best.x), rel=1e-9)
 
 
 def test_a_drive_that_is_freed_again_was_negative_beside_others():
-    """Among these problems are some in which those that come out negative at first are not all at their bound."""
+    """In some of these problems, not all drives that are negative at first end at their bound."""
     freed = 0
     for seed in range(40):
         A, y = problem(seed)

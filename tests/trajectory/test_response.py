@@ -1,4 +1,4 @@
-"""What a fit takes of noise, against the normal equations of the same piece."""
+"""Rank that a fit takes of the noise, against the normal equations of the same piece."""
 
 from functools import cache
 

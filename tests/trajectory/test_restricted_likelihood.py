@@ -1,4 +1,4 @@
-"""Updates of the noise against the restricted likelihood itself, dense, and its maximum."""
+"""Updates of the noise against the maximum of the dense restricted likelihood."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -22,7 +22,7 @@ SIGMA, SIGMA_CHANNEL, JERK = 0.05, 2.0, 1e-4
 
 
 class Linear:
-    """One channel `ẍ + w·θ` of one coordinate x, w being what a contact measures."""
+    """One channel `ẍ + w·θ` of one coordinate x, where w is measured at a contact."""
 
     names = ("a", "b")
     zeros = {}  # noqa: RUF012
@@ -40,7 +40,7 @@ class Linear:
 
 
 class Turned:
-    """One channel `θ ẍ` of one coordinate x: a larger inertia goes with a smaller motion."""
+    """One channel `θ ẍ` of one coordinate x: a larger inertia compensates a smaller motion."""
 
     names = ("inertia",)
     zeros = {}  # noqa: RUF012
@@ -58,7 +58,7 @@ class Turned:
 
 
 def correlated(rng, number, rho):
-    """AR(1) noise of variance one, stationary from the first sample on (N,)."""
+    """AR(1) noise of variance one, stationary from the first sample (N,)."""
     x = rng.normal(size=number)
     for k in range(1, number):
         x[k] = rho * x[k - 1] + np.sqrt(1 - rho**2) * x[k]
@@ -83,7 +83,7 @@ def noise_of(sigma, rho):
 
 
 def renewal(piece, noise, c, theta, coloured=True):
-    """A step of c and θ, and the noise that follows."""
+    """A step of c and θ, and the updated noise."""
     part = linearised(Linear(), piece, c, theta=theta, noise=noise)
     root = np.linalg.cholesky(np.linalg.inv(part.schur))
     part = linearised(Linear(), piece, c, theta=theta, noise=noise, root=root)
@@ -93,14 +93,14 @@ def renewal(piece, noise, c, theta, coloured=True):
 
 
 def unmoved(piece, noise, c, coloured=True):
-    """The noise that follows without a step."""
+    """Updated noise without a step."""
     at = {"theta": np.zeros(2), "noise": noise}
     part, there = (f(Linear(), piece, np.full((piece.spline.size, 1), c), **at) for f in (linearised, misfit))
     return renewed(noise, [part], [there], coloured=coloured)
 
 
 def updated(piece, rounds=20):
-    """σ and ρ of the coordinate that updates end at, all else given, and the residuals' own correlation."""
+    """σ and ρ of the coordinate at which updates converge, all else given, and the residuals' own correlation."""
     noise, c, theta = noise_of(SIGMA, 0.0), np.zeros((piece.spline.size, 1)), np.zeros(2)
     for k in range(rounds):
         c, theta, new = renewal(piece, noise, c, theta, coloured=k >= COLOURED)
@@ -110,7 +110,7 @@ def updated(piece, rounds=20):
 
 
 def twice_lost(piece, sigma, rho):
-    """-2 log of the restricted likelihood, but for a constant:  log |R| + log |Jᵀ R⁻¹ J + S| + yᵀ R⁻¹ (y - J x̂)."""
+    """-2 log of the restricted likelihood, up to a constant:  log |R| + log |Jᵀ R⁻¹ J + S| + yᵀ R⁻¹ (y - J x̂)."""
     number, spline = len(piece.time), piece.spline
     interval, basis = spline.local(piece.time)
     J, S = np.zeros((2 * number, spline.size + 2)), np.zeros((spline.size + 2,) * 2)
@@ -134,19 +134,19 @@ def twice_lost(piece, sigma, rho):
 @pytest.mark.parametrize("gap", [0.0, 0.5])
 @pytest.mark.parametrize("rho", [0.3, 0.6, 0.85])
 def test_updates_end_at_the_maximum_of_the_restricted_likelihood(rho, gap, monkeypatch):
-    """But for the ends of the recording, where likelihood and updates count half a sample differently."""
+    """Except for the ends of the recording, where likelihood and updates weight half a sample differently."""
     monkeypatch.setattr(whitening, "HUBER", 100.0)
     piece = recording(np.random.default_rng(round(100 * rho)), rho, gap=gap)
     best = minimize(lambda x: twice_lost(piece, *x), [SIGMA, rho], method="Nelder-Mead", options={"fatol": 1e-4})
     *found, plain = updated(piece)
     assert twice_lost(piece, *found) - best.fun < 0.03
     np.testing.assert_allclose(found, best.x, rtol=0.02)
-    # The trajectory has taken what is slow: residuals themselves are less correlated.
+    # The trajectory has absorbed slow noise: the residuals themselves are less correlated.
     assert found[1] - plain > 0.05
 
 
 def turned(rng, rho, sigma, inertia=2.0, number=300):
-    """By how many deviations θ is off where noise is told, but not smoothness, of a motion by some tenths."""
+    """Error of θ in standard deviations with given noise and estimated smoothness, for a motion of some tenths."""
     time = STEP * np.arange(number)
     w, phase, size = rng.uniform(1.5, 6, 4), rng.uniform(0, 2 * np.pi, 4), 0.1 * rng.normal(size=4)
     waves = np.sin(np.outer(time, w) + phase)
@@ -168,7 +168,7 @@ def turned(rng, rho, sigma, inertia=2.0, number=300):
 
 @pytest.mark.parametrize(("rho", "sigma"), [(0.0, 0.1), (0.9, 0.02)])
 def test_smoothness_takes_nothing_of_the_motion_that_matters(rho, sigma, monkeypatch):
-    """θ without its marginal likelihood is two to four deviations too large, and half of the intervals hold."""
+    """Without its marginal likelihood, θ is two to four standard deviations too large, with a coverage of one half."""
     monkeypatch.setattr(
         iteration, "renewed", lambda noise, *at, **how: replace(noise, jerk=renewed(noise, *at, **how).jerk)
     )
@@ -193,7 +193,7 @@ def test_correlation_is_kept_unless_asked_for():
 
 
 def test_correlation_is_capped():
-    """Where residuals are all of a curve that the trajectory does not follow yet."""
+    """The residuals contain a curve that the trajectory does not follow yet."""
     piece = recording(np.random.default_rng(1), 0.9)
     new = unmoved(piece, noise_of(9.0, 0.0), 9.0)
     assert new.states_rho[0, 0] == MOST_CORRELATED
@@ -221,7 +221,7 @@ def test_outliers_hide_a_part_of_the_correlation_at_most():
 
 
 def without_residuals(rho, floor=0.3):
-    """Noise that follows where nothing is left of the measurements, and the trajectory takes all of the rank."""
+    """Updated noise for zero residuals, with a trajectory that takes the full rank."""
     noise = replace(noise_of(SIGMA, 0.0), channels_rho=np.array([rho]), floor_channels=np.array([floor]))
     streams, one = np.zeros((3, 4)), np.ones(1)
     part = SimpleNamespace(taken=streams, held=100 * one)
@@ -229,14 +229,14 @@ def without_residuals(rho, floor=0.3):
 
 
 def test_the_floor_of_a_channels_noise_is_higher_where_that_is_correlated():
-    """There the model is not quite right, and no residual says how much of the channel the trajectory took."""
+    """Correlated noise means an imperfect model, and no residual shows how much the trajectory absorbed."""
     assert without_residuals(0.0).channels == pytest.approx(0.3)
     halfway, wholly = (without_residuals(rho).channels[0] / 0.3 for rho in (0.5, 1.0))
     assert 10 < wholly < 20 and halfway - 1 == pytest.approx((wholly - 1) / 4)
 
 
 def test_no_component_of_a_sensor_is_far_quieter_than_the_others():
-    """Than their median, in its own group; where all that is left of one is rounding, its noise was taken."""
+    """Bounded by the median of its group: if only rounding errors remain of a component, the fit absorbed its noise."""
     zero, streams, one = np.zeros((3, 0)), np.zeros((3, 6)), np.ones(6)
     channels = np.array([5.0, 4.0, 6.0, 0.1, 0.3, 80.0])
     noise = Noise(zero, channels, zero[0], zero, 0 * one, zero, 0.05 * one, (0, 0, 0, 1, 1, 2))
@@ -257,7 +257,7 @@ def test_the_change_of_noise_is_the_largest_of_its_parts():
 
 
 def rounds_until_smooth(rate, *, hasten):
-    """Rounds until updates that leave a share of each coordinate's distance have got there."""
+    """Rounds until updates, each of which leaves a share of a coordinate's distance, converge."""
     jerk, wanted, last = np.full(len(rate), 1e3), np.array([1e-2, 1.0, 1e2, 1e4]), None
     rounds = 0
     while (left := np.log(wanted / jerk)) @ left > 0.1**2:

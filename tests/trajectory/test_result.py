@@ -1,4 +1,4 @@
-"""What is not known of the set-up, in the covariance of a joint estimate: against that of all parameters at once."""
+"""Uncertainty of the set-up in the covariance of a joint estimate, against that of all parameters together."""
 
 from types import SimpleNamespace
 
@@ -19,13 +19,13 @@ def data(rng, of=NAMES):
 
 
 def joint(told, *, scatter=None, gradient=0.0, weight=0.3):
-    """With the set-up held, whose prior the fit had with a weight.
+    """Joint estimate with the set-up held, whose prior had a weight in the fit.
 
     Args:
-        told: Precision that data give (4, 4).
-        scatter: Covariance of the data's right side, the same where noise is as supposed (4, 4).
-        gradient: What they would move the set-up by, times their precision (4,).
-        weight: Of the prior.
+        told: Precision from the data (4, 4).
+        scatter: Covariance of the data's right side; by default `told`, as for the assumed noise (4, 4).
+        gradient: Precision times the step of the set-up that the data ask for (4,).
+        weight: Weight of the prior.
     """
     fit = SimpleNamespace(
         names=NAMES,
@@ -50,7 +50,7 @@ def test_it_is_what_the_set_up_would_add_were_it_fitted_as_well(weight):
 
 
 def test_how_far_the_set_up_would_move_belongs_to_it():
-    """θ would move by its share of the step of all parameters; that of the fitted ones alone is zero."""
+    """θ would move by its share of the step of all parameters; the step of the fitted ones alone is zero."""
     told, pull = data(np.random.default_rng(1)), np.array([0, 0, 3.0, -7.0])
     moved = np.linalg.solve(told + KNOWN, pull)[FREE]
     added = joint(told, gradient=pull).covariance_of_setup - joint(told).covariance_of_setup
@@ -58,7 +58,7 @@ def test_how_far_the_set_up_would_move_belongs_to_it():
 
 
 def test_noise_that_is_really_more_tells_less_of_the_set_up():
-    """Four times the scatter is a quarter of what data tell of it, beside the prior."""
+    """With four times the scatter, the data's information on the set-up is a quarter, beside the prior."""
     told = data(np.random.default_rng(2))
     B = np.linalg.solve(told[FREE, FREE], told[FREE, HELD])
     alone = told[HELD, HELD] - told[HELD, FREE] @ B

@@ -1,4 +1,4 @@
-"""Friction near reversals: its law from residuals, and arms whose joints rub."""
+"""Friction near reversals: its law from residuals, and arms with friction."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from ident.trajectory.reversals import Reversals, _law
 
 
 def rubbing(rng, slip, *, stuck=0.0, samples=4000):
-    """Velocities, and torques with friction of 2 N m that changes its sign over a slip; at rest it is anything."""
+    """Velocities, and torques with friction of 2 N m that changes its sign over a slip; at rest it is random."""
     rate = np.sin(np.linspace(0, 60, samples)) * rng.uniform(0.3, 1, samples)
     torque = 2 * np.tanh(rate / slip) + 0.5 * rate + 0.02 * rng.normal(size=samples)
     return rate, torque + stuck * np.exp(-((rate / 0.025) ** 2) / 2) * rng.normal(size=samples)
@@ -35,7 +35,7 @@ def test_torques_at_rest_are_open_where_they_are_anything():
 
 
 def test_slack_fades_over_its_velocity_either_way():
-    """As a bell curve: one deviation is v0. A channel without friction has none."""
+    """As a Gaussian with standard deviation v0. A channel without friction has none."""
     reversals = Reversals(np.array([2.0, 0.0]), np.array([0.1, 1.0]), np.zeros(2))
     speed = np.array([0, 0.1, -0.1, 0.2, 1.0])
     slack = reversals.slack(np.stack([speed, speed], axis=1))
@@ -45,7 +45,7 @@ def test_slack_fades_over_its_velocity_either_way():
 
 @pytest.mark.parametrize("name", ["rubs_sinusoids_200", "rubs_trapezoids_100"])
 def test_arms_whose_joints_rub(name):
-    """Where knots are far apart and noise may be correlated, friction comes out a third of what it is, for certain."""
+    """With wide knot spacing and correlated noise, friction would be a third of its value, with narrow intervals."""
     condition = CONDITIONS[name]
     who, recording = SUBJECTS[condition.subject], noisy_recording(condition, 0, 0)
     estimate = ident.identify(who.mechanism, recording, **condition.options)
@@ -62,7 +62,7 @@ def test_arms_whose_joints_rub(name):
 
 
 def test_a_drive_at_its_bound_has_a_one_sided_interval():
-    """The arm's last rotor turned into none: what the noise makes negative is at most so much."""
+    """A parameter that noise makes negative gets an upper limit."""
     condition = CONDITIONS["rubs_sinusoids_200"]
     who, recording = SUBJECTS[condition.subject], noisy_recording(condition, 0, 0)
     estimate = ident.identify(who.mechanism, recording, drive=["rotor", "viscous", "coulomb", "stribeck"])

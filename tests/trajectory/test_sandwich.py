@@ -1,4 +1,4 @@
-"""Sums over coloured noise in one pass, against those over all pairs of samples."""
+"""Sums over coloured noise in one pass, against sums over all pairs of samples."""
 
 from types import SimpleNamespace
 
@@ -14,7 +14,7 @@ COLOURS = SimpleNamespace(times=TIMES, amplitudes=[AMPLITUDES])
 
 
 def dense(y, sizes):
-    """`yᵀ Γ y` with Γ written out."""
+    """`yᵀ Γ y` with a dense Γ."""
     apart = STEP * np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y))))
     noise = sizes[0] * np.eye(len(y)) + sum(
         size * np.exp(-apart / time) for size, time in zip(sizes[1:], TIMES[1:], strict=True)
@@ -54,7 +54,7 @@ def piece(start, *, samples=50, origin=0.0):
     ],
 )
 def test_noise_goes_on_in_the_next_piece_of_the_same_recording(start, change, goes_on):
-    """Not over a gap, nor from one recording to another."""
+    """Correlated noise does not continue over a gap, nor from one recording to another."""
     selection = np.array(change.get("selection", [0, 1]))
     fit = SimpleNamespace(
         pieces=[piece(0.0), piece(start, origin=change.get("origin", 0.0))], selections=[np.array([0, 1]), selection]
@@ -64,7 +64,7 @@ def test_noise_goes_on_in_the_next_piece_of_the_same_recording(start, change, go
 
 @pytest.mark.parametrize("start", [1.0, 3.0])
 def test_the_scatter_is_that_of_the_noise_in_place_of_the_working_models(monkeypatch, start):
-    """Of white weights one each: `P - RᵀR + Rᵀ Γ R`, over two pieces next to each other as over one."""
+    """For unit white weights: `P - RᵀR + Rᵀ Γ R`, over two adjacent pieces as over one."""
     rows, share = np.random.default_rng(3).normal(size=(2, 50, 1, 2)), 9 * np.eye(2)
     streams = [SimpleNamespace(weights=lambda x: x, slack=None, std=np.array([2.0]), step=STEP)]
     places = iter(rows)

@@ -1,4 +1,4 @@
-"""The search for what of the set-up is not as stated, over parameters that data tell one by one."""
+"""Search for set-up errors over parameters that are estimated independently."""
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -12,7 +12,7 @@ from ident.trajectory.setup_search import MOST_FOUND, Search, searched
 
 @dataclass(frozen=True)
 class Independent:
-    """A fit of parameters of which data tell each by itself, to a standard deviation, and of which ± one is known."""
+    """A fit of independent parameters with a standard deviation from the data, and a prior of ± one."""
 
     told: np.ndarray
     std: np.ndarray
@@ -45,7 +45,7 @@ def left_out_pieces_agree(monkeypatch):
 
 
 def found(told, std, groups=None, scattered=lambda fitted: fitted):
-    """What is found where data say so of each parameter."""
+    """Result of the search for given estimates of each parameter."""
     told = np.asarray(told, float)
     first = Independent(told, np.broadcast_to(std, told.shape), np.zeros(len(told)), np.zeros(len(told), bool))
 
@@ -60,7 +60,7 @@ def deviating(search):
 
 
 def test_noise_of_many_parameters_is_no_fault():
-    """All together raise a false alarm in one of a thousand searches; each by itself would, one in ten would."""
+    """The false alarm rate is one in a thousand searches for all parameters together; separately it would be 10 %."""
     rng = np.random.default_rng(0)
     alarms = sum(bool(found(0.1 * rng.normal(size=100), 0.1).deviations) for _ in range(300))
     assert alarms <= 3
@@ -84,25 +84,25 @@ def test_what_no_laboratory_gets_wrong_stands_for_something_else(size, credible)
     for sign in (1, -1):
         search = found([0.5, sign * size], 0.01)
         assert search.incredible == (not credible)
-        # Then nothing is changed.
+        # Otherwise nothing is changed.
         assert deviating(search) == ([1, 0] if credible else [])
         np.testing.assert_array_equal(search.fit.theta, [0.5, sign * size] if credible else [0, 0])
 
 
 @pytest.mark.parametrize(("size", "counts"), [(0.31, False), (0.36, True)])
 def test_significance_is_that_of_the_noise_that_is_really_there(size, counts):
-    """Which may be more than the noise that a parameter is tried by: a tenth here, a twentieth there."""
+    """Noise may be larger than the one used to test a parameter: significance counts at the larger one."""
     wider = lambda fitted: replace(fitted, std=2 * fitted.std)  # noqa: E731
     assert deviating(found([size], 0.05, scattered=wider)) == [0] * counts
     assert deviating(found([size], 0.05)) == [0]
 
 
 def test_what_explains_as_much_is_named_beside_it():
-    # χ² 100, 90, 25 and 0, and of the groups 105 and 12, where 15 less is as much.
+    # χ² of 100, 90, 25 and 0, and of 105 and 12 for the groups; a difference of up to 15 counts as equal.
     groups = {"second and third": np.array([0, 1, 1, 0]), "third and fourth": np.array([0, 0, 1, 1])}
     first = found([1.0, 0.95, 0.5, 0.0], 0.1, groups).deviations[0]
     assert (first.index, first.alternatives, first.together) == (0, (1,), ("second and third",))
-    # Of a χ² of 10 000 a tenth less is as much: 9216, not 8100.
+    # For a χ² of 10 000, a difference of up to a tenth counts as equal: 9216, not 8100.
     assert found([1.0, 0.96, 0.9], 0.01).deviations[0].alternatives == (1,)
 
 

@@ -1,4 +1,4 @@
-"""What is held out is predicted from angles alone nearly as well as true parameters can."""
+"""The held-out part is predicted from angles alone nearly as well as the true parameters allow."""
 
 import lifting
 import numpy as np
@@ -14,7 +14,7 @@ CONSTANTS = np.geomspace(0.005, 0.4, 40)
 
 
 def pendulum(angle, rate, monkeypatch):
-    """An estimate, the truth, the recording and times that it is judged by, the motion then, and the wrench's noise."""
+    """An estimate, the truth, the held-out recording with its times and true motion, and the wrench's noise."""
     noise = {"joint1_position": angle, "joint2_position": angle, "ground_force": 0.5, "ground_torque": 0.05}
     monkeypatch.setattr(swinging, "NOISE", noise)
     streams = swinging.streams(np.random.default_rng(0), angles=rate, wrench=rate)
@@ -25,7 +25,7 @@ def pendulum(angle, rate, monkeypatch):
 
 
 def lifter(skin):
-    """The same of somebody who lifts, judged by another lift; her angles are found from markers on skin that moves."""
+    """The same for lifting, judged by another lift; angles are fitted to markers on moving skin."""
     who, lows = lifting.lifter(0), (lifting.SQUAT, lifting.STOOP)
     logs = [lifting.recorded(who, low, 0.3, seed, seconds=8, skin=skin) for seed, low in enumerate(lows)]
     judge = lifting.recorded(who, lifting.SQUAT, 0.35, 7, seconds=8, skin=skin)
@@ -36,7 +36,7 @@ def lifter(skin):
 
 
 def errors(estimate, arm, recording, when, motion, channels):
-    """What smoothing makes wrong in the channels, with the best constant of all and with the one that was chosen."""
+    """Errors of the channels due to smoothing, for each constant and for the chosen one."""
 
     def wrench(states):
         return (base_wrench_regressor(arm.tree, *states, gravity=arm.gravity) @ arm.known)[:, channels]
@@ -57,7 +57,7 @@ def test_somebody_who_lifts_is_judged_by_a_motion_as_good_as_her_angles(skin):
 
 
 def check(estimate, arm, recording, when, motion, noise, channels):
-    """Compares what true parameters leave with the noise, and with what angles smoothed otherwise would leave."""
+    """Compares residuals of the true parameters with the noise, and with residuals for other smoothing constants."""
     rms = np.sqrt((estimate.held_out.residual_with(estimate.base.regroup(arm.known)) ** 2).mean(axis=0)) / noise
     every, chosen = errors(estimate, arm, recording, when, motion, list(channels))
     every, chosen = (np.sqrt(1 + (np.array(x) ** 2).mean(axis=-2) / noise**2) for x in (every, chosen))

@@ -17,7 +17,7 @@ def reference(spline, coefficients):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_values_and_derivatives_are_those_of_b_splines_at_any_time(seed):
-    """Beyond the ends, where scipy's splines go on as the outermost polynomials as well."""
+    """Also beyond the ends, where scipy's splines continue as the outermost polynomials as well."""
     rng = np.random.default_rng(seed)
     spline, c = random_spline(rng)
     last = spline.start + spline.step * spline.intervals

@@ -45,7 +45,7 @@ def test_smoothing_finds_the_noise_and_beats_the_samples(seed, missing):
 
 
 def test_smoothing_begins_at_the_samples():
-    """Where they are on a straight line the first curve is that line; what is missing lies between."""
+    """Samples on a straight line give that line as the first curve, also across missing samples."""
     own = piece(np.random.default_rng(0))
     line = np.stack([3 - 2 * own.time, 0.5 * own.time], axis=1)
     lost = line.copy()
@@ -71,7 +71,7 @@ def test_pieces_share_their_noise_and_known_noise_is_kept():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_start_finds_parameters_and_noise_of_a_good_recording(seed):
-    """Angles almost free of noise: what remains are the channels' standard deviations, and parameters within theirs."""
+    """With almost exact angles, standard deviations of channels are right, and parameters are within theirs."""
     rng = np.random.default_rng(seed)
     m = random_measurement(rng, 3, ("revolute",), contacts=0)
     time = np.arange(0, 8, 0.01)

@@ -1,4 +1,4 @@
-"""Jumps that knots cannot follow, for want of samples, pass for no clock, and a fast clock is found all the same."""
+"""Jumps faster than the knots can follow do not count as a clock error, but a fast clock is found."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ def found(recording):
 
 
 def test_jumps_are_no_clock():
-    """With all else exact one of 0.023 ± 0.002 % predicts unseen pieces better, a shift of a sample's tenth."""
+    """A clock error of 0.023 ± 0.002 %, a tenth of a sample, would predict unseen pieces better."""
     assert not found(CASE.recording)
 
 

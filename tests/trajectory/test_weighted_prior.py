@@ -1,4 +1,4 @@
-"""What is known beforehand, beside recordings whose residuals are slow."""
+"""The prior's weight beside recordings with slow residuals."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from ident.trajectory.fit.fitted import Prior
 
 
 def estimated(name):
-    """An estimate of an arm from three seconds, its bodies known as usual; and what was known (r,)."""
+    """An estimate of an arm from three seconds with the usual prior; the prior standard deviations and truth (r,)."""
     arm = SUBJECTS["arm"].mechanism
     estimate = ident.identify(arm, noisy_recording(replace(CONDITIONS[name], samples=300), 0, 0), known=True)
     parameters = estimate.fit.equations.parameters

@@ -14,7 +14,7 @@ def test_clipped_normal_noise_has_unit_variance_on_average():
 
 @pytest.mark.parametrize("rho", [0.0, 0.7])
 def test_halves_have_the_variances_that_are_said(rho):
-    """They are uncorrelated then, for innovations are their sum and have variance one."""
+    """Uncorrelated, since innovations are their sum and have variance one."""
     rng, std = np.random.default_rng(0), np.array([0.1, 3.0])
     x = rng.normal(size=(40000, 2))
     for k in range(1, len(x)):

@@ -1,4 +1,4 @@
-"""A ground wrench that is late, or on another clock, beside joint torques that are on the angles'."""
+"""A ground wrench with a delay, or on another clock, beside joint torques on the angles' clock."""
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from ident.model.regressor import joint_torque_regressor
 from ident.recordings.recording import Recording
 
 NOISE = np.repeat([0.5, 0.05], [3, 5])
-"""Of the wrench, N and N m, and of the torques."""
+"""Noise of the wrench, N and N m, and of the torques."""
 
 
 def recorded(seed, late=0.0, fast=0.0):
-    """The paper's pendulum; the wrench comes late, from a clock that is fast."""
+    """The paper's pendulum; the wrench is delayed, and its clock is fast."""
     rng, arm, time = np.random.default_rng(seed), swinging.pendulum(), np.arange(0.3, 9.0, 0.01)
     motion, before = swinging.motion(time), swinging.motion(time - late - fast * (time - time[0]))
     wrench = ident.base_wrench_regressor(arm.tree, *before.states, gravity=arm.gravity) @ arm.known
@@ -43,7 +43,7 @@ def test_the_wrench_alone_is_late(fault, name, value):
     np.testing.assert_allclose(estimate.joint.fit.noise.channels, NOISE, rtol=0.1)
     on_time = ident.identify(swinging.pendulum(), recorded(0), holdout=0)
     assert (np.abs(estimate.psi - on_time.psi) < 2 * estimate.std).all()
-    # Nor is anything left of the delay where others' torques and wrenches are predicted.
+    # The delay does not affect predictions of other recordings' torques and wrenches.
     truth = estimate.base.regroup(swinging.pendulum().known)
     rms = np.sqrt((estimate.held_out.residual_with(truth) ** 2).mean(axis=0))
     assert (np.delete(rms / NOISE, 3) < 1.15).all()
