@@ -1,7 +1,7 @@
-"""Damaged models, logs, mappings and options: each has to be refused in a sentence or accepted."""
+"""Damaged models, logs, mappings and options: each has to be accepted, or rejected with one sentence."""
 
 import sys
 from pathlib import Path
 
-# Whoever runs it as a command has not got what the tests share on the path.
+# As a command, the package does not have the tests' helpers on its path.
 sys.path.append(str(Path(__file__).parents[1]))

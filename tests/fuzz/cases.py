@@ -1,4 +1,4 @@
-"""One case: files and options with a few things wrong, a command that gets them, and how that ends."""
+"""One case: files and options with a few errors, a command that gets them, and its ending."""
 
 import argparse
 import os
@@ -31,16 +31,16 @@ from .maker import Maker
 from .undrawn import not_drawn
 
 OURS = tuple(Path(figures.__file__).parents[2] / name for name in ("experiments", "ident", "scenes", "sim", "tests"))
-"""Folders whose code is named where a case breaks."""
+"""Folders of the project's code, in which the place of an error is named."""
 
 CLEAN = ("accepted", "refused")
-"""How cases should end."""
+"""The acceptable endings."""
 
 HANG = 30
-"""Seconds of the processor after which a case hangs; the slowest takes a few."""
+"""Processor time in s after which a case counts as hanging; the slowest takes a few."""
 
 DRAWN = 40
-"""Every so many cases draw their figures, which takes longer than all the rest."""
+"""One of so many cases draws its figures, which takes longer than all the rest."""
 
 COMMANDS = (identify, identify, stream, stream, compare, angles, payload, human, excite)
 """The commands, some more often than others."""
@@ -54,21 +54,21 @@ ARGUMENTS = {
     payload: Maker.payload,
     stream: Maker.stream,
 }
-"""What makes the arguments of each."""
+"""Makers of the arguments of each."""
 
 DRAW = figures.drawn
-"""The function that draws them."""
+"""The function that draws figures."""
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How a case ended.
+    """Ending of a case.
 
     Attributes:
         kind: `accepted`, `refused`, `traceback`, `hang`, `foreign` for a library's words in place of ours, or `odd` for
             an exit code without its sentence.
-        what: The sentence, or where the code broke.
-        story: Everything that there is to know.
+        what: The sentence, or the place of the error.
+        story: Full description.
     """
 
     kind: str
@@ -170,7 +170,7 @@ def _ending(command: ModuleType, arguments: Sequence[str], err: StringIO) -> tup
 
 
 def _place(error: Exception) -> str:
-    """Where in this project an error was raised, or let through."""
+    """Place in this project at which an error was raised, or passed through."""
     calls = traceback.extract_tb(error.__traceback__)
     last = [call for call in calls if any(Path(call.filename).is_relative_to(folder) for folder in OURS)][-1]
     return f"{type(error).__name__} under {Path(last.filename).name}:{last.name}"

@@ -1,4 +1,4 @@
-"""Files that are right, to be damaged."""
+"""Valid files, to be damaged."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -60,10 +60,10 @@ FORMATS = {"parquet": "pyarrow", "c3d": "ezc3d", "bag": "rosbags", "mcap": "rosb
 OFTEN = ("csv", "npz", "pair", "mot")
 
 LOGS = (*OFTEN, *OFTEN, "sto", "trc", "mat", *(end for end, package in FORMATS.items() if find_spec(package)))
-"""What logs end in, some more often than others; a pair is angles in one file and forces in another."""
+"""Suffixes of logs, some more often than others; a pair is angles in one file and forces in another."""
 
 STREAMED = tuple(ending for ending in LOGS if ending != "pair")
-"""What recordings end in that are read piece by piece."""
+"""Suffixes of recordings that are read piece by piece."""
 
 PAIR = "{}-angles.mot", "{}-forces.csv"
 """Names of the files of a pair."""

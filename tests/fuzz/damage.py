@@ -1,4 +1,4 @@
-"""What may be wrong with a file: characters, words, numbers, lines, elements, columns, arrays, bytes."""
+"""Damage to files: characters, words, numbers, lines, elements, columns, arrays, bytes."""
 
 import copy
 import io
@@ -56,12 +56,12 @@ ENCODINGS = ("utf-8", "utf-16", "utf-32", "latin-1", "rot13", "hex", "x-none", "
 
 
 def any_of(rng: Rng, choices: Sequence) -> object:
-    """One of them."""
+    """One of the choices."""
     return choices[rng.integers(len(choices))]
 
 
 def damaged(data: bytes, ending: str, rng: Rng) -> bytes:
-    """A file's bytes with one thing wrong."""
+    """A file's bytes with one error."""
     kinds: dict[str, tuple[Callable[[bytes, Rng], bytes], ...]] = {
         ".xml": (_text, *[_elements] * 6, _encoding, _bytes),
         ".urdf": (_text, *[_elements] * 6, _encoding, _bytes),
@@ -98,7 +98,7 @@ def _text(data: bytes, rng: Rng) -> bytes:
 
 
 def _encoding(data: bytes, rng: Rng) -> bytes:
-    """Another encoding, declared or not, or a mark that says so."""
+    """The bytes in another encoding, declared or not, or with a byte order mark."""
     name, text = any_of(rng, ENCODINGS), data.decode("utf-8", "replace")
     if rng.integers(2):
         text = re.sub(r"^(<\?xml.*?\?>)?", f'<?xml version="1.0" encoding="{name}"?>', text)
@@ -122,7 +122,7 @@ def _bytes(data: bytes, rng: Rng) -> bytes:
 
 
 def _elements(data: bytes, rng: Rng) -> bytes:
-    """An element of an XML file left out, doubled, moved or with other attributes."""
+    """An XML file with an element left out, doubled, moved or with other attributes."""
     try:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError):
@@ -147,7 +147,7 @@ def _elements(data: bytes, rng: Rng) -> bytes:
 
 
 def _columns(data: bytes, rng: Rng) -> bytes:
-    """A column of a CSV file with another name, other numbers, or in another place."""
+    """A CSV file with a column of another name, other numbers, or in another place."""
     lines = data.decode("utf-8", "replace").splitlines()
     first = next((k for k, line in enumerate(lines) if not line.startswith("#")), 0)
     rows = [line.split(",") for line in lines[first:]]
@@ -176,7 +176,7 @@ def _columns(data: bytes, rng: Rng) -> bytes:
 
 
 def _entry(data: bytes, rng: Rng) -> bytes:
-    """An entry of a JSON file left out, or with another value, perhaps that of another entry."""
+    """A JSON file with an entry left out, or with another value, perhaps that of another entry."""
     try:
         content = json.loads(data)
         data.decode("utf-8")
@@ -195,7 +195,7 @@ def _entry(data: bytes, rng: Rng) -> bytes:
 
 
 def _ways(content: object) -> Iterator[tuple[object, object]]:
-    """Where all entries of a JSON value are."""
+    """Containers and keys of all entries of a JSON value."""
     pairs = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
     for key, value in list(pairs):
         yield content, key
@@ -210,7 +210,7 @@ def _setting(data: bytes, rng: Rng) -> bytes:
 
 
 def _damaged_numbers(rng: Rng) -> Callable[[np.ndarray], np.ndarray]:
-    """A way to spoil numbers (N,)."""
+    """A function that damages numbers (N,)."""
     at, factor = rng.random(), float(any_of(rng, (0, -1, 1e-3, 57.3, 1e6, 1e300, np.nan, np.inf)))
     number = float(any_of(rng, (0, np.nan, np.inf, -1e300, 5e-324, 1e5)))
 
@@ -234,7 +234,7 @@ def _damaged_numbers(rng: Rng) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _arrays(data: bytes, rng: Rng) -> bytes:
-    """An array of an npz file with another name, type, shape or other numbers."""
+    """An npz file with an array of another name, type, shape or other numbers."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = dict(archive)
@@ -271,7 +271,7 @@ def _arrays(data: bytes, rng: Rng) -> bytes:
 
 
 def _archive(data: bytes, rng: Rng) -> bytes:
-    """An archive whose members are compressed another way, and one of them damaged."""
+    """An archive with another compression, and one damaged member."""
     out = io.BytesIO()
     method = any_of(rng, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA))
     try:

@@ -1,4 +1,4 @@
-"""An executor without others."""
+"""An executor in this process."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -6,13 +6,13 @@ from typing import Any
 
 
 class Here(Executor):
-    """Does at once what it is given, in this process, in place of `workers.Processes`."""
+    """Runs tasks at once in this process, in place of `workers.Processes`."""
 
     def __init__(self, number: int = 1) -> None:
         """Starts nothing."""
 
     def submit(self, work: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
-        """Work that is done, or has failed."""
+        """A finished or failed future."""
         future: Future[Any] = Future()
         try:
             future.set_result(work(*args, **kwargs))
@@ -21,7 +21,7 @@ class Here(Executor):
         return future
 
     def start(self) -> None:
-        """Nothing is to start."""
+        """Does nothing."""
 
     def kill(self) -> None:
-        """Nothing is left to end."""
+        """Does nothing."""

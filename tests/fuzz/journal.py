@@ -1,4 +1,4 @@
-"""How every case ended, kept in a file from case to case."""
+"""Endings of all cases, saved in a file after each case."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -10,11 +10,10 @@ from .cases import CLEAN, Ending
 
 
 class Journal:
-    """A line of JSON when a case begins and one when it has ended.
+    """A file with a line of JSON at the beginning and at the end of each case.
 
     Attributes:
-        endings: What is known of each case that need not run again; one that began and never ended took its process
-            with it.
+        endings: Endings of cases that need not run again; a case that began and did not end has killed its process.
     """
 
     def __init__(self, file: Path) -> None:
@@ -22,17 +21,17 @@ class Journal:
         self.file, self.endings = file, dict[int, dict[str, Any]]()
         file.touch()
         lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
-        # The last line of a process that was killed may not be whole.
+        # The last line of a killed process may be incomplete.
         file.write_text("".join(line for line in lines if line.endswith("\n")), encoding="utf-8")
         for line in file.read_text(encoding="utf-8").splitlines():
             found = json.loads(line)
             self.endings[found["case"]] = found
-        # What was unclean may have been mended; what took the process with it would do so again.
+        # Failures may have been fixed, and run again; a case that killed its process would do so again.
         self.endings = {k: found for k, found in self.endings.items() if found["ending"] in (*CLEAN, "died")}
 
     @contextmanager
     def entry(self, case: int) -> Iterator[Callable[[Ending], None]]:
-        """Takes down that a case begins, and what the block notes of its end; forgets it if the user interrupts."""
+        """Records that a case begins, and the ending that the block states; forgets it if the user interrupts."""
         with self.file.open("a", encoding="utf-8") as lines:
             before = lines.tell()
             lines.write(json.dumps({"case": case, "ending": "died", "what": "the process died"}) + "\n")

@@ -1,4 +1,4 @@
-"""The arguments of one case: files and options with a few things wrong."""
+"""The arguments of one case: files and options with a few errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from .other_files import MARKERS, RESULT_FILES, RESULTS
 
 @dataclass(frozen=True, eq=False)
 class Maker:
-    """Makes the arguments of one case, in which one or two things are wrong: `model`, `log`, `columns` or `options`."""
+    """Makes the arguments of one case with one or two errors: in `model`, `log`, `columns` or `options`."""
 
     corpus: Path
     folder: Path
@@ -67,7 +67,7 @@ class Maker:
         return [*files, *self.options(right, wrong, ("--base", *(["--contact"] if name == "pad" else [])))]
 
     def compare(self) -> list[str]:
-        """Arguments of `compare`; what is wrong of a log is so in one of the files of results."""
+        """Arguments of `compare`; errors in a log are in one of the files of results."""
         hit = any_of(self.rng, [(folder, name) for folder in RESULTS for name in RESULT_FILES])
         for folder in RESULTS:
             (self.folder / folder).mkdir()
@@ -111,7 +111,7 @@ class Maker:
         return [*files, *self.options(right, wrong, ("--body", "--sensor", "--columns"))]
 
     def human(self) -> list[str]:
-        """Arguments of `human`, which always has a wrong one: right ones take minutes."""
+        """Arguments of `human`, which always have an error: valid ones take minutes."""
         wrong = {"--seconds": ["1", "1e9", "x"], "--rate": ["1", "nan"], "--noise": ["0", "-1", "nan", "30", "inf"]}
         wrong |= {"--activities": ["sleeping", "", "$"], "--from": ["films"], "--persons": ["0"], "--workers": ["-1"]}
         wrong |= {"--style": ["absent", "."], "--seed": ["-1", "x"]}
@@ -136,7 +136,7 @@ class Maker:
         return "+".join(self.file("log", each) for each in names)
 
     def file(self, what: str, name: str, new: str | None = None) -> str:
-        """A copy of a file of the corpus, damaged if it is to be wrong; now and then it has a strange name then."""
+        """A copy of a file of the corpus, damaged if it is to have an error; sometimes with a strange name then."""
         data, path = (self.corpus / name).read_bytes(), self.folder / (new or name)
         if what in self.wrong:
             for _ in range(int(any_of(self.rng, (1, 1, 1, 2, 3)))):
@@ -148,7 +148,7 @@ class Maker:
         return str(path)
 
     def options(self, right: dict[str, list[str]], wrong: dict[str, list[str]], always: Sequence[str]) -> list[str]:
-        """Some options with right values, or one of them, if options are to be wrong, with a wrong one."""
+        """Some options with valid values, or, if options are to have an error, with one invalid value."""
         chosen = {option: right[option] for option in right if option in always or self.rng.random() < 0.15}
         if "options" in self.wrong:
             option = any_of(self.rng, list(wrong))

@@ -1,4 +1,4 @@
-"""Files of commands besides `identify` and `stream` that are right, to be damaged."""
+"""Valid files of commands other than `identify` and `stream`, to be damaged."""
 
 import json
 from importlib.util import find_spec
@@ -12,12 +12,12 @@ from written_formats import write_c3d, write_trc
 import scenes
 
 RESULTS = ("first", "second")
-"""Folders of results that are compared."""
+"""Folders of results to compare."""
 
 RESULT_FILES = ("estimate.json", "provenance.json")
 
 MARKERS = ("trc", "trc", *(["c3d"] if find_spec("ezc3d") else []))
-"""What names of files of markers end in."""
+"""Suffixes of files of markers."""
 
 NAMES = ("m1", "m2rz2", "Ixx2")
 
@@ -32,7 +32,7 @@ applied_to_link = true
 
 
 def write_other_files(folder: Path) -> None:
-    """Writes results to compare, markers, an arm that carries something, and a style."""
+    """Writes results to compare, markers, an arm with a payload, and a style."""
     for k, name in enumerate(RESULTS):
         (folder / name).mkdir()
         for file, content in zip(RESULT_FILES, _result(k), strict=True):
@@ -47,7 +47,7 @@ def write_other_files(folder: Path) -> None:
 
 
 def _result(k: int) -> tuple[dict, dict]:
-    """What `identify` leaves in its folder."""
+    """Files that `identify` writes."""
     estimate = {
         "verdict": "Usable",
         "columns": [*NAMES, "offset(Fx)"],

@@ -1,4 +1,4 @@
-"""Nothing in files in place of figures, whose drawing takes most of a study's time."""
+"""Empty files in place of figures, whose drawing takes most of a study's time."""
 
 import pytest
 from matplotlib.figure import Figure
@@ -12,9 +12,9 @@ def not_drawn(figure: Figure, extension: str) -> bytes:
 
 
 def leave_undrawn(patched: pytest.MonkeyPatch) -> None:
-    """Draws nothing while a monkeypatch lasts, nor measures ticks to align labels, which is to draw them once.
+    """Draws no figures while a monkeypatch lasts, and measures no ticks to align labels, which would draw them once.
 
-    Figures of `identify`, whose axes take longer to set up than the estimate, have none.
+    Figures of `identify` are empty, as their axes take longer to set up than the estimate.
     """
     patched.setattr(figures, "drawn", not_drawn)
     patched.setattr(figures, "align_ylabels", lambda axes: None)
