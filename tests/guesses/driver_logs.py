@@ -1,4 +1,4 @@
-"""Forty logs as ten drivers and tools name their columns, each with what is true of it."""
+"""Forty logs with the column names of ten drivers and tools, each with its true mapping."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,18 +16,18 @@ ALPHABETICAL = sorted(range(6), key=UR.__getitem__)
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A log and what is true of it.
+    """A log with its true mapping.
 
     Attributes:
-        tool: Driver or tool that names columns so.
-        about: What is special.
+        tool: Driver or tool with these column names.
+        about: Special features.
         columns: Columns of numbers or words by name (N,).
-        mechanism: Whose log it is.
-        truth: Column of each quantity as `JOINT.KIND`, with the factor that makes it SI; None where there is none.
-        wrenches: Columns of each wrench, forces first, and the body that it acts on, None for the ground.
-        asked: Whether it leaves something open that only its owner knows.
-        between: What separates columns; `mat` for a file of MATLAB's.
-        header: Whether it has a row of names.
+        mechanism: The recorded mechanism.
+        truth: Column of each quantity as `JOINT.KIND`, with the factor to SI; None without a column.
+        wrenches: Columns of each wrench, forces first, and the body that it acts on; None for the ground.
+        asked: True if something is open that only its owner knows.
+        between: Separator of columns; `mat` for a MATLAB file.
+        header: True if it has a row of names.
     """
 
     tool: str
@@ -42,11 +42,11 @@ class Log:
 
     @property
     def name(self) -> str:
-        """Its tool and what is special, for messages."""
+        """Its tool and special features, for messages."""
         return f"{self.tool}: {self.about}"
 
     def write(self, folder: Path) -> Path:
-        """Writes it and returns where."""
+        """Writes it and returns its path."""
         if self.between == "mat":
             savemat(folder / "log.mat", self.columns)
             return folder / "log.mat"
@@ -74,7 +74,7 @@ def named(pattern: str, names: Sequence[str], x: np.ndarray) -> dict[str, np.nda
 def true(
     robot: Robot, names: Mapping[str, Sequence[str]], factors: Mapping[str, float] | None = None
 ) -> dict[str, Any]:
-    """Columns of each kind, from the base on."""
+    """True columns of each kind, from the base on."""
     scale = factors or {}
     return {
         f"{joint}.{kind}": (column, scale.get(kind, 1.0))
@@ -84,7 +84,7 @@ def true(
 
 
 def numbered(robot: Robot, *patterns: str, first: int = 0, order: Sequence[int] | None = None) -> dict[str, Any]:
-    """What is true where positions, velocities and torques are numbered."""
+    """True mapping of numbered positions, velocities and torques."""
     n = len(robot.joints)
     place = {joint: k for k, joint in enumerate(order or range(n))}
     kinds = dict(zip(("position", "velocity", "torque"), patterns, strict=False))
@@ -104,17 +104,17 @@ def states(robot: Robot, q: str, dq: str, tau: str, *, first: int = 0, order: Se
 
 
 def noise(robot: Robot, columns: int, size: float = 1.0, seed: int = 5) -> np.ndarray:
-    """Columns that have nothing to do with the motion (N, columns)."""
+    """Columns independent of the motion (N, columns)."""
     return size * np.cumsum(np.random.default_rng(seed).normal(size=(len(robot.time), columns)), axis=0) / 30
 
 
 def fingers(robot: Robot) -> dict[str, None]:
-    """What a log without fingers is to leave open."""
+    """Quantities that a log without fingers leaves open."""
     return {f"{name}.position": None for name in FINGERS}
 
 
 def angles_of_walker(pattern: str, factor: float = 1.0) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """A person's columns and what is true of them."""
+    """A person's columns and their true mapping."""
     time, q, *_ = walker.motion()
     joints = walker.mechanism().tree.joints
     slide = np.array([1.0 if name in ("tx", "ty", "tz") else factor for name in joints])
@@ -124,13 +124,13 @@ def angles_of_walker(pattern: str, factor: float = 1.0) -> tuple[dict[str, np.nd
 
 
 def plates(force: str, point: str, moment: str, sides: Mapping[str, str]):
-    """Plates under a person's feet with centres of pressure, and the columns that are theirs.
+    """Plates under a person's feet with centres of pressure, and their columns.
 
     Args:
         force: Pattern of a force's component, with the plate's name and the axis.
         point: The same of the point of application.
         moment: The same of the moment about it.
-        sides: What the plates of the right and of the left foot are called.
+        sides: Names of the plates of the right and of the left foot.
     """
     both, columns, those = walker.wrenches(), {}, {}
     for side, wrench in (("r", both["right"] + both["rail"]), ("l", both["left"])):
@@ -145,7 +145,7 @@ def plates(force: str, point: str, moment: str, sides: Mapping[str, str]):
 
 
 def base_wrench(robot: Robot, force: str, torque: str, turn: float = 1.0):
-    """Columns of the ground's wrench, and what they are."""
+    """Columns of the ground's wrench, and their mapping."""
     columns = vector(force, turn * robot.base[:, :3]) | vector(torque, turn * robot.base[:, 3:])
     return columns, {tuple(columns): None}
 

@@ -1,4 +1,4 @@
-"""Logs of the pendulum as laboratories might have written them, each with the mapping that a person would write."""
+"""Logs of the pendulum in odd layouts of laboratories, each with the mapping that a person would write."""
 
 import re
 from functools import cache
@@ -13,24 +13,24 @@ from sim.motion.excitation import DOUBLE_PENDULUM
 
 DEG = 180 / np.pi
 GAINS = (4.2, -2.5)
-"""Of the motors, N m/A."""
+"""Gains of the motors, N m/A."""
 
 
 @cache
 def arm():
-    """The pendulum as its file has it."""
+    """The pendulum of the scene."""
     return sim.mechanism(scenes.load("double_pendulum"), base="base")
 
 
 @cache
 def recording():
-    """Simulated, with the scene's noise."""
+    """Simulated recording with the scene's noise."""
     return sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=600)
 
 
 @cache
 def torques():
-    """What the joints' motors give, by the true model along the motion without noise (N, 2)."""
+    """Torques of the joints' motors, by the true model along the motion without noise (N, 2)."""
     exact = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=600, noise_scale=0)
     q = np.stack([exact["joint1_position"], exact["joint2_position"]], axis=1)
     return joint_torque_regressor(arm().tree, *smoothed(q, 100, 15.0), gravity=arm().gravity) @ arm().known
@@ -101,7 +101,7 @@ def headless():
 
 
 def turned():
-    """A preamble; a sensor turned by 90° whose readings are those of action; and a velocity of the other sign."""
+    """A preamble; a sensor turned by 90° with readings of the reaction; and a velocity of opposite sign."""
     t, q1, q2, F, M = _parts()
     turn = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
     columns = {
@@ -135,7 +135,7 @@ def turned():
 
 
 def backward():
-    """An encoder that counts the other way round."""
+    """An encoder of opposite sign."""
     t, q1, q2, F, M = _parts()
     columns = {"time": t, "Encoder1": q1, "Encoder2": -q2, **vector("base_f{}", F), **vector("base_m{}", M)}
     return (
@@ -176,7 +176,7 @@ def opensim():
 
 
 def motors():
-    """Currents, one in mA and one of the other sign, in microseconds; gains are the true ones."""
+    """Currents, one in mA and one of opposite sign, at times in microseconds; gains are the true ones."""
     t, q1, q2, *_ = _parts()
     i = torques() / GAINS + 0.05 * np.random.default_rng(1).normal(size=(len(t), 2))
     columns = {
@@ -201,7 +201,7 @@ def motors():
 
 
 def efforts():
-    """Joint torques in N mm, one of them of the other sign, beside what was commanded."""
+    """Joint torques in N mm, one of them of opposite sign, beside commanded ones."""
     t, q1, q2, *_ = _parts()
     tau = 1e3 * (torques() + 0.1 * np.random.default_rng(1).normal(size=(len(t), 2)))
     columns = {"t": t, "pos_1": q1, "pos_2": q2, "cmd_pos_1": q1 + 0.01, "effort_1": tau[:, 0], "effort_2": -tau[:, 1]}

@@ -1,4 +1,4 @@
-"""Arms as drivers know them, with motions and the torques that MuJoCo's inverse dynamics needs for them."""
+"""Arms with drivers' joint names, with motions and their torques by MuJoCo's inverse dynamics."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +18,7 @@ UR = (
     "wrist_2_joint",
     "wrist_3_joint",
 )
-"""Joints of Universal Robots from the base on; ROS often sorts them by the alphabet."""
+"""Joints of Universal Robots from the base on; ROS often sorts them alphabetically."""
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 
@@ -30,20 +30,20 @@ UR_LINKS = (
     ("0 0.09 0", "0 0 1", 1.2, "0.03 0.01 0.05"),
     ("0 0 0.09", "0 1 0", 0.6, "0.04 0.05 0.03"),
 )
-"""Place, axis, mass and centre of mass of each link."""
+"""Position, axis, mass and centre of mass of each link."""
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """An arm and what was recorded of it.
+    """An arm and its recording.
 
     Attributes:
         mechanism: The mechanism.
         joints: Joints that move, from the base on.
         time: Times (N,).
-        q: Positions of them (N, n).
+        q: Their positions (N, n).
         dq: Velocities (N, n).
-        tau: Torques, of friction too, with noise (N, n).
+        tau: Torques with friction and noise (N, n).
         base: Wrench of the ground on the base (N, 6).
     """
 
@@ -84,7 +84,7 @@ def seven(pattern="panda_joint{}", first=1, fingers=False):
 
 
 def _recorded(bodies, joints, base):
-    """A motion of six seconds, and what it needs."""
+    """A motion of six seconds, with its torques and base wrench."""
     spec = mujoco.MjSpec.from_string(f'<mujoco><worldbody><body name="base">{bodies}</body></worldbody></mujoco>')
     model = spec.compile()
     data, n = mujoco.MjData(model), len(joints)
@@ -96,7 +96,7 @@ def _recorded(bodies, joints, base):
         mujoco.mj_inverse(model, data)
         mujoco.mj_rnePostConstraint(model, data)
         tau[k] = data.qfrc_inverse[:n]
-        # Of the base's body: torque and force about the centre of mass of all, written about the world's origin.
+        # Of the base's body: torque and force about the centre of mass of all, moved to the world's origin.
         moment, force = data.cfrc_int[1, :3], data.cfrc_int[1, 3:]
         ground[k] = np.append(force, moment + np.cross(data.subtree_com[model.body_rootid[1]], force))
     friction = np.array([3.0, 3, 2, 1, 0.5, 0.3, 0.1])[:n] * np.tanh(dq[:, :n] / 0.05) * 0.2

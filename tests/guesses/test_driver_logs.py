@@ -1,4 +1,4 @@
-"""Logs of ten drivers and tools: what is guessed of them is right or asked, never wrong."""
+"""Guesses for logs of ten drivers and tools are right or left open, never wrong."""
 
 import re
 from collections import Counter
@@ -17,7 +17,7 @@ from ident.recordings.plates import AUTO
 
 
 def scale(found, seen):
-    """What makes a column SI."""
+    """Factor from a column to SI."""
     if found.unit in CURRENT:
         return found.gain * CURRENT[found.unit]
     units = {unit: factor for kinds in UNITS.values() for unit, factor in kinds.items()}
@@ -25,7 +25,7 @@ def scale(found, seen):
 
 
 def judged(log, folder):
-    """`right`, `asked` or `wrong`, and what it is about."""
+    """`right`, `asked` or `wrong`, and the quantities in question."""
     seen, belief = believed(log.mechanism, [log.write(folder)])
     said = {f"{x.joint}.{x.kind}": x for x in belief.quantities.values() if x.column and x.sure != DOUBTFUL}
     wrong, lacking = [], [key for key, truth in log.truth.items() if truth and key not in said]

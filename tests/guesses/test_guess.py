@@ -1,4 +1,4 @@
-"""Odd logs are understood as a person would map them, and what is ambiguous stays open."""
+"""Odd logs are mapped as by a person, and ambiguous quantities stay open."""
 
 from dataclasses import replace
 
@@ -166,7 +166,7 @@ def posed(pattern, x, components):
 
 
 def read_as_guessed(tmp_path, columns, mechanism, base=None):
-    """The log as it reads by the mapping that is guessed of it, and what is believed."""
+    """The log read by its guessed mapping, and the belief."""
     (tmp_path / "log.csv").write_text(text({"time": np.arange(40) / 100, **columns}), encoding="utf-8")
     seen, belief = believed(mechanism, [tmp_path / "log.csv"], base=base)
     write_mapping(tmp_path / "c.toml", seen, belief, mechanism.joints)

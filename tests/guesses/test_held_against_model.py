@@ -1,4 +1,4 @@
-"""What is guessed gives way to what the model and the file say: orders, units, gains, and joints that are absent."""
+"""Guesses give way to the model and the file: orders, units, gains, and joints that are absent."""
 
 from dataclasses import replace
 
@@ -87,7 +87,7 @@ def test_no_name_of_a_joint_hides_that_it_is_absent(tmp_path, name):
 @pytest.mark.parametrize(("unit", "name"), [(" [Nm]", "tau_{}"), ("", "tau_{}")])
 def test_no_gain_is_written_that_the_file_contradicts(tmp_path, unit, name):
     robot = seven()
-    # A wrist whose load is not the model's; of the others nothing is wrong.
+    # A wrist whose load differs from the model's; the other joints are right.
     tau = robot.tau * [1, 1, 1, 1, 1, 13, 1]
     columns = stamped(robot) | states(replace(robot, tau=tau), "q_{}", "dq_{}", name + unit)
     _, belief = believed_of(tmp_path, robot, columns)

@@ -1,4 +1,4 @@
-"""What names say."""
+"""Words of column names."""
 
 import numpy as np
 import pytest
