@@ -47,7 +47,7 @@ def test_a_turned_or_flipped_wrench_is_recognised(k, sign):
 def test_a_transposed_frame_is_recognised():
     R = Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix()
     in_sensor = turned(WRENCH, R.T)
-    # The user gives the transposed rotation, and the prediction is written in the frame that this makes.
+    # The user states the transposed rotation, and the prediction is in the resulting frame.
     check = diagnosis.check_frame(in_sensor, turned(WRENCH, R), R.T)
     assert check.suspicious
     np.testing.assert_allclose(check.rotation, R @ R)
@@ -56,7 +56,7 @@ def test_a_transposed_frame_is_recognised():
 
 @pytest.mark.parametrize(("left", "suspicious"), [(0.45, True), (0.55, False), (0.95, False)])
 def test_another_sign_or_frame_has_to_be_twice_as_good(left, suspicious):
-    """What a rough model predicts of a right wrench may be a little better turned."""
+    """With a rough model, a correct wrench may fit a little better if turned."""
     assert diagnosis.FrameCheck(-1, np.eye(3), 1.0, left).suspicious == suspicious
     assert diagnosis.FrameCheck(1, diagnosis.right_angled_rotations()[1], 1.0, left).suspicious == suspicious
     assert diagnosis.BaseCheck("link", 1.0, left).suspicious == suspicious
@@ -64,7 +64,7 @@ def test_another_sign_or_frame_has_to_be_twice_as_good(left, suspicious):
 
 
 def test_a_wrench_may_be_in_the_frame_of_any_body_that_rests():
-    """Also of one on another that does; none of what a joint moves."""
+    """Also of a body fixed to one at rest; not of a body that a joint moves."""
     turned_by = [[0.3, -0.2, 0.1], [-0.5, 0.4, 0.9], [0.2, 0.2, -0.7], [1.0, 0.1, 0.3]]
     homes = [pose(Rotation.from_euler("xyz", angles).as_matrix(), np.array(angles)) for angles in turned_by]
     turns = {"link": (np.eye(6)[5], "turn")}
@@ -163,7 +163,7 @@ def slow(rng, samples, rate, channels=3):
 @pytest.mark.parametrize("share", [0.5, 0.8, 1.0])
 @pytest.mark.parametrize("rate", [100, 1000])
 def test_slow_noise_beside_white_noise_does_not_go_with_a_motion(share, rate):
-    """As errors of a smoothed motion beside a sensor's noise: many functions of few seconds explain much of them."""
+    """As errors of a smoothed motion beside a sensor's noise: many functions explain much of a few seconds of it."""
     for seed in range(10):
         rng = np.random.default_rng(seed)
         motion = several_sines(rng, 4, rate)
@@ -183,7 +183,7 @@ def test_what_a_model_lacks_goes_with_the_motion_though_it_is_slow():
 
 
 def test_a_turn_is_blamed_only_if_it_fits_better_than_a_tie():
-    """Part of the way to a quarter turn a wrench has errors in proportion to the ways; in a tie nothing is blamed."""
+    """Partly turned towards a quarter turn, a wrench has proportional errors; in a tie no turn is reported."""
     R = Rotation.from_euler("z", 90, degrees=True).as_matrix()
     for share, named in ((0.54, False), (0.57, True)):
         between = (1 - share) * WRENCH + share * turned(WRENCH, R.T)

@@ -1,4 +1,4 @@
-"""When what a fit leaves, how it went and where joints were is worth a word, and when it is a doubt."""
+"""Findings on residuals, convergence and joint ranges: their thresholds, and those of doubts."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -52,7 +52,7 @@ def test_a_set_up_that_explains_nothing_is_a_doubt_beside_what_was_found(setup):
 
 
 def slow(times, floor=0.0):
-    """Findings on two channels whose noise is so many times what is fast of them."""
+    """Findings on two channels with a given ratio of total to fast noise."""
     fast = np.random.default_rng(0).normal(size=(4000, 2))
     noise = SimpleNamespace(channels=np.array(times, float), floor_channels=np.full(2, floor))
     result = joint(noise=noise, pieces=[SimpleNamespace(measured=fast[:2000]), SimpleNamespace(measured=fast[2000:])])
@@ -66,7 +66,7 @@ def test_more_than_a_sensors_noise_is_a_remark_from_three_times_on():
     assert not found.doubt and found.place.channels == ("Fz",) and "sensors: Fz 5 times." in found.text
     assert "In all channels" in slow([4.0, 5.0])[0].text and "4 to 5 times." in slow([4.0, 5.0])[0].text
     assert "over 100 times." in slow([300.0, 500.0])[0].text
-    # What cannot be less is no sign of a model that is not quite right.
+    # Noise at its lower bound does not indicate an imperfect model.
     assert not slow([2.7, 5.0], floor=2.0)
     assert slow([2.7, 5.0], floor=1.5)
 

@@ -1,4 +1,4 @@
-"""Friction that is likely but was not fitted: what noise is not taken for, and when it is worth a word."""
+"""Friction that is likely but was not fitted: distinguished from noise, and reported above thresholds."""
 
 from dataclasses import replace
 from functools import cache
@@ -22,7 +22,7 @@ def fitted():
 
 
 def shares_of(residual):
-    """Shares where the torques are what the fit says, and a residual (N, 7)."""
+    """Shares for predicted torques and a residual (N, 7)."""
     fit, samples = fitted().fit, fitted().prepared.samples
     right = samples.measured - fit.residual(samples)
     return np.array(list(friction_shares(fit, replace(samples, measured=right + residual)).values()))
@@ -30,7 +30,7 @@ def shares_of(residual):
 
 @pytest.mark.parametrize(("rho", "most"), [(0.0, 0.01), (0.9, 0.06)])
 def test_noise_is_not_taken_for_friction(rho, most):
-    """Of what two columns explain of noise by chance as much is taken away, more of noise that is correlated."""
+    """The share that two columns explain by chance is subtracted; it is larger for correlated noise."""
     rng, size = np.random.default_rng(0), fitted().prepared.samples.measured.shape
     shares = np.concatenate(
         [shares_of(signal.lfilter([1], [1, -rho], rng.normal(size=size), axis=0)) for _ in range(6)]
@@ -40,7 +40,7 @@ def test_noise_is_not_taken_for_friction(rho, most):
 
 
 def test_friction_is_taken_for_friction():
-    """Four fifths of a residual's variance in the first joint, of which inertias take a part first."""
+    """Four fifths of a residual's variance in the first joint, part of which inertias explain first."""
     dq = fitted().prepared.samples.motion.dq
     rubs = np.sign(dq) / np.sign(dq).std(axis=0)
     residual = np.random.default_rng(1).normal(size=dq.shape)
@@ -50,7 +50,7 @@ def test_friction_is_taken_for_friction():
 
 
 def estimate(share, ratio, drives=()):
-    """An estimate of two torques, with a share of the second's residual that friction would take away."""
+    """An estimate of two torques, with a share of the second's residual that friction would explain."""
     channels = ("joint1", "joint2")
     return SimpleNamespace(
         fit=SimpleNamespace(equations=SimpleNamespace(drives=drives)),
@@ -66,7 +66,7 @@ def estimate(share, ratio, drives=()):
     ("share", "ratio", "worth_it"), [(0.25, 0.025, True), (0.15, 0.025, False), (0.25, 0.015, False)]
 )
 def test_friction_is_worth_a_word_where_it_explains_much_of_something(share, ratio, worth_it):
-    """A residual of a hundredth of the signal may go with the velocity without harm."""
+    """A residual of a hundredth of the signal may correlate with the velocity."""
     (found,) = list(friction_findings(estimate(share, ratio))) or [None]
     assert (found is not None) == worth_it
     if found:
@@ -92,7 +92,7 @@ def test_of_friction_that_is_fitted_nothing_is_said_but_that_at_low_velocity():
 
 
 def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4):
-    """Findings on the second of two torques, whose joint rubs, with a noise of 0.5 N m."""
+    """Findings on the second of two torques, whose joint has friction, with a noise of 0.5 N m."""
     monkeypatch.setattr(torque_findings, "rubbing", lambda measurement: {1: 1})
     result = estimate(0.0, 0.1)
     found = SimpleNamespace(size=np.array([0, size]), velocity=np.array([1, 0.05]), slip=np.array([0, slip]))

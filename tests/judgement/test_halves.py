@@ -1,4 +1,4 @@
-"""Parts of the data against each other: one parameter that each part tells by itself, by the weights of a mean."""
+"""Parts of the data against each other: one parameter that each part estimates alone, combined by a weighted mean."""
 
 from types import SimpleNamespace
 
@@ -14,14 +14,14 @@ from ident.judgement.halves import LEAST_ADDED, disagreement, disagreements
 
 
 def joint(told, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
-    """A joint estimate of one parameter, of which each piece says `told` with a precision.
+    """A joint estimate of one parameter, for which each piece's own estimate is `told` with a precision.
 
     Args:
-        told: What each piece says (k,).
+        told: Estimate of each piece (k,).
         precision: Its precision (k,).
-        known: Precision of what is known beforehand; `mean` what that says.
-        counts: Pieces of each recording, all of one if not given.
-        scatter: Variance of each piece's right side, its precision if not given (k,).
+        known: Precision of the prior; `mean` is its mean.
+        counts: Number of pieces of each recording; by default one recording.
+        scatter: Variance of each piece's right side; by default its precision (k,).
     """
     told, precision = np.array(told, float), np.array(precision, float)
     scatter = precision if scatter is None else np.array(scatter, float)
@@ -51,7 +51,7 @@ def joint(told, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
 
 
 def mean_and_variance(told, precision, known, mean):
-    """Of one half, with half of what is known."""
+    """Mean and variance of one half, with half of the prior."""
     told, precision = np.array(told, float), np.array(precision, float)
     whole = precision.sum() + known / 2
     return (precision @ told + known * mean / 2) / whole, 1 / whole
@@ -66,7 +66,7 @@ def test_halves_of_one_recording_are_compared_with_half_of_what_is_known_each(kn
 
 
 def test_halves_of_several_recordings_are_recordings():
-    """One of three against two."""
+    """One recording against two."""
     told, precision = [1.0, 0.2, 0.4, 0.5], [10, 20, 5, 8]
     z = disagreement(joint(told, precision, counts=(1, 2, 1)))
     (a, va), (b, vb) = (mean_and_variance(told[k], precision[k], 0, 0) for k in (slice(0, 1), slice(1, 4)))
@@ -74,7 +74,7 @@ def test_halves_of_several_recordings_are_recordings():
 
 
 def test_noise_that_is_really_more_makes_halves_agree():
-    """Their variances are those of a sandwich: with four times the scatter half as many standard deviations."""
+    """Variances are those of a sandwich: with four times the scatter, z is half as large."""
     told, precision = [1.0, 0.2], np.array([10.0, 20])
     assert disagreement(joint(told, precision, scatter=4 * precision)) == pytest.approx(
         disagreement(joint(told, precision)) / 2
@@ -87,7 +87,7 @@ def test_a_half_that_tells_nothing_disagrees_with_nobody():
 
 
 def test_each_recording_is_compared_with_the_others():
-    """`θ_k - θ` has the variance 1 / (P - P_k) - 1 / P where noise is as supposed; of two there is one difference."""
+    """`θ_k - θ` has the variance 1 / (P - P_k) - 1 / P for the assumed noise; two recordings have one difference."""
     told, precision = np.array([1.0, 1.1, 0.9, 3.0]), np.array([10.0, 20, 5, 8])
     z = disagreements(joint(told, precision, counts=(1, 1, 1, 1)))
     theta = precision @ told / precision.sum()
@@ -100,7 +100,7 @@ def test_each_recording_is_compared_with_the_others():
 
 
 def test_what_adds_nothing_does_not_differ_by_rounding():
-    """A recording counts as if it added a hundredth of the variance."""
+    """A recording counts as adding at least a hundredth of the variance."""
     told, precision = [1.0, 1.1, 0.9], [10.0, 20, 1e-9]
     whole = joint(told, precision, counts=(1, 1, 1))
     other = np.average(told[:2], weights=precision[:2])

@@ -1,4 +1,4 @@
-"""A model in a plane and a person who sways: what she is told to leave out, and what comes of it when she does."""
+"""A planar model and a person who sways: the finding that names channels to leave out, and its effect."""
 
 import json
 from functools import cache
@@ -23,7 +23,7 @@ def estimate(leave_out=(), **options):
 
 
 def copied(text):
-    """What follows an option in a sentence."""
+    """Values after an option in a sentence."""
     return tuple(text.partition("--leave-out ")[2].partition(" leaves")[0].split())
 
 
@@ -61,7 +61,7 @@ def test_least_squares_leave_it_out_as_well(estimator):
 
 
 def test_signs_of_plates_are_still_held_against_the_model():
-    """A plate whose signs are turned is found in the channels that are left."""
+    """A plate with inverted signs is found by the remaining channels."""
     person, recording = sagittal_walker.mechanism(), sagittal_walker.recording()
     values = {name: -x if name in ("right_force", "right_torque") else x for name, x in recording.measured.items()}
     turned = ident.Recording(recording.time, values, sensors=recording.sensors, held=False)

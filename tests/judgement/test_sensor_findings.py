@@ -1,4 +1,4 @@
-"""Sensors whose range ends, or whose steps are coarse: named, and what they spoil left out."""
+"""Sensors with clipped ranges or coarse steps: named, and their samples left out."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from ident.recordings.wrench import Sensor
 
 
 def clipped(share, component=2, seed=0):
-    """A recording of which a component does not go beyond the value that so large a share of it exceeds."""
+    """A recording with a component clipped at the value that this share of it exceeds."""
     recording = faulty(seed)
     wrench = wrench_of(recording)
     limit = np.quantile(wrench[:, component], 1 - share)
@@ -108,7 +108,7 @@ def test_a_torque_that_a_motor_limits_is_clipped_at_both_ends():
 
 @pytest.mark.parametrize("steps", [{}, {"forces": 0.01, "moments": 0.01}, {"forces": 3.0, "moments": 0.3}])
 def test_nothing_is_clipped_where_ranges_are_large_enough(steps):
-    """Fine and coarse steps alike."""
+    """With fine and with coarse steps."""
     for seed in range(3):
         assert not prepared(PENDULUM, recorded(seed, speed=1, noise=1, **steps)).clipped
 

@@ -1,4 +1,4 @@
-"""Joint torques against the model: signs, units, friction, and a hand that is not there."""
+"""Joint torques against the model: signs, units, friction, and a hand that is absent."""
 
 from dataclasses import replace
 from functools import cache
@@ -27,8 +27,7 @@ def arm():
 
 
 def log(*, hand=True, friction=0.0, slow=0.0, gains=1.0, off=1.0, seed=0, seconds=20.0, rate=100.0):
-    """Angles and torques, the links' as MuJoCo computes them, `off` times those of the model; friction, `slow` N m
-    more of it at low velocity."""
+    """Angles and torques: the links' torques by MuJoCo times `off`, and friction, `slow` N m more at low velocity."""
     true = mujoco.MjModel.from_xml_string(wrist.model(tool=HAND if hand else NO_HAND))
     data, (t, q, dq, ddq), torques = mujoco.MjData(true), wrist.motion(seconds, rate), []
     for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, dq, ddq, strict=True):
@@ -70,8 +69,10 @@ def test_opposite_signs_and_missing_factors_are_named():
 
 @pytest.mark.parametrize("joint", [3, 4])
 def test_a_torque_that_another_body_explains_is_in_no_other_unit(joint):
-    """A tenth of the fifth joint's torques is what a forearm with its mass nearer to the axis would need; no likely
-    body makes the fourth's a tenth."""
+    """A forearm with its mass nearer to the axis would explain a tenth of the fifth joint's torques.
+
+    No likely body explains a tenth of the fourth's.
+    """
     gains = np.ones(7)
     gains[joint] = 0.1
     check = checks(gains=gains).joints[joint]
@@ -109,7 +110,7 @@ def test_a_reversal_that_a_low_pass_smears_is_not_taken_for_it():
 
 
 def test_rotors_are_to_be_fitted_or_cannot_be_told_from_the_links():
-    """A rotor on the first joint, whose axis rests, is one with the inertia of its link."""
+    """A rotor on the first joint, whose axis is fixed, is inseparable from the inertia of its link."""
 
     def said(*drive):
         logged = prepared(arm(), log(seconds=3), cutoff=8.0, drive=drive)
@@ -125,7 +126,7 @@ def test_rotors_are_to_be_fitted_or_cannot_be_told_from_the_links():
 
 
 def test_what_may_not_have_been_there_is_screwed_to_what_moves_and_has_a_mass():
-    """Neither a table on the base nor a frame without mass; what is screwed to a tool is with it."""
+    """Neither a table on the base nor a frame without mass is a candidate; bodies on a tool belong to it."""
     inertial = '<inertial mass="{}" pos="0 0 0" diaginertia="1 1 1"/>'.format
     model = f"""<mujoco><worldbody>
       <body name="table">{inertial(5)}

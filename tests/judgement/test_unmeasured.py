@@ -1,4 +1,4 @@
-"""Contacts that nobody measures: found by the weight that they carry, named, and left out."""
+"""Unmeasured contacts: found by the weight that they carry, named, and left out."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ WEIGHT = PENDULUM.mass * 9.81
 @pytest.mark.parametrize("spans", [[(1, 2.5)], [(2, 3), (6, 9)], [(0.5, 6)]])
 @pytest.mark.parametrize("heavier", [0.8, 1, 1.25])
 def test_they_are_found_where_they_are(spans, heavier):
-    """Also by a model that is too light or too heavy."""
+    """Also with a model that is too light or too heavy."""
     model = replace(PENDULUM, prior=heavier * PENDULUM.known)
     contacts = unmeasured_contacts(prepared(model, leaning(spans, FORCE)))
     assert len(contacts) == len(spans)
@@ -49,7 +49,7 @@ def test_nothing_is_found_where_the_set_up_is_wrong_only(fault, seed):
 
 @pytest.mark.parametrize("seed", [3, 6])
 def test_nothing_is_found_where_the_low_pass_ends(seed):
-    """What it leaves of accelerations at the last samples may come to a third of the weight."""
+    """Errors of accelerations at the last samples can amount to a third of the weight."""
     recording = lifting.recorded(lifting.lifter(seed), lifting.STOOP, 0.4, 10 * seed + 1)
     assert not unmeasured_contacts(prepared(lifting.table(), recording))
 
@@ -74,7 +74,7 @@ def test_nothing_is_found_where_a_recording_ends_in_motion(seed, first, last):
 
 
 def test_nothing_is_found_where_as_much_is_too_much_elsewhere():
-    """A contact only pushes: what errs to both sides is the model, or a sensor."""
+    """A contact only pushes: errors to both sides are the model's, or a sensor's."""
     pushed, pulled = (wrench_of(leaning([span], FORCE)) for span in ((1, 2.5), (6, 7)))
     right = faulty()
     both = pushed - 0.7 * (pulled - wrench_of(right))

@@ -1,4 +1,4 @@
-"""Findings and verdicts of identifications of short simulated recordings."""
+"""Findings and verdicts of identifications from short simulated recordings."""
 
 import re
 from dataclasses import replace
@@ -23,16 +23,16 @@ from ident.parameters.prior import known_covariance
 
 
 def sines(seed, seconds=5.0, rate=100, size=0.4, angle=0.001, force=0.1, drag=0.0):
-    """The pendulum in a motion of six sines, its angles and its wrench with white noise.
+    """The pendulum in a motion of six sines, with white noise on angles and wrench.
 
     Args:
-        seed: Of motion and noise.
-        seconds: How long.
+        seed: Seed of motion and noise.
+        seconds: Duration, s.
         rate: Samples per second.
-        size: Of the motion.
+        size: Size of the motion.
         angle: Noise of the angles, rad.
         force: Noise of the forces, N; that of the moments is a tenth, N m.
-        drag: Force along y on the base by the square of the first joint's velocity, which no model has, N s².
+        drag: Unmodelled force along y on the base over the square of the first joint's velocity, N s².
     """
     rng, time = np.random.default_rng(seed), np.arange(0, seconds, 1 / rate)
     w, a, phase = (
@@ -53,7 +53,7 @@ def with_words(estimate, text):
 
 
 def test_a_right_model_s_residuals_do_not_go_with_the_motion_of_another_log():
-    """Errors of a motion that is smoothed from its angles alone do, but a fit's own residuals do not."""
+    """Errors of a motion smoothed from its angles alone correlate with it, but a fit's own residuals do not."""
     for seed in (15, 16):
         estimate = ident.identify(PENDULUM, sines(seed, rate=500), held_out=sines(1000 + seed, rate=500))
         assert (estimate.held_out.ratio[1:] > 0.01).any() and not with_words(estimate, "go with the motion")
@@ -74,7 +74,7 @@ def estimate():
 
 
 def with_ratios(estimate, **rivals):
-    """An estimate beside candidates that leave so many times what it leaves of Fy, Fz, Mx, My, Mz."""
+    """An estimate beside rivals with residuals of Fy, Fz, Mx, My, Mz larger by these factors."""
     names = {"model": "model", "squares": "least squares"}
     own = np.maximum(estimate.held_out.ratio, 0.1)
     held = replace(estimate.held_out, residual=estimate.held_out.residual * own / estimate.held_out.ratio)
@@ -206,7 +206,7 @@ def test_a_last_link_that_is_heavier_than_the_model_may_carry_a_tool(estimate):
 
 
 def test_a_link_that_only_the_physical_bodies_make_heavier_carries_no_tool(estimate):
-    """Combinations that data tell may ask for physical bodies that are heavier, though no mass is told."""
+    """Determined combinations may require heavier physical bodies, although no mass is determined."""
     other, full = replace(estimate), estimate.consistent()
     phi = full.phi.copy()
     phi[-10] *= 1.5
@@ -215,7 +215,7 @@ def test_a_link_that_only_the_physical_bodies_make_heavier_carries_no_tool(estim
 
 
 def test_masses_that_torques_hardly_see_stay_near_the_model_s_and_are_no_doubt():
-    """A hand that the model lacks moves first moments of its arm, from which the masses would go too."""
+    """A hand that the model lacks moves first moments of its arm, and the masses could drift with them."""
     bare = sim.mechanism(mujoco.MjSpec.from_string(wrist.model(tool=NO_HAND)))
     estimate = ident.identify(bare, log(seconds=8))
     full = estimate.consistent()

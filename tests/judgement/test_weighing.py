@@ -1,4 +1,4 @@
-"""The mass of an estimate beside what the wrenches weigh, and beside the model's."""
+"""Mass of an estimate compared with the wrenches' weight and with the model's."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def test_the_mass_of_an_estimate_is_that_of_all_bodies():
 
 
 def test_a_gain_that_was_found_is_held_against_the_weight():
-    """Fz reads a tenth too much: the estimate weighs what the model does, the wrenches weigh more."""
+    """Fz reads a tenth too much: the estimate has the model's weight, the wrenches a larger one."""
     (finding,) = said(ident.identify(PENDULUM, faulty(gains=(1, 1, 1.1, 1, 1, 1))), "Weigh it")
     assert "the wrenches weigh 23.10 kg, the model 20.99 kg" in finding.text and not finding.doubt
 

@@ -1,4 +1,4 @@
-"""Contacts that may be left out, whose noise those that are measured look like, and what the weight says."""
+"""Findings on contacts to leave out, similar noise of sensors, and weight."""
 
 from types import SimpleNamespace
 
@@ -30,7 +30,7 @@ def test_a_contact_left_out_is_on_a_body_and_is_not_measured(measured_on, distan
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(("off", "doubts"), [(0.04, []), (0.06, [False]), (0.28, [False]), (0.32, [True])])
 def test_a_mechanism_may_weigh_a_little_more_or_less_than_its_model(sign, off, doubts):
-    """Above 5 % it is worth a remark, above 30 % it is another mechanism."""
+    """Above 5 % there is a remark, above 30 % it is another mechanism."""
     found = list(weight_findings(Weight(50 * (1 + sign * off), 50, 0.0)))
     assert [finding.doubt for finding in found] == doubts
 
@@ -44,7 +44,7 @@ def test_the_weight_may_not_drift_either_way(drift):
 
 @pytest.mark.parametrize("drift", [0.0, 0.1, -0.1])
 def test_a_drifting_sensor_is_weighed(drift):
-    """By so much of the model's mass over the recording, of which the fit sees a part."""
+    """By so much of the model's mass over the recording, part of which is fitted."""
     right = faulty()
     wrench = wrench_of(right)
     wrench[:, 2] += drift * PENDULUM.mass * 9.81 * (right.time - right.time.mean()) / np.ptp(right.time)
