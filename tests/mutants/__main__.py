@@ -1,7 +1,7 @@
 """Puts faults into rooms of `ident` one at a time, drawn by chance, and counts those that make a test fail.
 
-Each is put into a copy of the repository and meets the tests that execute its line. What survives is either the same
-for every input, or a test that is missing.
+Each is put into a copy of the repository, and the tests that execute its line are run. A fault that survives is
+either without effect for every input, or shows a missing test.
 """
 
 import argparse
@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def tried(mutants: dict[int, Mutant], out: Path, workers: int, seconds: float) -> dict[int, str]:
-    """How tests end with each fault."""
+    """Endings of the tests with each fault."""
     with tempfile.TemporaryDirectory() as folder:
         copies = SimpleQueue[Path]()
         for k in range(workers):
@@ -78,7 +78,7 @@ def tried(mutants: dict[int, Mutant], out: Path, workers: int, seconds: float) -
 
 
 def table(mutants: dict[int, Mutant], endings: dict[int, str]) -> str:
-    """One line for each fault, those that survived last, and the kinds that do."""
+    """One line for each fault, survivors last, and the counts by kind."""
     rows = []
     for k in sorted(mutants, key=lambda k: endings[k].startswith("survived")):
         fault, (ending, _, why) = mutants[k], endings[k].partition(": ")

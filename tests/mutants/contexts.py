@@ -1,4 +1,4 @@
-"""Plugin of pytest that has `coverage` note the test by which each line is executed, and keeps what each test takes."""
+"""Pytest plugin: records the test that executes each line, by `coverage`, and the duration of each test."""
 
 import json
 import os
@@ -15,18 +15,18 @@ _seconds, _failed = defaultdict(float), set()
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_logstart(nodeid):
-    """Lines from here on, also those of fixtures, are executed by this test."""
+    """Assigns lines from here on, also those of fixtures, to this test."""
     coverage.Coverage.current().switch_context(nodeid)
 
 
 def pytest_runtest_logreport(report):
-    """Counts the time of fixtures as well."""
+    """Adds up durations, including fixtures."""
     _seconds[report.nodeid] += report.duration
     if not report.passed:
         _failed.add(report.nodeid)
 
 
 def pytest_sessionfinish():
-    """Writes the seconds of all tests that passed."""
+    """Writes the durations of all tests that passed."""
     passed = {test: seconds for test, seconds in _seconds.items() if test not in _failed}
     Path(os.environ[SECONDS]).write_text(json.dumps(passed), encoding="utf-8")

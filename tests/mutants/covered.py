@@ -1,4 +1,4 @@
-"""Which tests execute a line: gathered once with `coverage`, and again where code or tests have changed."""
+"""Tests by executed line: recorded with `coverage`, and again after changes of code or tests."""
 
 import ast
 import hashlib
@@ -12,18 +12,18 @@ from functools import cached_property
 from pathlib import Path
 
 LEFT_OUT = ("output", "docs", "cli", "runs", "simulation", "motion", "models", "test_fuzz.py", "test_mutants.py")
-"""What of the tests is about other things, and slow."""
+"""Slow tests that are about other rooms."""
 
 SECONDS = "MUTANTS_SECONDS"
-"""Variable of the environment that holds the file of what passing tests take."""
+"""Environment variable with the file of durations of passing tests."""
 
 
 class Covered:
-    """Lines that tests execute, and what each test takes.
+    """Lines executed by tests, and the duration of each test.
 
     Args:
         repository: The repository's folder.
-        folder: Where what is gathered is kept.
+        folder: Folder of the recorded data.
         copy: A copy of the repository to run tests in.
     """
 
@@ -45,7 +45,7 @@ class Covered:
             kept.write_text(json.dumps({"code": code, "files": now, "seconds": self.seconds}), encoding="utf-8")
 
     def _gathered(self, files: Sequence[str], copy: Path) -> dict[str, float]:
-        """What each passing test of some files takes, s; the lines they execute go into the file of coverage."""
+        """Duration of each passing test of some files, s; executed lines go into the file of coverage."""
         seconds = self.folder.resolve() / "seconds.json"
         command = [sys.executable, "-m", "coverage", "run", "--append", "--source", "ident"]
         command += ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "tests.mutants.contexts", *files]
@@ -57,7 +57,7 @@ class Covered:
     @cached_property
     def _lines(self) -> dict[str, dict[int, list[str]]]:
         """Tests by file and line; files from the repository's folder."""
-        # To say which faults there are takes no more than Python.
+        # Listing faults needs only Python, not `coverage`.
         from coverage import CoverageData
 
         data = CoverageData(str(self._file))
@@ -72,9 +72,9 @@ class Covered:
         return out
 
     def tests(self, path: str, line: int) -> list[str]:
-        """Tests that execute a line, the quickest first; of what imports execute, those of what it defines.
+        """Tests that execute a line, the quickest first; for a line executed on import, the tests of its names.
 
-        Studies come last, whose tests share simulations that take longer than they.
+        Studies come last, as their tests share slow simulations.
         """
         tree = ast.parse((self.repository / path).read_text(encoding="utf-8"))
         body = _body(tree, line)
@@ -87,7 +87,7 @@ class Covered:
         return {test for tests in every for test in tests if test in self.seconds}
 
     def _of_names(self, path: str, names: Sequence[str]) -> set[str]:
-        """Tests that execute lines with names, in their own file or else in others, or name them."""
+        """Tests that execute lines with these names, in their own file or else in others, or that mention them."""
         if not names:
             return set()
         pattern, places = re.compile(rf"\b({'|'.join(names)})\b"), dict[str, list[int]]()
@@ -97,12 +97,12 @@ class Covered:
         files = {test.partition("::")[0] for test in self.seconds}
         naming = {file for file in files if pattern.search((self.repository / file).read_text(encoding="utf-8"))}
         named = {test for test in self.seconds if test.partition("::")[0] in naming}
-        # Other files may give another thing the same name.
+        # The same name may have other meanings in other files.
         return named | (self._of_lines({path: places[path]}) or self._of_lines(places))
 
 
 def _body(tree: ast.AST, line: int) -> list[int]:
-    """A line within a function, or all lines of the function whose defaults it has; none of what imports execute."""
+    """A line in a function's body, the whole body for a line of its signature, or none for lines executed on import."""
     out: list[int] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef) and node.lineno <= line <= (node.end_lineno or 0):
@@ -112,7 +112,7 @@ def _body(tree: ast.AST, line: int) -> list[int]:
 
 
 def _assigned(tree: ast.AST, line: int) -> list[str]:
-    """What the statement in a line gives a value."""
+    """Names assigned by the statement at a line."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= line <= (node.end_lineno or 0):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
@@ -121,15 +121,15 @@ def _assigned(tree: ast.AST, line: int) -> list[str]:
 
 
 def test_files(repository: Path) -> list[Path]:
-    """Test files that are not about other things."""
+    """Test files without those of `LEFT_OUT`."""
     files = sorted((repository / "tests").rglob("test_*.py"))
     return [file for file in files if file.relative_to(repository).parts[1] not in LEFT_OUT]
 
 
 def environment(copy: Path) -> dict[str, str]:
-    """Variables with which Python imports a copy, and takes one core."""
+    """Variables for importing from a copy, with one thread."""
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-    # To compile all modules for each fault would take most of the time.
+    # Compiling all modules for each fault would take most of the time.
     others = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
     path = os.pathsep.join([str(copy), *filter(None, [os.environ.get("PYTHONPATH")])])
     return others | threads | {"PYTHONPATH": path}

@@ -1,4 +1,4 @@
-"""Faults that can be put into a source text, and what is drawn of them."""
+"""Faults that can be put into a source text, and a random draw of them."""
 
 import ast
 import random
@@ -14,16 +14,16 @@ SWAPPED: Mapping[type[ast.AST], type[ast.AST]] = {
     **{b: a for a, b in PAIRS},
     **dict.fromkeys((ast.FloorDiv, ast.Mod, ast.Pow), ast.Mult),
 }
-"""Operators that stand for each other."""
+"""Operators that replace each other."""
 
 BOUNDARY: Mapping[type[ast.AST], type[ast.AST]] = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
-"""Comparisons that differ at equality: of counts a fault, of measured numbers none that anybody could notice."""
+"""Comparisons that differ at equality: a fault for counts, but unnoticeable for measured numbers."""
 
 GUARD = 1e-6
-"""Size below which a number keeps others from being zero: to double it would change nothing."""
+"""Size below which a number only guards against zero: doubling it would change nothing."""
 
 UNTESTED_KEYWORDS = ("strict", "maxsize", "desc", "unit", "dtype", "copy", "stacklevel")
-"""Keywords whose constants show in nothing but speed, progress or wrong calls."""
+"""Keywords whose constants affect only speed, progress or wrong calls."""
 
 UNTESTED_CALLS = ("print", "tqdm", "warn", "TypeVar", "cast", "getLogger")
 """Functions whose arguments are words, types or progress."""
@@ -36,10 +36,10 @@ class Mutant:
     Attributes:
         path: The file, from the repository's folder.
         line: Line of the change.
-        kind: What sort of change it is.
+        kind: Kind of the change.
         before: The text that is replaced.
         after: The text in its place.
-        start: Where it is in the file's bytes.
+        start: Offset in the file's bytes.
     """
 
     path: str
@@ -57,7 +57,7 @@ class Mutant:
 
 
 def mutants_of(path: str, source: str) -> list[Mutant]:
-    """All faults for a file; none in texts, annotations, `__all__` and what is raised or shown as progress."""
+    """All faults for a file, without texts, annotations, `__all__`, error messages and progress."""
     raw = source.encode()
     starts = [0]
     for row in raw.splitlines(keepends=True):
@@ -71,7 +71,7 @@ def mutants_of(path: str, source: str) -> list[Mutant]:
 
 
 def drawn(mutants: list[Mutant], number: int, seed: int) -> list[Mutant]:
-    """So many of them by chance, not two in one line, in their order."""
+    """A random draw of so many faults, at most one in a line, in order."""
     rng, lines = random.Random(seed), dict[tuple[str, int], Mutant]()
     for mutant in rng.sample(mutants, len(mutants)):
         if len(lines) < number:
@@ -80,7 +80,7 @@ def drawn(mutants: list[Mutant], number: int, seed: int) -> list[Mutant]:
 
 
 def _faults(tree: ast.Module) -> Iterator[tuple[ast.expr | ast.stmt, str, str]]:
-    """What is replaced, the kind, and the text in its place."""
+    """Yields the replaced node, the kind, and the new text."""
     for node in _code(tree):
         if isinstance(node, ast.stmt):
             yield from _of_statement(node)
@@ -89,7 +89,7 @@ def _faults(tree: ast.Module) -> Iterator[tuple[ast.expr | ast.stmt, str, str]]:
 
 
 def _code(node: ast.AST) -> Iterator[ast.expr | ast.stmt]:
-    """Statements and expressions below that a test could tell from others."""
+    """Statements and expressions below a node in which a test could notice a change."""
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list", "format_spec", "bases"):
             continue
@@ -162,7 +162,7 @@ def _other_number(x: float) -> str:
 
 
 def _is_count(node: ast.Compare) -> bool:
-    """True where one side is a whole number or a length."""
+    """True where one side is an integer or a length."""
     return any(
         (isinstance(side, ast.Constant) and isinstance(side.value, int))
         or (isinstance(side, ast.Call) and ast.unparse(side.func) in ("len", "sum", "np.count_nonzero"))

@@ -11,17 +11,17 @@ from .covered import Covered, environment
 from .drawn import Mutant
 
 COPIED = ("ident", "sim", "experiments", "scenes", "tests", "docs", "pyproject.toml", "README.md", "constraints.txt")
-"""What tests need of the repository."""
+"""Files of the repository that tests need."""
 
 FIRST = 6.0
-"""Seconds that the tests take together that meet a fault at first; most faults meet no others."""
+"""Total duration of the tests that run first, s; they kill most faults."""
 
 PATIENCE = 20.0, 3.0
-"""Seconds until tests count as hanging, and more of them for each second that the tests take without a fault."""
+"""Seconds until tests count as hanging, and further ones for each second that the tests take without a fault."""
 
 
 def copied(repository: Path, to: Path) -> Path:
-    """A copy of what tests need."""
+    """Copies the files that tests need."""
     for name in COPIED:
         source = repository / name
         if source.is_dir():
@@ -32,7 +32,7 @@ def copied(repository: Path, to: Path) -> Path:
 
 
 def trial(copy: Path, covered: Covered, mutant: Mutant, budget: float) -> str:
-    """How tests that execute the line of a fault end with it, the quickest that together take so many seconds."""
+    """Ending of the tests that execute a fault's line: the quickest, up to a total duration of `budget` s."""
     tests, survived = covered.tests(mutant.path, mutant.line), 0
     for most in (FIRST, budget):
         chosen, seconds = list[str](), 0.0
@@ -46,19 +46,19 @@ def trial(copy: Path, covered: Covered, mutant: Mutant, budget: float) -> str:
 
 
 def _by_file(mutant: Mutant, tests: Sequence[str]) -> list[str]:
-    """Tests of the room first, those of one file together, which may share what is costly to make."""
+    """Tests sorted by file, those of the room first, as tests of one file may share costly fixtures."""
     room = f"tests/{Path(mutant.path).parts[1]}/"
     return sorted(tests, key=lambda test: (not test.startswith(room), test.partition("::")[0]))
 
 
 def outcome(copy: Path, mutant: Mutant, tests: Sequence[str], seconds: float) -> str:
-    """The test that fails with a fault in a copy, or what else happens; nothing where all pass.
+    """The test that fails with a fault in a copy, or another ending; empty if all pass.
 
     Args:
         copy: The copy.
         mutant: The fault.
         tests: The tests.
-        seconds: What they take without the fault.
+        seconds: Their duration without the fault.
     """
     file = copy / mutant.path
     source = file.read_text(encoding="utf-8")
@@ -71,7 +71,7 @@ def outcome(copy: Path, mutant: Mutant, tests: Sequence[str], seconds: float) ->
         return "tests hang"
     finally:
         file.write_text(source, encoding="utf-8")
-        # All else stays compiled; of this file another fault of the same length may follow within a second.
+        # All other files stay compiled; this file may get another fault of the same length within a second.
         Path(cache_from_source(str(file))).unlink(missing_ok=True)
     if run.returncode == 0:
         return ""
