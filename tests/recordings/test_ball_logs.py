@@ -1,4 +1,4 @@
-"""Logs of ball joints: quaternions by name or mapped, their signs, what is missing, and what is refused."""
+"""Logs of ball joints: quaternions by name or mapped, their signs, missing components, and errors."""
 
 import numpy as np
 import pytest

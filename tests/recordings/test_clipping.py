@@ -1,4 +1,4 @@
-"""Signals with flat ends, where a sensor's range has cut them off, and others that only look so."""
+"""Signals with flat ends, clipped by a sensor's range, and others that only look clipped."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Columns that are computed, coupled motors, selected rows and times, and text in other layouts."""
+"""Computed columns, coupled motors, selected rows and times, and text in other layouts."""
 
 import gzip
 
@@ -164,7 +164,7 @@ def test_packed_text_in_pieces(tmp_path):
 
 
 def test_packed_text_may_be_longer_than_its_pieces_may(tmp_path):
-    """What is expected is of a piece: a file of any length is read in pieces."""
+    """The size limit applies to a piece: files of any length are read in pieces."""
     rows, zeros = 20_000, "0" * 200
     lines = "".join(f"{0.01 * k:.2f},0.0,0.0,{zeros}\n" for k in range(rows))
     packed = gzip.compress(("time,q_ankle,q_hip,unused\n" + lines).encode())

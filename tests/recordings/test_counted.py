@@ -1,4 +1,4 @@
-"""Logs without a column of times, whose mapping states their rate."""
+"""Logs without a column of times, with a rate stated in the mapping."""
 
 import numpy as np
 import pytest

@@ -6,7 +6,7 @@ from ident.recordings.sampled import Sampled
 
 
 def recorded(*gaps, rate=100.0, plate=100.0):
-    """Angles without samples between some times, and a plate's wrench, one of whose components is not measured."""
+    """Angles without samples in some spans, and a plate's wrench with one component missing."""
     clocks = {"hip_position": np.arange(0, 10, 1 / rate), "ground_force": np.arange(0, 10, 1 / plate)}
     streams = {"hip_position": (t := clocks["hip_position"], np.sin(t))}
     streams["ground_force"] = (t := clocks["ground_force"], np.stack([t, np.full_like(t, np.nan), t], axis=1))

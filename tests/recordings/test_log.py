@@ -37,7 +37,7 @@ from ident.recordings.suggestion import suggested_mapping
 
 
 def mechanism(joints=JOINTS, *, slides=(), weight=None):
-    """A leg and a torso on it, or whoever the joints carry."""
+    """A leg with a torso, or other bodies moved by these joints."""
     names = ("leg", "torso")[: len(joints)]
     axes = (np.roll([0, 0, 0, 0, 1, 0], 3 * (joint in slides)) for joint in joints)
     bodies = [Body(name, k - 1, np.eye(4), axis, joints[k]) for k, (name, axis) in enumerate(zip(names, axes))]  # noqa: B905
@@ -377,7 +377,7 @@ def test_what_looks_like_a_wrench_or_a_torque_is_suggested(columns, lines):
 @settings(max_examples=100, derandomize=True, deadline=None, database=None)
 @given(st.lists(st.text(LETTERS, max_size=4), max_size=3), st.text(LETTERS, min_size=1, max_size=4))
 def test_what_is_suggested_can_be_read(texts, joint):
-    """Any names of columns and joints: the lines are TOML, and name these columns."""
+    """For any names of columns and joints, the lines are TOML and name these columns."""
     columns = [f"{text}{end}" for text in texts for end in ("_fx", ".Torque.Z", f" tau {joint}")]
     for given_columns in (columns, columns[2::3]):
         lines = suggested_mapping(given_columns, [joint]).split("\n")[1:]
@@ -454,7 +454,7 @@ def test_a_person_bowing(tmp_path):
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_largest_time_and_the_largest_number(tmp_path, sign):
-    """No clock shows more than 1e12 s, and no channel more than 1e8 of its SI unit, whatever unit it is in."""
+    """No clock exceeds 1e12 s, and no channel 1e8 of its SI unit, in any unit."""
     read(tmp_path, retimed(9e11 * sign + 10 * T), 'time = { column = "time", unit = "s" }')
     with pytest.raises(LogError, match=r"row 2, column 'time' needs numbers below 1e\+12"):
         read(tmp_path, retimed(1.1e12 * sign + 10 * T), 'time = { column = "time", unit = "s" }')
@@ -467,7 +467,7 @@ def test_the_largest_time_and_the_largest_number(tmp_path, sign):
 
 
 def joined(pieces):
-    """What pieces hold, put together."""
+    """Pieces, joined."""
     pieces = list(pieces)
     assert all(piece.units == pieces[0].units and piece.unused == pieces[0].unused for piece in pieces)
     channels = [{"time": p.time, **p.measured} | ({} if p.base is None else {"base": p.base}) for p in pieces]

@@ -1,4 +1,4 @@
-"""Files of markers: what is written is read, and what is damaged is refused in a sentence."""
+"""Files of markers: written files are read, and damaged ones give one sentence."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Archives made to do harm: whoever reads them, it is one sentence and little memory."""
+"""Malicious archives: every reader gives one sentence and takes little memory."""
 
 import io
 import json
@@ -35,7 +35,7 @@ X = npy(np.arange(40.0))
 
 
 def with_header(text):
-    """An array of 40 numbers that says of itself what the text says."""
+    """An array of 40 numbers with this text as its header."""
     header = text.encode() + b" " * (-len(text) % 64) + b"\n"
     return b"\x93NUMPY\x02\x00" + struct.pack("<I", len(header)) + header + X[-320:]
 
@@ -59,7 +59,7 @@ EVIL = {
 
 
 def archive(path, content, compression=zipfile.ZIP_STORED):
-    """A file that log, recording and both kinds of kept results are read from."""
+    """A file that can be read as log, recording and both kinds of saved results."""
     members = {"time": npy(np.arange(40) / 100), "metadata": npy(np.array("{}")), "identity": npy(np.array("{}"))}
     with zipfile.ZipFile(path, "w") as out:
         for name, data in (members | {"done": npy(np.array(1))}).items():
@@ -89,7 +89,7 @@ def test_whatever_is_wrong_with_a_member_is_one_sentence(tmp_path, read):
 
 
 def unpacking(path, size, stated):
-    """An archive whose channel unpacks to so many bytes, and whose directory says how many."""
+    """An archive with a channel that unpacks to so many bytes, and a directory that states another number."""
     archive(path, npy(np.zeros(size // 8 - 16)), zipfile.ZIP_DEFLATED)
     path.write_bytes(path.read_bytes().replace(struct.pack("<I", size), struct.pack("<I", stated)))
     return path
@@ -118,7 +118,7 @@ def test_the_limit_is_raised_by_an_option(tmp_path, capsys):
     for main in (identify.main, stream.main):
         assert sentence in refusal(main, [*given, "--max-size", "9"], capsys)
         assert sentence[:20] not in refusal(main, given, capsys)
-    # Read in smaller pieces it takes less.
+    # Read in smaller pieces it takes less memory.
     assert sentence[:20] not in refusal(stream.main, [*given, "--max-size", "9", "--piece", "1000"], capsys)
 
 

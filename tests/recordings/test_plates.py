@@ -49,7 +49,7 @@ def listed(name, letter):
 
 
 def plain(name, wrench):
-    """Columns of forces and moments, and the mapping of those."""
+    """Columns of forces and moments, and their mapping."""
     text = f"[wrenches.{name}]\nforce = {listed(name, 'F')}\ntorque = {listed(name, 'M')}\n"
     return named(name, "F", wrench[:, :3]) | named(name, "M", wrench[:, 3:]), text
 
@@ -100,7 +100,7 @@ def at_a_point(name, wrench, body):
 
 
 def at_a_point_in_world(name, wrench, body):
-    """The same in the world's axes, as gait laboratories export it."""
+    """The same in the world's axes, as in exports of gait laboratories."""
     T = PLATES[name]
     local = walker.in_frame(T, wrench)
     point, free = walker.centre_of_pressure(local)
@@ -114,7 +114,7 @@ FORMS = (in_world, about_a_point, in_plate, reversed_, by_corners, at_a_point, a
 
 
 def written(folder, parts, base=None):
-    """Log and mapping as files."""
+    """Writes log and mapping."""
     columns = walker.columns() | {key: x for columns, _ in parts for key, x in columns.items()}
     text = "\n".join(text for _, text in parts)
     if base is not None:
@@ -167,7 +167,7 @@ def test_on_a_base_that_is_a_measured_pose_too(tmp_path):
     expected = walker.in_frame(poses, walker.truth()[0])
     for total in totals:
         np.testing.assert_allclose(total, expected, atol=1e-9 * abs(expected).max())
-    # In what is fitted the motion is smoothed, alike for all.
+    # The fitted motion is smoothed, equally for all.
     ready = prepared(person, recording, cutoff=8.0)
     assert ready.equations.channels == ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
     np.testing.assert_allclose(ready.samples.measured[100:-100], expected[100:-100], atol=0.1 * abs(expected).max())
@@ -197,7 +197,7 @@ def test_with_fewer_freedoms_it_has_to_be_said(tmp_path, joints):
 
 
 def test_a_rail_in_the_world_of_a_base_at_rest_elsewhere(tmp_path):
-    """The pendulum's base stands turned and away from the world's origin: the model says where."""
+    """The pendulum's base is turned and away from the world's origin, as stated in the model."""
     spec = scenes.load("double_pendulum", contact="handle")
     recording = sim.simulate(spec, sim.motion.excitation.DOUBLE_PENDULUM, noise_scale=0)
     spec.body("base").pos, spec.body("base").quat = [0.5, -0.2, 0.3], [np.cos(0.2), 0, 0, np.sin(0.2)]
@@ -222,7 +222,7 @@ def test_a_rail_in_the_world_of_a_base_at_rest_elsewhere(tmp_path):
 
 
 def test_a_ground_that_is_a_plate_with_a_centre_of_pressure(tmp_path):
-    """The wrench at a base at rest needs no posture either way."""
+    """The wrench at a fixed base needs no posture in either form."""
     total = walker.truth()[0]
     for form in FORMS:
         columns, text = form("right", total, "")
@@ -234,7 +234,7 @@ def test_a_ground_that_is_a_plate_with_a_centre_of_pressure(tmp_path):
 
 
 def stepping():
-    """Two plates that the feet take turns on, by centres of pressure under the feet; and who is where."""
+    """Two plates on which the feet alternate, with centres of pressure under the feet; and the foot on each plate."""
     time, places = walker.motion()[0], walker.truth()[1]
     rng = np.random.default_rng(1)
     spans = {"right": [("foot_l", 0.4, 1.1), ("foot_r", 1.3, 2.4), ("foot_l", 4.0, 4.6)], "left": [("foot_r", 0, 0.9)]}
@@ -247,7 +247,7 @@ def stepping():
             who[name][during] = body
             force[during] = [30, -20, 600] + 20 * rng.normal(size=(during.sum(), 3))
             point[during] = places[body][during, :3, 3] * [1, 1, 0] + 0.03 * rng.normal(size=(during.sum(), 3))
-            # A foot that lands hardly presses yet, and its centre of pressure is anywhere: here, far beyond the other.
+            # A landing foot hardly presses yet, and its centre of pressure is arbitrary: here, far beyond the other.
             first, other = during.argmax(), places[{"foot_l": "foot_r", "foot_r": "foot_l"}[body]]
             force[first] = [0, 0, 45]
             point[first] += 30 * (other - places[body])[first, :3, 3] * [1, 1, 0]
@@ -308,7 +308,7 @@ def test_samples_at_other_times_are_those_of_the_nearest():
 
 @pytest.mark.parametrize(("stated", "expected"), [("", 20.0), ("threshold = 7", 7.0)])
 def test_a_force_that_carries_nobody_counts_as_nothing_beside_a_centre_of_pressure(tmp_path, stated, expected):
-    """Without another word up to 20 N, with moments about an origin up to none."""
+    """By default up to 20 N, and with moments about an origin up to zero."""
     rng = np.random.default_rng(2)
     direction = rng.normal(size=(len(walker.motion()[0]), 3))
     size = rng.uniform(0, 2 * expected, len(direction))

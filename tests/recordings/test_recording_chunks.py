@@ -1,4 +1,4 @@
-"""Recordings read piece by piece: the same as whole ones, in little memory, and as strict."""
+"""Recordings read piece by piece: equal to whole ones, in little memory, and with the same checks."""
 
 import io
 import tracemalloc
@@ -25,7 +25,7 @@ def recording(samples, with_truth=False, seed=0):
 
 
 def channels(pieces):
-    """Everything that pieces hold sample by sample, put together."""
+    """All channels of the pieces, joined."""
     kinds = [{"time": p.time, **p.measured, **{f"true:{k}": x for k, x in p.true.items()}} for p in pieces]
     assert len({tuple(kind) for kind in kinds}) == 1
     return {name: np.concatenate([kind[name] for kind in kinds]) for name in kinds[0]}
@@ -50,7 +50,7 @@ def test_pieces_put_together_are_the_whole(tmp_path_factory, length, samples, su
 
 
 def archive(path, metadata="{}", compression=zipfile.ZIP_STORED, **members):
-    """An npz file of arrays, or of bytes where a member is to be malformed; double underscores stand for slashes."""
+    """An npz file of arrays, or of bytes for malformed members; double underscores stand for slashes."""
     with zipfile.ZipFile(path, "w", compression) as out:
         for name, content in {"metadata": np.array(metadata), **members}.items():
             stream = io.BytesIO()
@@ -150,7 +150,7 @@ def test_wherever_a_file_ends_early_or_a_byte_is_wrong_it_is_one_sentence_or_har
         except LogError as error:
             assert str(path) in str(error)
         else:
-            # A member whose name has become another one is a stranger's, which may be there.
+            # A renamed member counts as unknown, which is allowed.
             assert {name: x.tobytes() for name, x in read.items()}.items() <= expected.items()
 
 

@@ -1,4 +1,4 @@
-"""Steps that signals were recorded in, from their smallest differences, and coordinates that rest."""
+"""Resolution of signals, from their smallest differences, and coordinates at rest."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_a_plate_that_is_empty_for_a_while_has_no_steps():
 
 @pytest.mark.parametrize("step", [0.3, 0.5, 1.0])
 def test_steps_of_a_channel_that_hardly_changes_are_no_outliers(step):
-    """Most samples are alike, so that the median of their deviations is zero."""
+    """Most samples are equal, so that the median of their deviations is zero."""
     x = rounded(0.4 * np.sin(T) + 0.1 * np.random.default_rng(0).normal(size=len(T)), step)[:, None]
     same, counts = despiked(x)
     assert not counts.any()

@@ -1,4 +1,4 @@
-"""Recordings of channels that have times of their own."""
+"""Recordings of channels with times of their own."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ FAST = np.arange(0.05, 0.5, 1 / 250)
 
 
 def slow(time):
-    """A channel (N, 3) that straight lines follow."""
+    """A channel (N, 3) that linear interpolation follows."""
     return np.outer(time, [1, -2, 3]) + 1
 
 
@@ -118,7 +118,7 @@ def test_streams_beside_each_other_have_the_times_of_all():
 
 @pytest.mark.parametrize("longer", [1.4, 1.6, 2.5])
 def test_the_rate_is_that_of_steps_that_are_no_gaps(longer):
-    """Longer than one and a half: one lost sample is a gap, jitter is none."""
+    """Steps above one and a half count as gaps: one lost sample does, jitter does not."""
     steps = np.where(np.arange(100) % 10 == 0, longer, 1.0) / 100
     rate = rate_of(Sampled(np.cumsum(steps), np.zeros(100)))
     assert rate == pytest.approx(100 if longer > 1.5 else 1 / steps[1:].mean())

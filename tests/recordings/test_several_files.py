@@ -1,4 +1,4 @@
-"""A log in several files, angles in one and forces in another, each with its own times; and what contradicts them."""
+"""A log in several files, angles in one and forces in another, each with its own times; and contradictions."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def angles():
 
 
 def forces(start=0.0, rate=250.0):
-    """Columns of the file of forces, at a rate of their own."""
+    """Columns of the file of forces, at their own rate."""
     time = np.arange(start, 5.8, 1 / rate)
     wrench = recording().wrench("ground").values
     names = [f"ground_{letter}{axis}" for letter in "fm" for axis in "xyz"]
@@ -30,7 +30,7 @@ def forces(start=0.0, rate=250.0):
 
 
 def pair(tmp_path, first=None, second=None):
-    """Writes both files, and gives the log that they are."""
+    """Writes both files, and returns their log."""
     write_csv(tmp_path / "joints.csv", first or angles())
     write_csv(tmp_path / "wrench.csv", second or forces())
     return f"{tmp_path / 'joints.csv'}+{tmp_path / 'wrench.csv'}"

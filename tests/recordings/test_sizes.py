@@ -1,4 +1,4 @@
-"""Files that are small and unpack to much: refused before they take memory, in all formats."""
+"""Small files that unpack to much: rejected before they take memory, in all formats."""
 
 import gzip
 import tracemalloc
@@ -15,7 +15,7 @@ LIMIT = 2_000_000
 
 
 def peak(path, limit=LIMIT):
-    """Bytes that reading a file takes at most, and the table or the sentence."""
+    """Peak memory of reading a file, bytes, and the table or the sentence."""
     tracemalloc.start()
     try:
         return list(read_tables(path, limit=limit))

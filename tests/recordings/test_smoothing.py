@@ -39,7 +39,7 @@ def test_the_filter_is_scipys(shape, cutoff):
 
 @pytest.mark.parametrize("cutoff", [0.5, 1.0, 4.0])
 def test_a_motion_goes_on_beyond_the_ends_as_far_as_the_filter_reaches(cutoff):
-    """What moves evenly is not braked there; of an acceleration at an end at most all is lost."""
+    """A steady motion is not slowed at the ends; at most all of an acceleration at an end is lost."""
     _, dx, ddx = smoothed(0.3 + 2 * T, RATE, cutoff)
     assert np.abs(dx - 2).max() < 1e-4 and np.abs(ddx).max() < 1e-3
     w = 2 * np.pi * 0.2

@@ -1,4 +1,4 @@
-"""Tables of named columns: what is missing in one, and where."""
+"""Tables of named columns: missing cells and their places."""
 
 import numpy as np
 import pytest

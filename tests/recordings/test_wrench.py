@@ -35,12 +35,12 @@ def test_covariance_is_that_of_moved_samples(rng):
 
 
 def by_link(body, wrench, pose, covariance=None):
-    """A contact from the wrench that the link exerts."""
+    """A contact, from the link's wrench."""
     return Wrench(wrench, str(body), pose, applied_to_link=False, covariance=covariance)
 
 
 def random_contacts(rng, tree, samples):
-    """Contacts on random bodies, and the wrenches that the links exert there."""
+    """Contacts on random bodies, and the links' wrenches on them."""
     bodies = rng.choice(tree.names, size=rng.integers(1, 5))
     wrenches = rng.normal(size=(len(bodies), samples, 6))
     poses = [random_pose(rng) for _ in bodies]
@@ -54,7 +54,7 @@ def test_equation_15_walked_down_the_tree_gives_equation_17(rng):
     bodies, wrenches, poses = random_contacts(rng, tree, 4)
     ground = np.zeros((4, 6))
     for k in range(4):
-        # Eq. 15: each link passes on what its children need, plus its own motion, plus its contact.
+        # Eq. 15: each link passes on its children's wrenches, its own motion's, and its contact's.
         T, V, dV = dim.forward_recursion(mechanism, motion[k])
         force = [np.zeros(6) for _ in tree.bodies]
         for i, phi_i in zip(tree.inertial, phi.reshape(-1, 10), strict=True):
@@ -72,7 +72,7 @@ def test_equation_15_walked_down_the_tree_gives_equation_17(rng):
     total = total_wrench(tree, q, Wrench(ground), contacts)
     np.testing.assert_allclose(total.values, Y @ phi, atol=1e-11 * abs(ground).max())
     assert total.covariance is None
-    # The ground measured elsewhere, the other way round, and without two of its components.
+    # The ground, measured in another frame, with opposite sign, and without two of its components.
     plate = random_pose(rng)
     there = transform_wrench(se3.inverse(plate), -ground)
     elsewhere = total_wrench(tree, q, Wrench(there, pose=plate, applied_to_link=False), contacts)
@@ -126,7 +126,7 @@ def test_without_a_ground_wrench_the_contacts_are_all_there_is(rng, known):
 
 
 def test_what_rests_in_the_world_reaches_the_base_without_any_posture(rng):
-    """The same wrenches felt by the bodies, whose poses differ from sample to sample, and their covariances."""
+    """The same wrenches in the bodies' frames, whose poses differ from sample to sample, and their covariances."""
     tree = random_tree(rng)
     q, base = random_states(rng, tree, 3)[0], np.array([random_pose(rng) for _ in range(3)])
     bodies, wrenches, poses = random_contacts(rng, tree, 3)

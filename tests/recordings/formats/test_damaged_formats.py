@@ -1,4 +1,4 @@
-"""Each format damaged in ten ways and more: one sentence each, and never another error."""
+"""Each format damaged in ten ways and more: always one sentence, and never another error."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def _markers(columns):
 
 
 def write(path, columns=PLAIN):
-    """A sound file of each format, perhaps with other numbers."""
+    """Writes a valid file of each format, optionally with other numbers."""
     kind = path.name.split(".", 1)[1]
     if kind in EXTRAS:
         package, extra = EXTRAS[kind]
@@ -47,7 +47,7 @@ def write(path, columns=PLAIN):
 
 
 def refusal(path, mapping=None):
-    """The sentence that a log is refused with."""
+    """The error sentence for a log."""
     columns = None
     if mapping is not None:
         columns = path.with_name("c.toml")

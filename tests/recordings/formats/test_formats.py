@@ -1,4 +1,4 @@
-"""Logs that other programs write say the same as a CSV file of the same columns."""
+"""Logs of other programs give the same as a CSV file with the same columns."""
 
 import sys
 
