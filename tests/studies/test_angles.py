@@ -1,4 +1,4 @@
-"""Joint angles from markers, by the command: what it writes, what `identify` makes of it, what it refuses."""
+"""Joint angles from markers by the command: its files, their use by `identify`, and errors."""
 
 import json
 
@@ -71,7 +71,7 @@ def test_a_person_is_scaled_and_her_angles_are_found(folder, tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def pendulum(tmp_path_factory):
-    """The double pendulum with markers: model, markers and wrenches as files, and what was recorded."""
+    """The double pendulum with markers: model, markers and wrenches as files, and the recording."""
     out, rng = tmp_path_factory.mktemp("pendulum"), np.random.default_rng(1)
     spec = scenes.load("double_pendulum")
     recorded = sim.simulate(spec, DOUBLE_PENDULUM, samples=200, seed=1)

@@ -1,4 +1,4 @@
-"""The benchmark runs and compares like with like; what it claims without a clock holds. No time is asserted."""
+"""The benchmark runs and compares equal results; its claims without a clock hold. No time is asserted."""
 
 import json
 import sys
@@ -149,7 +149,7 @@ def test_trials_draw_their_own_noise_around_one_truth():
 
 
 def test_householder_solves_exactly_solvable_least_squares():
-    # A rational problem whose solution is known from its normal equations in exact arithmetic.
+    # A rational problem with a known solution from its normal equations in exact arithmetic.
     A, b = np.array([[1, 2], [3, 4], [5, 7], [1, 0]]), np.array([1, -2, 3, 5])
     (p, q, r), (u, v) = (A[:, 0] @ A[:, 0], A[:, 0] @ A[:, 1], A[:, 1] @ A[:, 1]), A.T @ b
     exact = [Fraction(int(r * u - q * v), int(p * r - q * q)), Fraction(int(p * v - q * u), int(p * r - q * q))]
@@ -164,7 +164,7 @@ def test_estimates_are_as_accurate_as_those_of_householders_qr():
     assert found[-1].condition_number > 1e7
     for accuracy in found:
         assert accuracy.ours <= targets.ERROR * accuracy.qr
-    # The problems are hard enough to tell methods apart.
+    # The problems are hard enough to distinguish the methods.
     assert found[-1].normal > 1e4 * found[-1].qr
 
 
@@ -173,7 +173,7 @@ def test_peak_memory_does_not_grow_with_the_samples():
     for peak in (few, many):
         assert max(peak.streamed, peak.in_memory) < targets.MEMORY
     assert many.streamed < few.streamed + 1
-    # Arrays are checked for finite numbers, a byte a number at a time.
+    # Arrays are checked for finite numbers, with a byte for each number at a time.
     assert many.in_memory < few.in_memory + 2
 
 

@@ -1,4 +1,4 @@
-"""A person who sits down on a chair, or leans on a table, that nobody measures: the whole command says so."""
+"""A person on a chair or leaning on a table without sensors: the whole command reports it."""
 
 import json
 import re
@@ -20,30 +20,30 @@ TIME = LABORATORY.times(3)
 
 
 def chair(time, height):
-    """Part of the weight that it carries of who is as low as that (N,)."""
+    """Share of the weight on the chair at this height of the point (N,)."""
     return 0.5 * np.clip((height.min() + 0.08 - height) / 0.05, 0, 1)
 
 
 def table(time, height):
-    """Part of the weight that a hand puts on it from 1 to 2 s (N,)."""
+    """Share of the weight on a hand on the table from 1 to 2 s (N,)."""
     return 0.2 * np.clip(np.minimum(time - 1, 2 - time) / 0.1, 0, 1)
 
 
 def nothing(time, height):
-    """No part of the weight (N,)."""
+    """No share of the weight (N,)."""
     return 0 * time
 
 
 def supported(who, activity, seed, carries=nothing, body="pelvis", point=(0, 0, 0)):
-    """A recording of who rests on something meanwhile, and which part of the weight that carries.
+    """A recording of a person who rests on something, and the share of the weight on it.
 
     Args:
         who: The person.
-        activity: What she does.
-        seed: Of the motion and the noise.
-        carries: Which part of the weight something carries, by time and height of the point.
-        body: What rests on it.
-        point: Where on that body, in its frame, m.
+        activity: Her activity.
+        seed: Seed of the motion and the noise.
+        carries: Share of the weight by time and height of the point.
+        body: Body that rests on it.
+        point: Point in that body's frame, m.
     """
     style = person.Style(rail=False, seed=seed)
     motions = [person.motion(who.tree, activity, time, style) for time in (TIME, TIME - LABORATORY.late)]
@@ -57,7 +57,7 @@ def supported(who, activity, seed, carries=nothing, body="pelvis", point=(0, 0, 
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
-    """What the command says of one who sits down, leans, and swings the arms; the truth; and what was carried (N,)."""
+    """The command's result for one who sits down, leans, and swings the arms; the truth; and the shares (N,)."""
     folder, spec = tmp_path_factory.mktemp("supported"), scenes.load("humanoid")
     for joint in [joint for joint in spec.joints if any(word in joint.name for word in STIFF)]:
         spec.delete(joint)

@@ -1,4 +1,4 @@
-"""From a laboratory's file to parameters in two commands; and bad input in a sentence each."""
+"""From a laboratory's file to parameters in two commands; and one sentence for bad input."""
 
 import json
 import re
@@ -31,7 +31,7 @@ def test_two_commands_lead_from_a_file_to_its_parameters(tmp_path, capsys, log):
     parameters = ident.find_base_parameters(arm(), **({"sensors": sensors} if sensors else {}))
     truth = parameters.regroup(arm().known)
     values, std = (np.array(found[key])[: len(truth)] for key in ("values", "std_setup"))
-    # Gains of motors are those of the model, to some per cent.
+    # Gains of motors agree with the model within a few per cent.
     assert np.abs((values - truth) / np.hypot(std, 0.03 * np.abs(truth) * (log is motors))).max() < 4
 
 

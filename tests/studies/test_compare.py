@@ -1,4 +1,4 @@
-"""Two results side by side: their differences, whether these are noise, and what was done otherwise."""
+"""Two results side by side: their differences, significance of these, and different settings."""
 
 import csv
 import json
@@ -18,7 +18,7 @@ COVARIANCE = np.diag([0.01, 0.04, 0.09]) + 0.005
 
 
 def result(folder, values, *, log="a", covariance=COVARIANCE, regrouping=NAMES, bodies=("base", "shank"), **options):
-    """A folder as `identify` writes it, with an offset behind the base parameters."""
+    """A folder in the format of `identify`, with an offset after the base parameters."""
     folder.mkdir()
     wide = np.pad(covariance, ((0, 1), (0, 1)), constant_values=1.0)
     estimate = {
@@ -148,7 +148,7 @@ def test_a_log_in_several_files_is_one(tmp_path):
 
 
 def entries(content, way=()):
-    """Ways to all entries of a JSON object, those of lists by their first entry."""
+    """Paths to all entries of a JSON object; for lists only the first entry."""
     pairs = (
         content.items() if isinstance(content, dict) else enumerate(content[:1]) if isinstance(content, list) else ()
     )

@@ -1,4 +1,4 @@
-"""Predicted standard deviations are those that noise causes, and designs that minimise them are better for it."""
+"""Predicted standard deviations agree with the effect of noise, and designs that minimise them improve it."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def pendulum():
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_estimates_scatter_by_the_predicted_deviations(weighted):
-    """Force and torque noise of equal size make ordinary least squares the weighted one."""
+    """With force and torque noise of equal size, ordinary least squares equals the weighted one."""
     noise = (0.5, 0.05) if weighted else (0.2, 0.2)
     recording = simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, samples=300)
     arm = mechanism(scenes.load("double_pendulum"), "base")
@@ -48,7 +48,7 @@ def test_estimates_scatter_by_the_predicted_deviations(weighted):
         found.append(least_squares(equations, Samples(motion, wrench, covariance)).psi)
     problem = excitation.problem(arm, None, sensors="wrench", noise=noise)
     ratio = np.std(found, axis=0, ddof=1) / criteria.predicted_deviations(problem, motion)
-    # The spread of 400 estimates is off by 1/√800 of itself.
+    # The spread of 400 estimates has a relative error of 1/√800.
     np.testing.assert_allclose(ratio, 1, atol=4 / np.sqrt(800))
     assert np.mean(ratio**2) == pytest.approx(1, abs=0.05)
 
@@ -76,7 +76,7 @@ def test_what_is_known_counts_as_one_more_measurement(pendulum):
     assert found == pytest.approx(criteria.geometric_mean(left / known), rel=1e-6)
     value, _ = criteria.cost(pendulum, "deviations", len(TIME))(*PAPERS.states)
     assert np.exp(value) == pytest.approx(found, rel=1e-9)
-    # With some samples left out those that stay stand for all.
+    # If some samples are left out, the remaining ones represent all.
     half, _ = criteria.cost(pendulum, "deviations", len(TIME))(*(x[::2] for x in PAPERS.states))
     assert half == pytest.approx(value, abs=0.01)
 

@@ -79,7 +79,7 @@ def generated_python(model):
 
 
 def chain(folder, *bodies, name="arm.xml"):
-    """A model file of bodies, one on another, each of its attributes, its joint's and its geom's."""
+    """A model file of a chain of bodies, given the attributes of each body, its joint and its geom."""
     parts = [f"<body {body}><joint {joint}/><geom {geom}/>" for body, joint, geom in bodies]
     text = f"<worldbody>{''.join(parts)}{'</body>' * len(bodies)}</worldbody>"
     path = folder / name
@@ -95,7 +95,7 @@ def general_arm(folder):
 
 
 def nearly_at_right_angles(folder, angle):
-    """Three joints, the angles between which are given with some digits."""
+    """Three joints with angles between them given to some digits."""
     joint, geom = 'axis="0 0 1"', 'size=".1"'
     turns = ('pos="0 0 1"', f'pos="0 .3 .5" euler="{angle} 0 0"', f'pos=".2 0 .5" euler="0 {angle} 0"')
     return chain(folder, *((turn, joint, geom) for turn in turns))
@@ -173,7 +173,7 @@ def test_a_length_of_zero_is_no_symbol():
 
 
 def test_directions_that_coincide_to_rounding_give_decimals():
-    """Two axes along z, one of them by way of turns about x and y that no fractions undo."""
+    """Two axes along z, one after turns about x and y that no fractions cancel."""
     there, back = np.eye(4), np.eye(4)
     there[:3, :3] = Rotation.from_euler("xy", [0.3, 0.4]).as_matrix()
     back[:3, :3] = there[:3, :3].T @ Rotation.from_euler("z", 0.2).as_matrix()

@@ -174,7 +174,7 @@ def check_gradient(function, x):
 @pytest.mark.parametrize("criterion", defaults.CRITERIA)
 @pytest.mark.parametrize("samples", [40, 3])
 def test_a_criterions_derivatives_are_its_differences(arm, criterion, samples):
-    """Of few samples some combinations are not seen."""
+    """With few samples, some combinations are not excited."""
     problem = arm_problem(mujoco.MjModel.from_xml_path(str(arm)))
     cost = criteria.cost(problem, criterion, 501)
     rng = np.random.default_rng(samples)
@@ -185,7 +185,7 @@ def test_a_criterions_derivatives_are_its_differences(arm, criterion, samples):
 
 
 def test_the_barrier_before_collisions_has_the_slope_of_its_differences(arm):
-    """Arms of spheres and capsules, whose nearest points move smoothly, also beside joints that rest."""
+    """Arms of spheres and capsules, whose nearest points move smoothly, also with resting joints."""
     model = mujoco.MjModel.from_xml_path(str(arm))
     rng = np.random.default_rng(0)
     for joints in (JOINTS, JOINTS[1:]):
@@ -226,7 +226,7 @@ def test_collisions_are_found_and_named(arm):
     assert (both.depth(postures) > 0).tolist() == [False, True, True]
     folded, on_floor = {("column", "fore"): 1, ("column", "hand"): 1}, {("world", "fore"): 2, ("world", "hand"): 2}
     assert both.touching(postures) == folded | on_floor
-    # Above the column by 0.4 - 0.04 - 0.1 m; what the locked joint carries, closer to the column, does not count.
+    # Above the column by 0.4 - 0.04 - 0.1 m; bodies on the locked joint, closer to the column, do not count.
     assert Collisions(model, JOINTS[1:], 0.3).depth(np.zeros((1, 1))) == pytest.approx([0.04])
 
 

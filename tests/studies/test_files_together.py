@@ -16,7 +16,7 @@ MODEL = str(Path(scenes.__file__).parent / "double_pendulum.xml")
 
 
 def files(tmp_path, number=1):
-    """OpenSim's pair of files, with a plate at a rate of its own whose columns have other names."""
+    """OpenSim's pair of files, with a plate at its own rate and other column names."""
     angles, forces = tmp_path / f"trial{number}_ik.mot", tmp_path / f"trial{number}_grf.csv"
     taken = slice(100 * number, 100 * number + 250)
     time, wrench = recording().time[taken], recording().wrench("ground").values[taken]

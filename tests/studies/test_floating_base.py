@@ -1,4 +1,4 @@
-"""A person on plates from the command line: the pelvis as joints from the world, and as a measured pose."""
+"""A person on plates by the command line: the pelvis as joints from the world, and as a measured pose."""
 
 import json
 
@@ -30,7 +30,7 @@ PLACE = np.array([[0, -1, 0, 0.3], [1, 0, 0, -0.2], [0, 0, 1, 1.0], [0, 0, 0, 1]
 
 
 def log(folder, *, posed, scale=1.0):
-    """Model, log and mapping: a plate under the pelvis and a rail; what the plate reads may be scaled."""
+    """Model, log and mapping: a plate under the pelvis and a rail; the plate's readings may be scaled."""
     (time, q, dq, ddq), (total, places) = walker.motion(), walker.truth(walker.SMALL)
     rng, share = np.random.default_rng(0), 0.2 + 0.1 * np.sin(3 * time)
     plate = scale * (1 - share)[:, None] * total
@@ -68,7 +68,7 @@ def test_contacts_alone_identify_a_floating_base(tmp_path, posed):
     assert identify.main([*files, *options, "--estimator", "ordinary", "--name", "out", "--out", str(tmp_path)]) == 0
     estimate = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     own, expected = dict(zip(estimate["columns"], estimate["values"], strict=True)), truth()
-    # A pose is differentiated, joints' accelerations are the log's.
+    # A pose is differentiated; joints' accelerations are the log's.
     near = 0.03 if posed else 0.003
     for name, value in expected.items():
         assert abs(own[name] - value) < near * max(map(abs, expected.values())), name

@@ -18,7 +18,7 @@ WALK = gait.Walk(seed=1)
 
 @pytest.fixture(scope="module")
 def laboratory(tmp_path_factory):
-    """Folder with the columns file, and by size of the model the true person and what is known of her."""
+    """Folder with the columns file, and for each model size the true person and the stated one."""
     folder, people = tmp_path_factory.mktemp("gait"), {}
     (folder / "columns.toml").write_text(gait.COLUMNS, encoding="utf-8")
     for arms in (True, False):
@@ -44,7 +44,7 @@ def test_the_person_is_as_those_of_laboratories(laboratory):
     up = trial.plates[0][:, 1] + trial.plates[1][:, 1]
     carried = trial.beside < 0.01
     assert 0.9 * model.mass * 9.8 < up[carried].mean() < 1.1 * model.mass * 9.8
-    # The centre of pressure stays about the feet, where it means something.
+    # The centre of pressure stays near the feet, where it is defined.
     for plate, aside in zip(trial.plates, (gait.ASIDE, -gait.ASIDE), strict=True):
         assert np.ptp(plate[plate[:, 1] > 100, 3]) < 0.35
         np.testing.assert_allclose(plate[plate[:, 1] > 100, 5], aside, atol=0.06)
@@ -60,7 +60,7 @@ def test_a_foot_beside_the_plates_is_recognised_and_named(laboratory):
 
 
 def test_a_chair_is_named_by_who_sits_on_it(laboratory):
-    """It takes up to 40 % of the weight, in the middle of the trial."""
+    """The chair carries up to 40 % of the weight, in the middle of the trial."""
 
     def chair(model, series, time, total):
         q, *_ = series(time)
@@ -77,7 +77,7 @@ def test_a_chair_is_named_by_who_sits_on_it(laboratory):
 
 
 def test_two_walks_are_identified_without_the_samples_beside_the_plates(laboratory, monkeypatch):
-    # The fit that is taken settles in fewer; others do not in twice as many.
+    # The fit that is used converges in fewer rounds; others do not in twice as many.
     monkeypatch.setattr(iteration, "ROUNDS", 30)
     known = laboratory[1]["known", False]
     walks = (WALK, gait.Walk(1.05, 1.05, 1.2, 0.2, seed=3))
@@ -87,8 +87,8 @@ def test_two_walks_are_identified_without_the_samples_beside_the_plates(laborato
     assert all(np.isfinite(x) for x in estimate.condition_numbers.values())
     assert np.isfinite(estimate.residual).all() and len(estimate.residual) < 260 - 50
     assert {"findings", "values"} <= estimate.to_dict().keys()
-    # The known person is 20 % off: what the motion needs is told better than by her in every channel, if the truth is
-    # asked; of what is measured, which is noisy, in five channels, and in the sixth nearly as well.
+    # The stated person is 20 % off: the estimate predicts the true wrench better than she does in every channel, and
+    # the noisy measured one in five channels, and nearly as well in the sixth.
     motion, base = estimate.held_out.samples.motion, estimate.base
     Y = base_wrench_regressor(known.tree, *motion.states, gravity=known.gravity, base=motion.base)
     true = base.regroup(laboratory[1]["true", False].known)

@@ -1,4 +1,4 @@
-"""The study of a person, very small: intervals hold, what is wrong of the prior is mended, nothing is lost."""
+"""The study of a person, very small: intervals cover the truth, errors of the prior are corrected."""
 
 import csv
 import json
@@ -18,7 +18,7 @@ from ident.trajectory.fit.piece import linearised
 
 @pytest.fixture
 def at_the_rail(monkeypatch):
-    """Who holds the rail in place of who does not, whom the test of everything on one page is about."""
+    """Uses the person at the rail for both; the test of the page of all studies covers the other."""
 
     def once(seconds, *, laboratory, activities, **_):
         return persons.study(seconds, laboratory=replace(laboratory, rail=True), activities=tuple(activities))

@@ -1,4 +1,4 @@
-"""The command that identifies a user's own mechanism: on the real recording, on spoilt scenes, and on bad input."""
+"""The command that identifies a user's own mechanism: on the real recording, on faulty scenes, and on bad input."""
 
 import json
 import os
@@ -69,7 +69,7 @@ def with_channels(original, **channels):
 
 
 def cell_mapping(contact="pad", applied="false"):
-    """Mapping of the load cell: it measures what the link exerts on its surroundings."""
+    """Mapping of the load cell: it measures the link's wrench on its surroundings."""
     _, pose = mechanism(scenes.load("double_pendulum", contact=contact), "base").site("contact")
     quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
     return CONTACT.format(position=pose[:3, 3].tolist(), quaternion=quaternion.tolist(), applied=applied)
@@ -134,7 +134,7 @@ def test_a_bow_on_a_force_plate(bowing, tmp_path, capsys, model):
 
 @needs_data
 def test_a_bow_from_angles_alone_without_any_choice(bowing):
-    """A real person: the model is not quite right, and the answer has to be said to be as good as that."""
+    """A real person: the model is imperfect, and the verdict has to be right about that."""
     result = identified(prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing))
     low_pass = butter(2, 3.0, fs=100, output="sos")
     residual, measured = (
@@ -146,7 +146,7 @@ def test_a_bow_from_angles_alone_without_any_choice(bowing):
     z = dict(zip(result.base.names, (result.psi - model) / result.std_setup, strict=True))
     assert abs(z["Iyy2"]) < 2 and abs(z["Iyy3"]) < 2
     assert result.widening > 2 and any("Two halves of the data differ" in f.text for f in result.findings)
-    # Gravity tilted by 11° would explain the fitted part, and predict worse.
+    # Gravity tilted by 11° would explain the fitted part, but predict worse.
     assert not any("Gravity" in each.text for each in result.setup)
 
 
@@ -166,7 +166,7 @@ def test_without_offset_columns_the_report_points_at_the_offset(bowing, capsys, 
 
 @needs_data
 def test_the_plates_own_frame_is_named(bowing):
-    """The plate measures what the human does to it, in axes of its own."""
+    """The plate measures the human's wrench on it, in its own axes."""
     text = bowing.read_text(encoding="utf-8").replace("foot_", "plate_")
     bowing.write_text(text, encoding="utf-8")
     prepared = prepare(DATA / "three_link_human.xml", DATA / "bowing.csv", columns=bowing, cutoff=3.0)
@@ -200,7 +200,7 @@ def test_full_parameters_of_the_human_are_physical_and_predict_as_well(bowing, t
 
 
 def assert_predicts_as_well(result, phi):
-    """Held-out weighted residuals of full parameters exceed those of the free fit by less than 1 %."""
+    """Checks that held-out weighted residuals of full parameters exceed those of the free fit by less than 1 %."""
     explained = [c not in result.unexplained for c in result.channels]
     weights = (result.held_out.samples.measured.std(axis=0) / result.scale)[explained]
     before = np.linalg.norm(result.held_out.ratio[explained] * weights)
@@ -219,7 +219,7 @@ def test_tilted_axes_are_found_and_taken_into_account(tmp_path):
     doubts, result = found(tmp_path, recording(tilt_deg=5.0))
     assert not doubts
     tilts = {each.name: np.degrees(each.value) for each in result.setup}
-    # About z either the plate is turned or both axes are; about y the axes are.
+    # About z either the plate or both axes are turned; about y the axes are.
     assert tilts["rotation_z(ground)"] == pytest.approx(2.5, abs=0.1)
     assert tilts["axis_y(joint1)"] == pytest.approx(-4.33, abs=0.1) == tilts["axis_y(joint2)"]
     assert any("a turn of all joint axes about z" in each.alternatives for each in result.setup)
@@ -542,7 +542,7 @@ def test_a_stuck_channel_is_left_out_and_named(tmp_path, capsys):
 
 
 def test_a_few_samples_are_enough_to_judge_by(tmp_path):
-    """Judging needs no coefficients; the log that is fitted does."""
+    """The held-out log needs no coefficients; the fitted one does."""
     path, other = tmp_path / "short.csv", tmp_path / "log.csv"
     log = recording()
     short = {name: x[100:110] for name, x in log.measured.items()}

@@ -1,4 +1,4 @@
-"""`identify` gives the same for a recording in whatever format it comes."""
+"""`identify` gives the same result for a recording in any format."""
 
 import json
 from importlib.util import find_spec
@@ -43,7 +43,7 @@ def columns(recording, unit=1.0):
 
 
 def write(path, recording):
-    """The recording's angles and its wrench in the format that the name ends in."""
+    """Writes the recording's angles and wrench in the format of the suffix."""
     kind, wrench = path.name.split(".", 1)[1], recording.wrench("ground").values
     if kind in PACKAGES and find_spec(PACKAGES[kind]) is None:
         pytest.skip(f"{PACKAGES[kind]} is in an extra")
@@ -95,7 +95,7 @@ def test_every_format_gives_the_same_estimate(tmp_path, recording, from_csv, kin
     write(tmp_path / f"log.{kind}", recording)
     found = estimate(tmp_path, tmp_path / f"log.{kind}")
     assert found["columns"] == from_csv["columns"]
-    # C3D files hold numbers of single precision; streams are held out at times of their own.
+    # C3D files have numbers of single precision; streams are held out at their own times.
     difference = (np.array(found["values"]) - from_csv["values"]) / from_csv["std"]
     assert np.abs(difference).max() < (0.2 if kind in ("c3d", "bag", "mcap") else 0.02)
 

@@ -1,4 +1,4 @@
-"""The recording of a person, where there is one, and a sentence where there is none."""
+"""The recording of a person, if available, and a sentence if not."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What `identify` says of recordings with noisy joints and a set-up that is a little wrong."""
+"""Results of `identify` for recordings with noisy joints and small set-up errors."""
 
 import json
 import re
@@ -26,7 +26,7 @@ MODEL = Path(scenes.__file__).parent / "double_pendulum.xml"
 
 
 def by_command(tmp_path, recordings, *options, columns=""):
-    """What `estimate.json` says of recordings that were saved as CSV files."""
+    """Content of `estimate.json` for recordings saved as CSV files."""
     logs = [str(tmp_path / f"log{k}.csv") for k in range(len(recordings))]
     for log, recording in zip(logs, recordings, strict=True):
         recording.save(log)
@@ -38,7 +38,7 @@ def by_command(tmp_path, recordings, *options, columns=""):
 
 
 def distances(estimate, std):
-    """How far base parameters are from the truth, in one of the two kinds of standard deviations."""
+    """Errors of base parameters in one of the two kinds of standard deviations."""
     return np.abs(np.array(estimate["values"][: len(TRUTH)]) - TRUTH) / estimate[std][: len(TRUTH)]
 
 
@@ -124,7 +124,7 @@ def test_several_logs_share_parameters_and_have_delays_of_their_own(tmp_path, ca
     assert (distances(estimate, "std") < 4).all()
     alone = ident.identify(PENDULUM, logs[0])
     assert np.median(np.array(estimate["std"][: len(TRUTH)]) / alone.std) < 0.8
-    # Each log is predicted from the others, and as a whole but for its ends.
+    # Each log is predicted from the others, entirely except for its ends.
     judged = int(re.search(r"(\d+) held out", capsys.readouterr().out)[1])
     assert judged == pytest.approx(sum(len(log.time) - 200 * UNSETTLED for log in logs), abs=6)
     assert max(each["ratio"] for channel, each in estimate["held_out"].items() if channel != "Fx") < 0.5
@@ -150,7 +150,7 @@ def test_logs_are_given_once_and_have_the_same_channels(tmp_path, capsys):
 
 
 def one_joint_moves(seed=0):
-    """The first joint stands, so that some parameters cannot be separated; the model's links are 15 % off."""
+    """The first joint rests, so that some parameters are inseparable; the model's links are 15 % off."""
     rng = np.random.default_rng(seed)
     true = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=seed, samples=600)
     q, dq, ddq = (x * [0, 1] for x in true.noise_free.joint_states(JOINTS))
@@ -171,7 +171,7 @@ def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_know
     masses = estimate.consistent().phi[::10] / PENDULUM.known[::10]
     assert (masses > 0.5).all() and (masses < 2).all()
     assert np.abs(estimate.moved_from_prior).max() > 0.3
-    # What moves next to nothing is left open by more than its size, or by so much that rounding decides: then refused.
+    # Parameters of almost resting joints are open by more than their size, or rounding decides: then there is an error.
     try:
         without = ident.identify(mechanism, recording, known=False)
     except ident.ExcitationError as error:
@@ -181,7 +181,7 @@ def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_know
 
 
 def test_bodies_are_physical_where_that_is_asked_for():
-    """The model's links are 15 % off: they move as far as the recording says, and no further than bodies can be."""
+    """The model's links are 15 % off: estimates move as far as the recording asks for, but stay physical."""
     wrong = replace(PENDULUM, prior=PENDULUM.known * np.repeat([1, 1.15, 1 / 1.15], 10))
     free = ident.identify(wrong, faulty())
     held = ident.identify(wrong, faulty(), physical=True)
@@ -222,7 +222,7 @@ def test_the_command_says_the_same_with_workers(tmp_path):
 
 
 def arm_log(seed=0):
-    """An arm like the Panda, whose link-side torques have friction and rotors: 21 s of a slow motion."""
+    """An arm like the Panda, with friction and rotors in link-side torques: 21 s of a slow motion."""
     rng, t = np.random.default_rng(seed), np.arange(2100) / 100
     rows = [(0, 0, 0.333), (0, -1, 0), (0, 1, 0.316), (0.0825, 1, 0), (-0.0825, -1, 0.384), (0, 1, 0), (0.088, 1, 0)]
     tree = ident.tree_from_mdh(

@@ -1,4 +1,4 @@
-"""Arms as laboratories log them, from their files to answers by the commands: torques, currents, a coupled wrist."""
+"""Arms in laboratories' logs, from files to answers by the commands: torques, currents, a coupled wrist."""
 
 import json
 from dataclasses import replace
@@ -21,7 +21,7 @@ FRICTION = ["--drive", "viscous", "coulomb"]
 
 
 def identified(folder, *options, logs=("run.csv",)):
-    """What `identify` finds in a folder's logs with the model that has a hand."""
+    """Result of `identify` for a folder's logs, with the model that has a hand."""
     (folder / "arm.xml").write_text(wrist.model(tool=rigs.HAND), encoding="utf-8")
     files = [str(folder / name) for name in ("arm.xml", *logs)]
     where = ["--columns", str(folder / "columns.toml"), "--out", str(folder), "--name", "out"]
@@ -83,7 +83,7 @@ def test_motor_currents_with_gains_in_several_files(tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_coupled_wrist_that_stands_at_last(tmp_path):
-    """Motors 5 and 6 move joints 5 and 6 together, and the friction is theirs."""
+    """Motors 5 and 6 move joints 5 and 6 together, and the friction is the motors'."""
     six = JOINTS[:6]
     matrix = np.diag([100.0, -100.0, 80.0, 80.0, 50.0, -50.0])
     matrix[4, 5] = matrix[5, 4] = 50.0
@@ -105,7 +105,7 @@ def test_a_coupled_wrist_that_stands_at_last(tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
-    """Six trials of a two-joint arm, in one of which everything is a fifth heavier."""
+    """Six trials of a two-joint arm, one of them with everything a fifth heavier."""
     trials = [tmp_path / f"trial{number}.csv" for number in range(1, 7)]
     for seed, path in enumerate(trials):
         log = shortened(faulty(seed), 250)
@@ -118,6 +118,6 @@ def test_the_trial_that_disagrees_is_named_and_all_are_fitted_as_one(tmp_path):
     found = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     apart = np.array(found["logs"]["rms_z"])
     assert len(apart) == 6 and apart.argmax() == 3 and apart[3] > FAR_APART
-    # Which of the logs it is shows beside the others.
+    # The wrong log is found by comparison with the others.
     assert np.delete(apart, 3).max() < 0.5 * apart[3]
     assert "Logs disagree" in doubts(found) and "4 (" in doubts(found)

@@ -1,4 +1,4 @@
-"""Somebody lifts a box in the sagittal plane: a late plate, skin that moves, a table of segments to be better than."""
+"""A person lifts a box in the sagittal plane: a delayed plate, moving skin, and a table of segments as the rival."""
 
 import lifting
 import numpy as np
@@ -14,7 +14,7 @@ LIFTS = ((lifting.SQUAT, 0.35), (lifting.STOOP, 0.4))
 
 @pytest.fixture(scope="module", params=[0, 2])
 def lifts(request):
-    """Somebody, and her estimate from a squat and a stoop, judged by a lift between them."""
+    """A person, and her estimate from a squat and a stoop, judged by a lift between them."""
     who, known, first = lifting.lifter(request.param), lifting.table(), 10 * request.param
     logs = [prepared(known, lifting.recorded(who, *lift, first + k)) for k, lift in enumerate(LIFTS)]
     judge = prepared(known, lifting.recorded(who, BETWEEN, 0.45, first + 5))
@@ -28,7 +28,7 @@ def test_the_plate_is_found_to_be_late(lifts):
 
 
 def test_unseen_lifts_are_foretold_better_than_by_the_table(lifts):
-    """By parameters at a motion that is exact, and by what the recordings show, where the delay adds to the table's."""
+    """By parameters at an exact motion, and by the recordings, where the delay adds to the table's errors."""
     who, estimate = lifts
     time = np.arange(300) / lifting.RATE
     motion = lifting.motion(time, BETWEEN, 0.45, 99)

@@ -1,4 +1,4 @@
-"""`identify MODEL.osim TRIAL.trc+PLATES.mot`: markers become angles on the way, and what is missing is said."""
+"""`identify MODEL.osim TRIAL.trc+PLATES.mot`: angles are fitted to markers first, and missing ones are reported."""
 
 from pathlib import Path
 

@@ -70,7 +70,7 @@ def test_the_command_prints_the_check(tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
-    """What everything leaves, with empty files in place of figures."""
+    """Results of the run of all studies, with empty files in place of figures."""
     folder = tmp_path_factory.mktemp("everything") / "results"
     with pytest.MonkeyPatch.context() as patched:
         leave_undrawn(patched)
@@ -90,7 +90,7 @@ def test_everything_on_one_page(out):
     links = {link for pair in targets for link in pair if link and not link.startswith("data:")}
     sections = {link for link in links if link.startswith("#")}
     assert len(sections) == page.count("<h2 ") and all(f'id="{link[1:]}"' in page for link in sections)
-    # Whatever a study wrote lies beside the page, and all tables and figures are linked.
+    # All files of a study are beside the page, and all tables and figures are linked.
     written = {path.relative_to(out).as_posix() for path in out.glob("*/*")}
     assert links - sections == {name for name in written if re.search(r"(csv|md|tex|svg|png|html)$", name)}
     assert "<script" not in page

@@ -1,4 +1,4 @@
-"""The command line of the study: what it writes, that it repeats itself, and how it ends."""
+"""The command line of the study: its files, reproducibility, and exit."""
 
 import csv
 import io
@@ -80,7 +80,7 @@ def test_the_joint_estimate_has_not_the_bias_of_least_squares(study):
     joint, k = study.joint("full_on_table"), study.fit("full_on_table").base.names.index("Ixx2")
     assert abs(joint.error[k]) < 4 * joint.std[k]
     assert abs(joint.error[k]) < abs(study.fit("full_on_table").error[k]) / 2
-    # Nothing is off by more than its deviation and a hundredth of a degree of the recovered axes leave open.
+    # Errors are within the standard deviation and the effect of a hundredth of a degree of the recovered axes.
     assert (abs(joint.error) < 4 * joint.std + 0.02).all()
 
 
@@ -138,7 +138,7 @@ def test_the_full_models_own_table(results, study):
 
 
 def test_the_study_is_identified_from_noisy_wrenches(study):
-    # Residuals of the full model hold the sensors' noise: 0.5 N, and what noise on the joint states adds.
+    # Residuals of the full model contain the sensors' noise: 0.5 N, and the effect of noise on the joint states.
     residual = study.recording.wrench("ground").values - study.fit("full").predicted
     assert 0.48 < residual[:, 0].std() < 0.54
     assert (residual[:, :3].std(axis=0) > 0.48).all()
@@ -216,7 +216,7 @@ def test_figures_show_what_their_captions_say(study):
         np.testing.assert_array_equal(lines["True"].get_xdata(), study.recording.time)
         errors = {line.get_label(): line for line in magnitudes.axes[component].get_lines()}
         expected = abs(study.fit("simplified").predicted[:, k] - truth)
-        # Samples of the two models are opaque and take turns, so that neither hides the other.
+        # Samples of the two models are opaque and alternate, so that neither hides the other.
         np.testing.assert_array_equal(errors["Simplified"].get_ydata(), expected[::2])
         np.testing.assert_array_equal(errors["Full"].get_xdata(), np.arange(2, 944, 2))
         expected = abs(study.fit("full").predicted[:, k] - truth)
@@ -225,7 +225,7 @@ def test_figures_show_what_their_captions_say(study):
             dots, mean = errors[name], errors[f"{name}, running RMS"]
             assert (dots.get_color(), dots.get_linestyle(), dots.get_alpha()) == (color, "None", None)
             assert mean.get_color() == color
-        # Both models' running means show where they are equal: the later one is thinner, and dashed.
+        # Both models' running means are visible where they are equal: the later one is thinner, and dashed.
         under, over = (errors[f"{name}, running RMS"] for name in ("Simplified", "Full"))
         assert under.get_linewidth() > over.get_linewidth() and over.get_linestyle() == "--"
         half = study_figures.WINDOW // 2
@@ -247,7 +247,7 @@ def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
     assert max(abs(float(row["error_simplified"])) for row in rows) < 1e-9
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["rows_full"] == 4715
-    assert summary["wrench_errors"]["Fx"]["ratio_full"] is None  # There is nothing to compare with.
+    assert summary["wrench_errors"]["Fx"]["ratio_full"] is None  # The true channel is zero.
 
 
 @pytest.mark.usefixtures("undrawn", "no_joint")

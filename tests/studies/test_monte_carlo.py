@@ -65,7 +65,7 @@ def test_an_interrupted_run_is_resumed_to_the_identical_result(tmp_path, monkeyp
 )
 def test_a_request_to_end_ends_all_processes_without_a_traceback(tmp_path, number, moment):
     command = ["--samples", "100", "--trials", "100000", "--redraw", "sensors", "--workers", "2"]
-    # The bar stands at zero while the workers start.
+    # The bar shows zero while the workers start.
     pattern = rb" 0/100000" if moment == "starting" else rb" [1-9]\d*/100000"
     code, said = interrupted([*command, "--formats", "png", "--out", str(tmp_path)], pattern, number)
     assert code == 130, said.decode()
@@ -124,7 +124,7 @@ def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
     with died, worker_pool(2) as pool:
         run(source, 40, tmp_path, executor=pool.executor, analyse=Mortal.at(25, source, tmp_path))
     assert "The trials done so far are in" in capsys.readouterr().err
-    # Those of its batch and of the other worker are lost at most.
+    # At most those of its batch and of the other worker are lost.
     before = kept(tmp_path)
     assert 16 <= len(before) <= 25
     np.testing.assert_array_equal(before, whole[: len(before)])
@@ -141,7 +141,7 @@ def problem_names():
 
 
 def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
-    # 1000 trials know a standard deviation to 2.2 % and a coverage to 0.7 %, however long they are.
+    # 1000 trials determine a standard deviation to 2.2 % and a coverage to 0.7 %, of any length.
     found = distribution(run(draw(tmp_path, "--redraw", "wrench", samples="100"), 1000, tmp_path))
     np.testing.assert_allclose(found.std / found.predicted_std, 1, atol=0.10)
     assert ((found.coverage >= 0.93) & (found.coverage <= 0.97)).all()
@@ -149,7 +149,7 @@ def test_predicted_standard_deviations_are_right_for_wrench_noise(tmp_path):
 
 
 def test_standard_deviations_are_right_with_two_contacts(tmp_path):
-    # 250 trials know a standard deviation to 4.5 %, and the coverage of all 13 parameters to half a percent or so.
+    # 250 trials determine a standard deviation to 4.5 %, and the coverage of all 13 parameters to about half a percent.
     source = draw(tmp_path, "--redraw", "wrench", samples="300", contact="pad handle")
     analyse = partial(trial, Problem.of(packaged("multicontact", contact="pad handle")), ("contact",))
     found = distribution(run(source, 250, tmp_path, analyse=analyse))
@@ -188,7 +188,7 @@ def test_statistics():
 @pytest.mark.usefixtures("undrawn", "no_joint")
 @pytest.mark.parametrize("study_module", [misaligned, multicontact])
 def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, request, study_module):
-    if study_module is multicontact:  # It is enough that one of them starts processes.
+    if study_module is multicontact:  # One study that starts processes is enough.
         request.getfixturevalue("here")
     options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--joint-trials", "2"]
     options_ += ["--redraw", "sensors", "--samples", "200"]
@@ -214,7 +214,7 @@ def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, request
 
 @pytest.mark.usefixtures("undrawn", "no_joint", "here")
 def test_joint_trials_are_resumed_as_well(tmp_path, monkeypatch):
-    # Least squares in place of the joint estimate: its trials then are the others' first.
+    # Least squares in place of the joint estimate: its trials are then the first of the others.
     monkeypatch.setattr(
         monte_carlo, "joint_trial", lambda problem, model, recording: trial(problem, [model], recording)
     )
@@ -235,7 +235,7 @@ def test_joint_trials_are_resumed_as_well(tmp_path, monkeypatch):
     assert multicontact.main([*command, "--joint-trials", "15", "--resume"]) == 0
     with np.load(tmp_path / trials.JOINT_FILE) as data:
         np.testing.assert_array_equal(data["outcomes"], kept(tmp_path)[:15])
-    # A run that ends before its joint trials does not leave those of the run before to be resumed.
+    # A run that ends before its joint trials does not leave those of the previous run to be resumed.
     assert multicontact.main([*command, "--seed", "1", "--joint-trials", "0"]) == 0
     assert multicontact.main([*command, "--seed", "1", "--joint-trials", "3", "--resume"]) == 0
     with np.load(tmp_path / trials.JOINT_FILE) as data:

@@ -1,4 +1,4 @@
-"""Section VII: what the study must show, and its command line."""
+"""Section VII: required results of the study, and its command line."""
 
 import csv
 import json
@@ -39,7 +39,7 @@ def results(contact, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patched:
         told(patched)
-        # In any order: what is recorded is the scene's.
+        # In any order: the scene determines the recording.
         command = ["--out", str(folder), "--contact", *reversed(contact.split()), "--formats", "png"]
         assert multicontact.main(command) == 0
     return folder
@@ -104,7 +104,7 @@ def test_weights_help_where_only_the_wrenches_are_noisy(contact):
         found = fit(known, noisy, covariance=wrench.covariance, **options)
         weighted.append(found.estimate.std)
         errors.append(found.error)
-    # 60 trials of 13 parameters know the ratio to 3 %.
+    # 60 trials of 13 parameters determine the ratio to 3 %.
     assert np.isclose(np.sqrt(np.mean((np.array(errors) / weighted) ** 2)), 1, atol=0.12)
     assert (np.mean(weighted, axis=0) < np.mean(ordinary, axis=0)).all()
 
@@ -188,7 +188,7 @@ def test_figures_show_what_their_captions_say(result):
         curves = {line.get_label(): line for line in ax.get_lines()}
         colors = {label: line.get_color() for label, line in curves.items()}
         assert colors == {"Ground, measured": "C1", "Total, true": "C0", "Recovered": "black"}
-        # What is recovered lies dashed on the wider truth.
+        # The recovered curve is dashed over the wider truth.
         assert curves["Total, true"].get_linewidth() > curves["Recovered"].get_linewidth()
         assert curves["Recovered"].get_linestyle() == "--"
         lines = {label: line.get_ydata() for label, line in curves.items()}
@@ -245,7 +245,7 @@ def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result
             # Up to matplotlib 3.8 these are polygons.
             edges = [patch.get_path().get_extents(patch.get_patch_transform()).intervalx for patch in ax.patches]
             within = [(recording.time >= start) & (recording.time <= end) for start, end in edges]
-            # Nothing is shaded where a contact is never let go.
+            # Nothing is shaded for a contact that is never released.
             assert len(edges) == (0 if together.all() else 7)
             assert together.all() or (np.any(within, axis=0) == together).all()
 

@@ -1,4 +1,4 @@
-"""The study of noisy joint sensors: its recordings, its competitors' formulas, and that the joint estimate is right."""
+"""The study of noisy joint sensors: its recordings, the other methods' formulas, and the joint estimate."""
 
 import csv
 import json
@@ -38,7 +38,7 @@ def states(who, recording):
 
 
 def found(condition, estimator, recordings):
-    """Errors of Ixx2, in standard deviations that the estimator says it has (recordings,)."""
+    """Errors of Ixx2 in the estimator's own standard deviations (recordings,)."""
     estimate, out = noise.ESTIMATORS[condition.subject][estimator], []
     for number in range(recordings):
         answer = estimate(Case.drawn(condition, 0, number))
@@ -130,7 +130,7 @@ def test_samples_are_missing_and_wrong():
 
 @pytest.fixture
 def short(monkeypatch):
-    """Half a minute of work in a second: others that are quick stand for the joint estimate."""
+    """Replaces the joint estimate by quick estimators: half a minute of work in a second."""
     kinds = ("pendulum_x1", "pendulum_x3", "person_half_degree")
     some = {name: CONDITIONS[name] for name in kinds}
     commanded, filtered = estimators.commanded_instruments, estimators.usual_filter

@@ -1,4 +1,4 @@
-"""Conditions of the study of noise that are not white noise on smooth motions: that they are what they say, and run."""
+"""Conditions of the study of noise beyond white noise on smooth motions: they are as described, and run."""
 
 import csv
 import json
@@ -30,7 +30,7 @@ RUBS = [name for name, each in NEW.items() if each.rubs]
 
 
 def shortened(name):
-    """A condition with as many samples as its meaning needs, for a test that has to be quick."""
+    """A condition with the fewest samples that keep its meaning, for quick tests."""
     condition = NEW[name]
     most = {"rubs_sinusoids_200": 500, "rubs_trapezoids_100": 250, "rubs_trapezoids_500": 500}
     most |= {"trapezoids_500": 600, "trapezoids_1000": 600, "trapezoids_1000_strong": 600, "random_walk": 250}
@@ -72,7 +72,7 @@ def test_exact_states_give_the_truth(name):
     arm, phi = SUBJECTS[condition.subject].mechanism, true_bodies(condition, 0, 1)
     assert (phi != arm.known).any() == condition.drawn
     equations = prepared(arm, noisy_recording(condition, 0, 1)).equations
-    # As they are: where accelerations jump, wrenches that are prepared lack samples that look like outliers.
+    # Unprepared: at jumps of the acceleration, prepared wrenches lack samples that look like outliers.
     torques = [recording.true[f"{arm.tree.freedoms[k]}_torque"] for k in equations.torques]
     measured = np.column_stack([recording.true["ground_force"], recording.true["ground_torque"], *torques])
     fit = least_squares(equations, Samples(motion, measured))
@@ -93,7 +93,7 @@ def with_rates(seed, motion):
 
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_exact_states_of_an_arm_that_rubs_give_rotors_friction_and_base_parameters(motion):
-    """At velocities at which MuJoCo's friction, softer near rest, is all that there is."""
+    """At velocities at which MuJoCo's friction, smoothed near rest, is complete."""
     recording = with_rates(0, motion)
     states = Motion(*recording.joint_states(ARM.mechanism.tree.joints))
     channels = {k: x for k, x in recording.measured.items() if not k.startswith("ground")}
@@ -108,7 +108,7 @@ def test_exact_states_of_an_arm_that_rubs_give_rotors_friction_and_base_paramete
     np.testing.assert_allclose(fit.values, expected, atol=1e-9)
     values = dict(zip(ready.equations.names, expected, strict=True))
     assert values["Fc(shoulder)"] == 2 and values["Fv(turn)"] == 2 and values["Ia(wrist)"] == pytest.approx(0.03)
-    # The rotor of a joint whose axis rests is one with the link's inertia about it.
+    # The rotor of a joint with a fixed axis is inseparable from the link's inertia about it.
     assert "Ia(turn)" not in values
     links = dict(zip(ready.equations.names, ready.equations.parameters.regroup(ARM.mechanism.known), strict=False))
     assert values["Izz2"] == pytest.approx(links["Izz2"] + 0.3)
@@ -134,7 +134,7 @@ def test_motions_that_are_drawn_need_what_mujoco_says(name):
 def test_an_arm_that_rubs_sticks_where_it_reverses():
     recording = with_rates(0, "trapezoids")
     dq = np.column_stack([recording[f"{joint}_velocity"] for joint in ARM.mechanism.tree.joints])
-    # Servos hold against breakaway friction: moves end, and joints rest.
+    # Servos work against breakaway friction: moves end, and joints rest.
     assert (np.abs(dq) < 1e-3).mean() > 0.03 and np.abs(dq).max() > 1
     torque = noisy_recording(CONDITIONS["rubs_trapezoids_100"], 0, 0)
     error = torque["turn_torque"] - torque.true["turn_torque"]
@@ -181,7 +181,7 @@ def test_tails_are_heavy_and_readings_in_steps():
 
 
 def answer(names, error, std, wide, setup=()):
-    """An answer as workers give it."""
+    """An answer in the form of workers."""
     true = np.full(len(names), 2.0).tolist()
     return {"names": names, "error": error, "std": std, "true": true, "std_setup": wide, "setup": list(setup)}
 
@@ -226,7 +226,7 @@ def test_some_conditions_may_be_chosen(tmp_path, capsys):
     rows = list(csv.DictReader((tmp_path / "part" / "table_coverage.csv").read_text().splitlines()))
     assert [row["noise"] for row in rows] == ["180 samples", "bodies drawn, ×10, 1.5 s"]
     assert not (tmp_path / "part" / "table_person.csv").exists()
-    # A run goes on with the same conditions alone.
+    # A run is resumed with the same conditions only.
     assert main([*command, str(tmp_path / "part"), "--resume"]) == 0
     others = ["--recordings", "2", "--conditions", "short", "--resume", "--out", str(tmp_path / "part")]
     assert "conditions differ" in refusal(main, others, capsys)

@@ -1,4 +1,4 @@
-"""What `stream` says of recordings with something wrong, against what was done to them."""
+"""Findings of `stream` for recordings with known errors."""
 
 import json
 from dataclasses import replace
@@ -83,7 +83,7 @@ def test_an_offset_is_a_doubt(tmp_path):
 
 
 def test_offsets_that_a_motion_hides_are_left_out():
-    """Under a steady acceleration in one posture what first moments and products of inertia add is constant, too."""
+    """At constant acceleration in one posture, effects of first moments and products of inertia are constant, too."""
     arm = mechanism(scenes.load("double_pendulum"), "base")
     equations = with_offsets(Equations.of_wrench(arm))
     assert [equations.channels[k] for k in equations.offsets] == ["Fx", "Fy", "Mz"]

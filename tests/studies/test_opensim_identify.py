@@ -1,4 +1,4 @@
-"""A leg from an OpenSim file, whose knee slides as it bends, from model and log to verdict and back into the file."""
+"""A leg from an OpenSim file with a knee that slides as it bends: from model and log to verdict and updated file."""
 
 import warnings
 
@@ -33,7 +33,7 @@ def read(path):
 
 
 def bodies():
-    """What the leg is in truth, and what the file says of it."""
+    """φ of the true leg, and of the file."""
     shapes = {"femur": (8.0, -0.17, 0.13), "tibia": (4.0, -0.2, 0.06)}
     true = {
         name: parameters_from_com(m, np.array([0.01, y, 0]), np.diag([k, 0.1 * k, k]))
@@ -95,7 +95,7 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
     assert "The model's femur, tibia are taken from the table 'deleva', of a male person of 70 kg and 1.7 m." in said
     arm, updated = read(path), read(tmp_path / "leg" / "model.osim")
     assert updated.tree == arm.tree
-    # The motion does not tell a mass of the shin from a first moment of the thigh, but every wrench.
+    # The motion does not separate a mass of the shin from a first moment of the thigh, but determines every wrench.
     q, dq, ddq = np.random.default_rng(5).uniform(-1, 0, size=(3, 100, 2)) * np.array([[[1]], [[3]], [[10]]])
     Y = base_wrench_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity)
     error, size = (np.sqrt(np.mean(x**2, axis=0)) for x in (Y @ (updated.prior - phi), Y @ phi))

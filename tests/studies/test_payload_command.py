@@ -1,4 +1,4 @@
-"""The command that identifies what a robot carries: its files, the forms that others read, and bad input."""
+"""The command that identifies a robot's payload: its files, forms for other programs, and bad input."""
 
 import json
 import re
@@ -28,7 +28,7 @@ PRINT = ["--caption", "table_payload", "Ours."]
 
 @pytest.fixture
 def files(tmp_path):
-    """The arm with a tool whose mass is wrong, and a log in two files with columns of their own."""
+    """The arm with a tool whose mass is wrong, and a log in two files with their own columns."""
     model, log, felt, columns = (tmp_path / name for name in ("arm.xml", "run.csv", "felt.csv", "columns.toml"))
     model.write_text(wrist.model(tool={**wrist.TOOL, "mass": 0.25}), encoding="utf-8")
     recording = wrist.log(seconds=8.0)

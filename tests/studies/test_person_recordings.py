@@ -1,4 +1,4 @@
-"""Recordings of a person: all contacts together give what MuJoCo's inverse dynamics asks for; the prior is wrong."""
+"""Recordings of a person: all contacts add up to MuJoCo's inverse dynamics; the prior is wrong."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def _quaternions(poses):
 
 
 def test_what_is_not_as_stated_is_what_sensors_and_joints_read():
-    """Readings over gains, moved from where sensors are, give what they would if all were as stated."""
+    """Readings divided by gains, moved from the sensors' frames, equal those without set-up errors."""
     wrong = dict.fromkeys(("origin", "rotation", "gain", "zero"), 0.05)
     faults = drawn(humanoid(), SENSORS, wrong, np.random.default_rng(0))
     own, exact = (recorded("squats", 1.0, 3, EXACT, each) for each in (faults, Faults()))
@@ -96,7 +96,7 @@ def test_the_prior_is_physical_and_wrong_by_a_fifth():
 
 
 def test_angles_from_markers_are_as_good_as_they_are_said_to_be():
-    """With white noise of the markers alone; skin that moves makes them worse, and what is said of them too."""
+    """For white noise of the markers; moving skin makes angles worse, and increases their stated noise."""
     exact = recorded("squats", 1.0, 1, EXACT)
     errors = {}
     for skin in (0.0, 0.004):

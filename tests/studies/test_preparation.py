@@ -126,7 +126,7 @@ def test_the_base_moves_as_its_poses_say():
 
 
 def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
-    """All outer forces act through one grip on the trunk, whose wrench is measured; there is no ground."""
+    """All external forces act through one measured grip on the trunk; there is no ground."""
     model = mujoco.MjModel.from_xml_string(FLYER)
     rng = np.random.default_rng(1)
     q, velocity, acceleration, spin = flight(rng)
@@ -160,7 +160,7 @@ def test_a_moving_base_is_identified_from_its_contacts(tmp_path):
 
 
 def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
-    """Fx, Fz and My of a plate that is turned and off the ankle: noise-free data give the truth of what they show."""
+    """Fx, Fz and My of a plate that is turned and off the ankle: noise-free data give their parameters' true values."""
     model = mujoco.MjModel.from_xml_string(LEG)
     states = waves(np.random.default_rng(0), 3)
     _, ground = inverse_dynamics(model, *states)
@@ -192,7 +192,7 @@ def test_a_planar_study_is_asked_for_what_its_channels_show(tmp_path):
 
 
 def test_a_base_that_turns_round_and_round_turns_steadily():
-    """Its quaternions change their sign once a turn, and then keep it."""
+    """Its quaternions change their sign once a turn, and are then made continuous."""
     angle = 1.3 * TIME
     T = np.tile(np.eye(4), (len(TIME), 1, 1))
     T[:, :3, :3] = Rotation.from_rotvec(np.outer(angle, [0.6, 0, 0.8])).as_matrix()

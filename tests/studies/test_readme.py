@@ -1,4 +1,4 @@
-"""Tables and numbers of README.md and of docs are those of a fresh run."""
+"""Tables and numbers of README.md and of docs agree with a fresh run."""
 
 import json
 import re

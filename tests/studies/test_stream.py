@@ -40,7 +40,7 @@ def arguments(folder, out, *more):
 
 @pytest.fixture(scope="module")
 def results(folder, tmp_path_factory):
-    """What a run leaves that nothing interrupts."""
+    """Results of an uninterrupted run."""
     out = tmp_path_factory.mktemp("results")
     assert main(arguments(folder, out, "--parameters", "link2")) == 0
     return out

@@ -1,4 +1,4 @@
-"""Studies that files state: what they say is what is done, and what nobody would read is refused."""
+"""Study files: all entries take effect, and unknown ones are errors."""
 
 import copy
 import csv

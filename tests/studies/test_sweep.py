@@ -66,7 +66,7 @@ def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch
         patched.setattr(Checkpoint, "collect", interrupted)
         command = ["multicontact", "--over", "noise_scale", "0", "1", "--out", str(tmp_path / "part")]
         assert main(command) == 130
-    # More seeds may follow than were asked for at first.
+    # A run may be resumed with more seeds.
     resumed = run(tmp_path / "part", "--resume")
     assert (resumed / "table_sweep.csv").read_bytes() == (whole / "table_sweep.csv").read_bytes()
     before = (resumed / sweep.FILE).read_bytes()
