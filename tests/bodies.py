@@ -1,4 +1,4 @@
-"""Bodies and base parameters as matrices, and base parameters that no bodies have, for the tests."""
+"""Matrices of bodies and base parameters, and base parameters that no bodies have, for the tests."""
 
 import numpy as np
 from mechanisms import GRAVITY, SCREWS, random_phi, random_states, random_tree
@@ -13,13 +13,13 @@ def bodies(phi):
 
 
 def regrouping(base):
-    """A of `A φ = ψ`."""
+    """Matrix A with `A φ = ψ`."""
     return base.regroup(np.eye(len(base.parameters))).T
 
 
 def forms(rows):
     """Symmetric matrices (…, b, 4, 4) whose products with the pseudo-inertias are rows (…, 10 b) times φ."""
-    # φ = Σ φ_k e_k and J is linear in φ, so the matrix is found by least squares on its ten entries.
+    # φ = Σ φ_k e_k and J is linear in φ: least squares on its ten entries gives the matrix.
     J = pseudo_inertia(np.eye(10)).reshape(10, 16)
     return (rows.reshape(*rows.shape[:-1], -1, 10) @ np.linalg.pinv(J).T).reshape(*rows.shape[:-1], -1, 4, 4)
 
@@ -38,7 +38,7 @@ def measured(rng, psi, covariance):
 
 
 def unphysical(seed, count):
-    """Base parameters that no bodies have, and most are far from: some moments of inertia are negative."""
+    """Base parameters that no bodies have, most of them by far: some moments of inertia are negative."""
     rng = np.random.default_rng(seed)
     tree = random_tree(rng, count, SCREWS)
     base, prior, truth = find_base_parameters(tree), random_phi(rng, count), random_phi(rng, count)

@@ -1,4 +1,4 @@
-"""Chromium without a screen, through the HTTP interface of its driver (W3C WebDriver): as much as tests need."""
+"""Headless Chromium through the HTTP interface of its driver (W3C WebDriver), as far as the tests need it."""
 
 import base64
 import json
@@ -38,7 +38,7 @@ class Browser:
         return _post(f"{self.session}/{command}", content)
 
     def open(self, path, *, width=1200, height=900, dark=False):
-        """Opens a file in a window of this size and scheme, and forgets what was logged before."""
+        """Opens a file in a window of this size and scheme, and clears the logs."""
         features = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.devtools("Emulation.setEmulatedMedia", features=features)
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
@@ -53,7 +53,7 @@ class Browser:
         return self.call("goog/cdp/execute", cmd=command, params=parameters)
 
     def run(self, script, *arguments):
-        """What a script returns, which may be a promise."""
+        """Return value of a script, or of its promise."""
         return self.call("execute/sync", script=script, args=list(arguments))
 
     def element(self, selector):
@@ -61,15 +61,15 @@ class Browser:
         return self.call("element", using="css selector", value=selector)[ELEMENT]
 
     def click(self, selector):
-        """Clicks on it."""
+        """Clicks on the element."""
         self.call(f"element/{self.element(selector)}/click")
 
     def type(self, selector, keys):
-        """Types into it."""
+        """Types into the element."""
         self.call(f"element/{self.element(selector)}/value", text=keys)
 
     def drag(self, selector, start, end):
-        """Drags the mouse within it, between distances from its centre in pixels, once it is in sight."""
+        """Scrolls to the element and drags the mouse within it, between distances from its centre in pixels."""
         self.run(f"document.querySelector({json.dumps(selector)}).scrollIntoView({{block: 'center'}})")
         origin = {ELEMENT: self.element(selector)}
         move = {"type": "pointerMove", "duration": 50, "origin": origin}
@@ -82,11 +82,11 @@ class Browser:
         self.call("actions", actions=[{"type": "pointer", "id": "mouse", "actions": actions}])
 
     def log(self, kind):
-        """What was logged since the last time: messages of the `browser`, or events of the `performance` log."""
+        """New log entries: messages of the `browser`, or events of the `performance` log."""
         return [entry["message"] for entry in self.call("se/log", type=kind)]
 
     def requests(self):
-        """Addresses that were asked for since the page was opened."""
+        """Addresses requested since the page was opened."""
         events = [json.loads(message)["message"] for message in self.log("performance")]
         return [e["params"]["request"]["url"] for e in events if e["method"] == "Network.requestWillBeSent"]
 
@@ -98,12 +98,12 @@ class Browser:
 
 @contextmanager
 def browser():
-    """A browser that ends with the block."""
+    """Yields a browser that ends with the block."""
     driver = subprocess.Popen([DRIVER, "--port=0"], stdout=subprocess.PIPE, text=True)
     try:
         told = (re.search(r"successfully on port (\d+)", line) for line in driver.stdout)
         port = next(found[1] for found in told if found)
-        # In containers there is neither a sandbox for root nor much shared memory.
+        # Containers have no sandbox for root and little shared memory.
         arguments = ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]
         capabilities = {
             "browserName": "chrome",
@@ -126,7 +126,7 @@ def _post(address, content):
 
 
 def _send(request):
-    # Proxies of the environment are not for the driver on this machine.
+    # The environment's proxies do not apply to the driver on this machine.
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     try:
         with opener.open(request, timeout=60) as answer:

@@ -1,8 +1,8 @@
-"""How the studies' command lines end, for the tests."""
+"""Exit of the studies' command lines, for the tests."""
 
 
 def refusal(main, arguments, capsys):
-    """What a command says to bad input; it must exit with 2 and without a traceback."""
+    """Error message of a command for bad input; it must exit with 2 and without a traceback."""
     try:
         code = main(arguments)
     except SystemExit as stop:

@@ -3,17 +3,17 @@
 import gc
 import os
 
-# One thread is faster on the tests' small matrices, and does not compete with whatever else the machine does.
+# One thread is faster on the tests' small matrices, and does not compete with other processes of the machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 
-# Recorded equations are millions of small objects; to look for garbage among them as often as usual takes a fifth of
+# Recorded equations are millions of small objects; at the usual rate, garbage collection among them takes a fifth of
 # the time.
 gc.set_threshold(1_000_000)
 
 PEOPLE = ("output/test_pages_in_browser.py", "studies/test_human.py", "studies/test_mechanism.py")
-"""Files that need the same people (`persons`), who take longest to simulate."""
+"""Files that share simulated people (`persons`), which take longest."""
 
 FIRST = (
     *PEOPLE,
@@ -21,7 +21,7 @@ FIRST = (
     "tests/test_against_mujoco.py",
     *(f"studies/test_{name}.py" for name in ("multicontact", "chair", "laboratory_arms")),
 )
-"""Files that take longest begin first: none is left alone at the end."""
+"""The slowest files, which start first so that none is left alone at the end."""
 
 
 def pytest_collection_modifyitems(items):
@@ -31,13 +31,13 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """What was imported stays to the end: garbage is not looked for in it each time."""
+    """Exempts all imported objects from garbage collection."""
     gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """A file's tests share what is costly to make, so they stay with one worker, as do those of some files."""
+    """Keeps the tests of a file with one worker, as they share costly fixtures; likewise those of some files."""
     from xdist.scheduler import LoadFileScheduling
 
     class Together(LoadFileScheduling):
@@ -50,7 +50,7 @@ def pytest_xdist_make_scheduler(config, log):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Nothing in files in place of figures, and in pages, whose drawing takes most of a study's time."""
+    """Leaves figures in files and pages empty, as drawing takes most of a study's time."""
     from fuzz.undrawn import leave_undrawn
 
     leave_undrawn(monkeypatch)
@@ -58,7 +58,7 @@ def undrawn(monkeypatch):
 
 @pytest.fixture
 def no_joint(monkeypatch):
-    """The truth in place of joint estimates, which take most of a study's time."""
+    """Replaces joint estimates by the truth, as they take most of a study's time."""
     from truth import told
 
     told(monkeypatch)
@@ -66,7 +66,7 @@ def no_joint(monkeypatch):
 
 @pytest.fixture
 def here(monkeypatch):
-    """Commands do all work in this process, where a test is not about others, which take seconds to start."""
+    """Runs commands in this process only, as starting others takes seconds."""
     from fuzz.here import Here
 
     from experiments.runs import workers

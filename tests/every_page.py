@@ -1,4 +1,4 @@
-"""A page of every command that leaves one, from runs as small as they come, for the tests that look at all of them."""
+"""A page of each command that writes one, from minimal runs, for the tests of all pages."""
 
 import os
 from pathlib import Path
@@ -82,7 +82,7 @@ def _angles(folder):
 
 
 def _noise(folder):
-    """Quick estimators stand for the others."""
+    """Quick estimators replace the others."""
     some = {name: noise.CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
     commanded, filtered = estimators.commanded_instruments, estimators.usual_filter
     cheap = {
@@ -130,11 +130,11 @@ COMMANDS = {
     "study": lambda folder: study.main(["several_contacts", "--out", str(folder / "out"), *SHORT]),
     "paper": lambda folder: everything(_out(folder)),
 }
-"""By the names of `experiments.cli.command`, what writes a page into `out` in a folder; 0 where it went well."""
+"""Functions that write a command's page into `out` in a folder, by names of `experiments.cli.command`; 0 on success."""
 
 
 def written(name, folder):
-    """Writes the page of a command, joint estimates of studies being the truth, and returns its file."""
+    """Writes the page of a command, with the truth as the studies' joint estimates, and returns its file."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
         patched.setattr(human_report.human, "study", lambda *_, **__: briefly())

@@ -1,4 +1,4 @@
-"""People who walk over two force plates, as a gait laboratory has them: an OpenSim model, `.mot` angles and forces.
+"""People who walk over two force plates, in the files of a gait laboratory: an OpenSim model, `.mot` angles and forces.
 
 A cycle's angles are Fourier series. The pelvis moves so that the centre of pressure runs along the feet: for the point
 p where the ground's force acts and the centre of mass c at the height h, p = c - (h / g) c̈, harmonic by harmonic.
@@ -27,7 +27,7 @@ CYCLE = {
     "elbow_flex": (18, 16, 17, 22, 28, 33, 34, 31, 26, 21),
     "pro_sup": (20, 22, 24, 25, 24, 21, 18, 17, 17, 18),
 }
-"""Angles at tenths of a cycle that begins as the foot of that side lands, degrees: rounded from no one's recording."""
+"""Angles at tenths of a cycle that begins when the foot of that side lands, degrees: from no one's recording."""
 
 TRUNK = {
     "pelvis_tilt": (1.0, 2),
@@ -37,14 +37,14 @@ TRUNK = {
     "lumbar_bending": (5.0, 1),
     "lumbar_rotation": (8.0, 1),
 }
-"""Amplitude in degrees and harmonic of what both sides share."""
+"""Amplitude in degrees and harmonic of the coordinates without sides."""
 
 HARMONICS = 4
 STANCE = 0.62
-"""Part of a cycle that a foot is on the ground."""
+"""Part of a cycle in which a foot is on the ground."""
 
 HEIGHT, ALONG, ASIDE = 0.95, 0.10, 0.09
-"""Height of the pelvis, half the way of the pressure along a foot, and half the distance between feet, m."""
+"""Height of the pelvis, half the path of the pressure along a foot, and half the distance between feet, m."""
 
 ROOT = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")
 SHAPES = {
@@ -68,15 +68,15 @@ AXES = np.eye(3)
 
 @dataclass(frozen=True)
 class Walk:
-    """How somebody walks.
+    """Parameters of a walk.
 
     Attributes:
         stride: Duration of a cycle, s.
-        size: Of the swing of limbs, about 1.
-        arms: Of arms and trunk, about 1.
-        lands: When the right foot lands on the first plate, s.
+        size: Size of the limbs' swing, about 1.
+        arms: Size of the motion of arms and trunk, about 1.
+        lands: Time at which the right foot lands on the first plate, s.
         seconds: Length of the trial, s.
-        seed: Of noise, and of small differences between cycles of people.
+        seed: Seed of noise, and of small differences between people's cycles.
     """
 
     stride: float = 1.1
@@ -89,7 +89,7 @@ class Walk:
 
 @dataclass(frozen=True)
 class Laboratory:
-    """How well it measures: standard deviations of angles in degrees, of the pelvis in m, of forces in N."""
+    """Standard deviations of a laboratory's noise: of angles in degrees, of the pelvis in m, of forces in N."""
 
     angle: float = 0.4
     pelvis: float = 0.002
@@ -99,11 +99,11 @@ class Laboratory:
 
 
 def joints(scale, *, arms=True):
-    """A person's joints as OpenSim's models have them, of 22 bodies or, without arms, patellae and toes, of 10.
+    """A person's joints as in OpenSim's models, of 22 bodies, or of 10 without arms, patellae and toes.
 
     Args:
         scale: Factor of lengths by body.
-        arms: Whether she has all bodies.
+        arms: True for all bodies.
     """
     at = lambda body, *p: (scale[body] * np.array(p), np.zeros(3))  # noqa: E731
 
@@ -173,7 +173,7 @@ def _pin(name, parent, child, turns, where):
 
 
 def names(*, arms=True):
-    """Bodies of the person."""
+    """Names of the person's bodies."""
     return [joint.child for joint in joints(dict.fromkeys(_all(), 1.0), arms=arms)]
 
 
@@ -183,13 +183,13 @@ def _all():
 
 
 def person(seed=None, *, arms=True, lengths=0.03, inertias=0.2):
-    """Text of the model's file: the truth, or with a seed what is known of it.
+    """Text of the model's file: the true one, or with a seed a wrong one.
 
     Args:
-        seed: Of what is wrong about the model, None for the truth.
-        arms: Whether she has all bodies.
+        seed: Seed of the model's errors; None for the truth.
+        arms: True for all bodies.
         lengths: Standard deviation of the logarithm of lengths.
-        inertias: That of masses and moments; centres are off by this part of the radius of gyration.
+        inertias: The same for masses and moments; centres have errors of this part of the radius of gyration.
     """
     rng = np.random.default_rng(seed)
     off = 0.0 if seed is None else 1.0
@@ -214,7 +214,7 @@ def masses(model):
 
 
 class Series:
-    """Sums of harmonics of all coordinates, of which some are added to: value, and two derivatives."""
+    """Sums of harmonics of all coordinates, some of which have additions: value, and two derivatives."""
 
     def __init__(self, stride, count):
         self.w = 2 * np.pi / stride
@@ -273,7 +273,7 @@ def gait(model, walk):
 
 
 def feet(walk, time):
-    """By side, where the centre of pressure on that foot is (N, 2), along and across, and the number of its step."""
+    """Centre of pressure on each foot (N, 2), along and across, and the number of its step, by side."""
     length, out = 1.25 * walk.size, {}
     for side, begin, aside in (("r", 0.0, ASIDE), ("l", 0.5, -ASIDE)):
         step, phase = np.divmod(time / walk.stride - begin, 1)
@@ -283,7 +283,7 @@ def feet(walk, time):
 
 
 def on_the_right(walk, time):
-    """Part of the load that the right foot takes (N,)."""
+    """Share of the load on the right foot (N,)."""
     x = np.interp(time / walk.stride % 1, [0, STANCE - 0.5, 0.5, STANCE, 1], [0, 1, 1, 0, 0])
     return x * x * (3 - 2 * x)
 
@@ -295,13 +295,13 @@ def pressure(walk, time):
 
 
 def needed(model, series, time):
-    """Wrench that the ground exerts, about the world's origin (N, 6)."""
+    """Wrench of the ground, about the world's origin (N, 6)."""
     q, dq, ddq = series(time)
     return base_wrench_regressor(model.tree, q, dq, ddq, gravity=model.gravity) @ model.known
 
 
 def split(walk, time, total):
-    """What each foot takes of a wrench about the origin: force, point and free moment (N, 3) by side."""
+    """Each foot's part of a wrench about the origin: force, point and free moment (N, 3) by side."""
     force, share = total[:, :3], on_the_right(walk, time)
     at = np.stack([total[:, 5], -total[:, 3]], axis=1) / force[:, 1:2]
     off, out = at - pressure(walk, time), {}
@@ -315,12 +315,12 @@ def split(walk, time, total):
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial: what is true and what the laboratory writes.
+    """A trial: the truth and the laboratory's measurements.
 
     Attributes:
         time: Sample times, s (N,).
         q: True coordinates of the model's joints (N, n).
-        beside: Part of the weight on feet beside the plates (N,).
+        beside: Share of the weight on feet beside the plates (N,).
         plates: Force, point and free moment of both plates (N, 9) each.
         joints: Names of the coordinates.
     """
@@ -333,13 +333,13 @@ class Trial:
 
 
 def trial(model, walk, laboratory=Laboratory(), chair=None):
-    """A walk over two plates, of which one is for the right foot's first step and the other for the left one's.
+    """A walk over two plates, one for the right foot's first step and the other for the left one's.
 
     Args:
         model: The true person.
-        walk: How she walks.
-        laboratory: How well it measures.
-        chair: Part of what is needed that something takes which is not measured, a function of the time.
+        walk: Parameters of the walk.
+        laboratory: Noise of the laboratory.
+        chair: Share of the load on something without a sensor, a function of time.
     """
     rng, series = np.random.default_rng((walk.seed, 1)), gait(model, walk)
     time = np.arange(round(walk.seconds * laboratory.rate)) / laboratory.rate
@@ -360,7 +360,7 @@ def trial(model, walk, laboratory=Laboratory(), chair=None):
 
 
 def _pressed(force, moment):
-    """As laboratories write it: the point is at the origin, and nothing acts, where the force is below 10 N."""
+    """Point and moment in laboratories' convention: below 10 N the point is at the origin, and the wrench is zero."""
     on = (force[:, 1] > 10)[:, None]
     point = np.insert(np.stack([moment[:, 2], -moment[:, 0]], axis=1) / force[:, 1:2], 1, 0.0, axis=1)
     free = (moment - np.cross(point, force)) * [0, 1, 0]
@@ -376,7 +376,7 @@ def mot(path, columns, *, degrees):
 
 
 def write(folder, name, measured, laboratory=Laboratory(), seed=0):
-    """Files of a trial, joined as the commands take them."""
+    """Writes the files of a trial, and returns them joined as for the commands."""
     rng = np.random.default_rng((seed, 2))
     angles = {"time": measured.time}
     for joint, x in zip(measured.joints, measured.q.T, strict=True):

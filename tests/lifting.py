@@ -1,6 +1,6 @@
-"""Somebody who lifts a box of known mass, in the sagittal plane: six joints, markers on skin, a plate that is late.
+"""A person who lifts a box of known mass in the sagittal plane: six joints, markers on skin, a delayed plate.
 
-Both legs move alike, and both arms: limbs are twice those of the table of segments.
+Both legs move alike, and both arms: limbs have twice the inertial parameters of the table's segments.
 """
 
 from dataclasses import replace
@@ -40,7 +40,7 @@ SQUAT, STOOP = np.array([0.45, -1.3, 1.5, -0.9, -0.25, 0.1]), np.array([0.15, -0
 
 @cache
 def table():
-    """The lifter as a table of segments has her, the box as it was weighed."""
+    """The lifter from a table of segments, with the box's measured mass."""
     model = sim.mechanism(mujoco.MjSpec.from_string(MODEL), base="foot")
     ends = {
         name: np.array([0, 0, -x if name in ("upper_arm", "forearm", "hand") else x]) for name, x in LENGTHS.items()
@@ -55,7 +55,7 @@ def table():
 
 
 def lifter(seed, share=0.12):
-    """Somebody who weighs as much, whose segments are not those of the table."""
+    """A person of the same weight with segments that differ from the table."""
     rng, bodies, known = np.random.default_rng(seed), [], table()
     own = dict(zip(known.bodies, known.known.reshape(-1, 10), strict=True))
     for name, phi in own.items():
@@ -73,7 +73,7 @@ def lifter(seed, share=0.12):
 
 
 def motion(time, low, pace, seed):
-    """Lifts from a low posture, joints somewhat before or behind each other, as no two lifts are the same."""
+    """Lifts from a low posture, with random phase shifts between joints."""
     rng = np.random.default_rng(seed)
     lag, size = 0.06 * rng.normal(size=6), 1 + 0.1 * rng.normal(size=6)
     phase = np.pi * pace * (time[:, None] - lag)
@@ -86,7 +86,7 @@ def motion(time, low, pace, seed):
 
 
 def recorded(who, low, pace, seed, seconds=6.0, marker=0.002, skin=0.004):
-    """A recording: angles from markers on skin that moves, and forces and moment of the plate in the plane."""
+    """A recording: angles from markers on moving skin, and forces and moment of the plate in the plane."""
     rng, time = np.random.default_rng((seed, 1)), np.arange(round(seconds * RATE)) / RATE
     late = motion(time - LATE, low, pace, seed)
     wrench = base_wrench_regressor(who.tree, *late.states, gravity=who.gravity) @ who.known

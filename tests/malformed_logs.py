@@ -1,4 +1,4 @@
-"""Logs as tables of text, and logs and mappings with something wrong: known cases and random ones."""
+"""Logs as tables of text, and logs and mappings with errors: known cases and random ones."""
 
 import json
 
@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 LETTERS = st.characters(exclude_categories=["Cs"])
-"""All that can be encoded. To find that out, as `st.text()` does by default, takes three seconds once."""
+"""All characters that can be encoded. `st.text()` by default determines them once, which takes three seconds."""
 
 N = 40
 T = np.arange(N) / 100
@@ -171,7 +171,7 @@ HEADERS = st.lists(
 
 @st.composite
 def logs(draw):
-    """Sound logs with a few cells and bytes changed, and tables of anything."""
+    """Valid logs with a few cells and bytes changed, and tables of anything."""
     if draw(st.booleans()):
         delimiter = draw(st.sampled_from([",", ";", "\t"]))
         header = draw(HEADERS)
@@ -213,7 +213,7 @@ def toml(value):
 
 @st.composite
 def mappings(draw):
-    """Sound and unsound entries, sometimes with characters changed."""
+    """Valid and invalid entries, sometimes with characters changed."""
     force = st.lists(st.sampled_from(["ground_fx", "ground_fy", "ground_fz", "", "no"]), min_size=2, max_size=4)
     entries = st.sampled_from(["time", "joints", "joints.hip", "joints.hip.position", "base", "wrenches", "x"])
     content = "".join(f"{key} = {toml(draw(VALUES))}\n" for key in draw(st.lists(entries, max_size=2, unique=True)))

@@ -1,4 +1,4 @@
-"""Models with sites for markers, what these markers see of a known motion, and files of it, for the tests."""
+"""Models with sites for markers, their positions in a known motion, and files of it, for the tests."""
 
 import mujoco
 import numpy as np
@@ -7,7 +7,7 @@ import scenes
 
 
 def marked_person(per_body=3, seed=0):
-    """The humanoid with sites all over, as a specification."""
+    """Specification of the humanoid with sites on all bodies."""
     spec, rng = scenes.load("humanoid"), np.random.default_rng(seed)
     for body in spec.bodies[1:]:
         for k in range(per_body):

@@ -17,7 +17,7 @@ from ident.tolerances import DRIVE
 def random_measurement(
     rng, bodies=4, kinds=JOINTS, *, moving=False, torques=True, wrench=True, contacts=1, setup=True, components=range(6)
 ):
-    """All kinds of channels, set-up parameters, drives and offsets, as asked for."""
+    """Measurement with all kinds of channels, set-up parameters, drives and offsets that are asked for."""
     tree, gravity = random_tree(rng, bodies, kinds), 5 * rng.normal(size=3)
     mechanism = Mechanism(tree, gravity, random_phi(rng, len(tree.inertial)))
     n, components = len(tree.freedoms) if torques else 0, tuple(components) if wrench else ()
@@ -46,5 +46,5 @@ def random_inputs(rng, measurement, samples=3, setup=0.05):
 
 
 def at(measurement, name):
-    """Where a parameter stands in θ."""
+    """Index of a parameter in θ."""
     return measurement.names.index(name)

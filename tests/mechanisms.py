@@ -36,7 +36,7 @@ SCREWS = ("revolute", "prismatic", "helical", "welded")
 
 
 def random_tree(rng, bodies=None, kinds=JOINTS, massless=0.0, chain=False):
-    """A base and bodies on it, each on the one before it in a `chain`; `massless` is the chance of a mere link."""
+    """A base and bodies on it, each on the previous one in a `chain`; `massless`: probability of a massless link."""
     bodies = bodies or rng.integers(2, 9)
     tree, ends = [], [-1]
     for i in range(bodies):
@@ -85,7 +85,7 @@ def random_phi(rng, bodies):
 
 
 def regrouping_error(base, Y):
-    """Largest error of the dependent columns of a regressor (…, P) made of the kept ones, over its largest entry."""
+    """Largest error of a regressor's dependent columns (…, P) formed from the kept ones, over its largest entry."""
     return abs(Y[..., base.dependent] - base.reduce(Y) @ base.beta).max(initial=0) / abs(Y).max()
 
 

@@ -1,4 +1,4 @@
-"""OpenSim files that the tests write: small models in the formats of versions 3 and 4, and people of 22 bodies."""
+"""OpenSim files written by the tests: small models in the formats of versions 3 and 4, and people of 22 bodies."""
 
 import warnings
 
@@ -52,7 +52,7 @@ def coordinate(name, default=0.0, limits=(-1.5, 1.5), locked=False):
 
 
 class Joint:
-    """A joint: kind, bodies, a frame on each (position and x, y, z angles), coordinates, and what is inside."""
+    """A joint: kind, bodies, a frame on each (position and x, y, z angles), coordinates, and inner XML."""
 
     def __init__(self, kind, name, parent, child, coordinates=(), inside="", at=None, on=None):
         self.kind, self.name, self.parent, self.child = kind, name, parent, child
@@ -106,10 +106,10 @@ def document(joints, phi, *, version=4, gravity=(0, -9.8, 0), constraints="", ma
 
     Args:
         joints: The joints, one for each body.
-        phi: φ of the bodies by their names.
-        version: Of OpenSim.
-        gravity: In the ground's axes.
-        constraints: What is in the `ConstraintSet`.
+        phi: φ of the bodies by name.
+        version: Version of OpenSim.
+        gravity: Gravity in the ground's axes.
+        constraints: Content of the `ConstraintSet`.
         markers: Name, body and location of each.
     """
     held = {joint.child: joint for joint in joints}
@@ -189,7 +189,7 @@ def every_kind(seed, version=4):
 
 
 def quietly_read(path):
-    """The mechanism of an OpenSim file without notes on it."""
+    """The mechanism of an OpenSim file, without its notes."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelNote)
         return sim.mechanism(path)

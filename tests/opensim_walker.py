@@ -1,4 +1,4 @@
-"""An OpenSim leg with markers, whose knee slides as it bends, and what cameras and a plate see of it."""
+"""An OpenSim leg with markers and a knee that slides as it bends, and readings of cameras and a plate."""
 
 import numpy as np
 from marked import trc
@@ -16,7 +16,7 @@ PLANAR = ("tx", "ty", "tilt", "hip", "knee")
 
 
 def markers():
-    """Name, body and place of four markers on each body."""
+    """Name, body and position of four markers on each body."""
     rng = np.random.default_rng(3)
     return [(f"{body}{k}", body, rng.uniform(-0.15, 0.15, 3)) for body in PHI for k in range(4)]
 
@@ -64,7 +64,7 @@ def motion(samples=60, rate=100.0):
 
 
 def trial(folder, path, std=0.001):
-    """Writes `walk.trc` and `walk.mot` with what cameras and a plate see; returns times and coordinates."""
+    """Writes `walk.trc` and `walk.mot` with readings of cameras and a plate; returns times and coordinates."""
     leg_, rng = quietly_read(path), np.random.default_rng(0)
     t, q, dq, ddq = motion()
     poses = leg_.tree.poses(q)

@@ -16,7 +16,7 @@ PENDULUM = Path(scenes.__file__).parent / "double_pendulum.xml"
 
 
 def options(folder, *more, seed=0):
-    """Options of the command that writes it, after the log has been written."""
+    """Writes the log, and returns options of the command that writes the page."""
     spec = scenes.load("double_pendulum", contact="pad")
     original = simulate(spec, DOUBLE_PENDULUM, samples=500, seed=seed)
     channels = ("ground", "contact", "joint")
@@ -29,12 +29,12 @@ def options(folder, *more, seed=0):
 
 
 def identified(folder):
-    """Writes it, and returns the folder of the results."""
+    """Writes the page, and returns the folder of the results."""
     assert identify.main(options(folder)) == 0
     return folder / "out"
 
 
 def replayed(page):
-    """What moves on a page."""
+    """Replay data of a page."""
     text = page.read_text(encoding="utf-8")
     return json.loads(re.search(r'<script type="application/json" id="replay">(.*?)</script>', text, re.DOTALL)[1])

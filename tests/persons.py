@@ -1,4 +1,4 @@
-"""People simulated for two seconds, each once for all tests of a worker, in place of studies that take minutes."""
+"""People simulated for two seconds, once for all tests of a worker, in place of studies that take minutes."""
 
 from experiments.studies.human import study as simulated
 from experiments.studies.person_recordings import Laboratory
@@ -7,7 +7,7 @@ _STUDIES = {}
 
 
 def study(seconds, **given):
-    """The study with these arguments, which are alike where they read alike."""
+    """The study with these arguments; arguments with equal texts are equal."""
     key = repr((seconds, sorted(given.items())))
     if key not in _STUDIES:
         _STUDIES[key] = simulated(seconds, **given)

@@ -1,4 +1,4 @@
-"""Recordings of the paper's pendulum as a laboratory has them: angles and a ground wrench, something a little wrong."""
+"""Recordings of the paper's pendulum with laboratory errors: angles and a ground wrench, with small set-up errors."""
 
 from dataclasses import replace
 
@@ -21,13 +21,13 @@ def angles_and_wrench(time, q, wrench, **told):
 
 
 def leaning(spans, force, body="link2", point=(0, 0, 0.1), **told):
-    """A recording while a body leans on something that is not measured, which pushes with a force in the base's axes.
+    """A recording of a body leaning on something without a sensor, which pushes with a force in the base's axes.
 
     Args:
         spans: First and last times, s; the force grows and fades within 60 ms.
         force: Force, N (3,).
-        body: Which body.
-        point: Where, in the body's frame, m (3,).
+        body: The body.
+        point: Point in the body's frame, m (3,).
         told: As for `faulty`.
     """
     recording = faulty(**told)
@@ -42,8 +42,8 @@ def leaning(spans, force, body="link2", point=(0, 0, 0.1), **told):
 def faulty(seed=0, *, delay=0.0, fast=0.0, origin=(0, 0, 0), turn=(0, 0, 0), gains=(1,) * 6, zero=(0, 0), gravity=0.0):
     """A recording of 943 samples at 100 Hz with the scene's noise.
 
-    The wrench comes so many seconds late from a clock that is fast, a frame that is elsewhere (m) and turned (degrees),
-    with gains; joints read too much and gravity is tilted about x (degrees).
+    The wrench is delayed (s), on a fast clock, in a frame that is shifted (m) and turned (degrees), with gains; joints
+    have zero errors and gravity is tilted about x (degrees).
     """
     recording = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, seed=seed)
     true, t = recording.noise_free, recording.time
@@ -58,7 +58,7 @@ def faulty(seed=0, *, delay=0.0, fast=0.0, origin=(0, 0, 0), turn=(0, 0, 0), gai
     R = Rotation.from_euler("xyz", turn, degrees=True).as_matrix()
     wrench = np.hstack([wrench[:, :3] @ R, moment @ R]) * gains + noise
     q = recording.of_joints(JOINTS, "position") + np.radians(zero)
-    known = slice(round(100 * delay), None)  # Before the first sample nothing is known that could come late.
+    known = slice(round(100 * delay), None)  # Before the first sample there are no data that could be delayed.
     return angles_and_wrench(t[known], q[known], wrench[known])
 
 

@@ -1,4 +1,4 @@
-"""Trees of any kind, and what their regroupings must hold, for the tests."""
+"""Trees of all kinds, and checks of their regroupings, for the tests."""
 
 import numpy as np
 from mechanisms import GRAVITY, SCREWS, random_states, random_tree, regrouping_error
@@ -26,7 +26,7 @@ def tree_of_any_kind(seed, bodies):
 
 
 def check_regroupings(trees):
-    """Of 2 to 60 bodies: what the dependent columns are made of holds at states that nobody has seen."""
+    """Checks trees of 2 to 60 bodies: the dependent columns' combinations hold at new states."""
     for seed, bodies in enumerate(np.geomspace(2, 60, trees).astype(int)):
         rng, tree, gravity = tree_of_any_kind(seed, bodies)
         Y = base_wrench_regressor(tree, *random_states(rng, tree, 40 + 5 * len(tree.bodies)), gravity=gravity)

@@ -1,4 +1,4 @@
-"""Seven-joint arms as laboratories log them: friction, late clocks, and files with names and units of their own."""
+"""Seven-joint arms in laboratories' logs: friction, delayed clocks, and files with their own names and units."""
 
 from functools import cache
 
@@ -15,10 +15,10 @@ HAND = {"mass": 0.73, "com": (0.0, 0.01, 0.06), "inertia": (2e-3, 2e-3, 1e-3, 0,
 NO_HAND = {"mass": 1e-9, "com": (0, 0, 0), "inertia": (1e-12, 1e-12, 1e-12, 0, 0, 0)}
 
 VISCOUS = np.array([1.0, 1.2, 0.8, 0.9, 0.5, 0.4, 0.4])
-"""N m s."""
+"""Viscous friction, N m s."""
 
 COULOMB = np.array([0.9, 1.1, 0.7, 0.8, 0.5, 0.35, 0.3])
-"""N m."""
+"""Coulomb friction, N m."""
 
 
 @cache
@@ -26,8 +26,8 @@ def moved(seconds, rate, seed=0, stands=-1.0):
     """Times, angles, velocities, and torques without hand and friction along the motion of `wrist.motion` (N, 7).
 
     Args:
-        seconds: How long; `rate` in Hz, and `seed` of the motion.
-        stands: How long of that the arm stands at last, having slowed down in a second, s; -1 if it goes on.
+        seconds: Duration, s; `rate` in Hz, and `seed` of the motion.
+        stands: Time at rest at the end, after a second of slowing down, s; -1 for none.
     """
     t, step = np.arange(round(seconds * rate)) / rate, 1e-4
     behind, at, ahead = (_until(t + dt, seconds - stands) for dt in (-step, 0, step))
@@ -45,7 +45,7 @@ def moved(seconds, rate, seed=0, stands=-1.0):
 
 
 def _until(t, end):
-    """Where along a motion one is that slows down within the second before the end, and stands from there."""
+    """Time along a motion that slows down within the second before the end, and stops there."""
     late = np.clip(t - end + 1, 0, 1)
     return np.minimum(t, end - 1) + late - late**3 + late**4 / 2
 
@@ -56,11 +56,11 @@ def friction(dq):
 
 
 def coupled(matrix, seconds, rate, stands, seed=6):
-    """Times, and angles and torques of motors that turn `matrix` times as the first six joints do, with friction there.
+    """Times, angles and torques of motors whose angles are `matrix` times the first six joints', with friction on them.
 
     Args:
-        matrix: Six by six.
-        seconds: How long; `rate` in Hz, `stands` as for `moved`, and `seed` of the noise.
+        matrix: Coupling of the motors (6, 6).
+        seconds: Duration, s; `rate` in Hz, `stands` as for `moved`, and `seed` of the noise.
     """
     rng, gear = np.random.default_rng(seed), np.abs(matrix).max(axis=1)
     t, q, dq, torque = moved(seconds, rate, stands=stands)
@@ -72,7 +72,7 @@ def coupled(matrix, seconds, rate, stands, seed=6):
 
 
 def late_clock(t, rng):
-    """Stamps of which some come late, and which rows are there: holes of 16 ms."""
+    """Time stamps with some delays, and the rows that exist: holes of 16 ms."""
     step = t[1] - t[0]
     stamps = t + np.where(rng.random(len(t)) < 0.05, rng.uniform(0, 0.4 * step, len(t)), 0)
     there = np.ones(len(t), bool)
@@ -82,7 +82,7 @@ def late_clock(t, rng):
 
 
 def with_runs_missing(x, rng):
-    """Channels (N, k) in which runs of some samples are NaN."""
+    """Channels (N, k) with runs of samples that are NaN."""
     x = x.copy()
     for first in rng.integers(10, len(x) - 10, 4):
         x[first : first + rng.integers(2, 8), rng.integers(x.shape[1])] = np.nan
@@ -100,9 +100,9 @@ def by_hand(arm, logs, cutoff=5.0, holdout=0.4):
 
     Args:
         arm: The mechanism.
-        logs: Times (N,), angles and torques (N, n) of each log, NaN where one is missing.
-        cutoff: Hz.
-        holdout: Part of each log, its end, that is predicted.
+        logs: Times (N,), angles and torques (N, n) of each log, NaN where missing.
+        cutoff: Cut-off, Hz.
+        holdout: Fraction at the end of each log that is predicted.
     """
     fitted, judged = [], []
     for t, q, torque in logs:

@@ -1,4 +1,4 @@
-"""A person who moves in the plane across z, on two plates that also see her sway sideways."""
+"""A person who moves in the plane normal to z, on two plates that also measure her sideways sway."""
 
 from functools import cache
 
@@ -40,7 +40,7 @@ def text(*, gravity="0 -9.81 0", knee="0 0 1"):
 
 @cache
 def mechanism():
-    """With the pelvis's coordinates as joints from the world."""
+    """The mechanism with the pelvis's coordinates as joints from the world."""
     return sim.mechanism(mujoco.MjSpec.from_string(text()))
 
 
@@ -55,14 +55,14 @@ def motion(samples, rate=100.0):
 
 
 def recording(samples=600, *, sway=1.0, noise=1.0, exact=False, seed=0):
-    """What plates in the world, and encoders, read.
+    """Readings of plates in the world, and of encoders.
 
     Args:
         samples: Number of samples at 100 Hz.
-        sway: How much of force and moments she has out of the plane, beside her steps.
+        sway: Factor on force and moments out of the plane.
         noise: Factor of 1 N, 0.3 N m, 2 mrad and 2 mm.
-        exact: Whether joint coordinates have no noise, and velocities and accelerations are there.
-        seed: Of the noise.
+        exact: True for joint coordinates without noise, with velocities and accelerations.
+        seed: Seed of the noise.
     """
     person, rng, (time, q, dq, ddq) = mechanism(), np.random.default_rng(seed), motion(samples)
     total = base_wrench_regressor(person.tree, q, dq, ddq, gravity=person.gravity) @ person.known

@@ -1,4 +1,4 @@
-"""Recordings of the paper's pendulum in motions that are slow beside its sensors' steps, or with a joint at rest."""
+"""Recordings of the paper's pendulum in motions that are slow for its sensors' resolution, or with a joint at rest."""
 
 import numpy as np
 from recorded_faults import PENDULUM, angles_and_wrench
@@ -6,7 +6,7 @@ from recorded_faults import PENDULUM, angles_and_wrench
 import ident
 
 NOISE = np.array([0.5, 0.5, 0.5, 0.1, 0.05, 0.05])
-"""Of the scene's wrench, N and N m."""
+"""Noise of the scene's wrench, N and N m."""
 
 
 TIME = np.arange(800) / 100
@@ -32,12 +32,12 @@ def recorded(seed=0, *, speed=0.5, rests=None, forces=0.0, moments=0.0, angles=0
     """Angles and a wrench at 100 Hz.
 
     Args:
-        seed: Of phases and noise.
+        seed: Seed of phases and noise.
         speed: Factor on the frequencies, from .23 to .79 Hz.
-        rests: Where the second joint rests, rad; without it both move.
-        forces: Steps that forces are recorded in, N; `moments` and `angles` likewise, N m and rad.
+        rests: Angle at which the second joint rests, rad; by default both move.
+        forces: Resolution of forces, N; `moments` and `angles` likewise, N m and rad.
         noise: Factor on the wrench's noise.
-        jitter: Noise of the angles of joints that move, rad.
+        jitter: Noise of the angles of moving joints, rad.
     """
     rng = np.random.default_rng(seed)
     states = motion(rng, speed, rests)

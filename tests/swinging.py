@@ -1,4 +1,4 @@
-"""A pendulum's motion at any time, for recordings whose streams have times of their own."""
+"""A pendulum's motion at any time, for recordings with streams at their own times."""
 
 from functools import cache
 
@@ -21,13 +21,13 @@ def pendulum():
 
 @cache
 def _truth():
-    """Curves through what sensors without noise read a hundred times a second, and their last time."""
+    """Curves through noise-free sensor readings at 100 Hz, and their last time."""
     exact = sim.simulate(scenes.load("double_pendulum"), DOUBLE_PENDULUM, noise_scale=0)
     return {name: make_interp_spline(exact.time, exact[name], 5) for name in NOISE}, exact.time[-1]
 
 
 def ticks(rate, jitter=0.0, rng=None):
-    """Times over the whole motion."""
+    """Sample times over the whole motion."""
     end = _truth()[1]
     time = np.arange(0, end, 1 / rate)
     return time if rng is None else np.clip(time + rng.uniform(-jitter, jitter, len(time)), 0, end)
@@ -43,13 +43,13 @@ def sampled(rng, name, time, missing=0.0, gap=()):
 
 
 def streams(rng, *, angles=100.0, jitter=0.0, wrench=100.0, missing=0.0, gap=()):
-    """Streams of angles, which share a clock, and of the wrench on one of its own."""
+    """Streams of angles, which share a clock, and of the wrench on its own clock."""
     clocks = {"joint": ticks(angles, jitter, rng), "ground": ticks(wrench)}
     return {name: sampled(rng, name, clocks[name[:5] if name[0] == "j" else "ground"], missing, gap) for name in NOISE}
 
 
 def motion(time):
-    """The motion at some times."""
+    """True motion at some times."""
     curves = [_truth()[0][f"{joint}_position"] for joint in JOINTS]
     return ident.Motion(*(np.stack([curve(time, d) for curve in curves], axis=1) for d in range(3)))
 

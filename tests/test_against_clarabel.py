@@ -1,4 +1,4 @@
-"""The bodies closest to a prior at a given distance from ψ, against a conic solver's."""
+"""The bodies closest to a prior at a given distance from ψ, against a conic solver."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ cvxpy = pytest.importorskip("cvxpy", reason="cvxpy with Clarabel is an optional 
 
 
 def least_divergence(psi, covariance, base, prior, distance):
-    """Of all bodies whose base parameters are within a Mahalanobis distance of ψ; None where the solver is not sure."""
+    """Least divergence of bodies whose ψ is within a Mahalanobis distance; None if the solver is not sure."""
     L, std = np.linalg.cholesky(bodies(prior)), np.sqrt(np.diag(covariance))
     A = np.swapaxes(L, 1, 2) @ forms(regrouping(base)) @ L / std[:, None, None, None]
     root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(std, std)))

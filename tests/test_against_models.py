@@ -16,7 +16,7 @@ from sim.models.notes import ModelNote
 
 FILES = {"example-robot-data": 69, "robosuite": 58, "dm_control": 65}
 MECHANISMS = {"example-robot-data": 68, "robosuite": 47, "dm_control": 38}
-"""How many of the files MuJoCo can read, with bodies that have mass."""
+"""Number of these files that MuJoCo can read, with bodies that have mass."""
 
 STATES = 3
 TOLERANCE = 1e-9
@@ -31,7 +31,7 @@ def paths(package, suffix):
 
 
 def rigid_forces(model, qpos, qvel, qacc):
-    """What moves the links alone, of `mj_inverse`: generalised forces (N, nv), and the wrench at the world (N, 6)."""
+    """Generalised forces (N, nv) of the links alone by `mj_inverse`, and their wrench at the world (N, 6)."""
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     data = mujoco.MjData(model)
     forces, wrenches = np.empty_like(qvel), np.zeros((len(qpos), 6))
@@ -42,7 +42,7 @@ def rigid_forces(model, qpos, qvel, qacc):
         mujoco.mj_rnePostConstraint(model, data)
         forces[k] = data.qfrc_inverse + data.qfrc_passive - model.dof_armature * qacc[k]
         for b in roots[roots > 0]:
-            # About the centre of the subtree, turning part first.
+            # About the centre of the subtree, torque first.
             moment, force = data.cfrc_int[b].reshape(2, 3)
             wrenches[k] += [*force, *(moment + np.cross(data.subtree_com[b], force))]
     return forces, wrenches
@@ -53,7 +53,7 @@ def assert_equal(found, expected, what):
 
 
 def check(model, what, regrouped):
-    """Base wrench and joint torques at random states, and the regrouping of every tree once."""
+    """Checks base wrench and joint torques at random states, and the regrouping of each tree once."""
     tree, phi, gravity = tree_from_model(model), parameters_from_model(model), gravity_in_base(model)
     states = random_model_states(np.random.default_rng(0), model, STATES)
     coordinates, dofs = state_columns(model)

@@ -21,7 +21,7 @@ RECORDED = SEEDS[::10]
 def case(seed):
     """A model of 2 to 30 bodies, every third one without ground under it, and its states.
 
-    Every tenth has enough of them for its equations to be recorded, which takes its time.
+    Every tenth has enough states for its equations to be recorded, which is slow.
     """
     rng = np.random.default_rng(seed)
     model = random_model(rng, int(rng.integers(2, 31)), floating=seed % 3 == 0)
@@ -30,7 +30,7 @@ def case(seed):
 
 @pytest.fixture(scope="module", params=RECORDED)
 def recorded(request):
-    """One of these seeds; the tests of one follow each other, so that its equations are recorded once."""
+    """One of these seeds; tests of one seed are adjacent, so that its equations are recorded once."""
     return request.param
 
 
@@ -41,7 +41,7 @@ def assert_equal(found, expected, scale=None, tolerance=1e-10):
 
 
 def external_wrench(states, forces):
-    """What a free joint's forces are as a wrench in the body's frame."""
+    """Forces of a free joint as a wrench in the body's frame."""
     R = BaseMotion.from_free_joint(*(x[:, :size] for x, size in zip(states, (7, 6, 6), strict=True))).T[:, :3, :3]
     return np.concatenate([(R.swapaxes(1, 2) @ forces[:, :3, None])[..., 0], forces[:, 3:6]], axis=1)
 
@@ -100,7 +100,7 @@ def check_base_wrench_and_joint_torques(model, states, floating):
     assert_equal(base_wrench_regressor(tree, *joints, **known) @ phi, wrench)
     assert_equal(joint_torque_regressor(tree, *joints, **known) @ phi, forces[:, dofs], wrench)
     if len(wrench) == FEW:
-        return  # The merged equations would have to be recorded too, and do not care how they are evaluated.
+        return  # The merged equations would have to be recorded too, and do not depend on how they are evaluated.
     merged = mechanism(model, "b0", merge_welds=True)
     assert len(merged.known) == 10 * (len(merged.tree.moving) + 1 - sum(body.massless for body in merged.tree.bodies))
     assert_equal(base_wrench_regressor(merged.tree, *joints, **known) @ merged.known, wrench)
@@ -128,7 +128,7 @@ def test_the_papers_recursion(seed):
 
 @pytest.mark.parametrize("seed", range(0, MODELS, 30))
 def test_motion_of_any_body_as_base(seed):
-    """Cut off at an inner body, the rest of the model still needs a wrench there that MuJoCo's parts agree on."""
+    """Cut at an inner body, the rest of the model needs a wrench there, on which MuJoCo's parts agree."""
     model, states = case(seed)
     rng = np.random.default_rng(seed)
     name = f"b{rng.integers(1, model.nbody - 1)}"

@@ -1,4 +1,4 @@
-"""What Python is given is refused in one sentence before anything is computed, as mapping files are."""
+"""Invalid Python arguments raise one sentence before any computation, as mapping files do."""
 
 from dataclasses import replace
 

@@ -32,7 +32,7 @@ PENDULUM, MOTION = Mechanism(TREE, GRAVITY, PHI), Motion(Q, DQ, DDQ)
 
 
 def forward(carry, gravity_sign, bracket_sign):
-    """Eq. 9 with its disputed parts left open: the last body's twist and twist rate."""
+    """The last body's twist and twist rate by Eq. 9, with its disputed parts as arguments."""
     V, dV = np.zeros(6), np.concatenate([gravity_sign * GRAVITY, np.zeros(3)])
     theta, dtheta, ddtheta = TREE.body_coordinates(Q), TREE.body_velocities(DQ), TREE.body_velocities(DDQ)
     for i, body in enumerate(TREE.bodies):
@@ -131,7 +131,7 @@ def test_equations_11_13_14_wrenches_move_by_the_inverse_transpose():
 
 
 def test_equation_16_the_last_adjoint_is_that_of_the_links_own_joint():
-    # The wrench that goes through joint i reaches the base over g_{i-1,i}; the printed chain goes on to link i + 1.
+    # The wrench through joint i is moved to the base by g_{i-1,i}; the printed chain goes on to link i + 1.
     base, first, second = (
         dim.relative_pose(body, q) for body, q in zip(TREE.bodies, TREE.body_coordinates(Q), strict=True)
     )
@@ -170,14 +170,14 @@ def test_equation_17_the_sum_is_over_contacts_and_not_over_links():
 
 
 def test_tables_2_to_4_number_bodies_from_one_and_equations_from_zero():
-    # Tables III and IV: m_3 is the body with l_1 in its home pose, the second link, which Section VII calls 2.
+    # Tables III and IV: m_3 is the body with l_1 in its home pose, the second link, called 2 in Section VII.
     tree, base = double_pendulum(), find_base_parameters(double_pendulum())
     assert tree.bodies[2].home[2, 3] == LENGTH_1 and not tree.bodies[1].home[:3, 3].any()
     assert base.expressions()[base.names.index("m2rz2")] == f"m2rz2 + {LENGTH_1} m3"
 
 
 def test_tables_3_and_4_mark_other_parameters_as_regrouped():
-    # Marked are these six; with axes along X five of them are regrouped, with parallel tilted axes all thirteen.
+    # These six are marked; with axes along X five of them are regrouped, with parallel tilted axes all thirteen.
     marked = {"m1", "m1rx1", "m1ry1", "m2rz2", "Ixx2", "Ixz2"}
 
     def regrouped(base):

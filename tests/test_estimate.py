@@ -1,4 +1,4 @@
-"""Numbers of an estimate that are compared with published ones."""
+"""Numbers of an estimate for comparison with published ones."""
 
 from functools import cache
 
@@ -16,7 +16,7 @@ def ordinary():
 
 
 def test_what_is_open_of_the_setup_adds_to_the_variance_of_every_combination():
-    """Where it makes parameters err together in opposite directions as well."""
+    """Also if the set-up makes errors of parameters anticorrelated."""
     estimate = ident.identify(PENDULUM, faulty())
     noise, both = (
         x[: estimate.base.rank, : estimate.base.rank] for x in (estimate.fit.covariance, estimate.covariance_setup)

@@ -1,4 +1,4 @@
-"""What `import ident` and `import sim` offer, what they do not yet import, and clients that a type checker reads."""
+"""Names in `import ident` and `import sim`, modules that they do not import yet, and typed clients."""
 
 import os
 import re
@@ -98,7 +98,7 @@ def test_nothing_that_is_slow_to_import_is_needed_to_identify():
 
 @pytest.mark.skipif(find_spec("mypy") is None, reason="mypy comes with the extra 'dev'")
 def test_clients_are_typed(tmp_path, pytestconfig):
-    """In strict mode, and without the packages' own configuration."""
+    """In strict mode, without the packages' own configuration."""
     known = pytestconfig.cache.mkdir("clients")
     for name, code in CLIENTS.items():
         (tmp_path / f"{name.replace(' ', '_')}.py").write_text(code, encoding="utf-8")

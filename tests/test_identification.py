@@ -1,4 +1,4 @@
-"""What an estimate says of a motion that it was not made of, against MuJoCo."""
+"""Predictions of an estimate for a new motion, against MuJoCo."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def test_the_wrench_of_another_motion_is_mujocos(offsets):
     estimate = ident.identify(arm, simulated(DOUBLE_PENDULUM), offsets=offsets, holdout=0, estimator="weighted")
     other = simulated(DOUBLE_PENDULUM, phase=DOUBLE_PENDULUM.phase + 1, frequency=1.3 * DOUBLE_PENDULUM.frequency)
     predicted = estimate.predict(ident.Motion(*other.joint_states(arm.tree.joints)))
-    # Without noise Fx rests at zero in the pendulum's plane, and is no channel.
+    # Without noise Fx is zero in the pendulum's plane, and is no channel.
     assert estimate.channels == COMPONENTS[1:] and predicted.shape == (300, 5)
     np.testing.assert_allclose(predicted, other.wrench("ground").values[:, 1:], rtol=0, atol=1e-6)
     with pytest.raises(ident.InputError, match="Joint velocities need 2 columns"):
@@ -35,9 +35,9 @@ def test_the_wrench_of_another_motion_is_mujocos(offsets):
 
 @pytest.mark.parametrize("felt", [("shoulder", "elbow"), ("elbow",)])
 def test_channels_are_the_sensors_own(felt):
-    """A sensor turned and off the base's origin, five of whose components are there, and joints' torques.
+    """A sensor that is turned and off the base's origin, with five components, and joint torques.
 
-    A joint whose torque is not measured has drive columns of zeros before those of the other one.
+    A joint without measured torque has drive columns of zeros before those of the other one.
     """
     turned = ARM.replace('name="ground"', 'name="ground" pos=".1 0 -.05" euler="0 20 0"')
     model = mujoco.MjModel.from_xml_string(turned)

@@ -37,13 +37,13 @@ EXTRAS = {
     "output": {"PIL"},
     "recordings": {"ezc3d", "rosbags", "pyarrow"},
 }
-"""What rooms import besides where the optional extra is installed, or what matplotlib brings along."""
+"""Optional packages that a room imports."""
 
 MODULES = [path for package in ALLOWED for path in sorted((ROOT / package).rglob("*.py"))]
 
 
 def imported(path):
-    """Dotted names of what a module imports, itself and `import numpy` alike."""
+    """Dotted names of a module's imports, of modules and of names in them alike."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

@@ -1,4 +1,4 @@
-"""What an estimate is judged by: no ends, no gaps, and the set-up as it was found."""
+"""Samples that judge an estimate: no ends, no gaps, and the estimated set-up."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The faults that `python -m tests.mutants` puts into the code: which there are, what is drawn, and how trials end."""
+"""The faults of `python -m tests.mutants`: their kinds, the draw, and the endings of trials."""
 
 import ast
 from dataclasses import replace
@@ -65,7 +65,7 @@ def test_every_fault_of_a_text_is_found_and_none_in_words_types_and_progress():
             (line("out = out"), "sign or not dropped", "-1", "(1)"),
             (line("if len"), "condition negated", either, f"not ({either})"),
             (line("if len"), "and/or", either, f"({either.replace('or', 'and')})"),
-            # Of counts the border, of numbers the direction.
+            # For counts the boundary, for numbers the direction.
             (line("if len"), "comparison", "len(out) <= 4", "(len(out) < 4)"),
             (line("if len"), "constant", "4", "5"),
             (line("if len"), "comparison", "low >= LEAST", "(low <= LEAST)"),

@@ -1,4 +1,4 @@
-"""One recording and the same options give one answer, from both commands and from Python."""
+"""One recording with the same options gives one answer, by both commands and in Python."""
 
 import json
 import tracemalloc
@@ -18,7 +18,7 @@ SAMPLES = 600
 
 @pytest.fixture
 def files(tmp_path):
-    """A model, a recording of it and another one, and what to say of them."""
+    """A model, two recordings of it, and options."""
     spec = scenes.load("double_pendulum")
     for seed, name in enumerate(("run.csv", "other.csv")):
         sim.simulate(spec, DOUBLE_PENDULUM, samples=SAMPLES, seed=seed).save(tmp_path / name)
@@ -77,7 +77,7 @@ def test_pieces_agree_in_python(tmp_path, files):
 
 
 def test_memory_is_that_of_the_channels():
-    """A robust fit of a long recording holds some copies of its 29 numbers a sample, but no regressor of 78."""
+    """A robust fit of a long recording holds a few copies of its 29 numbers per sample, but no regressor of 78."""
     spec = scenes.load("double_pendulum")
     arm, short = sim.mechanism(spec, base="base"), sim.simulate(spec, DOUBLE_PENDULUM, samples=500)
     peaks = []

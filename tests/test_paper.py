@@ -1,4 +1,4 @@
-"""What the paper claims, checked on our numbers."""
+"""The paper's claims, checked on our numbers."""
 
 from dataclasses import replace
 
@@ -62,11 +62,11 @@ LARGE = {"m1rx1": 1.67, "Ixy2": 1.04, "Ixz2": 0.98, "Ixy3": 0.895, "Ixz3": 0.895
 """The simplified model's large errors over the paper's: fitted, but the first is not reached."""
 
 OPPOSITE = ("m2ry2", "m2rz2", "Ixx2", "m3ry3", "Ixx3")
-"""Its small errors whose sign is not the paper's."""
+"""Its small errors with the opposite sign of the paper's."""
 
 
 def test_neglecting_the_tilt_gives_the_papers_errors(spread):
-    # Signs in every run, sizes in the mean to 2 %, and each run within four standard deviations of noise.
+    # Signs in every run, means to 2 %, and each run within four standard deviations of noise.
     for name, ratio in LARGE.items():
         published, errors = paper.TABLE_3[name][0], spread[0][name]
         assert (np.sign(errors) == np.sign(published)).all()
@@ -82,7 +82,7 @@ def test_five_of_the_eight_small_errors_have_the_opposite_sign(spread, noise_fre
         assert abs(published) <= 0.10 and abs(errors.mean()) < 0.12 and abs(errors.mean() - published) < 0.17
         assert (errors.mean() * published < 0) == (name in OPPOSITE)
         assert (error(noise_free.fit("simplified"), name) * published < 0) == (name in OPPOSITE)
-    # The sign of m2ry2 is one of noise; the others have theirs in every run.
+    # The sign of m2ry2 is due to noise; the others have theirs in every run.
     certain = {name for name in OPPOSITE if (spread[0][name] * paper.TABLE_3[name][0] < 0).all()}
     assert certain == {*OPPOSITE} - {"m2ry2"}
     assert abs(spread[0]["m2ry2"].mean()) < spread[0]["m2ry2"].std(ddof=1)
@@ -98,7 +98,7 @@ def test_the_full_model_is_right(study, spread):
 
 
 def test_the_papers_full_column_is_not_reproduced(spread):
-    # Six of its errors are 0.10 to 0.16; ours of those are a tenth at most but for m2ry2, a fifth.
+    # Six of its errors are 0.10 to 0.16; ours for these are at most a tenth of that, except a fifth for m2ry2.
     large = [name for name, (_, published) in paper.TABLE_3.items() if abs(published) >= 0.10]
     assert large == ["m1rx1", "m2ry2", "Ixy2", "Ixz2", "Ixy3", "Ixz3"]
     for name in large:
@@ -106,7 +106,7 @@ def test_the_papers_full_column_is_not_reproduced(spread):
 
 
 def test_no_common_error_of_the_axes_gives_the_papers_full_column(noise_free):
-    # The pattern that the simplified model has, smaller: what tilts the recovered axes the same small way leaves.
+    # The pattern of the simplified model, but smaller: the effect of the remaining tilt of the recovered axes.
     known, names = noise_free.known, tuple(paper.TABLE_3)
     axis, step = tilted_axis(*(noise_free.file.options[name] for name in ("tilt_deg", "azimuth_deg"))), np.radians(0.5)
 
@@ -161,7 +161,7 @@ def test_the_wrong_axis_passes_the_usual_checks(noise_free):
 
 
 VERBATIM = np.zeros((3, 10))
-"""φ as the paper must have used it: inertias about the centres of mass taken for those about the frame origins."""
+"""φ that the paper must have used: inertias about the centres of mass taken as those about the frame origins."""
 VERBATIM[0, 0] = 4.0
 VERBATIM[1, [0, 3, 4]] = 3.7, 3.7 * 0.2, 0.0103
 VERBATIM[2, [0, 1, 3, 4]] = 13.2939, 13.2939 * 0.1, 13.2939 * 0.2, 0.41
@@ -174,7 +174,7 @@ def test_regrouping_the_papers_robot_gives_all_true_values_of_table_4():
 
 
 def test_the_papers_robot_is_no_rigid_body(noise_free):
-    # With any other inertias: a body whose mass lies at height z turns about x with at least m z².
+    # With any other inertias: a body with its mass at height z has at least m z² about x.
     for phi in VERBATIM[1:]:
         assert phi[4] < phi[3] ** 2 / phi[0]
         assert np.linalg.eigvalsh(pseudo_inertia(phi)).min() < 0
@@ -191,7 +191,7 @@ def test_the_papers_robot_is_no_rigid_body(noise_free):
 
 
 def test_table_3_errors_are_absolute():
-    # A relative error does not exist for the six true values that are zero, but the paper prints one for each.
+    # The six true values that are zero have no relative error, but the paper prints one for each.
     zero = [name for name, (true, _) in paper.TABLE_4.items() if true == 0]
     assert len(zero) == 6
     assert all(name in paper.TABLE_3 for name in zero)

@@ -1,4 +1,4 @@
-"""What a robot carries beyond a wrist sensor, from what MuJoCo's sensors read of a simulated arm."""
+"""A robot's payload beyond a wrist sensor, from readings of MuJoCo's sensors on a simulated arm."""
 
 from dataclasses import replace
 from functools import cache
@@ -33,7 +33,7 @@ def heavy_hand():
 
 @cache
 def light(seed):
-    """What is found of the light tool."""
+    """Estimate of the light tool."""
     return identify_payload(heavy_hand(), wrist.log(seed, seconds=8.0), **GIVEN)
 
 
@@ -69,7 +69,7 @@ def test_a_late_sensor_is_found_and_named():
 
 
 def test_without_a_model_of_the_tool_its_inertia_is_likely_or_else_told():
-    """Slow turns tell nothing of inertias; a heavy tool that is turned fast does."""
+    """Slow turns do not determine inertias; fast turns of a heavy tool do."""
     payload = identify_payload(arm(stated=False), wrist.log(seconds=8.0), **GIVEN)
     body = payload.in_frame()
     assert not body.told[4:].all() and payload.model is None

@@ -1,4 +1,4 @@
-"""Recordings of which hardly anything can be used, or that are too good to be true: an answer, or one sentence."""
+"""Recordings with hardly any usable sample, or without noise: an answer, or one sentence."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_a_recording_that_is_too_short_is_called_that(samples, message):
 
 
 def test_joints_that_rest_need_no_cut_off():
-    """What is refused is the motion, not its filter."""
+    """The error is about the motion, not about its filter."""
     still = angles_and_wrench(RECORDING.time, np.zeros_like(ANGLES), WRENCH)
     with pytest.raises(ExcitationError, match="the recorded motion excites"):
         ident.identify(PENDULUM, still)

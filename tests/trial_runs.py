@@ -1,4 +1,4 @@
-"""Trials of a short recording, for the tests of those who run them."""
+"""Trials of a short recording, for the tests of running them."""
 
 import os
 import re
@@ -55,7 +55,7 @@ class Mortal:
 
     Attributes:
         force: The trial's first ground force along x.
-        died: File that is there afterwards.
+        died: File that exists afterwards.
     """
 
     force: float
@@ -63,7 +63,7 @@ class Mortal:
 
     @classmethod
     def at(cls, k, source, tmp_path):
-        """Dies in trial k of a source."""
+        """An analysis that dies in trial k of a source."""
         (recording,) = source.recordings([k])
         return cls(recording["ground_force"][0, 0], tmp_path / "died")
 
@@ -85,11 +85,11 @@ figures.drawn = lambda figure, extension: b""
 told(SimpleNamespace(setattr=setattr))
 raise SystemExit(multicontact.main())
 """
-"""The study without what takes longest before its trials, and with time to clean up on a machine with much to do."""
+"""The study without its slow parts before the trials, and with more time to clean up on a busy machine."""
 
 
 def read_until(process, pattern):
-    """What a process says on its standard error until something matches."""
+    """Standard error of a process up to a pattern."""
     seen = b""
     while not re.search(pattern, seen):
         part = process.stderr.read1()
@@ -99,12 +99,12 @@ def read_until(process, pattern):
 
 
 def interrupted(command, pattern, number=signal.SIGINT):
-    """Exit code and standard error of a multicontact study that is asked twice to end when something has been said.
+    """Exit code and standard error of a multicontact study that is asked twice to end after a pattern in its output.
 
-    It has a group of its own, of which nobody must be left.
+    It has its own process group, of which no process may remain.
     """
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
-    # Else MuJoCo asks glfw, which asks a process of its own, whose traceback stands there if it is ended meanwhile.
+    # Otherwise MuJoCo starts a process for glfw, whose traceback would appear if it is ended meanwhile.
     quiet["env"] = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "disable"}
     command = [sys.executable, "-c", WITHOUT_FIGURES, *command]
     with subprocess.Popen(command, **quiet) as process:

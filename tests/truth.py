@@ -1,4 +1,4 @@
-"""The truth in place of joint estimates, which take most of a study's time, for tests that are not about them."""
+"""The truth in place of joint estimates, which take most of a study's time, for tests of other things."""
 
 import numpy as np
 
@@ -12,6 +12,6 @@ def truth(mechanism, recording, base):
 
 
 def told(patched):
-    """Tells the studies the truth while a monkeypatch lasts."""
+    """Replaces the studies' joint estimates by the truth while a monkeypatch lasts."""
     for name in ("joint_fit", "joint_fit_if_determined"):
         patched.setattr(simulated, name, truth)

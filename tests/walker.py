@@ -39,12 +39,12 @@ SLIDES = "".join(
 )
 JOINTED, SMALL = (MODEL.format(root=SLIDES, limbs=limbs) for limbs in (LEGS + ARM, ARM))
 TAKEN = {"right": "foot_r", "left": "foot_l", "rail": "arm"}
-"""The body that each plate and the rail carries."""
+"""Body on each plate and on the rail."""
 
 
 @cache
 def mechanism(model=JOINTED):
-    """With the pelvis's coordinates as joints from the world."""
+    """The mechanism with the pelvis's coordinates as joints from the world."""
     return sim.mechanism(mujoco.MjSpec.from_string(model))
 
 
@@ -81,7 +81,7 @@ def truth(source=JOINTED):
 
 
 def shares():
-    """What each plate and the rail take of the total wrench; the right plate's share is zero at times, or all."""
+    """Shares of plates and rail in the total wrench; the right plate's share is zero at times, or all."""
     time = motion()[0]
     rail = 0.1 + 0.05 * np.sin(3 * time)
     right = (1 - rail) * np.clip(0.5 + 0.9 * np.sin(2.2 * time + 0.3), 0, 1)
@@ -89,7 +89,7 @@ def shares():
 
 
 def wrenches():
-    """What plates and rail exert on the person, about the world's origin (N, 6) each."""
+    """Wrenches of plates and rail on the person, about the world's origin (N, 6) each."""
     total, _ = truth()
     return {name: share[:, None] * total for name, share in shares().items()}
 
@@ -109,7 +109,7 @@ def in_frame(T, wrench):
 
 
 def centre_of_pressure(wrench):
-    """Point on the surface z = 0 and moment about z of wrenches in a plate's frame; garbage where no force acts."""
+    """Point on the surface z = 0 and moment about z of wrenches in a plate's frame; arbitrary where no force acts."""
     F, M = wrench[:, :3], wrench[:, 3:]
     with np.errstate(divide="ignore", invalid="ignore"):
         point = np.stack([-M[:, 1] / F[:, 2], M[:, 0] / F[:, 2]], axis=1)

@@ -1,4 +1,4 @@
-"""A seven-joint arm with a tool on a wrist sensor: what MuJoCo's sensor reads of it, and logs with faults."""
+"""A seven-joint arm with a tool on a wrist sensor: readings of MuJoCo's sensor, and logs with faults."""
 
 from functools import cache
 
@@ -10,7 +10,7 @@ from ident.recordings.wrench import Sensor
 
 JOINTS = tuple(f"joint{k}" for k in range(1, 8))
 TOOL = {"mass": 0.1, "com": (0.012, -0.008, 0.05), "inertia": (1.1e-4, 9e-5, 6e-5, 1e-5, -8e-6, 4e-6)}
-"""Its inertia about the centre of mass: xx, yy, zz, xy, xz, yz."""
+"""Mass, centre of mass, and inertia about it: xx, yy, zz, xy, xz, yz."""
 
 FACING = "0.9238795 0 0 0.3826834"
 """Quaternion of the sensor in the tool's frame: 45° about z."""
@@ -32,7 +32,7 @@ def model(*, tool=TOOL, beyond="", stated=True):
     Args:
         tool: Mass, centre of mass and inertia of the tool.
         beyond: Bodies on the tool.
-        stated: Whether the tool has an inertia at all.
+        stated: True if the tool has an inertia.
     """
     text = lambda x: " ".join(map(str, x))  # noqa: E731
     inertial = f'<inertial mass="{tool["mass"]}" pos="{text(tool["com"])}" fullinertia="{text(tool["inertia"])}"/>'
@@ -59,7 +59,7 @@ def motion(seconds=20.0, rate=100.0, seed=0, size=1.0):
 
 
 def along(t, seed=0, size=1.0):
-    """The same at any times."""
+    """The motion at any times."""
     rng = np.random.default_rng(seed)
     order = np.arange(1, 6)
     pulsation = 2 * np.pi * 0.1 * order
@@ -73,7 +73,7 @@ def along(t, seed=0, size=1.0):
 
 @cache
 def read(text, seconds=20.0, rate=100.0, size=1.0):
-    """What MuJoCo's sensor reads without noise (N, 6)."""
+    """Noise-free readings of MuJoCo's sensor (N, 6)."""
     arm = mujoco.MjModel.from_xml_string(text)
     data, out = mujoco.MjData(arm), []
     for q, dq, ddq in zip(*motion(seconds, rate, size=size)[1:], strict=True):
@@ -89,11 +89,11 @@ def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, offset=(3, -2,
     Args:
         seed: Seed of the noise.
         text: The true arm.
-        seconds: How long.
+        seconds: Duration, s.
         rate: Samples per second, Hz.
         size: Factor on the motion.
-        offset: What the sensor reads of nothing (6,).
-        sign: -1 for what the tool exerts on the sensor.
+        offset: Offset of the sensor (6,).
+        sign: -1 for the tool's wrench on the sensor.
         faults: `delay` in samples of the wrench; `gains` of its channels (6,).
     """
     rng, (t, q, *_) = np.random.default_rng(seed), motion(seconds, rate, size=size)
@@ -107,7 +107,7 @@ def log(seed=0, *, text=None, seconds=20.0, rate=100.0, size=1.0, offset=(3, -2,
 
 
 def sensors(applied_to_link=True):
-    """Where the sensor sits."""
+    """Sensor of the wrist, with its pose."""
     arm = mujoco.MjModel.from_xml_string(model())
     pose = np.eye(4)
     pose[:3, 3] = arm.site("wrist").pos

@@ -1,4 +1,4 @@
-"""Logs as other programs write them, by the libraries of their formats, from named columns."""
+"""Logs of other programs, written by the libraries of their formats from named columns."""
 
 import gzip
 
@@ -59,18 +59,18 @@ PLATE = np.array([[0.7, 0.1, 0], [0.1, 0.1, 0], [0.1, 0.5, 0], [0.7, 0.5, 0]]).T
 """Corners of a force plate whose z-axis points down, m (3, 4)."""
 
 TOP = np.array([0.01, -0.02, -0.04])
-"""From the plate's transducer to the middle of its top, in the plate's axes, m."""
+"""Position of the middle of the plate's top from its transducer, in the plate's axes, m."""
 
 
 def plate_readings(wrench):
-    """What a plate at `PLATE` reads that feels wrenches in the laboratory's axes about its origin (N, 6): (N, 6)."""
+    """Readings (N, 6) of a plate at `PLATE` for wrenches in the laboratory's axes about its origin (N, 6)."""
     down = np.diag([1.0, -1.0, -1.0])
     force, torque = wrench[:, :3] @ down, (wrench[:, 3:] - np.cross(PLATE.mean(axis=1), wrench[:, :3])) @ down
     return np.hstack([force, torque - np.cross(force, TOP)])
 
 
 def write_c3d(path, rate, points, wrench=None, angles=(), analog=None):
-    """Points (N, 3) in m, angles in rad; a platform that feels wrenches (k N, 6), other analog channels (k N,) in V."""
+    """Writes points (N, 3) in m, angles in rad, a platform with wrenches (k N, 6), and analog channels (k N,) in V."""
     import ezc3d
 
     def whole(name, values, shape):
@@ -119,7 +119,7 @@ def write_c3d(path, rate, points, wrench=None, angles=(), analog=None):
 
 
 def write_bag(path, topics, *, stamped=True):
-    """A ROS 1 bag (`.bag`), a folder of a ROS 2 bag, or of one of MCAP (`mcap` in its name).
+    """Writes a ROS 1 bag (`.bag`), or the folder of a ROS 2 bag, in MCAP if `mcap` is in its name.
 
     `topics` has times in s and, for joint states, a dict of names to (position, velocity, effort); for wrenches (N, 6);
     for arrays (N, d).

@@ -1,4 +1,4 @@
-"""What commands say of themselves, and that saying it costs next to nothing."""
+"""Help texts of the commands, and that printing them costs next to nothing."""
 
 import os
 import subprocess

@@ -80,7 +80,7 @@ def test_what_follows_from_a_request_to_end_is_taken_for_it(capsys, number, erro
 
 
 def test_an_interrupt_while_the_style_is_read_is_taken_for_it(capsys, monkeypatch):
-    """What is imported then makes something else of it."""
+    """An import that is interrupted may turn the interrupt into another error."""
 
     @contextmanager
     def style_of(_):
@@ -132,12 +132,12 @@ def study(_):
 
 sys.exit(options.run(study, mechanism.parser, []))
 """
-"""A command that swallows what a request to end raises, as libraries do in calls back."""
+"""A command that swallows the exception of a request to end, as libraries do in callbacks."""
 
 COMPUTES = IGNORES.replace("time.sleep(60)", "sum(np.linalg.eigvalsh(A)[0] for _ in range(99))").replace(
     "import sys, time", "import sys\nimport numpy as np\nA = np.eye(1500) + 1e-3"
 )
-"""One in which Python's own handlers have to wait for a library."""
+"""A command in which Python's own handlers have to wait for a library."""
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals to processes are POSIX")

@@ -1,5 +1,6 @@
-"""The options of authors: every command that writes tables or figures has them, and refuses bad ones at once; choices
-of what does not come out, which only shows in the end, lose no results."""
+"""Options of authors: all commands with tables or figures have them, and reject bad ones at once. Choices that turn out
+at the end not to exist lose no results.
+"""
 
 import argparse
 import re
@@ -21,7 +22,7 @@ from ident.errors import InputError
 PAGE = {"page_columns", "style"}
 CHOICES = PAGE | {"caption", "parameters"}
 WITHOUT = {"columns", "derive", "readme"}
-"""Commands that write neither tables in LaTeX nor figures of results."""
+"""Commands without LaTeX tables and figures of results."""
 
 NEEDED = {
     "study": ["misaligned"],
@@ -34,7 +35,7 @@ NEEDED = {
     "excite": ["double_pendulum"],
     "sweep": ["misaligned", "--over", "noise_scale", "1"],
 }
-"""Arguments without which a command does not start."""
+"""Arguments that a command needs to start."""
 
 
 def options(command):

@@ -1,4 +1,4 @@
-"""Pages say what is so: their Python runs, their commands are accepted, what they name and link to exists."""
+"""The docs are true: their Python runs, their commands are accepted, and their names and links exist."""
 
 import importlib
 import re
@@ -33,7 +33,7 @@ SAID = {
     "models.md": r"\d bodies touch the floor.*sum of contacts - Y phi: \de-1[0-9]",
     "long_recordings.md": "3000 samples, one pass in QR coordinates, 0 of 6 chunks by stacked QR",
 }
-"""What the examples of a page print, as a regular expression."""
+"""Output of each page's examples, as a regular expression."""
 
 
 @pytest.mark.parametrize("page", list(blocks("python")))
@@ -56,7 +56,7 @@ def test_examples_run(page, capsys, tmp_path, monkeypatch):
 
 
 def shell_blocks():
-    """Those of the pages, and of the remarks of tutorials."""
+    """Shell blocks of the pages, and of the tutorials' remarks."""
     found = blocks("sh")
     for path in (ROOT / "docs" / "tutorials").glob("*.py"):
         text = re.sub("^# ?", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
@@ -65,7 +65,7 @@ def shell_blocks():
 
 
 def commands():
-    """Every `python -m experiments…` of them as arguments, without its remark."""
+    """Arguments of each `python -m experiments…` in these blocks, without its remark."""
     for name, codes in shell_blocks().items():
         for line in "".join(codes).replace("\\\n", "").splitlines():
             if line.startswith(("python -m experiments", "multicontact ")):
@@ -93,7 +93,7 @@ def test_links_lead_somewhere():
 
 
 def anchors(file):
-    """What headings of a page are linked by, as renderers of Markdown make it."""
+    """Link targets of a page's headings, as renderers of Markdown form them."""
     text = re.sub(r"```.*?```", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
     headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
@@ -110,7 +110,7 @@ def test_what_the_pages_name_exists():
 
 
 def resolves(dotted):
-    """Whether a name is that of a module or of something in one."""
+    """True if a name is that of a module or of something in one."""
     parts = dotted.split(".")
     for cut in range(len(parts), 0, -1):
         try:

@@ -1,4 +1,4 @@
-"""The site as `make docs` builds it: strictly, from tutorials that run, with pages that ask nobody for anything."""
+"""The site as `make docs` builds it: strictly, from tutorials that run, with pages that request nothing elsewhere."""
 
 import re
 import shutil
@@ -24,7 +24,7 @@ SAID = {
     "person": ("Usable: held-out", r"(9\d|100)% of the 95 %", r"person: 66\.1 kg .* 6[78]\.\d kg identified"),
     "condition_number": (r"they are: condition number 33\d", r"deviations 1\.\d+ times", r"Ixx2 off by -1\."),
 }
-"""What each tutorial's page shows that its code printed."""
+"""Output that each tutorial's page shows."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""One version everywhere, with the day of its release."""
+"""One version everywhere, with the date of its release."""
 
 import re
 import tomllib

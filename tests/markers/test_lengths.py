@@ -1,4 +1,4 @@
-"""Lengths of segments from markers: recovered, with honest deviations, and written as a model that holds them."""
+"""Lengths of segments from markers: recovered, with right standard deviations, and written into a model."""
 
 import mujoco
 import numpy as np
@@ -14,7 +14,7 @@ from sim.markers.trial_fit import fit_trial
 
 @pytest.fixture(scope="module")
 def person():
-    """A model, factors of its bodies, and what the markers of a person with such lengths do."""
+    """A model, factors on its bodies' lengths, and marker positions of a person with these lengths."""
     spec = marked_person()
     model = spec.compile()
     groups = grouped(model)

@@ -1,4 +1,4 @@
-"""Postures as recordings: what frames do not tell is interpolated, what none tells is left out, each with a note."""
+"""Postures as recordings: undetermined frames are interpolated, undetermined joints left out, each with a note."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""OpenSim models and their own markers: angles of a trial, and what one command says of the next."""
+"""OpenSim models and their own markers: angles of a trial, and the command's hint for the next one."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Angles from markers: exact without noise, and with noise within the covariance that is said."""
+"""Angles from markers: exact without noise, and with noise within the stated covariance."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -113,7 +113,7 @@ def test_outlying_and_exchanged_markers_are_found_and_do_no_harm(person):
 
 @pytest.mark.parametrize(("towards", "exchanged"), [(0.6, False), (0.75, True)])
 def test_labels_are_exchanged_where_each_marker_is_far_nearer_to_the_others_place(towards, exchanged):
-    """Two that are both off in each other's direction are not."""
+    """Two markers displaced towards each other are not exchanged."""
     places = np.array([[[0.0, 0, 0], [1, 0, 0]]])
     measured = (1 - towards) * places + towards * places[:, ::-1]
     residuals = measured - places

@@ -39,7 +39,7 @@ def test_standard_deviation_is_the_spread():
     screws = [estimate_screw(noisy(exact, rng), twist[3:]) for _ in range(400)]
     errors = np.array([s.axis.vector - twist[3:] for s in screws])
     spread = np.sqrt(np.mean(np.sum(errors**2, axis=1)) / 2)
-    # 800 independent components know their standard deviation to 2.5 %.
+    # 800 independent components determine their standard deviation to 2.5 %.
     assert np.isclose(np.mean([s.axis.std for s in screws]), spread, rtol=0.1)
     assert np.linalg.norm(errors.mean(axis=0)) < 4 * spread * np.sqrt(2 / 400)
 

@@ -1,4 +1,4 @@
-"""Bases that joints carry: their motion, and what a sensor reads of what is on them, against MuJoCo."""
+"""Bases moved by joints: their motion, and a sensor's reading of the bodies on them, against MuJoCo."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Joints that follow others, against joints of their own that are moved likewise, and against finite differences."""
+"""Joints that follow others, against independent joints with the same motion, and against finite differences."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from ident.parameters.structure import Sensors
 
 
 def knee(seed, free=False):
-    """Thigh, a slide that follows the knee, the knee behind it, a patella that follows too; `free`: none follows."""
+    """Thigh, a slide that follows the knee, the knee after it, a patella that follows too; independent if `free`."""
     rng = np.random.default_rng(seed)
     leads = [Follower("knee", tuple(rng.normal(size=n)), (-1.0, 2.0)) for n in (4, 3)]
     rows = [("thigh", -1, "revolute", "hip"), ("slide", 0, "prismatic", leads[0]), ("shank", 1, "revolute", "knee")]
@@ -52,7 +52,7 @@ def test_a_follower_moves_as_a_joint_of_its_own_would(seed):
     Y = base_wrench_regressor(tree, q, dq, ddq, gravity=GRAVITY)
     expected = base_wrench_regressor(free, *as_free(leads, *states), gravity=GRAVITY)
     np.testing.assert_allclose(Y, expected, atol=1e-12 * abs(expected).max())
-    # Power: what the leader's torque does is what all joints that it moves do.
+    # Power: the leader's torque does the work of all joints that it moves.
     torques = joint_torque_regressor(tree, q, dq, ddq, gravity=GRAVITY)
     each = joint_torque_regressor(free, *as_free(leads, *states), gravity=GRAVITY)
     slopes = [lead.slope(q[:, 1])[:, None] for lead in leads]

@@ -44,7 +44,7 @@ def test_components_are_those_in_the_sensors_axes():
 
 
 def test_those_of_a_base_that_joints_carry_are_in_its_own_axes():
-    """The pelvis stands turned in the world, whose y is the normal; in the pelvis's axes it is z."""
+    """The pelvis is turned in the world, whose y is the normal; in the pelvis's axes the normal is z."""
     lying = sagittal_walker.text(gravity="0 0 -9.81").replace('pos="0 1 0"', 'pos="0 0 1" euler="90 0 0"')
     person = read(lying)
     assert out_of_plane(person, AT_REST) == (1, 3, 5)

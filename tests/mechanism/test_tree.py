@@ -150,7 +150,7 @@ def test_twists_of_no_joint_are_refused():
 
 
 def test_trees_of_the_same_values_are_equal():
-    """So that what was found for one holds for its copy in another process."""
+    """So that cached results hold for a copy in another process."""
     rng = np.random.default_rng(0)
     tree = random_tree(rng, 5)
     copy = pickle.loads(pickle.dumps(tree))
@@ -160,7 +160,7 @@ def test_trees_of_the_same_values_are_equal():
 
 
 def test_fixed_joints_stand_still():
-    """Regressors of the tree with constant coordinates and no rates of these joints."""
+    """Regressors of the tree with these joints' coordinates constant and their rates zero."""
     for seed in range(30):
         rng = np.random.default_rng(seed)
         tree = random_tree(rng, massless=0.2)
@@ -203,7 +203,7 @@ def test_a_mechanism_floats_where_the_joints_of_its_first_body_leave_it_free():
     slides = free_joint("root", "pelvis", -1, 0)[:3]
     free = Tree((*slides, pelvis, Body("foot", 3, np.eye(4), np.eye(6)[3], "hip")))
     assert free.floats and Tree(free_joint("root", "pelvis", -1, 0)).floats
-    # Twice the same direction, a massive link in between, a second body on the base, a joint that stands still.
+    # Twice the same direction, a massive link in between, a second body on the base, a fixed joint.
     twice = replace(slides[2], twist=np.eye(6)[0])
     assert not Tree((*slides[:2], twice, pelvis)).floats
     assert not Tree((slides[0], replace(slides[1], massless=False), slides[2], pelvis)).floats

@@ -11,7 +11,7 @@ STEP = 1e-5
 
 
 def grown(values, choices):
-    """Expressions made of earlier ones, the same way for numbers and for signals, that stay small."""
+    """Expressions built from earlier ones, equal for numbers and for signals, that stay small."""
     values = list(values)
     for operation, i, j in choices:
         a, b = values[i % len(values)], values[j % len(values)]

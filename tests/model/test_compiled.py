@@ -1,4 +1,4 @@
-"""What compiled code gives is what numpy gives."""
+"""Compiled code gives the results of numpy."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def width(request, monkeypatch):
 
 
 def both(function):
-    """What a function gives with compiled code and without."""
+    """Results of a function with compiled code and without."""
     with compiled.switched(False):
         plain = function()
     with compiled.switched(True):
@@ -50,7 +50,7 @@ def test_regressors_of_random_trees_are_those_of_numpy(seed, torques):
 @pytest.mark.parametrize("weighted", [False, True])
 @pytest.mark.parametrize("seed", range(12))
 def test_gram_matrices_are_those_of_blas(seed, weighted):
-    """Few columns and many, with constant offsets and weights, and blocks that overlap."""
+    """Few columns and many, with constant offsets and weights, and overlapping blocks."""
     rng = np.random.default_rng(seed)
     tree, samples = random_tree(rng, (2, 3, 4, 9)[seed // 3]), (*SAMPLES[1:], 1000)[seed % 4]
     equations = Equations.of_wrench(Mechanism(tree, rng.normal(size=3))).with_offsets(range(seed % 3))
@@ -65,7 +65,7 @@ def test_gram_matrices_are_those_of_blas(seed, weighted):
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e3, 2.0**19 - 1, 1e9])
 def test_sines_and_cosines_are_right_to_two_units_in_the_last_place(size):
-    """Near multiples of quarter turns too, where only what is left of the argument counts."""
+    """Also near multiples of quarter turns, where the reduced argument needs all digits."""
     quarters = np.arange(-50, 51) * np.pi / 2
     angles = np.concatenate([np.random.default_rng(0).uniform(-size, size, 1000), quarters[abs(quarters) <= size]])
     tape = Tape(1)

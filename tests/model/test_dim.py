@@ -1,4 +1,4 @@
-"""Eq. 7-14, each against something that is not the paper's recursion."""
+"""Eq. 7-14, each against something other than the paper's recursion."""
 
 import numpy as np
 import pytest

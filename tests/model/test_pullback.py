@@ -1,4 +1,4 @@
-"""What a reverse sweep over the equations gives is what differences of the regressor give."""
+"""A reverse sweep over the equations gives the numerical differences of the regressor."""
 
 import numpy as np
 import pytest

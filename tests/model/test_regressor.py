@@ -147,7 +147,7 @@ def test_parallel_axes_leave_the_force_along_them_empty():
 
 
 def test_a_moving_base_is_a_free_joint_seen_from_the_body():
-    """Cut at a free joint, the rest needs the wrench that the joint's forces are, written in the body's frame."""
+    """Cut at a free joint, the rest needs the joint's forces as a wrench in the body's frame."""
     rng = np.random.default_rng(0)
     arm = Body("arm", 3, random_pose(rng), random_twist(rng, "revolute"), "elbow")
     whole = Tree((*free_joint("root", "b", BASE, 0), arm))

@@ -1,4 +1,4 @@
-"""Steps for compiled code do what the code says, whatever they take up."""
+"""Steps for compiled code do what the code says, also when they combine operations."""
 
 import numpy as np
 import pytest
@@ -14,14 +14,14 @@ OTHERS = (np.sin, np.cos, np.tanh, np.divide)
 
 
 def random_program(rng, length):
-    """Mostly of sums, products and negatives, which use few registers again and again, as programs do."""
+    """A program mainly of sums, products and negatives, which reuses few registers, as real programs do."""
     readable = list(range(INPUTS + len(NUMBERS)))
     code = []
     for _ in range(length):
         operation = OTHERS[rng.integers(4)] if rng.random() < 0.1 else SIMPLE[rng.integers(5)]
         x, y = (int(readable[k]) for k in rng.integers(len(readable), size=2))
         target = int(rng.integers(FIRST - RESULTS if rng.random() < 0.2 else FIRST, FIRST + REGISTERS))
-        # A quotient by what is not small, that errors of rounding stay as they are.
+        # Quotients have large divisors, so that rounding errors stay small.
         y = INPUTS if operation is np.divide else y
         code.append((operation, x, y if operation.nin == 2 else None, target))
         readable += [target] * (target not in readable)

@@ -8,7 +8,7 @@ OPERATIONS = ("+", "-", "*", "negative", "sin", "cos", "-1", "0", "1", "half")
 
 
 def grown(values, choices):
-    """Expressions made of earlier ones, the same way for numbers and for signals."""
+    """Expressions built from earlier ones, equal for numbers and for signals."""
     values = list(values)
     numbers = {"-1": -1, "0": 0, "1": 1.0, "half": 0.5}
     for operation, i, j in choices:

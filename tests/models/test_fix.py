@@ -1,4 +1,4 @@
-"""Joints that stand still and are in no log: the fingers of a hand, which a mimic joint ties to each other."""
+"""Fixed joints that are in no log: the fingers of a hand, coupled by a mimic joint."""
 
 from functools import partial
 
@@ -23,13 +23,13 @@ HAND = f"""<mujoco><worldbody><body name="base">{INERTIAL.format(3)}
 <body name="left" pos=".3 0 0"><joint name="finger1" type="slide" axis="0 1 0"/>{INERTIAL.format(0.3)}</body>
 <body name="right" pos=".3 0 0"><joint name="finger2" type="slide" axis="0 -1 0"/>{INERTIAL.format(0.4)}</body>
 </body></body></worldbody><equality><joint joint1="finger2" joint2="finger1"/></equality></mujoco>"""
-"""An arm with two fingers, coupled as mimic joints of URDF are."""
+"""An arm with two fingers, coupled like mimic joints of URDF."""
 
 ODD = """<robot name="r"><link name="a"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="3" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
 
 AT = 0.03
-"""Where the fingers stand, m."""
+"""Position of the fingers, m."""
 
 FIX = ["--fix", "finger1", str(AT), "--fix", "finger2", str(AT)]
 TIME = np.arange(300) / 100

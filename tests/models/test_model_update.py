@@ -63,7 +63,7 @@ def compiled(path):
 
 
 def assert_others_untouched(found, expected, members):
-    """All fields of a compiled model are the same but those that follow from the inertias of some bodies."""
+    """Checks that only those fields of a compiled model differ that follow from the inertias of some bodies."""
     follow = r"body_(mass|subtreemass|invweight0|ipos|iquat|inertia|sameframe|simple)|(geom|site)_sameframe"
     follow += r"|dof_(invweight0|M0|length|simplenum)|(actuator_acc|tendon_invweight|light_poscom|cam_poscom)0|bvh_.*"
     follow += r"|names|paths|.*map.*|.*[MDBC]_.*"
@@ -135,7 +135,7 @@ def test_an_updated_model_simulates_to_the_same_wrenches(tmp_path):
         mujoco.mj_inverse(model, data)
         mujoco.mj_rnePostConstraint(model, data)
         torque[k] = data.qfrc_inverse[dofs]
-        # The force that carries body 1, about the centre of its subtree, turning part first.
+        # The force that carries body 1, about the centre of its subtree, torque first.
         force = data.cfrc_int[1]
         moment = force[:3] + np.cross(data.subtree_com[model.body_rootid[1]] - data.xpos[1], force[3:])
         wrench[k] = np.concatenate([force[3:], moment])

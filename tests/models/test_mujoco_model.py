@@ -232,7 +232,7 @@ OUTSIDE = ('<connect body1="a" anchor="0 0 .2"/>', '<weld site1="tip" site2="nai
 
 @pytest.mark.parametrize("equality", INSIDE + OUTSIDE)
 def test_only_couplings_with_the_surroundings_show_in_the_base_wrench(equality):
-    """In MuJoCo's own constrained motion, against the sensors below the base, where all is in place at first."""
+    """In MuJoCo's own constrained motion, against the sensors below the base, with all constraints met at first."""
     m = mujoco.MjModel.from_xml_string(BETWEEN.format(f"<equality>{equality}</equality>"))
     m.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     tree, phi = tree_from_model(m, "base", ignore=("equality0",)), parameters_from_model(m, "base")

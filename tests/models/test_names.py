@@ -1,4 +1,4 @@
-"""Bodies and joints without names of their own, through everything that names them."""
+"""Bodies and joints without names, through all code that names them."""
 
 import mujoco
 import numpy as np
@@ -21,7 +21,7 @@ UNNAMED = """<mujoco><worldbody><geom type="plane" size="2 2 .1" pos="0 0 -1"/>
 <body pos="0 0 .3"><joint axis="0 1 0" range="-100 100"/><geom size=".1" pos="0 0 .5"/></body></body></body></worldbody>
 <actuator><position joint="joint1" kp="500" kv="50"/></actuator>
 <sensor><jointpos joint="joint1"/></sensor></mujoco>"""
-"""The first body and the second joint have no names, and what their ids would give is taken."""
+"""The first body and the second joint have no names, and their default names are taken by others."""
 
 
 @pytest.fixture

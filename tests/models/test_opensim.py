@@ -1,4 +1,4 @@
-"""OpenSim files: against what OpenSim itself computes of them, against MJCF of the same mechanism, and refusals."""
+"""OpenSim files: against results of OpenSim itself, against MJCF of the same mechanism, and errors."""
 
 import json
 import re
@@ -53,7 +53,7 @@ def states(mechanism, samples, seed=0):
 
 @pytest.mark.parametrize("version", [3, 4])
 def test_opensim_computes_the_same(version):
-    """Poses, markers and torques by OpenSim 4.6 of a model with every kind of joint (see the file's `source`)."""
+    """Poses, markers and torques by OpenSim 4.6 for a model with all kinds of joints (see the file's `source`)."""
     arm = read(DATA / f"opensim_joints_{version}.osim")
     for sample in json.loads((DATA / "opensim_joints.json").read_text())["samples"]:
         q, dq, ddq = np.array([sample["states"][joint] for joint in arm.tree.joints]).T[:, None]
@@ -69,7 +69,7 @@ def test_opensim_computes_the_same(version):
             torques["bend"] += rate * torques[follower]
         found = (joint_torque_regressor(arm.tree, q, dq, ddq, gravity=arm.gravity) @ arm.prior)[0]
         expected = np.array([torques[joint] for joint in arm.tree.joints])
-        # Of a cubic spline and of the polynomial for it the second derivatives differ most.
+        # The second derivatives of a cubic spline and its polynomial differ most.
         np.testing.assert_allclose(found, expected, atol=3e-4 * abs(expected).max())
 
 
@@ -168,7 +168,7 @@ def test_a_coordinate_that_moves_nothing_by_itself_leads_all_the_same(tmp_path):
     T = arm.tree.poses(np.array([0.0, 0.4]))[arm.tree.names.index("shin")]
     np.testing.assert_allclose([T[0, 3], np.arctan2(T[1, 0], T[0, 0])], [0.008, 0.9], atol=1e-12)
     found = joint_torque_regressor(arm.tree, *states(arm, 3), gravity=arm.gravity) @ arm.prior
-    # Power by finite differences: what gravity does when the knee bends, at rest.
+    # Power by finite differences: work of gravity when the knee bends, at rest.
     q = np.array([[0.3, -0.5]])
     found = (joint_torque_regressor(arm.tree, q, 0 * q, 0 * q, gravity=arm.gravity) @ arm.prior)[0, 1]
 

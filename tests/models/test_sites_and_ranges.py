@@ -1,4 +1,4 @@
-"""What a model says of a mechanism besides its tree."""
+"""Properties of a mechanism in a model besides its tree."""
 
 import pickle
 

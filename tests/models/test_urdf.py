@@ -1,4 +1,4 @@
-"""URDF files as they come: what they state, whether a body can have it or not."""
+"""URDF files in practice: all stated inertias are read, physical or not."""
 
 import os
 
@@ -27,10 +27,10 @@ def numbers(x):
 
 
 def random_urdf(rng, bodies):
-    """Links with any symmetric matrix for an inertia, tiny, without mass, without extent or without inertial.
+    """Links with any symmetric matrix as inertia, tiny, without mass, without extent or without inertial.
 
     Returns:
-        The text, φ as stated, and names of the links whose inertia no body can have.
+        The text, φ as stated, and names of the links with unphysical inertia.
     """
     text, phi, odd = [], [], []
     for i in range(bodies):

@@ -1,4 +1,4 @@
-"""Meshes of URDF files are found wherever their packages are, or named in a note; `world` need not be declared."""
+"""Meshes of URDF files are found in their packages, or named in a note; `world` need not be declared."""
 
 import os
 
@@ -17,7 +17,7 @@ INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" 
 
 
 def robot(path, *, collision="", visual="", extension=""):
-    """A robot of two links, whose second one has a mesh as its collision, its visual or both."""
+    """A robot of two links, the second with a mesh as its collision, its visual or both."""
     parts = (("collision", collision), ("visual", visual))
     meshes = "".join(f'<{k}><geometry><mesh filename="{name}"/></geometry></{k}>' for k, name in parts if name)
     path.parent.mkdir(parents=True, exist_ok=True)

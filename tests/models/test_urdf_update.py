@@ -1,4 +1,4 @@
-"""URDF files that are written back: a byte changes only where a number did, or where something was missing."""
+"""URDF files written back: bytes change only with changed numbers and added elements."""
 
 import re
 
@@ -50,7 +50,7 @@ def arm(tmp_path):
 
 
 def written(arm, **changed):
-    """Text of the file with other φ of some bodies, after it has been read back as these."""
+    """Text of the file with other φ of some bodies, checked by reading it back."""
     phi = arm.known.reshape(-1, 10).copy()
     for name, own in changed.items():
         phi[arm.tree.names.index(name)] = own

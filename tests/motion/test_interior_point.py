@@ -1,4 +1,4 @@
-"""Minima inside limits are those that another method finds."""
+"""Minima within limits agree with those of another method."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_constrained_minima_are_those_of_sequential_quadratic_programming(seed):
         options={"maxiter": 500, "ftol": 1e-12},
     )
     assert max(visited) < 1
-    # The barrier's last weight bounds what it costs, and this is what is left of it.
+    # The barrier's last weight bounds its cost, and this is its remainder.
     assert -1e-9 < function(found)[0] - theirs.fun < 0.004
     assert abs(limits @ found[:, :, None]).max() > 0.99
 
@@ -58,7 +58,7 @@ def test_a_minimum_that_no_limit_binds_is_found():
 
 
 def test_the_best_point_visited_is_kept_where_the_function_has_no_end():
-    """Outside the small part that steps may take, values that are no numbers are not accepted."""
+    """Steps into values that are not numbers are rejected."""
 
     def function(x):
         return (float(-x.sum()), -np.ones_like(x)) if x.sum() < 0.5 else (np.nan, np.full_like(x, np.nan))

@@ -1,4 +1,4 @@
-"""A person's motions: feet and hand where they should be, derivatives that MuJoCo's inverse dynamics agrees with."""
+"""A person's motions: positions of feet and hand, and derivatives that agree with MuJoCo's inverse dynamics."""
 
 from functools import cache
 
@@ -54,7 +54,7 @@ def needed(motion):
 @pytest.mark.parametrize("activity", ACTIVITIES)
 @pytest.mark.parametrize("rail", [True, False])
 def test_inverse_dynamics_of_mujoco_agrees(activity, rail):
-    """Its velocities and accelerations are differences of the same coordinates over another step."""
+    """Velocities and accelerations are differences of the same coordinates over another step."""
     model = scenes.load("humanoid").compile()
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     model.jnt_stiffness[:], model.dof_damping[:] = 0, 0

@@ -1,4 +1,4 @@
-"""Trapezoidal velocities: against numerical derivatives, by hand, and what is refused."""
+"""Trapezoidal velocities: against numerical derivatives, by hand, and errors."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from sim.motion.trapezoids import LASTING, REACH, RESTING, Trapezoids
 
 
 def test_a_move_by_hand():
-    """3 rad in 3 s: it speeds up for a second to 1.5 rad/s, keeps that for a second, and slows down."""
+    """3 rad in 3 s: it accelerates for a second to 1.5 rad/s, moves on for a second, and decelerates."""
     move = Trapezoids([[1.0]], [[3.0]], [[0.5, 3.5]])
     q, dq, ddq = (x[:, 0] for x in move.trajectory(np.array([-5, 0.9, 1.5, 2, 2.5, 3, 3.5, 4.1, 9])))
     np.testing.assert_allclose(q, [0.5, 0.5, 0.6875, 1.25, 2, 2.75, 3.3125, 3.5, 3.5])
@@ -22,7 +22,7 @@ def test_velocities_and_accelerations_are_the_derivatives():
     q, dq, ddq = drawn.trajectory(time)
     assert q.shape == dq.shape == ddq.shape == (len(time), drawn.joints) == (100_000, 3)
     assert np.abs(np.gradient(q, h, axis=0) - dq).max() < 4 * h * np.abs(ddq).max()
-    # But at the jumps, four a move.
+    # Except at the jumps, four for each move.
     wrong = np.abs(np.gradient(dq, h, axis=0) - ddq) > 1e-6
     assert wrong.mean() < 4 * 3 * 11 / len(time)
     np.testing.assert_array_equal(drawn.with_noise(3).trajectory(time, np.random.default_rng(1))[0], q)

@@ -1,4 +1,4 @@
-"""Hostile names are shown letter by letter, by readers of each format that are written for these tests."""
+"""Hostile names are shown literally, by readers of each format that are written for these tests."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -42,7 +42,7 @@ COMMANDS = {
 
 
 def shown_by_tex(source):
-    """What TeX sets, refusing everything that it would act on."""
+    """Text that TeX typesets; any command raises an error."""
     out, rest = "", source
     while rest:
         if match := re.match(r"\\([&%$#_{}])|\\([a-z]+)\{\}|\{([\[*]?)\}|([^&%$#_{}~^\\])", rest):
@@ -55,7 +55,7 @@ def shown_by_tex(source):
 
 
 def shown_by_markdown(source):
-    """What a table of Markdown shows, refusing everything that it would act on."""
+    """Text that a Markdown table shows; any markup raises an error."""
     within_words = re.sub(r"(?<=[^\W_])_(?=[^\W_])", r"\\_", source)
     out, rest = "", within_words
     while rest:
@@ -100,7 +100,7 @@ def test_tables_keep_their_cells_and_their_symbols():
 
 @pytest.fixture
 def hostile(tmp_path):
-    """The double pendulum with names that do harm, and its recording."""
+    """The double pendulum with hostile names, and its recording."""
     names = {"link1": r"\input{/etc/passwd}", "link2": "<script>$|", "joint1": "$\\foo$", "joint2": "`b` & <i>"}
     spec = scenes.load("double_pendulum")
     spec.compile()

@@ -1,4 +1,4 @@
-"""What the page on the estimator says of its figure: who is nearer to the motion, and by how much."""
+"""Claims of the estimator's page on its figure: which estimate is nearer to the motion, and by how much."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Films: drawn where there is OpenGL, and where there is none a sentence beside results that are whole."""
+"""Films: drawn if there is OpenGL; otherwise a sentence beside complete results."""
 
 import shutil
 from itertools import pairwise

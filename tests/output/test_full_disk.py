@@ -1,6 +1,6 @@
-"""A disk that fills up: one sentence, earlier results whole, nothing half-written, and a later run goes through.
+"""A full disk: one sentence, earlier results intact, nothing half-written, and a later run succeeds.
 
-The system itself refuses the writing: files may not grow beyond a limit, or a file is a link to a device that is full.
+The system itself rejects the writes: files have a size limit, or a file is a link to a full device.
 """
 
 import sys
@@ -28,9 +28,9 @@ WRITTEN = r"could not be written .* and is as it was; make room or write elsewhe
 
 @contextmanager
 def limited(size):
-    """Files may have so many bytes."""
+    """Limits the size of files in bytes."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    # A module that is imported meanwhile must not be kept in part.
+    # A module that is imported meanwhile must not be cached incompletely.
     before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
     try:

@@ -56,7 +56,7 @@ def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):
     slow = replace(estimate)
     time = slow.held_out.time
     mask = np.zeros(slow.held_out.residual.shape, bool)
-    # One sample alone, and three that are nearer to each other than a line is wide.
+    # One sample alone, and three that are closer together than a line's width.
     mask[[20, 60, 62, 64], 0] = True
     vars(slow)["near_reversals"] = mask
     first = held_out_figure(slow).axes[0]
@@ -100,7 +100,7 @@ def test_no_figure_is_higher_than_a_page(estimate, monkeypatch, columns):
         most = row_panels.most_rows()
         figure, _ = row_panels.row_panels(["x"] * most, "")
         assert most > 60 and figure.get_figheight() <= figures.HEIGHTS[columns]
-        # Of more parameters than fit the narrowest intervals are shown, and the caption says so.
+        # If there are too many parameters, those with the narrowest intervals are shown, and the caption says so.
         monkeypatch.setattr(row_panels, "most_rows", lambda: 4)
         (axes,) = parameters_figure(estimate).axes
         size = np.maximum(abs(estimate.psi), abs(estimate.base.regroup(PENDULUM.known)))

@@ -1,4 +1,4 @@
-"""README's moving picture: what its arrows and curves show of the run, and that it is small enough to be shown."""
+"""README's animation: its arrows and curves agree with the run, and its file is small."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ SHOWN = Path(experiments.__file__).parents[1] / "docs" / "mechanism.gif"
 
 
 def test_arrows_are_the_forces_that_carry_and_move_it():
-    """Together they are what the motion needs; the hand's begins where the links end."""
+    """Together they are the motion's wrench; the hand's arrow begins at the end of the links."""
     result, sample = study("multicontact", contact=moving_picture.CONTACT, noise_scale=0.0), 300
     figure, drawn = moving_picture.moving_figure(result)
     drawn(sample)

@@ -1,4 +1,4 @@
-"""Pages as a reader of HTML that is written for these tests sees them."""
+"""Pages, read by an HTML parser that is written for these tests."""
 
 from html.parser import HTMLParser
 
@@ -40,7 +40,7 @@ class Cells(HTMLParser):
 
 
 def read(table, folder):
-    """What a page shows of a table."""
+    """Cells that a page shows of a table."""
     numbers = {"provenance": {"given": EVIL}}
     results = Results({"table": table}, {"figure": (Figure(figsize=(1, 1)), EVIL[2])}, numbers)
     results.write(folder, ["png"])

@@ -1,4 +1,4 @@
-"""Symbols in the texts of pages: what is one, and what only looks like one."""
+"""Symbols in the texts of pages, and texts that only look like symbols."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from experiments.output.page_symbols import pieces
 
 
 def shown(text):
-    """As a reader without indices sees it, symbols between dollars."""
+    """Text with symbols between dollars and without indices."""
     return "".join(plain + "$" * bool(symbol) + "".join(map("".join, symbol)) for plain, symbol in pieces(text))
 
 

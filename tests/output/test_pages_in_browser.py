@@ -1,4 +1,4 @@
-"""What a browser makes of a page: nothing goes wrong or out, what is to move moves, and everybody can read it."""
+"""Pages in a browser: no errors, no requests, replays that move, and accessibility."""
 
 import os
 from functools import cache
@@ -27,7 +27,7 @@ for (let k = 0; k < data.length; k += 4) {
 }
 return [x / number, y / number];
 """
-"""Where the arrows of forces are, on the average of their pixels."""
+"""Script for the mean position of the pixels of force arrows."""
 
 RIGHT, END = "\ue014", "\ue010"
 """Keys, by the standard."""
@@ -38,7 +38,7 @@ SLIDE = "const s = document.getElementById('slider'); s.value = arguments[0]; s.
 
 @pytest.fixture(scope="module")
 def page_of(tmp_path_factory):
-    """The page of a command by its name, written once."""
+    """Page of a command by its name, written once."""
     return cache(lambda name: every_page.written(name, tmp_path_factory.mktemp(name)))
 
 

@@ -1,4 +1,4 @@
-"""Tables and figures as a journal prints them, compiled by LaTeX where there is one."""
+"""Tables and figures for print, compiled if LaTeX is installed."""
 
 import re
 import shutil
@@ -102,7 +102,7 @@ SUMS = report.Table(
     ),
     bodies=[f"body{k}" for k in range(1, 61)],
 )
-"""A table whose cells break into many lines."""
+"""A table with cells that break into many lines."""
 
 
 @pytest.mark.parametrize("columns", [1, 2])
@@ -162,7 +162,7 @@ def test_drawings_are_small_and_the_same(tmp_path):
 
 @pytest.fixture(scope="module")
 def studies():
-    """Short runs of the studies with most to show, their joint estimates the truth."""
+    """Short runs of the studies with the most content, with the truth as joint estimates."""
     made = [study(name, samples=100) for name in ("misaligned", "several_contacts")]
     with pytest.MonkeyPatch.context() as patched:
         told(patched)
@@ -173,9 +173,9 @@ def studies():
 
 
 def compiled(folder, layout, names):
-    """Compiles everything in a folder; what the log complains of."""
+    """Compiles everything in a folder, and returns the log's complaints."""
     columns = "twocolumn" if layout.columns == 2 else "onecolumn"
-    # As IEEEtran's, which not every TeX has.
+    # Like IEEEtran, which not every TeX has.
     size = r"\usepackage[textwidth=516pt,columnsep=12pt,textheight=696pt]{geometry}" if layout.columns == 2 else ""
     body = "\n".join(rf"\input{{{name}}}\clearpage" for name in names)
     (folder / "all.tex").write_text(

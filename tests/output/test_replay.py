@@ -1,4 +1,4 @@
-"""What a page replays: small enough, the numbers of the JSON beside it, and what the model's own engine has."""
+"""Replay of a page: its size, the numbers of the JSON beside it, and agreement with MuJoCo."""
 
 import json
 import re
@@ -105,7 +105,7 @@ def test_names_of_any_kind_do_no_harm(tmp_path):
 
 
 def named_replay(names):
-    """What a page takes of a mechanism whose bodies have these names."""
+    """Page data of a mechanism whose bodies have these names."""
     arm = mechanism(scenes.load("double_pendulum"), "base")
     tree, body = arm.tree, arm.tree.bodies[0]
     bodies = tuple(replace(body, name=name) for name in names)

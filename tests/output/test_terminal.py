@@ -1,4 +1,4 @@
-"""Nothing in a terminal is wider than it is, nothing gets lost, and what fits stays as it was."""
+"""Terminal output is never wider than the terminal, loses nothing, and is unchanged if it fits."""
 
 import re
 

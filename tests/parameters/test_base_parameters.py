@@ -128,7 +128,7 @@ def test_kept_columns_span_the_regressor_of_every_tree():
 
 
 def test_chains_that_stretch_far_pass_over_nearly_dependent_columns():
-    """The first independent columns of a chain in general position get ten times as dependent with every joint."""
+    """The first independent columns of a chain in general position get ten times as dependent with each joint."""
     rng = np.random.default_rng(0)
     short = find_base_parameters(random_tree(rng, 5, kinds=("revolute",), chain=True))
     assert short.passed_over == () and short.remark == ""
@@ -139,7 +139,7 @@ def test_chains_that_stretch_far_pass_over_nearly_dependent_columns():
 
 
 def test_a_long_chain_is_identified():
-    """Noise-free data of 40 bodies give every base parameter to 1e-8, and no motion is blamed."""
+    """Noise-free data of 40 bodies give each base parameter to 1e-8, without a finding on the motion."""
     rng = np.random.default_rng(0)
     tree, phi = random_tree(rng, 40, kinds=("revolute",), chain=True), random_phi(rng, 40)
     states = random_states(rng, tree, 600)
@@ -167,7 +167,7 @@ def test_regrouping_holds_in_any_unit_of_length(length):
 
 
 def test_names_are_those_of_exact_numbers():
-    """Chains in general position whose lengths and rotations are fractions: the first independent columns are kept."""
+    """Chains in general position with fractions as lengths and rotations: the first independent columns are kept."""
     fractions = np.vectorize(Fraction, otypes=[object])
     for seed in range(3):
         rng, chain = np.random.default_rng(seed), []

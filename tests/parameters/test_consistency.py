@@ -17,7 +17,7 @@ from sim.models.mujoco_model import gravity_in_base, parameters_from_model, tree
 
 SEEDS = range(8)
 EXACT = 1e-12
-"""Factor on a covariance from which ψ is as good as known."""
+"""Factor on a covariance at which ψ is practically exact."""
 
 
 def mechanism(seed, bodies=None):
@@ -48,7 +48,7 @@ def test_base_parameters_of_physical_bodies_are_kept_and_so_is_the_wrench(count)
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_other_physical_bodies_with_these_base_parameters_are_closer_to_the_prior(seed):
-    """The gradient `P⁻¹ - J⁻¹` of the divergence is zero in all directions that leave ψ alone, and it is convex."""
+    """The gradient `P⁻¹ - J⁻¹` of the convex divergence is zero in all directions that keep ψ."""
     _, _, base, truth, prior, covariance = mechanism(seed)
     found = consistent_parameters(base.regroup(truth), covariance, base, prior)
     gradient = np.linalg.inv(bodies(prior)) - np.linalg.inv(bodies(found.phi))
@@ -78,7 +78,7 @@ def test_a_prior_with_the_very_base_parameters_is_attainable():
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_base_parameters_that_no_bodies_have_move_to_the_nearest_that_some_have(seed):
-    """As far as a search over all `J = L Lᵀ` gets that starts where the solution is."""
+    """Compared with a search over all `J = L Lᵀ` that starts at the solution."""
     rng, _, base, truth, prior, covariance = mechanism(seed, 3)
     psi = base.regroup(truth)
     psi = psi - abs(psi) * rng.uniform(2, 4, size=len(psi))
@@ -118,7 +118,7 @@ def test_one_negative_inertia_is_reported(uncertain, attainable):
     assert_physical(found.phi)
     name, by = found.moved()[0]
     assert name == "Ixx3" and 0.3 / uncertain < by < 1.001 * (0.3 + model_has) / uncertain
-    # Bodies on the edge of what is physical would be nearer, and without any resemblance to the model.
+    # Bodies at the boundary of the physical ones would be nearer, but unlike the model.
     assert found.divergence.max() < 10
     assert found.moved(1e9) == ()
 
@@ -185,7 +185,7 @@ def test_base_parameters_of_massless_bodies_are_met_as_nearly_as_matters():
 
 
 def test_duality_proves_that_no_bodies_as_near_to_psi_are_closer_to_the_prior():
-    """A multiplier λ bounds the divergence of all J whose ψ is within d: `λᵀψ - d |λ| + Σ log det(P⁻¹ - A*λ) P`."""
+    """A multiplier λ bounds the divergence of all J with ψ within d: `λᵀψ - d |λ| + Σ log det(P⁻¹ - A*λ) P`."""
     unattainable = 0
     for seed in range(20):
         base, prior, psi, covariance = unphysical(seed, 2 + seed % 5)
@@ -202,7 +202,7 @@ def test_duality_proves_that_no_bodies_as_near_to_psi_are_closer_to_the_prior():
 
 
 def settings():
-    """The double pendulum and an arm of seven bodies, with what a recording tells of them."""
+    """The double pendulum and an arm of seven bodies, with estimates from a recording."""
     model = scenes.load("double_pendulum").compile()
     rng = np.random.default_rng(0)
     arm, phi = random_tree(rng, 7, ("revolute",)), random_phi(rng, 7)
@@ -224,7 +224,7 @@ def test_noise_moves_no_mass_of_a_true_prior_by_more_than_its_own_uncertainty():
 
 
 def test_what_the_data_know_of_other_bodies_than_the_priors_is_kept():
-    """ψ moves by about two standard deviations, and predicts better than the estimate does by itself."""
+    """ψ moves by about two standard deviations, and predicts better than the estimate itself."""
     for rng, base, prior, covariance in settings():
         free = closer = 0
         for _ in range(20):
@@ -249,14 +249,14 @@ def test_the_standard_deviation_of_a_mass_is_the_masses_own_size_where_nothing_t
 
 
 def everything(base):
-    """A regrouping for which every parameter is a base parameter."""
+    """A regrouping in which all parameters are base parameters."""
     count = len(base.parameters)
     return replace(base, kept=tuple(range(count)), dependent=(), beta=np.zeros((count, 0)))
 
 
 @pytest.mark.parametrize("excess", [1.2, 2.0, 10.0])
 def test_the_prior_counts_as_the_likelihood_of_its_width_says(excess):
-    """All parameters equally well known: `r log u + d₀²/u` with `u = 1 + w²/σ²` says where the interval ends."""
+    """All parameters equally well known: `r log u + d₀²/u` with `u = 1 + w²/σ²` determines the end of the interval."""
     rng, _, base, _, prior, _ = mechanism(5, 4)
     r, L, unit = len(prior), np.linalg.cholesky(bodies(prior)), np.eye(16).reshape(16, 4, 4)
     moves = parameters_from_pseudo_inertia(
@@ -277,7 +277,7 @@ def test_the_prior_counts_as_the_likelihood_of_its_width_says(excess):
 
 
 def test_what_one_combination_alone_contradicts_is_not_overlooked():
-    """No width that all share is likely where all but one parameter are known well and true; yet the prior is wrong."""
+    """If all but one parameter are known well and right, no common width is likely; yet the prior is wrong."""
     model = scenes.load("double_pendulum").compile()
     prior = parameters_from_model(model, "base")
     base = find_base_parameters(tree_from_model(model, "base"), gravity=gravity_in_base(model, "base"))

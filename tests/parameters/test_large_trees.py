@@ -1,4 +1,4 @@
-"""Regroupings that take long: 40 random trees, and dm_control's animals, of more than sixty bodies each."""
+"""Slow regroupings: 40 random trees, and dm_control's animals, with more than sixty bodies each."""
 
 from importlib.util import find_spec
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Priors from tables of people: the tables' sums, bodies of known lengths by hand, and what is asked for where."""
+"""Priors from tables of people: the tables' sums, bodies of known lengths by hand, and required inputs."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Knowledge of bodies beforehand: against bodies that are drawn, in other frames, and for all parameters of a tree."""
+"""Priors on bodies: against random bodies, in other frames, and for all parameters of a tree."""
 
 import numpy as np
 import pytest
@@ -29,13 +29,13 @@ BODIES = {
 
 
 def drawn(phi, known, count, rng):
-    """φ of bodies whose mass, centre of mass and inertia about that are off (count, 10)."""
+    """φ of bodies with errors of mass, centre of mass and central inertia (count, 10)."""
     mass, center, inertia = com_from_parameters(phi)
     values, axes = np.linalg.eigh(inertia)
     root = (axes * np.sqrt(np.maximum(values, 0))) @ axes.T
     m = mass * (1 + known["mass"] * rng.normal(size=count))
     c = center + known["center"] * rng.normal(size=(count, 3))
-    # (G + Gᵀ) / 2 has variance 1 on the diagonal and 1/2 beside it.
+    # (G + Gᵀ) / 2 has variance 1 on the diagonal and 1/2 off it.
     G = rng.normal(size=(count, 3, 3))
     tensor = inertia + known["inertia"] * root @ ((G + G.swapaxes(1, 2)) / 2) @ root
     squares = np.sum(c**2, axis=1)[:, None, None] * np.eye(3) - c[:, :, None] * c[:, None, :]
@@ -91,7 +91,7 @@ def test_deviations_are_those_of_each_body_by_hand():
 
 
 def test_intervals_hold_bodies_that_are_drawn():
-    """Few wrenches of a pendulum, with noise, and what is known: the posterior of a linear problem."""
+    """Few noisy wrenches of a pendulum and a prior: the posterior of a linear problem."""
     arm, rng = sim.mechanism(scenes.load("double_pendulum"), base="base"), np.random.default_rng(0)
     base = structural_base_parameters(arm)
     states = rng.uniform(-1, 1, size=(3, 2, 2)) * np.array([1.0, 2, 4])[:, None, None]
@@ -114,7 +114,7 @@ def test_all_parameters_follow_from_an_estimate_of_base_parameters():
     B = base.regroup(np.eye(len(S))).T
     before = known_covariance(arm, base)
     np.testing.assert_allclose(B @ S @ B.T, before, atol=1e-6 * np.diag(before).max())
-    # Observed base parameters, and the estimate that has the prior of theirs.
+    # Observed base parameters, and the estimate with their prior.
     noise = np.diag(rng.uniform(0.1, 2, size=len(prior)) * np.diag(before))
     seen = prior + rng.normal(size=len(prior)) * np.sqrt(np.diag(before + noise))
     phi, std = conditioned(arm, base, *updated(arm, base, seen, noise))

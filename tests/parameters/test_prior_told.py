@@ -1,4 +1,4 @@
-"""How many parameters data tell of a body: against Bayes' rule written out for all parameters at once."""
+"""Number of a body's parameters that data determine: against Bayes' rule for all parameters together."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_the_variances_that_bayes_rule_leaves(arm):
     expected = (1 - np.diag(np.linalg.solve(S, after))).reshape(-1, 10).sum(axis=1)
     told = parameters_told(arm, base, covariance)
     np.testing.assert_allclose(told, expected, atol=1e-4)
-    # The same where what is known beforehand has gone into the estimate.
+    # The same with the prior included in the estimate.
     both = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(B @ S @ B.T))
     np.testing.assert_allclose(parameters_told(arm, base, both, included=True), told, atol=1e-4)
 

@@ -120,7 +120,7 @@ def test_what_cannot_have_base_parameters_is_refused():
 
 
 def test_exact_numbers_give_exact_coefficients():
-    """Fractions go through: a pendulum of length 17/40 has its square in it."""
+    """Exact with fractions: a pendulum of length 17/40 has its square as a coefficient."""
 
     def exact(x):
         return np.vectorize(Fraction, otypes=[object])(x)
@@ -163,7 +163,7 @@ def test_channels_of_the_base_wrench_see_what_their_regressor_shows(moving_base)
 
 
 def test_one_moment_of_a_helix_needs_every_power_of_its_bracket():
-    """Without gravity one moment sees a helix through 1, sin θ, cos θ, θ sin θ and θ cos θ."""
+    """Without gravity, one moment depends on a helix through 1, sin θ, cos θ, θ sin θ and θ cos θ."""
     rng = np.random.default_rng(0)
     tree = Tree((Body("b", BASE, random_pose(rng), random_twist(rng, "helical"), "j"),))
     moment = Sensors(channels=np.eye(6)[[3]])

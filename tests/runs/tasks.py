@@ -1,4 +1,4 @@
-"""Tasks for the processes of `test_workers`, where they are imported soon."""
+"""Tasks for the processes of `test_workers`, in a module that imports quickly."""
 
 import os
 import signal

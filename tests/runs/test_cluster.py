@@ -36,7 +36,7 @@ ONE = {"OPENBLAS_NUM_THREADS": "1"}
 
 @contextmanager
 def started(said, *command, **environment):
-    """A part of a cluster as users start it, and what it says first that matches."""
+    """Starts a part of a cluster as users do, and returns its first matching output."""
     command = [sys.executable, "-m", "dask", *command, "--no-dashboard"]
     with (
         tempfile.TemporaryFile() as log,
@@ -206,14 +206,14 @@ def test_a_scheduler_that_dies_is_one_sentence(ahead):
         pytest.raises(ValueError, match=f"The connection to the Dask scheduler at {at} was lost"),
         worker_pool(1, at) as pool,
     ):
-        # Whether tasks were waiting when the connection ended or came after it.
+        # Tasks that were waiting when the connection ended, and later ones.
         for found in in_order(pool.executor, abs, count(), ahead=ahead):
             if found == 10:
                 scheduler.kill()
 
 
 def certificate(folder, name):
-    """Files of a certificate that is its own authority, and of its key."""
+    """Files of a self-signed certificate and of its key."""
     files = [str(folder / f"{name}.{kind}") for kind in ("pem", "key")]
     request = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}"]
     subprocess.run([*request, "-out", files[0], "-keyout", files[1]], check=True, capture_output=True)

@@ -11,7 +11,7 @@ NAMES = (*THREADS, "MUJOCO_GL")
 
 @pytest.fixture
 def told(monkeypatch):
-    """What a command's libraries are told, with variables and options of a user's."""
+    """Variables of a command's libraries, with a user's variables and options."""
 
     def seen(arguments=(), **own):
         for name in NAMES:

@@ -14,7 +14,7 @@ from experiments.runs.workers import worker_pool
 from ident.estimation.in_order import in_order
 
 LARGE = bytes(2_000_000)
-"""More than a pipe holds."""
+"""More bytes than a pipe holds."""
 
 
 def test_local_workers_are_an_executor():

@@ -1,4 +1,4 @@
-"""The arm whose joints rub: its bodies are physical, and its file alone says how it rubs and how noisy sensors are."""
+"""The arm with friction: its bodies are physical, and its file alone states friction and noise."""
 
 import numpy as np
 import pytest

@@ -88,13 +88,13 @@ def test_the_handle_keeps_all_six_components_alive(contact):
     force, torque = (recording[f"{scenes.load_cells(contact)['handle']}_{kind}"] for kind in ("force", "torque"))
     assert (force.std(axis=0) > 10).all()
     assert (torque.std(axis=0) > 1).all()
-    # A free moment: no single force on any line gives this wrench, because the moment is not normal to the force.
+    # A free moment: no single force gives this wrench, because the moment is not normal to the force.
     pitch = np.abs(np.sum(force * torque, axis=1)) / np.linalg.norm(force, axis=1)
     assert np.median(pitch) > 0.5
 
 
 def cell_state(contact):
-    """A state in contact, with the model and the data; the model has MuJoCo's contact sensor where MuJoCo has one."""
+    """A state in contact, with the model and the data; the model has MuJoCo's contact sensor if MuJoCo has one."""
     spec = scenes.load("double_pendulum", contact=contact)
     spec.compile()
     xml = spec.to_xml()
@@ -109,7 +109,7 @@ def cell_state(contact):
 
 @pytest.mark.parametrize("velocity", [(0.3, -0.2, 0.1), (-0.5, 0.4, -0.2), (0.0, 1.0, 0.05)])
 def test_load_cell_agrees_with_mujocos_contacts(velocity):
-    # The cell reads what link 2 exerts on cell and tip: their motion and weight less the contact force on them.
+    # The cell reads the wrench of link 2 on cell and tip: their motion and weight less the contact force on them.
     model, data = cell_state("pad")
     data.qvel[:] = velocity
     mujoco.mj_forward(model, data)
@@ -144,8 +144,8 @@ def test_load_cell_agrees_with_mujocos_contacts(velocity):
 
 
 def test_load_cells_agree_with_mujocos_constraint_forces(contact):
-    # A cell reads what the link exerts on it: its motion and weight less what the surroundings exert on it, be it a
-    # contact's force or a weld's.
+    # A cell reads the link's wrench on it: its motion and weight less the wrench of the surroundings on it, from a
+    # contact or a weld.
     model = scenes.load("double_pendulum", contact=contact).compile()
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     tree = tree_from_model(model, "base", beyond=(), ignore=["grip"] * model.nmocap)

@@ -1,4 +1,4 @@
-"""A humanoid that falls: without a ground sensor, the sum of all contact wrenches is what Y φ equals (Eq. 3)."""
+"""A falling humanoid: without a ground sensor, the sum of all contact wrenches equals Y φ (Eq. 3)."""
 
 import mujoco
 import numpy as np
@@ -36,7 +36,7 @@ def contacts(motion):
 
 @pytest.fixture(scope="module")
 def touching(motion):
-    """Whether each body touches the floor at each sample (bodies, N)."""
+    """True for each body that touches the floor, at each sample (bodies, N)."""
     return np.array([wrench.any(axis=1) for wrench in motion.contacts.values()])
 
 
@@ -134,7 +134,7 @@ def test_a_fall_identifies_every_base_parameter(motion, contacts):
     base = find_base_parameters(TREE, sensors=SENSORS)
     total = total_wrench(TREE, joint_states(motion)[0], None, contacts)
     samples = sampled(*joint_states(motion), total.values, pelvis(motion))
-    # The contact solver's rounding, 1e-10 N, times what the motion makes of it; MuJoCo 3.3 has ten times 4.0's.
+    # The contact solver's rounding, 1e-10 N, amplified by the motion; MuJoCo 3.3 has ten times 4.0's.
     np.testing.assert_allclose(fitted(TREE, samples, gravity=GRAVITY).psi, base.regroup(PHI), atol=3e-8)
 
 

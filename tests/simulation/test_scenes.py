@@ -96,5 +96,5 @@ def test_a_person_bows_as_told():
     assert {name: recording.noise[name] for name in angles} == pytest.approx(
         dict.fromkeys(angles, np.radians(0.5)), rel=1e-4
     )
-    # Markers tell of nothing but angles.
+    # Markers measure nothing but angles.
     assert set(recording.measured) == {"ground_force", "ground_torque", *angles}

@@ -20,7 +20,7 @@ def model(request):
 
 
 def free(model):
-    """The mechanism alone: MuJoCo's inverse dynamics would count contacts and limits in."""
+    """The mechanism alone: MuJoCo's inverse dynamics would include contacts and limits."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     return model
 

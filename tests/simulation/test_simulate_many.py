@@ -1,4 +1,4 @@
-"""Simulations in MuJoCo's thread pool: to the bit what a loop over steps records, in any number of threads."""
+"""Simulations in MuJoCo's thread pool: bit for bit those of a loop over steps, in any number of threads."""
 
 import mujoco
 import numpy as np
@@ -17,7 +17,7 @@ SCENES = ({}, TILT, TILT | {"contact": "pad"}, TILT | {"contact": "handle"}, {"c
 
 
 def looped(spec, samples, seed):
-    """The true channels by one call of mj_step after the other, with readings at a copy of every recorded state.
+    """The true channels by calls of mj_step, with readings at a copy of each recorded state.
 
     Returns:
         Readings by channel; and MuJoCo's own qacc and sensordata at the recorded states (N, nv) and (N, nsensordata).
