@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
     # The page embeds the figures as PNG.
     formats = list(dict.fromkeys(["png", *args.formats]))
     trials = ["--trials", str(args.trials), "--workers", str(args.workers), "--redraw", args.redraw]
-    trials += ["--joint-trials", str(args.joint_trials)]
+    trials += ["--trajectory-trials", str(args.trajectory_trials)]
     trials += ["--scheduler", args.scheduler] if args.scheduler else []
     trials += ["--tls", *args.tls] if args.tls else []
     studies: dict[str, tuple[Callable[[argparse.Namespace], Results], options.MakeParser, list[str]]] = {

@@ -29,13 +29,15 @@ def run(args: argparse.Namespace) -> None:
     from experiments.studies.identification import prepare
     from ident.identification import NO_CUTOFF, identified
 
-    if args.estimator == "joint" and args.cutoff is not None:
+    if args.estimator == "trajectory" and args.cutoff is not None:
         raise InputError(NO_CUTOFF)
-    if args.estimator != "joint" and args.gaps:
-        raise InputError("Samples may be missing (--gaps) for the joint estimate only: a filter would invent them.")
+    if args.estimator != "trajectory" and args.gaps:
+        raise InputError(
+            "Samples may be missing (--gaps) for the trajectory estimate only: a filter would invent them."
+        )
     out = own_model.folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
-    read |= {"filters": args.estimator != "joint"}
+    read |= {"filters": args.estimator != "trajectory"}
     read |= {"drive": tuple(args.drive), "leave_out": tuple(args.leave_out)}
     read |= {"ignore": tuple(args.ignore), "fix": options.fixed(args.fix)}
     read |= {"limit": options.size_limit(args), "gaps": args.gaps, "person": _person(args), "packages": args.packages}
@@ -54,12 +56,12 @@ def run(args: argparse.Namespace) -> None:
 
 @contextmanager
 def _workers(args: argparse.Namespace, logs: Sequence["Prepared"]) -> Iterator[Executor | None]:
-    """Processes for the pieces of the joint estimate; None if one is enough."""
+    """Processes for the pieces of the trajectory estimate; None if one is enough."""
     from experiments.runs.workers import worker_pool
 
     work = sum(log.samples.motion.q.size for log in logs)
     number = args.workers or ((os.cpu_count() or 1) if work >= PAYS else 1)
-    if args.estimator != "joint" or number == 1:
+    if args.estimator != "trajectory" or number == 1:
         yield None
     else:
         with worker_pool(number) as pool:
@@ -108,13 +110,15 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument(
         "--estimator",
-        choices=("joint", "weighted", "ordinary"),
-        default="joint",
+        choices=("trajectory", "weighted", "ordinary"),
+        default="trajectory",
         help="joint: trajectory, parameters, set-up and noise at once, from joint angles (default); weighted: least "
         "squares, channels weighted by their residuals and outliers down; ordinary: the paper's",
     )
     out.add_argument(
-        "--gaps", action="store_true", help="samples may be missing, as empty cells or rows: for the joint estimate"
+        "--gaps",
+        action="store_true",
+        help="samples may be missing, as empty cells or rows: for the trajectory estimate",
     )
     out.add_argument(
         "--own", nargs="*", choices=("offset", "delay"), default=[], help="what each of several logs has for itself"
@@ -133,7 +137,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--height", type=float, help="of a table: height of the person, m")
     out.add_argument("--sex", choices=("female", "male"), help="of a table: whose columns")
     options.add_film(out)
-    otherwise = " of the joint estimate; by default as many as there are processors if the recordings are long"
+    otherwise = " of the trajectory estimate; by default as many as there are processors if the recordings are long"
     options.add_local_workers(out, default=None, otherwise=otherwise)
     out.add_argument("--drive", nargs="*", choices=DRIVE, default=[], help="columns for joint torques")
     out.add_argument(

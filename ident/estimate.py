@@ -26,7 +26,7 @@ from ident.parameters.prior import KNOWN, known_covariance
 from ident.regression.ordinary import Fit
 from ident.regression.robust import spread
 from ident.tolerances import UNEXPLAINED
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.reversals import rubbing
 
 SHOWN = 30
@@ -85,7 +85,7 @@ class Estimate:
         held_out: Samples on which the fit is judged: ends of the recordings, other recordings, each recording predicted
             from the rest, or the fitted samples themselves.
         singular_values: Singular values of the unit-norm columns of base parameters and drives, each channel weighted.
-        joint: The joint estimate of trajectory, parameters, set-up and noise, None for other estimators.
+        joint: The trajectory estimate of trajectory, parameters, set-up and noise, None for other estimators.
         rivals: Ratios of residual to signal of other candidates on the same samples (C,), by name.
         filtered_at: Cut-off of the candidate `least squares`, Hz; None without it.
         disagreement: Root mean square z of the differences between two halves, None without two.
@@ -100,7 +100,7 @@ class Estimate:
     offsets: dict[str, tuple[float, float]]
     held_out: HeldOut
     singular_values: np.ndarray
-    joint: Joint | None = None
+    trajectory: TrajectoryEstimate | None = None
     rivals: Mapping[str, np.ndarray] = field(default_factory=dict)
     disagreement: float | None = None
     disagreements: tuple[float, ...] = ()
@@ -151,10 +151,10 @@ class Estimate:
     @cached_property
     def covariance_setup(self) -> np.ndarray:
         """Covariance of all coefficients with the uncertainty of the set-up (m, m)."""
-        if self.joint is None:
+        if self.trajectory is None:
             return self.fit.covariance
         m = len(self.names)
-        added = self.joint.covariance_of_setup[:m, :m].copy()
+        added = self.trajectory.covariance_of_setup[:m, :m].copy()
         # Variances may be negative by rounding.
         np.fill_diagonal(added, np.maximum(np.diag(added), 0))
         return self.fit.covariance + added
@@ -201,7 +201,7 @@ class Estimate:
     @cached_property
     def near_reversals(self) -> np.ndarray:
         """Mask of the held-out samples whose joint is so slow that its torque carries little information (M, C)."""
-        motion, joint = self.held_out.samples.motion, self.joint
+        motion, joint = self.held_out.samples.motion, self.trajectory
         speed = np.full(self.held_out.residual.shape, np.inf)
         if joint is None or joint.reversals is None:
             return np.isnan(speed)
@@ -286,7 +286,7 @@ class Estimate:
     @cached_property
     def setup(self) -> list[SetupFinding]:
         """Set-up errors, which the estimate includes."""
-        return [] if self.joint is None else setup_findings(self.joint)
+        return [] if self.trajectory is None else setup_findings(self.trajectory)
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -334,10 +334,10 @@ class Estimate:
 
     def _weights(self) -> dict[str, Any] | None:
         """Noise model of the weights, and the errors of left-out pieces by which it was chosen, if it was."""
-        if self.joint is None:
+        if self.trajectory is None:
             return None
-        errors = {name: each.tolist() for name, each in self.joint.errors.items()}
-        return {"correlated": self.joint.coloured, "left_out_errors": errors}
+        errors = {name: each.tolist() for name, each in self.trajectory.errors.items()}
+        return {"correlated": self.trajectory.coloured, "left_out_errors": errors}
 
     def __str__(self) -> str:
         prior, rank = self.base.regroup(self.prepared.mechanism.known), self.base.rank

@@ -35,14 +35,14 @@ from ident.regression.robust import robust_fit
 from ident.tolerances import CONDITION_LIMIT, HOLDOUT
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 from ident.trajectory.corrected import as_fit, corrected
-from ident.trajectory.estimate import OWN, joint_estimate
+from ident.trajectory.estimate import OWN, trajectory_estimate
 from ident.trajectory.fit.iteration import Report
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.smoothing_choice import chosen_smoothing
 
-ESTIMATORS = ("joint", "weighted", "ordinary")
+ESTIMATORS = ("trajectory", "weighted", "ordinary")
 
-NO_CUTOFF = "The joint estimate filters nothing: --cutoff belongs to --estimator weighted or ordinary."
+NO_CUTOFF = "The trajectory estimate filters nothing: --cutoff belongs to --estimator weighted or ordinary."
 
 LEAST_HELD_OUT = 2
 """Least number of held-out samples: a signal's standard deviation needs two."""
@@ -55,7 +55,7 @@ def identify(
     mechanism: Mechanism,
     recording: Recording | Sequence[Recording],
     *,
-    estimator: str = "joint",
+    estimator: str = "trajectory",
     cutoff: str | float | None = None,
     drive: Sequence[str] = (),
     leave_out: Sequence[str] = (),
@@ -75,7 +75,7 @@ def identify(
             their parameters.
         estimator: As for `identified`; so are `offsets`, `holdout`, `own`, `setup`, `known` and `physical`.
         cutoff: Cut-off of the low-pass for least squares in Hz, `auto`, or None for the recording's own velocities and
-            accelerations. The joint estimate has none, and uses joint coordinates alone.
+            accelerations. The trajectory estimate has none, and uses joint coordinates alone.
         drive: Columns of friction and rotor inertia for joint torques: `viscous`, `coulomb`, `rotor`, `stribeck`.
         leave_out: Channels that are neither fitted nor judged, as `Fz`, `Mx` and `My` of a model that moves in the
             plane normal to z; joints' names for joint torques.
@@ -85,11 +85,11 @@ def identify(
         InputError: Something is missing or does not fit; the message names it.
         ExcitationError: The motion does not separate the base parameters.
     """
-    if estimator == "joint" and cutoff is not None:
+    if estimator == "trajectory" and cutoff is not None:
         raise InputError(NO_CUTOFF)
     options: dict[str, Any] = {"cutoff": cutoff, "drive": drive, "leave_out": leave_out}
     logs, judges = (
-        [prepared(mechanism, each, filters=estimator != "joint", **options) for each in _recordings(where, given)]
+        [prepared(mechanism, each, filters=estimator != "trajectory", **options) for each in _recordings(where, given)]
         for where, given in (("recording", recording), ("held_out", held_out))
     )
     return identified(
@@ -108,7 +108,7 @@ def identify(
 def identified(
     logs: Prepared | Sequence[Prepared],
     *,
-    estimator: str = "joint",
+    estimator: str = "trajectory",
     offsets: bool = True,
     holdout: float = HOLDOUT,
     judges: Sequence[Prepared] = (),
@@ -123,22 +123,22 @@ def identified(
 
     Args:
         logs: Mechanism and recording, one or several.
-        estimator: `joint` for trajectory, parameters, set-up and noise at once, from joint angles; `weighted` for least
+        estimator: `trajectory` for trajectory, parameters, set-up and noise at once, from joint angles; `weighted` for least
             squares with states taken as exact, channels weighted by their residuals and outliers weighted down;
             `ordinary` for that of the paper.
         offsets: True to fit a constant offset of every channel for which it can be separated from the parameters.
         holdout: Fraction of each recording, its end, that is not fitted; with zero the fit is judged on the fitted
-            samples. Three recordings or more are fitted whole by the joint estimate, and each predicted from the rest.
+            samples. Three recordings or more are fitted whole by the trajectory estimate, and each predicted from the rest.
         judges: Other recordings of the same channels to judge by, of any length; then all logs are fitted whole.
-        own: Parameters that each recording has separately in the joint estimate: `offset`, `delay`.
-        setup: Standard deviations of the set-up for the joint estimate, as for `setup_parameters`; by default those of
+        own: Parameters that each recording has separately in the trajectory estimate: `offset`, `delay`.
+        setup: Standard deviations of the set-up for the trajectory estimate, as for `setup_parameters`; by default those of
             the recording.
-        known: Standard deviations of the model's φ for the joint estimate, as for `body_covariance`: True for the
+        known: Standard deviations of the model's φ for the trajectory estimate, as for `body_covariance`: True for the
             default, False for no prior, None for the default where the motion does not separate all parameters.
-        physical: True if the joint estimate's bodies must be physical, as close to the model's as the recordings
+        physical: True if the trajectory estimate's bodies must be physical, as close to the model's as the recordings
             allow; by default only those of `Estimate.consistent` are.
-        executor: Executor for the pieces of the joint estimate.
-        report: Called with every round of the joint estimate, and its step in standard deviations.
+        executor: Executor for the pieces of the trajectory estimate.
+        report: Called with every round of the trajectory estimate, and its step in standard deviations.
 
     Raises:
         ExcitationError: The motion does not separate the base parameters.
@@ -154,11 +154,11 @@ def identified(
     if not logs:
         raise InputError("An identification needs at least one recording, got none.")
     logs, judges = ([without_unmeasured(log) for log in several] for several in (logs, judges))
-    if estimator != "joint":
+    if estimator != "trajectory":
         if own:
-            raise InputError(f"Only the joint estimate gives recordings {' and '.join(own)} of their own.")
+            raise InputError(f"Only the trajectory estimate gives recordings {' and '.join(own)} of their own.")
         if physical:
-            raise InputError("Only the joint estimate can be held to physical bodies.")
+            raise InputError("Only the trajectory estimate can be held to physical bodies.")
         divided = _without_flat(_divided(logs, holdout, judges, alone=False))
         return _least_squares(divided, estimator == "weighted", offsets)
     # Without a filter no ends are left out.
@@ -253,7 +253,7 @@ def _least_squares(divided: _Divided, weighted: bool, offsets: bool) -> Estimate
 def _joint(
     divided: _Divided, offsets: bool, prior: Mapping[str, float], wanted: bool | None, **options: Any
 ) -> Estimate:
-    """Joint estimate of trajectories, parameters, set-up and noise."""
+    """Trajectory estimate of trajectories, parameters, set-up and noise."""
     equations, samples = divided.equations, divided.samples
     singular_values, poor = _excited(equations, samples)
     still = samples.motion.base is None and not np.ptp(samples.motion.q, axis=0).any()
@@ -268,7 +268,7 @@ def _joint(
     # No search if the set-up is exact, or if something is grossly wrong.
     search = any((PRIORS | options["setup"]).values()) and not any(_grossly_wrong(log) for log, _ in divided.fitted)
     columns = with_offsets if offsets else equations
-    estimate = partial(joint_estimate, divided.fitted, columns, search=search, **options)
+    estimate = partial(trajectory_estimate, divided.fitted, columns, search=search, **options)
     joint = _known_enough(estimate, known, prior if wanted is None else known)
     rms = disagreement(joint)
     widening = rms if rms is not None and rms > DISAGREE else 1.0
@@ -305,9 +305,9 @@ def _grossly_wrong(log: Prepared) -> bool:
 
 
 def _known_enough(
-    estimate: Callable[..., Joint], known: Mapping[str, float] | None, prior: Mapping[str, float] | None
-) -> Joint:
-    """Joint estimate, with a prior if the data alone are far less precise: noise can pass for excitation.
+    estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, float] | None, prior: Mapping[str, float] | None
+) -> TrajectoryEstimate:
+    """Trajectory estimate, with a prior if the data alone are far less precise: noise can pass for excitation.
 
     Args:
         estimate: Function that estimates with given standard deviations of φ.
@@ -328,20 +328,20 @@ def _known_enough(
     return _solvable(estimate, prior) if far_less.any() else joint
 
 
-def _solvable(estimate: Callable[..., Joint], known: Mapping[str, float] | None) -> Joint:
-    """Joint estimate; raises an ExcitationError if its equations are singular up to rounding."""
+def _solvable(estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, float] | None) -> TrajectoryEstimate:
+    """Trajectory estimate; raises an ExcitationError if its equations are singular up to rounding."""
     try:
         return estimate(known=known)
     except np.linalg.LinAlgError:
         raise ExcitationError(
-            "The joint estimate's equations are singular but for rounding: some joint angles follow a curve exactly, "
+            "The trajectory estimate's equations are singular but for rounding: some joint angles follow a curve exactly, "
             "as computed or smoothed ones do, or hardly move in what is fitted. Take the angles as they were measured, "
             "hold joints that rest (--fix), or fit what the model knows as well (--prior on)."
         ) from None
 
 
-def _corrected(divided: _Divided, joint: Joint) -> _Divided:
-    """Recordings with the set-up of a joint estimate and smoothed motion, that to judge by from angles alone."""
+def _corrected(divided: _Divided, joint: TrajectoryEstimate) -> _Divided:
+    """Recordings with the set-up of a trajectory estimate and smoothed motion, that to judge by from angles alone."""
     smoothing = divided.smoothing
     logs = [corrected(log, joint, k, smoothing, part) for k, (log, part) in enumerate(divided.fitted)]
     if divided.apart:
@@ -354,15 +354,15 @@ def _corrected(divided: _Divided, joint: Joint) -> _Divided:
 
 
 def _rivals(
-    divided: _Divided, equations: Equations, joint: Joint, fit: Fit
+    divided: _Divided, equations: Equations, joint: TrajectoryEstimate, fit: Fit
 ) -> tuple[dict[str, np.ndarray], float | None]:
     """Residual ratios of other candidates with the set-up as stated: the model's prior, and least squares.
 
     Args:
         divided: Samples to fit and to judge by.
         equations: Their columns, with offsets.
-        joint: The joint estimate.
-        fit: The joint estimate as a fit.
+        joint: The trajectory estimate.
+        fit: The trajectory estimate as a fit.
 
     Returns:
         Ratios of residual to signal by candidate (C,), and the cut-off of least squares, Hz.
@@ -447,7 +447,9 @@ def _lost(logs: Sequence[Prepared]) -> str:
     kept = sum(len(log.taken(part)) for log, part in zip(logs, inside, strict=True))
     if kept == sum(part.stop - part.start for part in inside):
         return ""
-    filtered = ", or nearer to one than the filter settles; the joint estimate filters nothing" if logs[0].edge else ""
+    filtered = (
+        ", or nearer to one than the filter settles; the trajectory estimate filters nothing" if logs[0].edge else ""
+    )
     return f" Of those, {kept} are left: the others are clipped, left out or in a gap{filtered}."
 
 

@@ -17,7 +17,10 @@ PEOPLE = ("output/test_pages_in_browser.py", "studies/test_human.py", "studies/t
 
 FIRST = (
     *PEOPLE,
-    *(f"studies/test_{name}.py" for name in ("monte_carlo", "joint_identification", "identify", "gait", "misaligned")),
+    *(
+        f"studies/test_{name}.py"
+        for name in ("monte_carlo", "trajectory_identification", "identify", "gait", "misaligned")
+    ),
     "tests/test_against_mujoco.py",
     *(f"studies/test_{name}.py" for name in ("multicontact", "chair", "laboratory_arms")),
 )
@@ -57,8 +60,8 @@ def undrawn(monkeypatch):
 
 
 @pytest.fixture
-def no_joint(monkeypatch):
-    """Replaces joint estimates by the truth, as they take most of a study's time."""
+def no_trajectory(monkeypatch):
+    """Replaces trajectory estimates by the truth, as they take most of a study's time."""
     from truth import told
 
     told(monkeypatch)

@@ -86,8 +86,8 @@ def _noise(folder):
     some = {name: noise.CONDITIONS[name] for name in ("pendulum_x1", "pendulum_x3", "person_half_degree")}
     commanded, filtered = estimators.commanded_instruments, estimators.usual_filter
     cheap = {
-        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": commanded},
-        "person": {"usual_filter": filtered, "joint": filtered},
+        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "trajectory": commanded},
+        "person": {"usual_filter": filtered, "trajectory": filtered},
     }
     with pytest.MonkeyPatch.context() as patched:
         for module in (noise, report, figure):
@@ -134,7 +134,7 @@ COMMANDS = {
 
 
 def written(name, folder):
-    """Writes the page of a command, with the truth as the studies' joint estimates, and returns its file."""
+    """Writes the page of a command, with the truth as the studies' trajectory estimates, and returns its file."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
         patched.setattr(human_report.human, "study", lambda *_, **__: briefly())

@@ -1,4 +1,4 @@
-"""Random measurements of random mechanisms, for the tests of the joint estimate."""
+"""Random measurements of random mechanisms, for the tests of the trajectory estimate."""
 
 import numpy as np
 from mechanisms import JOINTS, random_phi, random_pose, random_tree

@@ -61,5 +61,5 @@ def z_of(psi, covariance):
 
 
 def identified(streams, **fields):
-    """The joint estimate of all samples."""
+    """The trajectory estimate of all samples."""
     return ident.identify(pendulum(), ident.Recording.from_streams(streams, **fields), holdout=0)

@@ -36,7 +36,7 @@ WRONG += [(x, "needs standard deviations by name, out of mass, center, inertia; 
         ({"held_out": ["run.csv"]}, "^held_out needs a recording or a list of them, got str"),
     ],
 )
-@pytest.mark.parametrize("estimator", ["joint", "ordinary"])
+@pytest.mark.parametrize("estimator", ["trajectory", "ordinary"])
 def test_arguments_are_refused_in_one_sentence(given, message, estimator):
     with pytest.raises(ident.InputError, match=message):
         ident.identify(PENDULUM, RECORDING, estimator=estimator, **given)
@@ -80,7 +80,7 @@ def test_what_is_not_said_of_a_body_is_as_usual():
 def test_a_tiny_deviation_is_none():
     estimates = [ident.identify(PENDULUM, RECORDING, setup={"delay": x}, known=True) for x in (0, 1e-300)]
     np.testing.assert_array_equal(estimates[0].psi, estimates[1].psi)
-    assert not any(name.startswith("delay") for name in estimates[1].joint.fit.names)
+    assert not any(name.startswith("delay") for name in estimates[1].trajectory.fit.names)
 
 
 def test_drives_that_are_named_twice_count_once():

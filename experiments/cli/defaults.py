@@ -14,7 +14,7 @@ REDRAWN = {
 """Noise that is drawn anew for each trial."""
 
 JOINT_TRIALS = 100
-"""Largest number of trials with the joint estimate: enough to detect a bias of half a standard deviation."""
+"""Largest number of trials with the trajectory estimate: enough to detect a bias of half a standard deviation."""
 
 CRITERIA = {
     "deviations": "the smallest predicted standard deviations of the base parameters, relative to what the model knows",

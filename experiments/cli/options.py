@@ -110,10 +110,10 @@ def add_trials(parser: argparse.ArgumentParser) -> None:
     several = parser.add_argument_group("Monte Carlo")
     several.add_argument("--trials", type=whole_number(2, also=0), default=0, help="trials with noise drawn anew")
     several.add_argument(
-        "--joint-trials",
+        "--trajectory-trials",
         type=whole_number(2, also=0),
         default=JOINT_TRIALS,
-        help="how many of the trials, at most, the joint estimate is made of too; it takes a second for each",
+        help="how many of the trials, at most, the trajectory estimate is made of too; it takes a second for each",
     )
     several.add_argument(
         "--redraw",

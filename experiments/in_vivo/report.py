@@ -28,7 +28,7 @@ SHOWN = ("m2rz2", "Iyy2", "m3rz3", "Iyy3")
 CHANNELS = {"Fx": "N", "Fz": "N", "My": "N m"}
 """Channels that a bow excites, and their units."""
 
-LINES = {"scaled model": ("0.5", "D"), "joint estimate": ("C0", "o")}
+LINES = {"scaled model": ("0.5", "D"), "trajectory estimate": ("C0", "o")}
 OTHERS = (("C1", "s"), ("C2", "^"))
 """Colour and marker of each estimator."""
 
@@ -46,7 +46,7 @@ def table_parameters(found: Study) -> report.Table:
         if std is not None:
             columns[f"{name}, std"] = std.tolist()
     heads = {name: _head(name) for name in columns}
-    title, bodies = "Base parameters of a person who bows, SI units", found.joint.prepared.mechanism.bodies
+    title, bodies = "Base parameters of a person who bows, SI units", found.trajectory.prepared.mechanism.bodies
     return report.Table(title, *report.columns(**columns), decimals=2, bodies=bodies, heads=heads)
 
 
@@ -63,7 +63,7 @@ def table_prediction(found: Study) -> report.Table:
         f"What is left of the held-out part below {JUDGED_AT:g} Hz, a constant taken out, over the signal's standard "
         "deviation"
     )
-    return report.Table(title, ("estimator", *found.joint.channels), tuple(rows), decimals=3)
+    return report.Table(title, ("estimator", *found.trajectory.channels), tuple(rows), decimals=3)
 
 
 def figure(found: Study) -> Figure:
@@ -74,7 +74,7 @@ def figure(found: Study) -> Figure:
         _parameters(above, found)
         time, measured, predicted = found.held_out
         for ax, (channel, unit) in zip(below, CHANNELS.items(), strict=True):
-            k = found.joint.channels.index(channel)
+            k = found.trajectory.channels.index(channel)
             ax.plot(time, measured[:, k], color="black", lw=1.1, label="measured")
             for name, (color, _) in looks(found).items():
                 ax.plot(time, predicted[name][:, k], color=color, lw=0.8, label=name)
@@ -99,7 +99,7 @@ def _parameters(ax: Axes, found: Study) -> None:
         at = places + 0.15 * (number - 1.5)
         ax.errorbar(at, psi[which] / model, bars, fmt=marker, color=color, ms=3, lw=0.9, capsize=0)
     ax.axhline(0, color="0.8", lw=0.6, zorder=0)
-    ax.set_xticks(places, [figures.named_symbol(name, found.joint.prepared.mechanism.bodies) for name in SHOWN])
+    ax.set_xticks(places, [figures.named_symbol(name, found.trajectory.prepared.mechanism.bodies) for name in SHOWN])
     ax.set_ylabel("Estimate over the model's", labelpad=2)
     ax.set_title("(a) Legs and trunk, 95 % intervals")
 
@@ -110,10 +110,10 @@ def numbers(found: Study) -> dict[str, Any]:
         name: {"values": psi.tolist(), "std": None if std is None else std.tolist()}
         for name, (psi, std) in found.candidates.items()
     }
-    ratios = {name: dict(zip(found.joint.channels, x.tolist(), strict=True)) for name, x in found.ratios.items()}
-    setup = [{"name": each.name, "value": each.value, "std": each.std} for each in found.joint.setup]
+    ratios = {name: dict(zip(found.trajectory.channels, x.tolist(), strict=True)) for name, x in found.ratios.items()}
+    setup = [{"name": each.name, "value": each.value, "std": each.std} for each in found.trajectory.setup]
     told = {"names": found.names, "parameters": parameters, "held_out": ratios}
-    return {**told, "set_up": setup, "verdict": found.joint.verdict()}
+    return {**told, "set_up": setup, "verdict": found.trajectory.verdict()}
 
 
 def results(found: Study) -> Results:
@@ -128,14 +128,14 @@ def results(found: Study) -> Results:
 
 
 def said(found: Study) -> Said:
-    """The page's text besides tables and figure: verdict and findings of the joint estimate, and its replay."""
-    joint = found.joint
+    """The page's text besides tables and figure: verdict and findings of the trajectory estimate, and its replay."""
+    joint = found.trajectory
     return Said(
         "A person who bows",
         ABOUT,
-        verdict=f"Of the joint estimate: {joint.verdict()}",
+        verdict=f"Of the trajectory estimate: {joint.verdict()}",
         findings=[(finding.text, finding.doubt) for finding in joint.findings],
-        # The table is not that of the joint estimate alone, whose rows could be pressed.
+        # The table is not that of the trajectory estimate alone, whose rows could be pressed.
         replay=replace(replay(joint), parameters=()),
     )
 

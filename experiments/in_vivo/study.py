@@ -41,27 +41,27 @@ class Study:
     """Estimates from one recording.
 
     Attributes:
-        joint: The joint estimate.
+        joint: The trajectory estimate.
         others: Other estimates by name.
     """
 
-    joint: Estimate
+    trajectory: Estimate
     others: Mapping[str, Estimate]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the base parameters."""
-        return self.joint.base.names
+        return self.trajectory.base.names
 
     @cached_property
     def candidates(self) -> dict[str, tuple[np.ndarray, np.ndarray | None]]:
         """Base parameters and their standard deviations by estimator (r,); the model has no standard deviations."""
-        model = self.joint.base.regroup(self.joint.prepared.mechanism.known)
+        model = self.trajectory.base.regroup(self.trajectory.prepared.mechanism.known)
         least_squares = {name: (each.psi, each.std_setup) for name, each in self.others.items()}
         return {
             "scaled model": (model, None),
             **least_squares,
-            "joint estimate": (self.joint.psi, self.joint.std_setup),
+            "trajectory estimate": (self.trajectory.psi, self.trajectory.std_setup),
         }
 
     @cached_property
@@ -71,7 +71,7 @@ class Study:
         All are low-passed at `JUDGED_AT` and predicted at the same states, smoothed from the angles alone. A constant
         of each channel, by which plates drift, does not count.
         """
-        held, rate = self.joint.held_out, self.joint.prepared.recording.rate
+        held, rate = self.trajectory.held_out, self.trajectory.prepared.recording.rate
         low_pass = butter(2, JUDGED_AT, fs=rate, output="sos")
 
         def below(x: np.ndarray) -> np.ndarray:
@@ -93,7 +93,7 @@ def study(folder: Path, report: Report | None = None) -> Study:
 
     Args:
         folder: Folder of the model and the recording.
-        report: Called in each round of the joint estimate.
+        report: Called in each round of the trajectory estimate.
 
     Raises:
         InputError: One of the files is missing.

@@ -96,7 +96,7 @@ class Condition:
         freedom: Degrees of freedom of Student's t distribution of all noise, 0 for normal noise.
         steps: Quantisation steps of angles (rad), forces (N) and torques (N m), 0 for none.
         drawn: True to draw each recording's bodies from the prior around the model's.
-        options: Options of the joint estimate, `ident.identify`'s; by default neither offsets nor held-out samples.
+        options: Options of the trajectory estimate, `ident.identify`'s; by default neither offsets nor held-out samples.
     """
 
     subject: str

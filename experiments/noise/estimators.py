@@ -78,7 +78,7 @@ class Answer:
 
 def identified(case: Case, estimator: str, cutoff: str | None = None) -> Answer:
     """Answer of `ident.identify`, from all samples and, unless the condition says otherwise, without offsets."""
-    options = {"offsets": False, "holdout": 0.0, **(case.condition.options if estimator == "joint" else {})}
+    options = {"offsets": False, "holdout": 0.0, **(case.condition.options if estimator == "trajectory" else {})}
     arm = case.subject.mechanism
     estimate = identify(arm, case.recording, estimator=estimator, cutoff=cutoff, **options)
     equations = estimate.fit.equations
@@ -88,7 +88,7 @@ def identified(case: Case, estimator: str, cutoff: str | None = None) -> Answer:
         values=estimate.fit.values[:count],
         std=estimate.fit.std[:count],
         true=truth(equations, case.phi, case.drives),
-        std_setup=np.sqrt(np.diag(estimate.covariance_setup))[:count] if estimator == "joint" else None,
+        std_setup=np.sqrt(np.diag(estimate.covariance_setup))[:count] if estimator == "trajectory" else None,
         setup=tuple(deviation.name for deviation in estimate.setup),
     )
 
@@ -132,23 +132,23 @@ def _instrumental(case: Case, motion: Motion, instruments: Motion | None = None,
 
 Estimator = Callable[[Case], Answer]
 
-JOINT: Mapping[str, Estimator] = {"joint": partial(identified, estimator="joint")}
+TRAJECTORY: Mapping[str, Estimator] = {"trajectory": partial(identified, estimator="trajectory")}
 
 ESTIMATORS: Mapping[str, Mapping[str, Estimator]] = {
     "pendulum": {
         "ordinary": partial(identified, estimator="ordinary"),
         "weighted": partial(identified, estimator="weighted"),
         "instruments": commanded_instruments,
-        **JOINT,
+        **TRAJECTORY,
     },
     "person": {
         "usual_filter": usual_filter,
         "instruments": filtered_instruments,
         "spline": cross_validated,
         "chosen_filter": partial(identified, estimator="weighted", cutoff="auto"),
-        **JOINT,
+        **TRAJECTORY,
     },
-    "arm": JOINT,
+    "arm": TRAJECTORY,
 }
 """Estimators that are compared, for each subject."""
 
@@ -159,6 +159,6 @@ LABELS = {
     "chosen_filter": "cut-off from the data",
     "spline": "cross-validated spline",
     "instruments": "instrumental variables",
-    "joint": "joint estimate",
+    "trajectory": "trajectory estimate",
 }
 """Labels of the estimators in tables and figures."""

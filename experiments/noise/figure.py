@@ -1,4 +1,4 @@
-"""Figure of the study of noise: errors by estimator, and coverage and biases of the joint estimate."""
+"""Figure of the study of noise: errors by estimator, and coverage and biases of the trajectory estimate."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -27,7 +27,7 @@ LINES = {
     "instruments": ("C2", "^"),
     "spline": ("C3", "v"),
     "chosen_filter": ("C4", "D"),
-    "joint": ("C0", "o"),
+    "trajectory": ("C0", "o"),
 }
 """Colour and marker of each estimator; no two in one panel share either."""
 
@@ -51,9 +51,9 @@ def compared(study: Study, subject: str) -> list[str]:
 
 
 def figure(study: Study) -> Figure:
-    """Errors of each estimator over the noise, and coverage and bias of the joint estimate."""
+    """Errors of each estimator over the noise, and coverage and bias of the trajectory estimate."""
     subjects = [subject for subject in PANELS if compared(study, subject)]
-    heights = [PANEL] * len(subjects) + [MARGIN + ROW * len(study.joint)]
+    heights = [PANEL] * len(subjects) + [MARGIN + ROW * len(study.trajectory)]
     with figures.paper_style():
         drawing = Figure(figsize=(figures.column_width(), sum(heights)))
         parts = drawing.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
@@ -63,7 +63,7 @@ def figure(study: Study) -> Figure:
             handles.append(Patch(color="0.8", lw=0, label="predicted, 95 %"))
             _legend(part, handles)
         below = parts[-1]
-        below.suptitle(f"{'(c) ' if subjects else ''}Joint estimate, all base parameters and drives", fontsize=8)
+        below.suptitle(f"{'(c) ' if subjects else ''}Trajectory estimate, all base parameters and drives", fontsize=8)
         _honesty(below.subplots(1, 2, sharey=True), study)
         marks: dict[str, Any] = {"ms": 2, "alpha": 0.5, "mew": 0, "lw": 0, "color": "C0", "marker": "o"}
         _legend(
@@ -130,9 +130,9 @@ def _compare(ax: Axes, study: Study, subject: str) -> None:
 
 
 def _honesty(axes: Sequence[Axes], study: Study) -> None:
-    """Draws coverage of the joint estimate's intervals, and its biases, in each condition."""
+    """Draws coverage of the trajectory estimate's intervals, and its biases, in each condition."""
     left, right = axes
-    shown = {name: outcome.errors for name, outcome in study.joint.items()}
+    shown = {name: outcome.errors for name, outcome in study.trajectory.items()}
     rows = np.arange(len(shown))
     chance = HALF_WIDTH / np.sqrt(study.recordings)
     for ax, middle, half in ((left, 95, 100 * chance * np.sqrt(0.95 * 0.05)), (right, 0, chance)):

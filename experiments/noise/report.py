@@ -54,23 +54,23 @@ def _named(parameter: str, subject: str) -> str:
 
 
 def table_coverage(study: Study) -> report.Table:
-    """Coverage of the joint estimate's intervals, normalized errors, biases and reported set-up, by condition."""
+    """Coverage of the trajectory estimate's intervals, normalized errors, biases and reported set-up, by condition."""
     rows: list[tuple[report.Cell, ...]] = []
-    for name, outcome in study.joint.items():
+    for name, outcome in study.trajectory.items():
         errors, wide, condition = outcome.errors, outcome.with_setup, CONDITIONS[name]
         ratio, coverage = errors.mean / errors.std, errors.coverage
         k = int(np.argmax(abs(ratio)))
         cells: list[report.Cell] = [condition.subject, condition.label, float(coverage.mean()), float(coverage.min())]
         cells += [None if wide is None else float(wide.coverage.mean()), _rms_z(errors), _rms_ratio(errors)]
         cells += [outcome.reporting, float(np.sqrt((ratio**2).mean())), float(abs(ratio[k]))]
-        refused = len(study.refused.get((name, "joint"), ()))
+        refused = len(study.refused.get((name, "trajectory"), ()))
         rows.append((*cells, _named(errors.names[k], condition.subject), len(errors.errors), refused))
     columns = (
         *("subject", "noise", "coverage_95", "lowest_coverage_95", "setup_coverage_95", "rms_z", "error_over_std"),
         *("setup_reported", "bias_rms", "largest_bias", "parameter", "recordings", "refused"),
     )
     title = (
-        "The joint estimate's 95 % intervals of all base parameters and drives: fraction that hold the truth, by noise "
+        "The trajectory estimate's 95 % intervals of all base parameters and drives: fraction that hold the truth, by noise "
         "alone and with the set-up, errors over their deviations, fraction of recordings in which a set-up deviation "
         f"is reported that is not there, and biases in s.d., of which chance makes {1 / np.sqrt(study.recordings):.2f}"
     )
@@ -100,7 +100,7 @@ def _rms_ratio(errors: Errors) -> float | None:
 def table_drives(study: Study) -> report.Table:
     """Errors of rotor inertias and friction of arms with friction, in % of the truth."""
     rows: list[tuple[report.Cell, ...]] = []
-    for name, outcome in study.joint.items():
+    for name, outcome in study.trajectory.items():
         errors = outcome.errors
         rms, worst = np.sqrt((errors.errors**2).mean(axis=0)), abs(errors.errors).max(axis=0)
         for k, drive in enumerate(errors.names):
@@ -110,7 +110,7 @@ def table_drives(study: Study) -> report.Table:
                 cells: list[report.Cell] = [CONDITIONS[name].label, drive, float(outcome.true[k]), *percent]
                 rows.append((*cells, float(errors.coverage[k]), len(errors.errors)))
     columns = ("noise", "drive", "true", "bias", "rms_error", "largest_error", "predicted", "coverage_95", "recordings")
-    title = "The joint estimate of rotor inertias and friction: errors in % of the true values (SI units)"
+    title = "The trajectory estimate of rotor inertias and friction: errors in % of the true values (SI units)"
     heads = {"rms_error": "RMS error", "largest_error": "largest error"}
     return report.Table(title, columns, tuple(rows), decimals=2, heads=heads)
 
@@ -146,7 +146,7 @@ def results(study: Study) -> Results:
     caption = (
         f"Error of {_named(PARAMETER, 'pendulum')} and {_named(PARAMETER, 'person')}, {study.recordings} recordings, "
         "by noise on the joint sensors: mean, 95 % of the errors (lines) and what each estimator predicts of itself "
-        "(bars), for the paper's pendulum (a) and a person who bows (b); and how often the joint estimate's intervals "
+        "(bars), for the paper's pendulum (a) and a person who bows (b); and how often the trajectory estimate's intervals "
         "hold the truth, with its biases in standard deviations, for every base parameter and drive (c). The ordinates "
         "of (a) and (b) are linear within ±1 %. In (c) correlated noise (AR) is as large as that of ×3 and of 0.5°; "
         "missing samples and outliers are besides ×1; rows without a letter are of an arm."

@@ -73,9 +73,11 @@ class Study:
     conditions: tuple[str, ...]
 
     @property
-    def joint(self) -> dict[str, Outcome]:
-        """Outcomes of the joint estimate, by condition."""
-        return {name: self.outcomes[name, "joint"] for name in self.conditions if (name, "joint") in self.outcomes}
+    def trajectory(self) -> dict[str, Outcome]:
+        """Outcomes of the trajectory estimate, by condition."""
+        return {
+            name: self.outcomes[name, "trajectory"] for name in self.conditions if (name, "trajectory") in self.outcomes
+        }
 
 
 def fits(seed: int, task: tuple[int, str]) -> list[str]:
@@ -97,7 +99,7 @@ def fits(seed: int, task: tuple[int, str]) -> list[str]:
 def estimators(condition: str) -> tuple[str, ...]:
     """Estimators that a condition compares."""
     looked_at = CONDITIONS[condition]
-    return tuple(ESTIMATORS[looked_at.subject]) if looked_at.compared else ("joint",)
+    return tuple(ESTIMATORS[looked_at.subject]) if looked_at.compared else ("trajectory",)
 
 
 def chosen(names: Sequence[str] | None) -> tuple[str, ...]:
@@ -133,7 +135,7 @@ def study(collected: Iterable[Mapping[str, Any]], recordings: int, conditions: S
     """Errors from the outcomes of all tasks; estimators with fewer than two estimates have none.
 
     Raises:
-        InputError: The joint estimate has none in any condition.
+        InputError: The trajectory estimate has none in any condition.
     """
     gathered: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     refused: dict[tuple[str, str], list[str]] = {}
@@ -149,6 +151,6 @@ def study(collected: Iterable[Mapping[str, Any]], recordings: int, conditions: S
     for (name, key), sentences in refused.items():
         print(f"Refused {len(sentences)} times: {name}, {LABELS[key]}: {sentences[0]}", file=sys.stderr)
     answered = {key: Outcome.of(answers) for key, answers in gathered.items() if len(answers) > 1}
-    if not any(key == "joint" for _, key in answered):
-        raise InputError("The joint estimate refuses nearly every recording.")
+    if not any(key == "trajectory" for _, key in answered):
+        raise InputError("The trajectory estimate refuses nearly every recording.")
     return Study(answered, refused, recordings, tuple(conditions))

@@ -64,7 +64,7 @@ def table_coverage(persons: Sequence[Study]) -> report.Table:
     """Coverage of the intervals of determined combinations, for each person and for all together."""
     rows: list[tuple[report.Cell, ...]] = []
     for number, found in enumerate(persons, start=1):
-        better = float((found.errors["prior"] / found.errors["joint estimate"]).min())
+        better = float((found.errors["prior"] / found.errors["trajectory estimate"]).min())
         rows.append((str(number), *_counted([found]), found.noise_of_angles, better))
     rows.append(("all", *_counted(persons), None, None))
     heads = {
@@ -115,7 +115,7 @@ def numbers(found: Study) -> dict[str, Any]:
         "growth": growth(found).tolist(),
         "foretold": {name: dict(zip(("seconds", "deviation"), x, strict=True)) for name, x in told.items()},
         "errors": {name: dict(zip(estimate.channels, x.tolist(), strict=False)) for name, x in found.errors.items()},
-        "times_better": (found.errors["prior"] / found.errors["joint estimate"]).tolist(),
+        "times_better": (found.errors["prior"] / found.errors["trajectory estimate"]).tolist(),
         "centres_of_mass": centres,
     }
 

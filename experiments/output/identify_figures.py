@@ -59,8 +59,10 @@ def held_out_caption(result: Estimate) -> str:
     caption = "Measured and predicted channels on the held-out part."
     if result.near_reversals.any():
         caption += " Grey: joints so slow that friction leaves their torques open."
-    if result.joint:
-        caption += f" The splines of the fitted motion have a knot every {1e3 * result.joint.step:.3g} ms throughout."
+    if result.trajectory:
+        caption += (
+            f" The splines of the fitted motion have a knot every {1e3 * result.trajectory.step:.3g} ms throughout."
+        )
     return caption
 
 

@@ -31,7 +31,7 @@ def replay(result: Estimate) -> Replay:
     motion = samples.motion[drawn]
     used = np.isin(drawn, log.taken(slice(None)))[:, None]
     predicted = {name: np.where(used, fit.predicted(motion), np.nan) for name, fit in fits.items()}
-    included = result.joint is not None and bool(result.joint.known)
+    included = result.trajectory is not None and bool(result.trajectory.known)
     known = {**KNOWN, **log.recording.known}
     return Replay(
         mechanism=arm,

@@ -46,7 +46,7 @@ def parameters_table(result: Estimate) -> report.Table:
         "model": priors,
         "regrouping": regroupings,
     }
-    if result.joint is not None and result.joint.known:
+    if result.trajectory is not None and result.trajectory.known:
         moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.names) - base.rank)]
         columns |= {"moved_from_model_std": moved}
     return report.Table(
@@ -134,11 +134,11 @@ def data_lines(result: Estimate) -> list[str]:
     prepared, base, checks = result.prepared, result.base, result.checks
     samples, singular, numbers = len(prepared.samples), result.singular_values, result.condition_numbers
     filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
-    if result.joint is not None:
-        fit = result.joint.fit
-        noise = "correlated" if result.joint.coloured else "white"
+    if result.trajectory is not None:
+        fit = result.trajectory.fit
+        noise = "correlated" if result.trajectory.coloured else "white"
         filtered = (
-            f"trajectory by splines with knots {result.joint.step:.2g} s apart, {noise} noise in the weights, "
+            f"trajectory by splines with knots {result.trajectory.step:.2g} s apart, {noise} noise in the weights, "
             f"{fit.status} in {len(fit.trace)} round{'s' if len(fit.trace) != 1 else ''}"
         )
     lines = [

@@ -65,12 +65,12 @@ def axes(study: Study) -> dict[str, float]:
     }
 
 
-def joint_summary(study: Study) -> dict[str, float | None]:
-    """Key numbers of the joint estimates, which take longer than all others."""
+def trajectory_summary(study: Study) -> dict[str, float | None]:
+    """Key numbers of the trajectory estimates, which take longer than all others."""
     numbers: dict[str, float | None] = {}
     for name, model in study.file.models.items():
-        if "joint" in model.estimators:
-            joint, suffix = study.joint(name), study.file.suffix(name)
+        if "trajectory" in model.estimators:
+            joint, suffix = study.trajectory(name), study.file.suffix(name)
             numbers |= {f"largest_error{suffix}": joint.largest_error, f"rms_z{suffix}": joint.rms_z}
     return numbers
 
@@ -111,10 +111,12 @@ def _errors(study: Study) -> list[str]:
     shown = []
     for name, model in study.file.models.items():
         errors = [
-            f"{np.abs(study.fit(name, each).error).max():.3f} {each}" for each in model.estimators if each != "joint"
+            f"{np.abs(study.fit(name, each).error).max():.3f} {each}"
+            for each in model.estimators
+            if each != "trajectory"
         ]
-        if "joint" in model.estimators:
-            largest = study.joint(name).largest_error
+        if "trajectory" in model.estimators:
+            largest = study.trajectory(name).largest_error
             errors.append("joint not determined" if largest is None else f"{report.number(largest)} joint")
         shown.append(f"Largest error, {model.title}: {', '.join(errors)}")
     return shown
@@ -169,7 +171,7 @@ def results(study: Study) -> Results:
     return Results(
         tables={name: study_tables.table(study, name) for name in study.file.tables},
         figures={name: (study_figures.figure(study, name), e["caption"]) for name, e in study.file.figures.items()},
-        numbers={"summary": summary(study) | {"joint": joint_summary(study)}},
+        numbers={"summary": summary(study) | {"trajectory": trajectory_summary(study)}},
     )
 
 

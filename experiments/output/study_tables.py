@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from experiments.output import report
-from experiments.studies.fitting import ESTIMATORS, JointTrial, Trial
+from experiments.studies.fitting import ESTIMATORS, TrajectoryTrial, Trial
 from experiments.studies.simulated import Study
 
 CHANNELS = ("Fx", "Fy", "Fz", "τx", "τy", "τz")
@@ -69,9 +69,9 @@ def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> 
         # Recovered axes have no more digits.
         digits = {"digits": 4} if study.file.models[model].axes == "recovered" else {}
         return study.fit(model).base.expressions(**digits)
-    fit: Trial | JointTrial = study.fit(model)
+    fit: Trial | TrajectoryTrial = study.fit(model)
     if name.startswith("joint_"):
-        fit, name = study.joint(model), name.removeprefix("joint_")
+        fit, name = study.trajectory(model), name.removeprefix("joint_")
     elif name.endswith("_weighted"):
         fit, name = study.fit(model, "weighted"), name.removesuffix("_weighted")
     values = {"true": fit.psi_true, "error": fit.error, "std": fit.std, "estimated": fit.error + fit.psi_true}
@@ -91,7 +91,7 @@ def _notes(study: Study, groups: Iterable[Mapping[str, Any]]) -> list[str]:
     if "std_wrench_noise" in shown:
         notes.append(f"s.d. of wrench noise, {study.fit(shown['std_wrench_noise']).estimate.noise}")
     if any(name.startswith("joint_") for name in shown):
-        notes.append(f"joint: {ESTIMATORS['joint']}")
+        notes.append(f"joint: {ESTIMATORS['trajectory']}")
     return notes
 
 

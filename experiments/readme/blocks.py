@@ -17,7 +17,7 @@ from ident.recordings.atomic import replacing
 
 
 def table_3(result: Study) -> report.Table:
-    """Table III with our errors beside the paper's, by least squares and by the joint estimate."""
+    """Table III with our errors beside the paper's, by least squares and by the trajectory estimate."""
     shown = study_tables.table(result, "table_3")
     by_name = dict(zip(shown.columns, zip(*shown.rows, strict=True), strict=True))
     columns = {"parameter": by_name["parameter"]}
@@ -25,7 +25,7 @@ def table_3(result: Study) -> report.Table:
         columns |= {
             f"{model}, paper": by_name[f"paper_error_{model}"],
             f"{model}, ours": by_name[f"error_{model}"],
-            f"{model}, joint": by_name[f"joint_error_{model}"],
+            f"{model}, joint": by_name[f"trajectory_error_{model}"],
         }
     return report.Table("", *report.columns(**columns), decimals=2)
 
@@ -43,7 +43,7 @@ def table_wrench_errors(result: Study) -> report.Table:
 
 
 def table_4(result: Study) -> report.Table:
-    """Table IV with our errors beside the paper's, by least squares and by the joint estimate."""
+    """Table IV with our errors beside the paper's, by least squares and by the trajectory estimate."""
     shown = study_tables.table(result, "table_4")
     name, true_paper, true_scene, error, paper_error, joint, _ = zip(*shown.rows, strict=True)
     columns = {

@@ -1,4 +1,4 @@
-"""Figure that explains the joint estimate: an acceleration from filtered angles, and from angles and wrench."""
+"""Figure that explains the trajectory estimate: an acceleration from filtered angles, and from angles and wrench."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ def accelerations(seed: int = 0) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     return recording.time, {
         f"angles, low-passed at {USUAL:.0f} Hz": filtered.ddq[:, k],
         "motion that the servos follow": who.commanded.ddq[:, k],
-        "joint estimate": estimate.prepared.samples.motion.ddq[:, k],
+        "trajectory estimate": estimate.prepared.samples.motion.ddq[:, k],
     }
 
 

@@ -22,7 +22,7 @@ from ident.regression.ordinary import Fit, huber_white, least_squares
 ESTIMATORS = {
     "ordinary": "the paper's least squares, at measured joint angles, velocities and accelerations",
     "weighted": "the same, weighted by the covariance of the wrenches' noise",
-    "joint": "parameters and trajectory at once, from joint angles and wrenches alone; set-up as stated, no offsets",
+    "trajectory": "parameters and trajectory at once, from joint angles and wrenches alone; set-up as stated, no offsets",
 }
 """Estimators of the studies."""
 
@@ -58,8 +58,8 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class JointTrial:
-    """A model's base parameters by the joint estimate, and the true ones by the same regrouping.
+class TrajectoryTrial:
+    """A model's base parameters by the trajectory estimate, and the true ones by the same regrouping.
 
     Attributes:
         psi: Base parameters, NaN where angles and wrenches do not determine them (r,).
@@ -118,8 +118,8 @@ def fit(
     return Trial(huber_white(estimate, samples), base.regroup(mechanism.known), estimate.predicted(motion))
 
 
-def joint_fit(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> JointTrial:
-    """Base parameters of one model by the joint estimate, from joint angles and wrenches alone.
+def trajectory_fit(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> TrajectoryTrial:
+    """Base parameters of one model by the trajectory estimate, from joint angles and wrenches alone.
 
     φ has no prior, and the set-up is as stated.
 
@@ -135,16 +135,16 @@ def joint_fit(mechanism: Mechanism, recording: Recording, base: BaseParameters) 
     log = prepared(mechanism, angles_alone)
     log = replace(log, equations=replace(log.equations, parameters=base))
     estimate = identified(log, offsets=False, holdout=0, setup=dict.fromkeys(PRIORS, 0.0), known=False)
-    return JointTrial(estimate.psi, estimate.std, base.regroup(mechanism.known))
+    return TrajectoryTrial(estimate.psi, estimate.std, base.regroup(mechanism.known))
 
 
-def joint_fit_if_determined(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> JointTrial:
+def trajectory_fit_if_determined(mechanism: Mechanism, recording: Recording, base: BaseParameters) -> TrajectoryTrial:
     """The same, or NaN if undetermined: few samples may suffice with accelerations, but not with angles alone."""
     try:
-        return joint_fit(mechanism, recording, base)
+        return trajectory_fit(mechanism, recording, base)
     except (ExcitationError, np.linalg.LinAlgError):
         unknown = np.full(base.rank, np.nan)
-        return JointTrial(unknown, unknown, base.regroup(mechanism.known))
+        return TrajectoryTrial(unknown, unknown, base.regroup(mechanism.known))
 
 
 def without(recording: Recording, channels: Collection[str]) -> Recording:

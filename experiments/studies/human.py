@@ -106,7 +106,7 @@ class Study:
         """Base parameters of the compared estimators (r,)."""
         prior = self.estimate.base.regroup(self.mechanism.known)
         filtered = least_squares_from_prior(self.estimate)
-        return {"prior": prior, "filtered least squares": filtered, "joint estimate": self.estimate.psi}
+        return {"prior": prior, "filtered least squares": filtered, "trajectory estimate": self.estimate.psi}
 
     @cached_property
     def unseen(self) -> np.ndarray:
@@ -139,7 +139,7 @@ class Study:
     @property
     def noise_of_angles(self) -> float:
         """Median of the estimated standard deviations of the hinges' angles, degrees."""
-        joint = self.estimate.joint
+        joint = self.estimate.trajectory
         assert joint is not None
         hinges = np.concatenate(
             [np.zeros(joint.measurement.of_base, bool)]
@@ -180,7 +180,7 @@ class Study:
             seconds: Length of each.
             setup: True to include the uncertainty of the set-up.
         """
-        joint, rank = self.estimate.joint, self.estimate.base.rank
+        joint, rank = self.estimate.trajectory, self.estimate.base.rank
         assert joint is not None
         fit, own = joint.fit, np.repeat(np.arange(len(joint.counts)), joint.counts)
         precision = fit.prior.precision.copy()
@@ -191,7 +191,7 @@ class Study:
 
     def _share(self, k: int, seconds: float) -> np.ndarray:
         """Information on θ in the first seconds of a piece (p, p)."""
-        joint = self.estimate.joint
+        joint = self.estimate.trajectory
         assert joint is not None
         fit = joint.fit
         if seconds >= self.seconds:
@@ -263,7 +263,7 @@ def study(
         seed: Seed of the motions, the noise and the wrong prior.
         laboratory: The laboratory, with its noise and set-up errors.
         activities: Recorded activities, by default all of `ACTIVITIES`.
-        executor: Executor for the pieces of the joint estimate.
+        executor: Executor for the pieces of the trajectory estimate.
         report: Called in each round of it.
 
     Raises:

@@ -22,21 +22,21 @@ from experiments.output.terminal import wrapped
 from experiments.runs.workers import worker_pool
 from experiments.studies.errors import Errors
 from experiments.studies.fitting import ESTIMATORS
-from experiments.studies.simulated import Study, joint_trial, trial
+from experiments.studies.simulated import Study, trajectory_trial, trial
 from experiments.studies.trials import (
     FILE,
-    JOINT_FILE,
+    TRAJECTORY_FILE,
     Draw,
     Outcome,
-    joint_trials_done,
-    joint_trials_kept,
     run_trials,
+    trajectory_trials_done,
+    trajectory_trials_kept,
     trials_done,
 )
 from ident.errors import InputError
 
-JOINT = "_joint"
-"""Suffix of a model's name for its joint estimate."""
+TRAJECTORY = "_trajectory"
+"""Suffix of a model's name for its trajectory estimate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +59,9 @@ class Distribution(Errors):
 def table(model: str, found: Distribution, bodies: tuple[str, ...] = ()) -> report.Table:
     """Mean, spread and interval of the errors beside the prediction and the paper's single run."""
     low, high = found.interval
-    joint, name = f"joint estimate ({ESTIMATORS['joint']})", model.removesuffix(JOINT)
-    whose = f"{name} model" + (f"'s {joint}" if model.endswith(JOINT) else "")
-    of_model = f"{name} model's joint estimate" if name != model else f"{name} model"
+    joint, name = f"trajectory estimate ({ESTIMATORS['trajectory']})", model.removesuffix(TRAJECTORY)
+    whose = f"{name} model" + (f"'s {joint}" if model.endswith(TRAJECTORY) else "")
+    of_model = f"{name} model's trajectory estimate" if name != model else f"{name} model"
     caption = f"Errors of the {of_model} over {len(found.errors)} trials"
     return report.Table(
         f"Errors of the {whose} over {len(found.errors)} trials, kg, kg m and kg m²",
@@ -143,7 +143,7 @@ def conclude(
     if args.trials and not study.file.trials:
         raise InputError("--trials needs [trials] in the study file, with models by what the tables are to call them.")
     draw = Draw.of(study.file, args.redraw, study.recording)
-    done = trials_done(draw, args), joint_trials_done(draw, args)
+    done = trials_done(draw, args), trajectory_trials_done(draw, args)
     choices = {**study.file.options, "formats": args.formats, **author_choices(args)}
     origin = report.provenance(choices, study.recording.provenance)
     origin["estimators"] = ESTIMATORS
@@ -168,13 +168,13 @@ def conclude(
 def _run(
     draw: Draw,
     done: Sequence[Outcome],
-    joint_done: Sequence[Outcome],
+    trajectory_done: Sequence[Outcome],
     study: Study,
     args: argparse.Namespace,
     layout: Layout,
 ) -> Results:
     """Runs the trials, and writes and prints the distribution of their errors."""
-    found = _distributions(draw, done, joint_done, study, args)
+    found = _distributions(draw, done, trajectory_done, study, args)
     remark = "No predicted interval of a model knows the errors of its recovered axes." if study.recovers else ""
     results = _results(found, draw, remark, study.known.bodies, layout)
     with report.results_folder(args.out) as folder:
@@ -188,20 +188,20 @@ def _run(
     print(
         "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
         "regressor (errors in variables); its predicted standard deviations know the wrenches' noise only and do not\n"
-        f"show it. Those of the joint estimate know the angles' noise too.\n{remark}\n"
+        f"show it. Those of the trajectory estimate know the angles' noise too.\n{remark}\n"
     )
     return results
 
 
 def _distributions(
-    draw: Draw, done: Sequence[Outcome], joint_done: Sequence[Outcome], study: Study, args: argparse.Namespace
+    draw: Draw, done: Sequence[Outcome], trajectory_done: Sequence[Outcome], study: Study, args: argparse.Namespace
 ) -> dict[str, Distribution]:
-    """Runs the trials, and repeats the first of them for the joint estimate."""
-    file, joint_model = study.file, study.file.joint_trials
-    joint_trials = min(args.trials, args.joint_trials) if joint_model else 0
+    """Runs the trials, and repeats the first of them for the trajectory estimate."""
+    file, trajectory_model = study.file, study.file.trajectory_trials
+    trajectory_trials = min(args.trials, args.trajectory_trials) if trajectory_model else 0
     if not args.resume:
-        joint_trials_kept(draw, args).set_aside()
-    left = max(args.trials - len(done), joint_trials - len(joint_done))
+        trajectory_trials_kept(draw, args).set_aside()
+    left = max(args.trials - len(done), trajectory_trials - len(trajectory_done))
     analyse = partial(trial, study.problem, tuple(file.trials.values()))
     with worker_pool(max(1, min(args.workers, left)), args.scheduler, args.tls) as pool:
         run = partial(run_trials, draw, executor=pool.executor, ahead=pool.ahead, threads=pool.threads)
@@ -209,11 +209,11 @@ def _distributions(
         found = {
             name: _distribution(study, model, outcomes[:, k]) for k, (name, model) in enumerate(file.trials.items())
         }
-        if joint_model and joint_trials:
-            (kept, what), model = (args.out / JOINT_FILE, "joint trials"), file.trials[joint_model]
-            analyse = partial(joint_trial, study.problem, model)
-            outcomes = run(analyse, joint_trials, file=kept, done=joint_done, what=what)
-            found[joint_model + JOINT] = _distribution(study, model, outcomes[:, 0])
+        if trajectory_model and trajectory_trials:
+            (kept, what), model = (args.out / TRAJECTORY_FILE, "trajectory trials"), file.trials[trajectory_model]
+            analyse = partial(trajectory_trial, study.problem, model)
+            outcomes = run(analyse, trajectory_trials, file=kept, done=trajectory_done, what=what)
+            found[trajectory_model + TRAJECTORY] = _distribution(study, model, outcomes[:, 0])
     return found
 
 
@@ -234,9 +234,9 @@ def _results(
     )
     caption += remark and f" {remark}"
     caption += "".join(
-        f" Joint: {ESTIMATORS['joint']}; over the first {len(d.errors)} trials."
+        f" Joint: {ESTIMATORS['trajectory']}; over the first {len(d.errors)} trials."
         for model, d in found.items()
-        if model.endswith(JOINT)
+        if model.endswith(TRAJECTORY)
     )
     return Results(
         tables={f"monte_carlo_{model}": table(model, d, bodies) for model, d in found.items()},
@@ -249,8 +249,8 @@ def _numbers(found: Mapping[str, Distribution]) -> dict[str, Any]:
     """Key numbers for scripts."""
     numbers: dict[str, Any] = {"trials": max(len(d.errors) for d in found.values())}
     for model, d in found.items():
-        if model.endswith(JOINT):
-            numbers["joint_trials"] = len(d.errors)
+        if model.endswith(TRAJECTORY):
+            numbers["trajectory_trials"] = len(d.errors)
         columns = {
             "std_over_predicted": d.std / d.predicted_std,
             "coverage_95": d.coverage,

@@ -8,12 +8,12 @@ import numpy as np
 
 from experiments.studies import trials
 from experiments.studies.fitting import (
-    JointTrial,
+    TrajectoryTrial,
     Trial,
     fit,
-    joint_fit,
-    joint_fit_if_determined,
     measured_poses,
+    trajectory_fit,
+    trajectory_fit_if_determined,
     without,
 )
 from experiments.studies.study_entries import packaged
@@ -94,7 +94,7 @@ class Study:
     problem: Problem
     recording: Recording
     significance: float = PARALLEL_SIGNIFICANCE
-    _made: dict[tuple[str, str], Trial | JointTrial] = field(default_factory=dict)
+    _made: dict[tuple[str, str], Trial | TrajectoryTrial] = field(default_factory=dict)
 
     @property
     def file(self) -> StudyFile:
@@ -132,24 +132,24 @@ class Study:
         """Total wrench from the measured wrenches that a model includes, moved to the base along its own axes."""
         return self.problem.total(self.recording, self.file.ignored(model), self.mechanism(model).tree)
 
-    def joint(self, model: str) -> JointTrial:
-        """A model's joint estimate; NaN if angles and wrenches do not determine it."""
-        if (model, "joint") not in self._made:
+    def trajectory(self, model: str) -> TrajectoryTrial:
+        """A model's trajectory estimate; NaN if angles and wrenches do not determine it."""
+        if (model, "trajectory") not in self._made:
             recording = self.problem.with_cells(self.recording, self.file.ignored(model))
             base = self.fit(model).base
-            self._made[model, "joint"] = joint_fit_if_determined(self.mechanism(model), recording, base)
-        made = self._made[model, "joint"]
-        assert isinstance(made, JointTrial)
+            self._made[model, "trajectory"] = trajectory_fit_if_determined(self.mechanism(model), recording, base)
+        made = self._made[model, "trajectory"]
+        assert isinstance(made, TrajectoryTrial)
         return made
 
-    def determined_joint(self, model: str) -> JointTrial:
+    def determined_trajectory(self, model: str) -> TrajectoryTrial:
         """The same, but raises an error if undetermined.
 
         Raises:
             ExcitationError: The motion does not separate the base parameters.
         """
         recording = self.problem.with_cells(self.recording, self.file.ignored(model))
-        return joint_fit(self.mechanism(model), recording, self.base(model))
+        return trajectory_fit(self.mechanism(model), recording, self.base(model))
 
     def base(self, model: str) -> BaseParameters:
         """A model's regrouping."""
@@ -237,7 +237,7 @@ def simulated(file: StudyFile) -> Study:
     study = Study(Problem.of(file), recording)
     for name, model in file.models.items():
         for estimator in model.estimators:
-            if estimator != "joint":
+            if estimator != "trajectory":
                 study.fit(name, estimator)
     return study
 
@@ -253,6 +253,6 @@ def trial(problem: Problem, models: Sequence[str], recording: Recording) -> tria
     return trials.outcome(*map(found.fit, models))
 
 
-def joint_trial(problem: Problem, model: str, recording: Recording) -> trials.Outcome:
-    """Errors of a model's joint estimate from one recording, axes always recovered as one direction."""
-    return trials.outcome(Study(problem, recording, significance=0).determined_joint(model))
+def trajectory_trial(problem: Problem, model: str, recording: Recording) -> trials.Outcome:
+    """Errors of a model's trajectory estimate from one recording, axes always recovered as one direction."""
+    return trials.outcome(Study(problem, recording, significance=0).determined_trajectory(model))

@@ -31,7 +31,14 @@ PACKAGED = ("misaligned", "multicontact", "several_contacts")
 
 QUANTITIES = (
     *("true", "true_scene", "true_paper", "estimated", "error", "std_wrench_noise", "paper_error", "regrouping"),
-    *("estimated_weighted", "error_weighted", "std_weighted", "joint_estimated", "joint_error", "joint_std"),
+    *(
+        "estimated_weighted",
+        "error_weighted",
+        "std_weighted",
+        "trajectory_estimated",
+        "trajectory_error",
+        "trajectory_std",
+    ),
 )
 """Quantities of a model that a column of a parameter table can show."""
 
@@ -86,7 +93,13 @@ def read(path: Path) -> StudyFile:
 
 def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     """A study from the entries of a file; models are searched in its folder."""
-    known = {field.name for field in fields(StudyFile)} - {"noise", "samples", "seed", "noise_scale", "joint_trials"}
+    known = {field.name for field in fields(StudyFile)} - {
+        "noise",
+        "samples",
+        "seed",
+        "noise_scale",
+        "trajectory_trials",
+    }
     check_keys("the study", entries, sorted(known | {"recording"}))
     for needed in ("scene", "models"):
         if not entries.get(needed):
@@ -94,7 +107,7 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     scene = _scene(table("[scene]", entries["scene"]), folder)
     models = _models(table("[models]", entries["models"]), scene)
     trials = table("[trials]", entries.get("trials", {}))
-    check_keys("[trials]", trials, ("models", "joint"))
+    check_keys("[trials]", trials, ("models", "trajectory"))
     main = choice("main", entries["main"], models) if "main" in entries else None
     tables, figures = usual(models, main)
     tried = table("trials.models", trials.get("models", {}))
@@ -107,7 +120,7 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
         models=models,
         main=main,
         trials=tried,
-        joint_trials=choice("trials.joint", trials["joint"], tried) if "joint" in trials else None,
+        trajectory_trials=choice("trials.trajectory", trials["trajectory"], tried) if "trajectory" in trials else None,
         published=_published(entries.get("published", {}), models),
         tables=_shown("tables", entries, TABLES, models, scene, tables),
         figures=_shown("figures", entries, FIGURES, models, scene, figures),
@@ -215,7 +228,7 @@ def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, Model]:
             ignored=ALL if given == "all" else several(f"{where}.ignore", given, scene.contacts),
             estimators=several(f"{where}.estimators", entry.get("estimators", ["ordinary"]), ESTIMATORS),
         )
-        if not models[name].estimators or models[name].estimators[0] == "joint":
+        if not models[name].estimators or models[name].estimators[0] == "trajectory":
             raise InputError(f"{where}.estimators needs ordinary or weighted first, which the summary is of.")
     return models
 
@@ -286,6 +299,8 @@ def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, Mode
     model = models[choice(f"{where}.groups.model", group.get("model"), models)]
     _text(f"{where}.groups.as", group.get("as", ""))
     for quantity in several(f"{where}.groups.show", group.get("show", []), QUANTITIES):
-        needed = "joint" if quantity.startswith("joint_") else "weighted" if quantity.endswith("_weighted") else None
+        needed = (
+            "trajectory" if quantity.startswith("joint_") else "weighted" if quantity.endswith("_weighted") else None
+        )
         if needed and needed not in model.estimators:
             raise InputError(f"{where} shows {quantity}, but {group['model']} has no estimator '{needed}'.")

@@ -100,7 +100,7 @@ class StudyFile:
         models: Models by name.
         main: The model whose numbers are in the summary without its name.
         trials: Models of Monte Carlo trials, by their names in tables.
-        joint_trials: The one of these with trials of the joint estimate.
+        trajectory_trials: The one of these with trials of the trajectory estimate.
         published: Numbers to compare with: `true` by parameter, `error` and `condition_number` by model.
         tables: Entries of tables by file name; likewise `figures`.
     """
@@ -115,7 +115,7 @@ class StudyFile:
     noise_scale: float = 1.0
     main: str | None = None
     trials: Mapping[str, str] = field(default_factory=dict)
-    joint_trials: str | None = None
+    trajectory_trials: str | None = None
     published: Mapping[str, Any] = field(default_factory=dict)
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     figures: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

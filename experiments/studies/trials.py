@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from experiments.runs.checkpoint import Checkpoint
-from experiments.studies.fitting import JointTrial, Trial
+from experiments.studies.fitting import TrajectoryTrial, Trial
 from experiments.studies.study_file import StudyFile
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 from ident.recordings.recording import Recording
 from sim.simulation.simulate import simulate_many, with_noise
 
-FILE, JOINT_FILE = "trials.npz", "trials_joint.npz"
-"""Files in the output folder with the outcomes of all trials, by least squares and by the joint estimate."""
+FILE, TRAJECTORY_FILE = "trials.npz", "trials_trajectory.npz"
+"""Files in the output folder with the outcomes of all trials, by least squares and by the trajectory estimate."""
 
 BATCH = 8
 """Largest number of trials in a worker's task: half a second's work if all noise is drawn anew."""
@@ -29,7 +29,7 @@ Outcome = np.ndarray
 """Errors and predicted standard deviations of each model's base parameters (models, 2, parameters)."""
 
 
-def outcome(*fits: Trial | JointTrial) -> Outcome:
+def outcome(*fits: Trial | TrajectoryTrial) -> Outcome:
     """Outcome of a trial with these fits."""
     return np.array([[fit.error, fit.std] for fit in fits])
 
@@ -137,15 +137,15 @@ def trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
     return Checkpoint("trials", args.out / FILE, draw.identity).done()
 
 
-def joint_trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
-    """The same for the joint estimate; empty if the run was interrupted before its trials."""
-    kept = joint_trials_kept(draw, args)
+def trajectory_trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
+    """The same for the trajectory estimate; empty if the run was interrupted before its trials."""
+    kept = trajectory_trials_kept(draw, args)
     return kept.done() if args.resume and kept.file.exists() else []
 
 
-def joint_trials_kept(draw: Draw, args: argparse.Namespace) -> Checkpoint:
-    """Checkpoint of the joint estimate's trials."""
-    return Checkpoint("joint trials", args.out / JOINT_FILE, draw.identity)
+def trajectory_trials_kept(draw: Draw, args: argparse.Namespace) -> Checkpoint:
+    """Checkpoint of the trajectory estimate's trials."""
+    return Checkpoint("trajectory trials", args.out / TRAJECTORY_FILE, draw.identity)
 
 
 def _outcomes(

@@ -142,7 +142,7 @@ def rests(recording: Recording, tree: Tree, part: slice = slice(None)) -> list[s
 def without_spikes(recording: Recording, joints: Sequence[str]) -> tuple[Recording, list[str]]:
     """Recording with isolated gross outliers interpolated, and notes on them.
 
-    Streams stay as measured: the joint estimate gives outliers less weight.
+    Streams stay as measured: the trajectory estimate gives outliers less weight.
     """
     measured, notes = dict(recording.measured), []
     for kind, symbol in zip(KINDS, ("q", "dq", "ddq", "torques"), strict=True):

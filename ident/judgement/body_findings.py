@@ -129,7 +129,7 @@ def _heavier(result: "Estimate") -> set[str]:
     """
     mechanism, base, psi, covariance = result.prepared.mechanism, result.base, result.psi, result.covariance
     known = {**KNOWN, **result.prepared.recording.known}
-    if result.joint is None or not result.joint.known:
+    if result.trajectory is None or not result.trajectory.known:
         psi, covariance = updated(mechanism, base, psi, covariance, known)
     after = conditioned(mechanism, base, psi, covariance, known)
     phi, std, before, std_before = (

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ident.estimate import Estimate
 
 RESTLESS = 0.3
-"""Last step of the joint estimate, in standard deviations, from which it is a doubt that it did not settle."""
+"""Last step of the trajectory estimate, in standard deviations, from which it is a doubt that it did not settle."""
 
 OF_THE_MOTION, WORTH_IT = 0.5, 0.02
 """Share of a residual's variance that posture and motion explain, beyond chance, from which it is a doubt, if the
@@ -41,7 +41,7 @@ def setup_remarks(result: "Estimate") -> Iterator[Finding]:
     """What of the set-up is not as stated."""
     for each in result.setup:
         yield Finding(each.text, False, each.place)
-    if result.joint is not None and result.joint.search.incredible:
+    if result.trajectory is not None and result.trajectory.search.incredible:
         taken = "nothing else of it was changed" if result.setup else "the set-up was taken as stated"
         yield Finding(
             "No set-up near the one that was stated explains the recording, though something is wrong beyond noise: a "
@@ -51,14 +51,14 @@ def setup_remarks(result: "Estimate") -> Iterator[Finding]:
 
 
 def course_findings(result: "Estimate") -> Iterator[Finding]:
-    """How the joint estimate went."""
-    if result.joint is None:
+    """How the trajectory estimate went."""
+    if result.trajectory is None:
         return
-    fit = result.joint.fit
+    fit = result.trajectory.fit
     if fit.status == "interrupted" or (fit.status != "converged" and fit.trace[-1] > RESTLESS):
         how = {"interrupted": "was interrupted", "stuck": "found no better step"}.get(fit.status, "did not settle")
         rounds = "1 round" if len(fit.trace) == 1 else f"{len(fit.trace)} rounds"
-        yield Finding(f"The joint estimate {how} after {rounds}; its last iterate is given.", True)
+        yield Finding(f"The trajectory estimate {how} after {rounds}; its last iterate is given.", True)
 
 
 def halves_findings(result: "Estimate") -> Iterator[Finding]:
@@ -80,7 +80,7 @@ def halves_findings(result: "Estimate") -> Iterator[Finding]:
 
 def prior_findings(result: "Estimate") -> Iterator[Finding]:
     """Whether what the model says was put in, and whether the motion needed it."""
-    if result.joint is not None and result.joint.known:
+    if result.trajectory is not None and result.trajectory.known:
         put = "what the model says of its bodies, give or take, was put in"
         if _separated(result):
             text = f"As asked for, {put}; the motion would separate the base parameters without it."
@@ -102,7 +102,7 @@ def _separated(result: "Estimate") -> bool:
 
 def model_error_findings(result: "Estimate") -> Iterator[Finding]:
     """Channels whose residuals are not noise."""
-    if result.joint is None:
+    if result.trajectory is None:
         return
     shares = zip(result.channels, result.model_error, result.held_out.ratio, strict=True)
     if correlated := [c for c, share, ratio in shares if share > OF_THE_MOTION and ratio > WORTH_IT]:
@@ -115,9 +115,9 @@ def model_error_findings(result: "Estimate") -> Iterator[Finding]:
 
 def slow_residual_findings(result: "Estimate") -> Iterator[Finding]:
     """A remark on channels of which more is left than a sensor's noise: intervals include it."""
-    if result.joint is None:
+    if result.trajectory is None:
         return
-    fit, large = result.joint.fit, dict[str, float]()
+    fit, large = result.trajectory.fit, dict[str, float]()
     for c, (channel, noise) in enumerate(zip(result.channels, fit.noise.channels, strict=True)):
         fast = white_noise(*(piece.measured[:, c] for piece in fit.pieces), robust=True)
         if noise > FAR_ABOVE * max(fast, float(fit.noise.floor_channels[c])):
@@ -202,7 +202,7 @@ def posture_findings(result: "Estimate") -> Iterator[Finding]:
 
 def caveats(result: "Estimate") -> Iterator[Finding]:
     """What least squares takes for granted."""
-    if result.joint is not None:
+    if result.trajectory is not None:
         return
     if result.prepared.cutoff is None:
         yield Finding(

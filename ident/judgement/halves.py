@@ -10,7 +10,7 @@ import numpy as np
 from ident.errors import ExcitationError
 from ident.trajectory import left_out
 from ident.trajectory.fit.precision import embedded, inverse_of_precision, sandwich
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 
 DISAGREE = 2.0
 """Root mean square z of the differences between halves from which standard deviations are too small."""
@@ -19,7 +19,7 @@ LEAST_ADDED = 0.01
 """Least part of its variance that a recording is taken to add to a parameter: it is computed as a difference."""
 
 
-def disagreement(joint: Joint) -> float | None:
+def disagreement(joint: TrajectoryEstimate) -> float | None:
     """Root mean square z of the base parameters' differences between two halves, of the recordings if there are more.
 
     Each half is taken with half of what is known beforehand. None if a half does not determine what it is fitted to.
@@ -49,7 +49,7 @@ def disagreement(joint: Joint) -> float | None:
     return float(np.sqrt((z**2).mean()))
 
 
-def disagreements(joint: Joint) -> tuple[float, ...]:
+def disagreements(joint: TrajectoryEstimate) -> tuple[float, ...]:
     """Root mean square z of the base parameters of each recording against those of the others; none for one or two.
 
     The estimate θ of all and θ_k of all but one differ by `θ_k - θ = -(P - P_k)⁻¹ g_k`, and the right side g_k of the
@@ -69,7 +69,7 @@ def disagreements(joint: Joint) -> tuple[float, ...]:
     return tuple(out)
 
 
-def without(joint: Joint, which: int) -> np.ndarray:
+def without(joint: TrajectoryEstimate, which: int) -> np.ndarray:
     """Parameters without one of the recordings (p,).
 
     Raises:
@@ -78,7 +78,7 @@ def without(joint: Joint, which: int) -> np.ndarray:
     return left_out.without(joint.fit, joint.pieces_of(which))[0]
 
 
-def _difference(joint: Joint, which: int) -> tuple[np.ndarray, np.ndarray]:
+def _difference(joint: TrajectoryEstimate, which: int) -> tuple[np.ndarray, np.ndarray]:
     """Parameters without one of the recordings (p,), and the covariance of their difference from those of all (p, p).
 
     Raises:

@@ -41,7 +41,7 @@ def _place(channel: str, log: int) -> Place:
 
 def resolution_findings(result: "Estimate") -> Iterator[Finding]:
     """Channels and coordinates whose noise is mostly that of rounding."""
-    log, joint = result.prepared, result.joint
+    log, joint = result.prepared, result.trajectory
     noise = dict(zip(result.channels, result.scale.tolist(), strict=True))
     if joint is not None:
         noise = dict(zip(result.channels, joint.fit.noise.channels.tolist(), strict=True))

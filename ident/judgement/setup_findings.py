@@ -8,7 +8,7 @@ import numpy as np
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.setup import TOGETHER, SetupParameter
 from ident.judgement.finding import NOWHERE, Place
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class SetupFinding:
         return told | {"alternatives": list(self.alternatives), "place": self.place.to_dict()}
 
 
-def setup_findings(joint: Joint) -> list[SetupFinding]:
-    """What a joint estimate found, the most significant first."""
+def setup_findings(joint: TrajectoryEstimate) -> list[SetupFinding]:
+    """What a trajectory estimate found, the most significant first."""
     fit, names = joint.fit, joint.fit.names
     std = np.sqrt(np.diag(fit.covariance))
     by_name = {each.name: each for each in joint.measurement.setup}

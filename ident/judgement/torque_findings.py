@@ -44,7 +44,7 @@ def bound_findings(result: "Estimate") -> Iterator[Finding]:
 
 def reversal_findings(result: "Estimate") -> Iterator[Finding]:
     """A remark on the velocities below which torques say little, and over which friction changes its sign."""
-    joint = result.joint
+    joint = result.trajectory
     if joint is None or joint.reversals is None:
         return
     reversals, freedoms = joint.reversals, joint.measurement.tree.freedoms
@@ -121,7 +121,7 @@ def friction_findings(result: "Estimate") -> Iterator[Finding]:
     ratios = dict(zip(result.channels, result.held_out.ratio.tolist(), strict=True))
     kinds = {joint: lacking_drive(drives, joint) for joint in result.friction}
     # A low-pass over a reversal looks like friction that is more at low velocity.
-    kinds = {joint: own for joint, own in kinds.items() if own and (result.joint is not None or own != [SLOW])}
+    kinds = {joint: own for joint, own in kinds.items() if own and (result.trajectory is not None or own != [SLOW])}
     shares = {joint: result.friction[joint] for joint in kinds if ratios[joint] > WORTH_IT}
     shares = {joint: share for joint, share in shares.items() if share > FOLLOWS}
     if shares:

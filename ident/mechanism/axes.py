@@ -72,7 +72,7 @@ class RecoveredAxes:
     Attributes:
         tree: The design with its axes turned to the recovered directions, through the design's points.
         axes: Recovered axes, in the base frame with the mechanism at home.
-        separate: Axis of each joint estimated alone, in the same frame; equal to `axes` where nothing was pooled.
+        separate: Axis of each trajectory estimated alone, in the same frame; equal to `axes` where nothing was pooled.
         points: Point of each axis nearest to its body's origin, in the body frame, m (n, 3).
         p_values: p-value of the test that a joint's axis is parallel to that of the joint before it, NaN where there
             is none (n,).

@@ -91,7 +91,7 @@ class Payload:
     @cached_property
     def sensor_parameters(self) -> list[SensorParameter]:
         """Offsets of the sensor, and its set-up errors, fitted or not."""
-        joint, names = self.estimate.joint, self.estimate.names
+        joint, names = self.estimate.trajectory, self.estimate.names
         std = np.sqrt(np.diag(self.estimate.covariance_setup))
         first = self.estimate.base.rank
         rows = zip(names[first:], self.estimate.fit.values[first:].tolist(), std[first:].tolist(), strict=True)

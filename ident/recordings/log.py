@@ -39,7 +39,7 @@ def read_log(
     """Reads a log of joint states and wrenches.
 
     If times jitter, samples are missing or channels have times of their own, the recording also has the streams as they
-    were measured, for the joint estimate.
+    were measured, for the trajectory estimate.
 
     Args:
         path: A table of text (.csv, .tsv, .txt, perhaps packed as .gz), a .npz or .mat file of arrays by name, an
@@ -49,7 +49,7 @@ def read_log(
         mechanism: The mechanism that was recorded. Its weight, if it has a prior, shows if a force is in kilonewtons.
         columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. Columns
             that it does not mention are found by name.
-        gaps: True if samples may be missing, as empty cells or as rows. The joint estimate does without them; a filter
+        gaps: True if samples may be missing, as empty cells or as rows. The trajectory estimate does without them; a filter
             would have to invent them.
         limit: Bytes that an archive, or an unpacked file, may take in memory.
 

@@ -52,7 +52,7 @@ class Recording:
         notes: Sentences on what was detected and repaired.
         unused: Names of a file's columns that were not used.
         streams: Channels as they were measured, at times of their own and NaN where a sample is missing, by name; the
-            base's poses as `base:pose` (N, 16). The joint estimate uses these; everything else uses `measured` and
+            base's poses as `base:pose` (N, 16). The trajectory estimate uses these; everything else uses `measured` and
             `base`, where they are interpolated at the common times.
     """
 

@@ -1,6 +1,6 @@
 """Channels as they were measured, each at its own times, with rates, jitter and gaps, and interpolated at common times.
 
-At common times a channel is interpolated linearly, which is wrong between distant samples. Only the joint estimate
+At common times a channel is interpolated linearly, which is wrong between distant samples. Only the trajectory estimate
 takes samples at their own times.
 """
 
@@ -17,7 +17,7 @@ from ident.recordings.table import BASE
 GAP = 1.5
 """Multiple of the median time step above which a step is a gap."""
 
-AS_MEASURED = "The joint estimate does without them; all else sees straight lines between the samples there are."
+AS_MEASURED = "The trajectory estimate does without them; all else sees straight lines between the samples there are."
 """Note on missing samples."""
 
 

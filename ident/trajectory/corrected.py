@@ -1,4 +1,4 @@
-"""Recording with set-up corrected and motion smoothed by the joint estimate, and the estimate as a fit to it."""
+"""Recording with set-up corrected and motion smoothed by the trajectory estimate, and the estimate as a fit to it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,20 +19,20 @@ from ident.trajectory.angles_alone import smoothed
 from ident.trajectory.fit.piece import Piece, clocks
 from ident.trajectory.from_angles import without_zeros
 from ident.trajectory.pieces import coordinates, cut
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 
 Place = tuple[Piece, Callable[[np.ndarray], np.ndarray]]
 """A piece and its trajectory as a function of time."""
 
 
 def corrected(
-    prepared: Prepared, estimate: Joint, which: int | None, smoothing: float, part: slice | None = None
+    prepared: Prepared, estimate: TrajectoryEstimate, which: int | None, smoothing: float, part: slice | None = None
 ) -> Prepared:
     """Recording with the estimated set-up and its motion smoothed.
 
     Args:
         prepared: The recording that was fitted, or another one.
-        estimate: The joint estimate.
+        estimate: The trajectory estimate.
         which: Index of the recording among those that were fitted, or None.
         smoothing: Time constant with which angles alone are smoothed, s, from `chosen_smoothing`.
         part: Part of the recording that was fitted, where the motion was estimated from the wrenches as well.
@@ -56,7 +56,7 @@ def corrected(
 
 
 def _places(
-    prepared: Prepared, estimate: Joint, which: int | None, smoothing: float, part: slice | None
+    prepared: Prepared, estimate: TrajectoryEstimate, which: int | None, smoothing: float, part: slice | None
 ) -> list[Place]:
     """Pieces of a recording at its common times, each with its trajectory as a function of time."""
     measurement, common = estimate.measurement, replace(prepared, recording=prepared.recording.without_streams)
@@ -123,11 +123,11 @@ def piece_channels(measurement: Measurement, piece: Piece, states: np.ndarray, t
     return (measured - offsets) / gains + offsets
 
 
-def as_fit(estimate: Joint, samples: Samples, equations: Equations, widening: float = 1.0) -> Fit:
-    """Joint estimate's parameters as a fit of linear equations at its own trajectory.
+def as_fit(estimate: TrajectoryEstimate, samples: Samples, equations: Equations, widening: float = 1.0) -> Fit:
+    """Trajectory estimate's parameters as a fit of linear equations at its own trajectory.
 
     Args:
-        estimate: The joint estimate.
+        estimate: The trajectory estimate.
         samples: Corrected samples.
         equations: Corrected equations.
         widening: Factor on the standard deviations.
@@ -143,7 +143,7 @@ def as_fit(estimate: Joint, samples: Samples, equations: Equations, widening: fl
         rows=samples.measured.size,
         samples=len(samples),
         residual_norms=np.zeros(samples.measured.shape[1]),
-        method=f"joint estimate of trajectory, parameters and noise, {fit.status} after {len(fit.trace)} rounds",
+        method=f"trajectory estimate of trajectory, parameters and noise, {fit.status} after {len(fit.trace)} rounds",
         noise="on wrenches, torques and joint coordinates, correlated over time or not",
     )
     return replace(out, residual_norms=np.linalg.norm(out.residual(samples), axis=0))

@@ -1,4 +1,4 @@
-"""Joint estimate of parameters, set-up, trajectories and noise from recordings."""
+"""Trajectory estimate of parameters, set-up, trajectories and noise from recordings."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
@@ -17,7 +17,7 @@ from ident.trajectory.fit.fitted import Prior
 from ident.trajectory.fit.iteration import Report
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.pieces import WIDEST, WIDEST_BESIDE_TORQUES, knot_distance
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.stages import KNOTS_PER_SAMPLE, Stages
 
 FINEST = 0.005
@@ -30,7 +30,7 @@ OWN = ("offset", "delay")
 """Kinds of parameters that each recording may have separately."""
 
 
-def joint_estimate(
+def trajectory_estimate(
     recordings: Sequence[tuple[Prepared, slice]],
     equations: Equations,
     *,
@@ -42,7 +42,7 @@ def joint_estimate(
     knots: float | None = None,
     executor: Executor | None = None,
     report: Report | None = None,
-) -> Joint:
+) -> TrajectoryEstimate:
     """Estimates trajectories, parameters, set-up and noise of recordings that share their parameters.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import ExcitationError
 from ident.estimation.measurement import Measurement
-from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.from_angles import FromAngles, unexplained_anew
 from ident.trajectory.setup_search import SEARCH_ROUNDS, Deviation, Refit, Search
 
@@ -80,7 +80,7 @@ def _with(search: Search, refit: Refit, at: int, delay: float) -> Search:
     return replace(search, fit=late, deviations=(*search.deviations, Deviation(at, ())))
 
 
-def likely_delay(fit: JointFit, measurement: Measurement, at: int) -> float:
+def likely_delay(fit: TrajectoryFit, measurement: Measurement, at: int) -> float:
     """Delay with which the motion from angles alone predicts channels best, columns fitted again, s.
 
     Args:

@@ -16,7 +16,7 @@ from ident.estimation.measurement import Measurement
 from ident.recordings.sampled import Sampled
 from ident.tolerances import UNEXPLAINED
 from ident.trajectory.angles_alone import smoothed
-from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece, channel_times, predicted
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.from_angles import without_zeros
@@ -39,7 +39,7 @@ DETERMINED = 1e-9
 """Least share of a parameter's precision in the other pieces with which it is fitted without one."""
 
 
-def without(fit: JointFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def without(fit: TrajectoryFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Parameters fitted without some pieces.
 
     Returns:
@@ -57,7 +57,7 @@ def without(fit: JointFit, pieces: slice) -> tuple[np.ndarray, np.ndarray, np.nd
     return theta, inverse, free
 
 
-def prediction_errors(measurement: Measurement, fit: JointFit, least: np.ndarray) -> np.ndarray:
+def prediction_errors(measurement: Measurement, fit: TrajectoryFit, least: np.ndarray) -> np.ndarray:
     """Root mean squared errors of channels predicted from other pieces, relative to their signal (C,).
 
     Channels that other pieces do not explain count as 1.
@@ -110,7 +110,7 @@ def _squares(
     return (np.where(clear, error, 0.0) ** 2).sum(axis=0), clear.sum(axis=0)
 
 
-def gains(fit: JointFit, candidate: int, held: np.ndarray | None = None) -> np.ndarray:
+def gains(fit: TrajectoryFit, candidate: int, held: np.ndarray | None = None) -> np.ndarray:
     """Decrease of each piece's predicted cost if a parameter is fitted as well (K,).
 
     Args:
@@ -126,7 +126,7 @@ def gains(fit: JointFit, candidate: int, held: np.ndarray | None = None) -> np.n
     return (costs(fit, fit.free) if held is None else held) - costs(fit, more)
 
 
-def costs(fit: JointFit, free: np.ndarray) -> np.ndarray:
+def costs(fit: TrajectoryFit, free: np.ndarray) -> np.ndarray:
     """Predicted costs of the pieces with some parameters fitted, less those at the estimate (K,).
 
     Args:
@@ -139,7 +139,7 @@ def costs(fit: JointFit, free: np.ndarray) -> np.ndarray:
     return np.array([_cost(fit, k, free) for k in range(len(fit.shares))])
 
 
-def _cost(fit: JointFit, k: int, free: np.ndarray) -> float:
+def _cost(fit: TrajectoryFit, k: int, free: np.ndarray) -> float:
     """Cost of a piece at the parameters fitted to the others, less that at the estimate.
 
     Parameters that the others do not determine, as an offset of one recording, are fitted to the piece.

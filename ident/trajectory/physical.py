@@ -1,4 +1,4 @@
-"""Joint fit with physically consistent bodies.
+"""Trajectory fit with physically consistent bodies.
 
 Near a fit the cost is quadratic in ψ with everything else eliminated: its minimum is ψ* with covariance C. The ψ of the
 physical bodies closest to it (`ident.parameters.consistency`) is then fixed, while the trajectory, the set-up and the
@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.estimation.equations import Equations
 from ident.parameters.consistency import consistent_parameters
-from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.setup_search import Refit
 
@@ -22,8 +22,8 @@ RESTS = 0.05
 """Step of ψ, in standard deviations, below which it has converged."""
 
 
-def physical_fit(fit: JointFit, refit: Refit, equations: Equations, rounds: int) -> JointFit:
-    """Joint fit with ψ of physical bodies, as close to the model's as the recordings allow.
+def physical_fit(fit: TrajectoryFit, refit: Refit, equations: Equations, rounds: int) -> TrajectoryFit:
+    """Trajectory fit with ψ of physical bodies, as close to the model's as the recordings allow.
 
     Args:
         fit: The fit without that condition.

@@ -7,7 +7,7 @@ import numpy as np
 from ident.estimation.measurement import Measurement
 from ident.trajectory.fit.piece import Piece, predicted
 from ident.trajectory.fit.restricted_likelihood import TINIEST
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 
 CORRELATED = 0.15
 """Autocorrelation of a residual at lag one above which denser knots, or correlated noise, are tried."""
@@ -18,18 +18,18 @@ def residual(measurement: Measurement, piece: Piece, coefficients: np.ndarray, t
     return piece.measured - predicted(measurement, piece, partial(piece.spline.evaluate, coefficients), theta)
 
 
-def correlated(estimate: Joint) -> bool:
+def correlated(estimate: TrajectoryEstimate) -> bool:
     """True if a channel's residual is correlated from one sample to the next."""
     return bool((correlation(estimate, 0.0) > CORRELATED).any())
 
 
-def jumps(estimate: Joint) -> bool:
+def jumps(estimate: TrajectoryEstimate) -> bool:
     """True if a channel's residual is correlated, but not over the knot spacing."""
     near, far = correlation(estimate, 0.0), correlation(estimate, estimate.step)
     return bool(((near > CORRELATED) & (far < CORRELATED)).any())
 
 
-def correlation(estimate: Joint, time: float) -> np.ndarray:
+def correlation(estimate: TrajectoryEstimate, time: float) -> np.ndarray:
     """Autocorrelation of the channels' residuals at a lag of at least one sample, without samples with slack (C,).
 
     Args:

@@ -1,4 +1,4 @@
-"""Result of the joint estimate: parameters of each recording, and the uncertainty due to the set-up."""
+"""Result of the trajectory estimate: parameters of each recording, and the uncertainty due to the set-up."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from ident.estimation.measurement import Measurement
-from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Piece
 from ident.trajectory.fit.precision import inverse_of_precision
 from ident.trajectory.reversals import Reversals
@@ -22,8 +22,8 @@ TINY = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
-    """A joint estimate.
+class TrajectoryEstimate:
+    """A trajectory estimate.
 
     Attributes:
         measurement: Channels, and the parameters of one recording.
@@ -46,11 +46,11 @@ class Joint:
     errors: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
-    def fit(self) -> JointFit:
+    def fit(self) -> TrajectoryFit:
         """Trajectories, parameters and noise."""
         return self.search.fit
 
-    def with_fit(self, fit: JointFit) -> "Joint":
+    def with_fit(self, fit: TrajectoryFit) -> "TrajectoryEstimate":
         """Estimate with another fit."""
         return replace(self, search=replace(self.search, fit=fit))
 
@@ -104,7 +104,7 @@ class Joint:
         limits = values - stds * special.ndtri_exp(np.log(1 - ONE_SIDED) + special.log_ndtr(values / stds))
         return {fit.names[k]: (float(x), float(s)) for k, x, s in zip(held.tolist(), limits, stds, strict=True)}
 
-    def as_stated(self) -> "Joint":
+    def as_stated(self) -> "TrajectoryEstimate":
         """Estimate with the set-up as stated."""
         fit = replace(self.fit, theta=np.where(self.is_setup, 0.0, self.fit.theta))
         return replace(self, search=replace(self.search, fit=fit, deviations=()))

@@ -8,7 +8,7 @@ from scipy import special
 
 from ident.errors import ExcitationError
 from ident.tolerances import SIGNIFICANT
-from ident.trajectory.fit.fitted import JointFit, Start
+from ident.trajectory.fit.fitted import Start, TrajectoryFit
 from ident.trajectory.left_out import clearly_better, costs, gains
 
 MOST_FOUND = 10
@@ -56,12 +56,12 @@ class Search:
         incredible: True if errors beyond `INCREDIBLE` were needed; then nothing is changed.
     """
 
-    fit: JointFit
+    fit: TrajectoryFit
     deviations: tuple[Deviation, ...] = ()
     incredible: bool = False
 
 
-Refit = Callable[[Start, np.ndarray, int], JointFit]
+Refit = Callable[[Start, np.ndarray, int], TrajectoryFit]
 """Function that fits from a start with given parameters free (p,) in a largest number of rounds."""
 
 
@@ -70,7 +70,7 @@ def searched(
     refit: Refit,
     candidates: np.ndarray,
     groups: Mapping[str, np.ndarray],
-    scattered: Callable[[JointFit], JointFit],
+    scattered: Callable[[TrajectoryFit], TrajectoryFit],
     least: np.ndarray | float = 0.0,
 ) -> Search:
     """Frees set-up parameters as long as one is significant and improves the prediction of left-out pieces.
@@ -121,7 +121,7 @@ def searched(
     return replace(first, fit=fitted, deviations=tuple(deviations))
 
 
-def _predict(fitted: JointFit, candidates: Sequence[int]) -> list[bool]:
+def _predict(fitted: TrajectoryFit, candidates: Sequence[int]) -> list[bool]:
     """True for each parameter that improves the prediction of left-out pieces if it is fitted."""
     try:
         held = costs(fitted, fitted.free)
@@ -137,7 +137,7 @@ def _predict(fitted: JointFit, candidates: Sequence[int]) -> list[bool]:
     return [better(candidate) for candidate in candidates]
 
 
-def _together(fitted: JointFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:
+def _together(fitted: TrajectoryFit, groups: Mapping[str, np.ndarray], least: float) -> tuple[str, ...]:
     """Groups without fitted parameters whose score exceeds `least`."""
     open_ = {name: direction for name, direction in groups.items() if not direction[fitted.free].any()}
     if not open_:

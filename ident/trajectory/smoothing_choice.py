@@ -8,7 +8,7 @@ import numpy as np
 from ident.estimation.preparation import Prepared
 from ident.trajectory.from_angles import FromAngles, unexplained, unexplained_anew
 from ident.trajectory.pieces import cut
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 
 FIRST, LONGEST = 0.04, 0.5
 """Time constants of smoothing, s: the first to try, a filter at 4 Hz, and the longest."""
@@ -24,7 +24,7 @@ FAR_BETTER = 0.5
 estimate is too poor to choose by."""
 
 
-def chosen_smoothing(recordings: Sequence[tuple[Prepared, slice]], estimate: Joint) -> float:
+def chosen_smoothing(recordings: Sequence[tuple[Prepared, slice]], estimate: TrajectoryEstimate) -> float:
     """Time constant with which angles alone predict the channels of the fitted parts best, s.
 
     The estimate's parameters predict: columns fitted again for every constant would compensate for accelerations that

@@ -1,4 +1,4 @@
-"""Stages of the joint estimate: knots, friction near reversals, noise model, set-up, and confidence intervals.
+"""Stages of the trajectory estimate: knots, friction near reversals, noise model, set-up, and confidence intervals.
 
 1. Knots are made denser as long as the channels' noise, taken as white, decreases: jumps need denser knots, but model
    errors do not decrease with them.
@@ -29,7 +29,7 @@ from ident.trajectory.left_out import prediction_errors, preferred
 from ident.trajectory.physical import physical_fit
 from ident.trajectory.pieces import cut
 from ident.trajectory.residual_correlation import CORRELATED, correlated, correlation, jumps, residual
-from ident.trajectory.result import Joint, is_drive, is_setup
+from ident.trajectory.result import TrajectoryEstimate, is_drive, is_setup
 from ident.trajectory.reversals import Reversals, at_first, likeliest, rubbing, speeds
 from ident.trajectory.setup_search import Refit, Search, searched
 from ident.trajectory.start import smoothed, start
@@ -67,7 +67,7 @@ such a piece, s: at a cut accelerations depend on one side only."""
 
 @dataclass(frozen=True, eq=False)
 class Stages:
-    """Stages of the joint estimate of given recordings.
+    """Stages of the trajectory estimate of given recordings.
 
     Attributes:
         measurement: Channels, and the parameters of one recording.
@@ -96,7 +96,7 @@ class Stages:
         """Mask of the parameters that belong to the set-up (p,)."""
         return is_setup(self.measurement, list(self.names))
 
-    def explored(self, step: float, share: int, finest: float) -> Joint:
+    def explored(self, step: float, share: int, finest: float) -> TrajectoryEstimate:
         """Unconverged fit with white noise and the densest knots that decrease the noise enough.
 
         Args:
@@ -120,7 +120,7 @@ class Stages:
             pass
         return best
 
-    def _begun(self, step: float, share: int) -> Joint:
+    def _begun(self, step: float, share: int) -> TrajectoryEstimate:
         pieces, selected, counts = self._cut(step, share)
         alone = smoothed(pieces, executor=self.executor)
         theta = self.prior.mean[: len(self.measurement.names)]
@@ -131,7 +131,7 @@ class Stages:
             pieces = reversals.opened(pieces, rates)
         at = self._start(pieces, selected, alone)
         fit = self._refit(pieces, selected, explore=True)(at, ~self.is_setup, EXPLORED)
-        return Joint(self.measurement, Search(fit), counts, step, self.known, reversals=reversals)
+        return TrajectoryEstimate(self.measurement, Search(fit), counts, step, self.known, reversals=reversals)
 
     def _start(self, pieces: Sequence[Piece], selected: Sequence[np.ndarray], alone: Start) -> Start:
         """Starting point: coordinates smoothed alone, and parameters by least squares, equal in all recordings."""
@@ -143,7 +143,7 @@ class Stages:
             theta[chosen] = begin.theta
         return Start(theta, begin.noise, begin.coefficients)
 
-    def _denser(self, coarse: Joint, step: float, share: int) -> Joint:
+    def _denser(self, coarse: TrajectoryEstimate, step: float, share: int) -> TrajectoryEstimate:
         """Exploring fit with other knots, warm-started from a coarser one."""
         pieces, selected, _ = self._cut(step, share)
         was = coarse.fit
@@ -175,7 +175,7 @@ class Stages:
         seconds = float(np.ptp(log.recording.time[part]))
         return min(int(seconds / SHORTEST), own)
 
-    def settled(self, estimate: Joint) -> Joint:
+    def settled(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Converged estimate with friction near reversals, and noise white or correlated over time.
 
         The noise model is chosen by the prediction of left-out pieces.
@@ -206,7 +206,7 @@ class Stages:
     def _is_drive(self) -> np.ndarray:
         return is_drive(self.measurement, len(self.names))
 
-    def _opened(self, estimate: Joint) -> Joint:
+    def _opened(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with the likeliest slips and slack given its residuals."""
         fit, measurement = estimate.fit, self.measurement
         own = [fit.theta[selected] for selected in fit.selections]
@@ -217,13 +217,15 @@ class Stages:
         opened = replace(fit, pieces=reversals.opened(fit.pieces, rates))
         return replace(estimate.with_fit(opened), reversals=reversals)
 
-    def _continued(self, estimate: Joint) -> Joint:
+    def _continued(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate after further rounds to convergence."""
         if estimate.fit.status != "stopped":
             return estimate
         return self._refitted(estimate, coloured=estimate.coloured, rounds=iteration.ROUNDS - WEIGHED)
 
-    def _refitted(self, estimate: Joint, *, coloured: bool, rounds: int = iteration.ROUNDS) -> Joint:
+    def _refitted(
+        self, estimate: TrajectoryEstimate, *, coloured: bool, rounds: int = iteration.ROUNDS
+    ) -> TrajectoryEstimate:
         fit = estimate.fit
         rounds = 0 if fit.status == "interrupted" else rounds
         at = fit.end
@@ -233,7 +235,7 @@ class Stages:
         measurement = self._measured(estimate.reversals)
         return replace(estimate.with_fit(again), coloured=coloured, measurement=measurement)
 
-    def whole(self, estimate: Joint) -> Joint:
+    def whole(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate from all pieces, started with knots, noise and set-up of one from fewer pieces."""
         pieces, selected, counts = self._cut(estimate.step, 1)
         alone = smoothed(pieces, estimate.fit.noise, executor=self.executor)
@@ -246,7 +248,7 @@ class Stages:
         begun = replace(begun, free=begun.free | self._is_drive)
         return self._refitted(replace(estimate.with_fit(begun), counts=counts), coloured=estimate.coloured)
 
-    def searched(self, estimate: Joint) -> Joint:
+    def searched(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with set-up errors, if these are searched for, and with sandwich covariance."""
         estimate = self._with_weighted_prior(self._scattered(estimate))
         if not self.search or estimate.search.incredible or len(estimate.fit.pieces) < 2:
@@ -259,7 +261,7 @@ class Stages:
         left = search if search.incredible else without_idle_delays(search, refit)
         return replace(estimate, search=left if left is search else replace(left, fit=scatter(left.fit)))
 
-    def _unfollowed(self, estimate: Joint) -> np.ndarray:
+    def _unfollowed(self, estimate: TrajectoryEstimate) -> np.ndarray:
         """Apparent delays and clock errors due to jumps, zero unless knots are as dense as samples allow (p,)."""
         pieces, out = estimate.fit.pieces, np.zeros(len(self.names))
         between = min(float(np.median(np.diff(piece.when))) for piece in pieces)
@@ -269,12 +271,12 @@ class Stages:
             out += [sizes.get(name.partition("(")[0], 0.0) for name in self.names]
         return out
 
-    def _scattered(self, estimate: Joint) -> Joint:
+    def _scattered(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         if estimate.fit.status == "interrupted":
             return estimate
         return estimate.with_fit(with_scatter(estimate.measurement, estimate.fit))
 
-    def _with_weighted_prior(self, estimate: Joint) -> Joint:
+    def _with_weighted_prior(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with a prior weighted up where recordings carry less information than the fit assumes.
 
         Weights that take autocorrelated residuals as white overrate the recordings, several times on real robots, so
@@ -293,7 +295,7 @@ class Stages:
         weighted = replace(fit, prior=fit.prior.weighted(weight), free=fit.free | self._is_drive)
         return self._scattered(self._refitted(estimate.with_fit(weighted), coloured=estimate.coloured))
 
-    def with_physical_bodies(self, estimate: Joint) -> Joint:
+    def with_physical_bodies(self, estimate: TrajectoryEstimate) -> TrajectoryEstimate:
         """Estimate with physical bodies."""
         refit = self._refit_of(estimate)
         fit = physical_fit(estimate.fit, refit, self.measurement.equations, iteration.ROUNDS)
@@ -305,7 +307,7 @@ class Stages:
             return self.measurement
         return self.measurement.with_slips(reversals.slips(self.measurement))
 
-    def _refit_of(self, estimate: Joint) -> Refit:
+    def _refit_of(self, estimate: TrajectoryEstimate) -> Refit:
         """Function that fits the pieces of an estimate again, with its noise model, friction and prior."""
         fit = estimate.fit
         return self._refit(fit.pieces, fit.selections, estimate.coloured, estimate.reversals, prior=fit.prior)

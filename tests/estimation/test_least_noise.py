@@ -39,7 +39,7 @@ def test_noise_is_no_less_than_that_of_rounding(seed):
     """For slow motions in coarse steps, the fit's residuals are far smaller than the steps."""
     steps = {"forces": 0.3, "moments": 0.03, "angles": 2 * np.pi / 4096}
     estimate = ident.identify(PENDULUM, recorded(seed, speed=0.1, jitter=0, **steps))
-    noise, floor = estimate.joint.fit.noise, np.array([0.3, 0.3, 0.3, 0.03, 0.03, 0.03]) / np.sqrt(12)
+    noise, floor = estimate.trajectory.fit.noise, np.array([0.3, 0.3, 0.3, 0.03, 0.03, 0.03]) / np.sqrt(12)
     components = [ident.estimation.equations.COMPONENTS.index(name) for name in estimate.channels]
     assert (noise.channels > 0.99 * floor[components]).all()
     assert (noise.states[0] > 0.99 * steps["angles"] / np.sqrt(12)).all()
@@ -53,14 +53,14 @@ def flat_for_a_while(channel, value=0.0):
     return angles_and_wrench(recording.time, recording.of_joints(PENDULUM.tree.joints, "position"), wrench)
 
 
-@pytest.mark.parametrize("estimator", ["joint", "weighted"])
+@pytest.mark.parametrize("estimator", ["trajectory", "weighted"])
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_a_channel_that_is_flat_where_it_is_fitted_is_left_out(estimator, value):
     estimate = ident.identify(PENDULUM, flat_for_a_while(0, value), estimator=estimator)
     assert estimate.channels == ("Fy", "Fz", "Mx", "My", "Mz") and not estimate.prepared.stuck
     assert "Fx never change in what is fitted, nor do they by the model, and are left out." in estimate.prepared.notes
     assert np.isfinite(estimate.std_setup).all() and np.isfinite(estimate.held_out.residual).all()
-    if estimator == "joint":
+    if estimator == "trajectory":
         assert (abs(estimate.psi - TRUTH) < 4 * estimate.std_setup).all()
 
 
@@ -72,7 +72,7 @@ def test_one_that_should_change_there_is_called_stuck():
 
 def test_what_is_known_of_bodies_is_symmetric():
     """A plain inverse is asymmetric by more than its smallest eigenvalue if light bodies hang on joints at rest."""
-    precision = ident.identify(PENDULUM, faulty(), known=True).joint.fit.prior.precision
+    precision = ident.identify(PENDULUM, faulty(), known=True).trajectory.fit.prior.precision
     np.testing.assert_array_equal(precision, precision.T)
 
 
@@ -94,8 +94,8 @@ def test_a_joint_at_rest_is_held_where_it_is(seed):
     """The angle of a joint at rest is one number, without noise."""
     estimate = ident.identify(PENDULUM, recorded(seed, speed=1.5, rests=0.7, noise=1))
     assert estimate.prepared.notes == ("'joint2' rests at 0.7.",)
-    fit = estimate.joint.fit
-    assert fit.status == "converged" and not estimate.joint.search.incredible
+    fit = estimate.trajectory.fit
+    assert fit.status == "converged" and not estimate.trajectory.search.incredible
     for c in fit.coefficients:
         np.testing.assert_allclose(c[:, 1], 0.7, atol=1e-3)
     assert (abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()

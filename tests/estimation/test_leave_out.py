@@ -50,7 +50,7 @@ def pendulum():
     return sim.mechanism(spec, base="base"), sim.simulate(spec, DOUBLE_PENDULUM)
 
 
-@pytest.mark.parametrize("estimator", ["joint", "ordinary"])
+@pytest.mark.parametrize("estimator", ["trajectory", "ordinary"])
 def test_of_a_ground_what_is_left_out_is_as_good_as_not_measured(pendulum, estimator):
     arm, recording = pendulum
     out = {"ground_force": [False, False, True], "ground_torque": [True, False, False]}

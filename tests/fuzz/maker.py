@@ -33,7 +33,7 @@ class Maker:
             "--holdout": ["0.4", "0.05"],
             "--held-out": [self.file("log", f"{name}.csv", "other.csv")],
             "--no-offsets": [],
-            "--estimator": ["ordinary", "weighted", "joint"],
+            "--estimator": ["ordinary", "weighted", "trajectory"],
             "--prior": ["auto", "on", "off"],
             "--own": ["offset", "delay"],
         }

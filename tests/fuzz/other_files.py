@@ -60,7 +60,7 @@ def _result(k: int) -> tuple[dict, dict]:
         "bodies": {"base": {"m": 1.0}, "link1": {"m": 2.0}},
     }
     recording = {"model": {"file": "m.xml", "sha256": "0"}, "logs": [{"file": f"{k}.csv", "sha256": str(k)}]}
-    options = {"estimator": "joint", "fix": [], "gaps": bool(k)}
+    options = {"estimator": "trajectory", "fix": [], "gaps": bool(k)}
     return estimate, {"options": options, "recording": recording, "versions": {"multicontact": "1"}, "git_commit": None}
 
 

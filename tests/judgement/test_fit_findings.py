@@ -18,7 +18,7 @@ from ident.mechanism.motion import Motion
 
 
 def joint(**fit):
-    return SimpleNamespace(joint=SimpleNamespace(fit=SimpleNamespace(**fit)))
+    return SimpleNamespace(trajectory=SimpleNamespace(fit=SimpleNamespace(**fit)))
 
 
 @pytest.mark.parametrize(
@@ -38,15 +38,15 @@ def test_an_estimate_that_did_not_settle_is_a_doubt(status, steps, text):
     assert not text or text in found[0].text
 
 
-def test_nothing_is_said_of_a_course_or_slow_residuals_without_a_joint_estimate():
-    assert not list(course_findings(SimpleNamespace(joint=None)))
-    assert not list(slow_residual_findings(SimpleNamespace(joint=None)))
+def test_nothing_is_said_of_a_course_or_slow_residuals_without_a_trajectory_estimate():
+    assert not list(course_findings(SimpleNamespace(trajectory=None)))
+    assert not list(slow_residual_findings(SimpleNamespace(trajectory=None)))
 
 
 @pytest.mark.parametrize("setup", [(), (SimpleNamespace(text="late", place=None),)])
 def test_a_set_up_that_explains_nothing_is_a_doubt_beside_what_was_found(setup):
     search = SimpleNamespace(incredible=True)
-    *found, doubt = setup_remarks(SimpleNamespace(setup=setup, joint=SimpleNamespace(search=search)))
+    *found, doubt = setup_remarks(SimpleNamespace(setup=setup, trajectory=SimpleNamespace(search=search)))
     assert [(finding.text, finding.doubt) for finding in found] == [("late", False)] * len(setup)
     assert doubt.doubt and ("nothing else of it was changed" in doubt.text) == bool(setup)
 

@@ -58,7 +58,7 @@ def estimate(share, ratio, drives=()):
         held_out=SimpleNamespace(ratio=np.array([ratio, ratio])),
         friction={"joint1": 0.0, "joint2": share},
         model_error=np.array([0.0, share]),
-        joint=SimpleNamespace(),
+        trajectory=SimpleNamespace(),
     )
 
 
@@ -87,7 +87,7 @@ def test_of_friction_that_is_fitted_nothing_is_said_but_that_at_low_velocity():
     (found,) = friction_findings(estimate(0.3, 0.1, drives))
     assert not found.doubt and found.text.endswith("--drive viscous coulomb stribeck.")
     smeared = estimate(0.3, 0.1, drives)
-    smeared.joint = None
+    smeared.trajectory = None
     assert not list(friction_findings(smeared))
 
 
@@ -96,7 +96,7 @@ def reversals(monkeypatch, *, size=1.0, slip=0.003, moving=0.4):
     monkeypatch.setattr(torque_findings, "rubbing", lambda measurement: {1: 1})
     result = estimate(0.0, 0.1)
     found = SimpleNamespace(size=np.array([0, size]), velocity=np.array([1, 0.05]), slip=np.array([0, slip]))
-    result.joint = SimpleNamespace(
+    result.trajectory = SimpleNamespace(
         reversals=found,
         measurement=SimpleNamespace(tree=SimpleNamespace(freedoms=("joint1", "joint2"))),
         fit=SimpleNamespace(noise=SimpleNamespace(channels=np.array([0.5, 0.5]))),

@@ -14,7 +14,7 @@ from ident.judgement.halves import LEAST_ADDED, disagreement, disagreements
 
 
 def joint(told, precision, *, known=0.0, mean=0.0, counts=None, scatter=None):
-    """A joint estimate of one parameter, for which each piece's own estimate is `told` with a precision.
+    """A trajectory estimate of one parameter, for which each piece's own estimate is `told` with a precision.
 
     Args:
         told: Estimate of each piece (k,).

@@ -91,7 +91,7 @@ def test_nothing_is_found_where_the_weight_is_not_measured():
     assert not unmeasured_contacts(prepared(PENDULUM, level))
 
 
-@pytest.mark.parametrize("estimator", ["joint", "weighted"])
+@pytest.mark.parametrize("estimator", ["trajectory", "weighted"])
 def test_an_identification_says_so_and_does_without_these_samples(estimator):
     estimate = ident.identify(PENDULUM, leaning([(2, 3), (6, 9)], FORCE, seed=1), estimator=estimator)
     said = [f for f in estimate.findings if "something that is not measured carries" in f.text]
@@ -102,6 +102,6 @@ def test_an_identification_says_so_and_does_without_these_samples(estimator):
     for time in (estimate.held_out.time, estimate.prepared.recording.time[estimate.prepared.taken(estimate.part)]):
         assert not ((time > 2) & (time < 3) | (time > 6) & (time < 9)).any()
     assert len(estimate.residual) == len(estimate.prepared.taken(estimate.part))
-    if estimator == "joint":
+    if estimator == "trajectory":
         assert (np.abs(estimate.psi - TRUTH) < 4 * estimate.std_setup).all()
         assert estimate.verdict().startswith("Usable")

@@ -154,30 +154,34 @@ def test_drives_at_their_bound_are_at_most_so_much(estimate):
 
 
 def test_a_prior_that_was_asked_for_is_not_blamed_on_the_motion(estimate):
-    (asked,) = prior_findings(replace(estimate, joint=replace(estimate.joint, known=True)))
+    (asked,) = prior_findings(replace(estimate, trajectory=replace(estimate.trajectory, known=True)))
     assert asked.text.startswith("As asked for, what the model says") and "does not separate" not in asked.text
     base, fit = estimate.base, estimate.fit
     covariance = fit.covariance.copy()
     covariance[: base.rank, : base.rank] = known_covariance(PENDULUM, base)
-    poor = replace(estimate, joint=replace(estimate.joint, known=True), fit=replace(fit, covariance=covariance))
+    poor = replace(
+        estimate, trajectory=replace(estimate.trajectory, known=True), fit=replace(fit, covariance=covariance)
+    )
     (needed,) = prior_findings(poor)
     assert needed.text.startswith("The motion does not separate all base parameters; what the model says")
 
 
 def test_rounds_are_counted_in_english(estimate):
-    joint = estimate.joint
+    joint = estimate.trajectory
     for trace, said in (([1.0], "after 1 round;"), ([1.0, 1.0], "after 2 rounds;")):
         stuck = joint.with_fit(replace(joint.fit, status="stuck", trace=tuple(trace)))
-        (finding,) = course_findings(replace(estimate, joint=stuck))
+        (finding,) = course_findings(replace(estimate, trajectory=stuck))
         assert said in finding.text
 
 
 def test_what_is_left_beyond_fast_noise_is_listed_unless_it_is_everywhere(estimate):
-    fit = estimate.joint.fit
+    fit = estimate.trajectory.fit
 
     def said(*factors):
         noise = replace(fit.noise, channels=fit.noise.channels * factors)
-        (finding,) = slow_residual_findings(replace(estimate, joint=estimate.joint.with_fit(replace(fit, noise=noise))))
+        (finding,) = slow_residual_findings(
+            replace(estimate, trajectory=estimate.trajectory.with_fit(replace(fit, noise=noise)))
+        )
         return finding.text
 
     one, all_ = said(1, 10, 1, 1, 1, 1), said(*6 * [1e4])

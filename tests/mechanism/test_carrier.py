@@ -39,7 +39,7 @@ def test_poses_are_those_of_the_tree_and_rates_their_derivatives():
     np.testing.assert_allclose([slope[2, 1], slope[0, 2], slope[1, 0]], motion.V[3:], atol=1e-8)
 
 
-def test_the_joint_estimate_predicts_the_same_from_the_carriers_angles():
+def test_the_trajectory_estimate_predicts_the_same_from_the_carriers_angles():
     equations = Equations.of_wrench(TOOL, moving=True)
     frame = wrist.sensors()["wrist"].pose
     measurement = Measurement(equations, frame, tuple(range(6)), {}, ())

@@ -126,7 +126,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.usefixtures("no_joint")
+@pytest.mark.usefixtures("no_trajectory")
 @pytest.mark.parametrize("name", COMMANDS)
 def test_commands_end_in_a_sentence_and_go_through_once_there_is_room(tmp_path, capsys, request, name):
     if name != "mechanism":

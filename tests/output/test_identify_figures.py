@@ -47,9 +47,9 @@ def test_grey_spans_have_an_entry_in_the_legend_where_there_are_any(estimate):
 
 
 def test_the_caption_says_how_dense_knots_are_where_there_are_any(estimate):
-    said = f"a knot every {1e3 * estimate.joint.step:.3g} ms"
+    said = f"a knot every {1e3 * estimate.trajectory.step:.3g} ms"
     assert said in held_out_caption(estimate)
-    assert "knot" not in held_out_caption(replace(estimate, joint=None))
+    assert "knot" not in held_out_caption(replace(estimate, trajectory=None))
 
 
 def test_spans_can_be_seen_and_are_one_where_they_nearly_touch(estimate):

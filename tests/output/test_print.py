@@ -162,13 +162,13 @@ def test_drawings_are_small_and_the_same(tmp_path):
 
 @pytest.fixture(scope="module")
 def studies():
-    """Short runs of the studies with the most content, with the truth as joint estimates."""
+    """Short runs of the studies with the most content, with the truth as trajectory estimates."""
     made = [study(name, samples=100) for name in ("misaligned", "several_contacts")]
     with pytest.MonkeyPatch.context() as patched:
         told(patched)
         for found in made:
             for model in found.file.models:
-                found.joint(model)
+                found.trajectory(model)
     return made
 
 

@@ -63,7 +63,7 @@ def test_there_is_a_candidate_where_the_motion_does_not_determine_all_parameters
     rng = np.random.default_rng(0)
     log = angles_and_wrench(time, q + 1e-3 * rng.normal(size=q.shape), wrench + rng.normal(size=wrench.shape))
     estimate = ident.identify(PENDULUM, log)
-    assert estimate.joint.known and (estimate.rivals["least squares"][1:] < 1).any()
+    assert estimate.trajectory.known and (estimate.rivals["least squares"][1:] < 1).any()
 
 
 @cache

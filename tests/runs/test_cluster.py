@@ -108,9 +108,20 @@ def test_a_task_that_kills_every_worker_is_one_sentence_and_costs_no_trials(clus
     np.testing.assert_array_equal(resumed(source, 40, tmp_path), whole)
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint", "here")
+@pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_the_command_line_takes_a_cluster(address, tmp_path):
-    command = ["--formats", "png", "--samples", "200", "--trials", "8", "--joint-trials", "2", "--redraw", "sensors"]
+    command = [
+        "--formats",
+        "png",
+        "--samples",
+        "200",
+        "--trials",
+        "8",
+        "--trajectory-trials",
+        "2",
+        "--redraw",
+        "sensors",
+    ]
     assert multicontact.main([*command, "--out", str(tmp_path / "local")]) == 0
     assert multicontact.main([*command, "--out", str(tmp_path / "far"), "--scheduler", address]) == 0
     np.testing.assert_array_equal(kept(tmp_path / "far"), kept(tmp_path / "local"))

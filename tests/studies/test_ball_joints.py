@@ -1,4 +1,4 @@
-"""Ball joints from a recording of quaternions: the joint estimate and least squares against the truth."""
+"""Ball joints from a recording of quaternions: the trajectory estimate and least squares against the truth."""
 
 import json
 

@@ -33,7 +33,7 @@ def result(folder, values, *, log="a", covariance=COVARIANCE, regrouping=NAMES, 
         "bodies": {name: {} for name in bodies},
     }
     provenance = {
-        "options": {"logs": [log], "out": folder.name, "estimator": "joint"} | options,
+        "options": {"logs": [log], "out": folder.name, "estimator": "trajectory"} | options,
         "recording": {"model": {"file": "m.xml", "sha256": "0" * 64}, "logs": [{"file": f"{log}.csv", "sha256": log}]},
         "versions": {"multicontact": "1"},
         "git_commit": None,
@@ -59,7 +59,7 @@ def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys, m
     np.testing.assert_allclose(found["std_setup"], 2 * np.sqrt(2 * np.diag(COVARIANCE)))
     chi2 = (a - b) @ np.linalg.inv(2 * COVARIANCE) @ (a - b)
     assert found["chi2"] == pytest.approx(chi2) and found["p_value"] == pytest.approx(stats.chi2.sf(chi2, 3))
-    assert found["settings"] == {"estimator": ["joint", "weighted"], "logs": ["a.csv", "b.csv"]}
+    assert found["settings"] == {"estimator": ["trajectory", "weighted"], "logs": ["a.csv", "b.csv"]}
     with (tmp_path / "out" / "table_differences.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [row["body"] for row in rows] == ["base", "shank", "shank"]

@@ -35,14 +35,14 @@ def test_a_person_from_a_wrong_prior(tmp_path, capsys):
         == 0
     )
     assert r"\caption{Ours.}" in (out / "table_segments.tex").read_text(encoding="utf-8")
-    assert "joint estimate" in capsys.readouterr().out
+    assert "trajectory estimate" in capsys.readouterr().out
     assert replayed(out / "report.html")["estimated"]
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     found = summary["plates_and_rail"]
     assert found["coverage_of_determined"] > 0.85 and found["rms_z"] < 1.4 and found["determined"] >= 10
     (late,) = (each for each in found["set_up"] if each["name"].startswith("delay"))
     assert abs(late["value"] - 0.02) < 3 * late["std"]
-    prior, joint = (found["errors"][name] for name in ("prior", "joint estimate"))
+    prior, joint = (found["errors"][name] for name in ("prior", "trajectory estimate"))
     assert sum(joint.values()) < 0.6 * sum(prior.values())
     growth = found["growth"]
     assert growth[0] == [1, 1, 1]
@@ -83,7 +83,7 @@ def of_the_first_test():
 
 def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured():
     found = of_the_first_test()
-    joint, fit = found.estimate.joint, found.estimate.joint.fit
+    joint, fit = found.estimate.trajectory, found.estimate.trajectory.fit
     told = np.diag(found._covariance([1.2, 1.2]))
     for k, piece in enumerate(fit.pieces):
         there, felt = (x < piece.origin + 1.2 for x in (piece.time, piece.when))

@@ -134,4 +134,6 @@ def test_samples_may_be_missing_where_that_is_said(tmp_path, capsys, recording, 
     found = estimate(tmp_path, tmp_path / "log.csv", "--gaps")
     assert np.abs((np.array(found["values"]) - from_csv["values"]) / from_csv["std"]).max() < 1
     options = ["--gaps", "--estimator", "ordinary", "--out", str(tmp_path)]
-    assert "for the joint estimate only" in refusal(identify.main, [*arguments(tmp_path / "log.csv"), *options], capsys)
+    assert "for the trajectory estimate only" in refusal(
+        identify.main, [*arguments(tmp_path / "log.csv"), *options], capsys
+    )

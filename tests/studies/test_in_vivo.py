@@ -24,17 +24,19 @@ def test_what_is_missing_is_named(tmp_path, capsys):
 @pytest.mark.usefixtures("undrawn")
 def test_inertias_are_a_persons_where_filters_halve_them(tmp_path, capsys):
     assert in_vivo.main(["--data", str(DATA), "--out", str(tmp_path / "out")]) == 0
-    assert "joint estimate" in capsys.readouterr().out
+    assert "trajectory estimate" in capsys.readouterr().out
     assert replayed(tmp_path / "out" / "report.html")["estimated"]
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     at = {name: summary["names"].index(name) for name in ("Iyy2", "Iyy3")}
     value = {name: {k: each["values"][i] for k, i in at.items()} for name, each in summary["parameters"].items()}
-    model, joint = value["scaled model"], value["joint estimate"]
+    model, joint = value["scaled model"], value["trajectory estimate"]
     for k, i in at.items():
-        assert abs(joint[k] - model[k]) < 2 * summary["parameters"]["joint estimate"]["std"][i]
+        assert abs(joint[k] - model[k]) < 2 * summary["parameters"]["trajectory estimate"]["std"][i]
         assert (
             value["least squares, 6 Hz"][k] < 0.7 * model[k] and value["weighted, cut-off chosen"][k] < 0.7 * model[k]
         )
     held_out = summary["held_out"]
-    assert held_out["joint estimate"]["Fz"] < min(held_out[name]["Fz"] for name in held_out if name != "joint estimate")
-    assert held_out["joint estimate"]["My"] < held_out["least squares, 6 Hz"]["My"]
+    assert held_out["trajectory estimate"]["Fz"] < min(
+        held_out[name]["Fz"] for name in held_out if name != "trajectory estimate"
+    )
+    assert held_out["trajectory estimate"]["My"] < held_out["least squares, 6 Hz"]["My"]

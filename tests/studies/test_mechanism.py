@@ -19,7 +19,7 @@ from experiments.runs import workers
 from experiments.studies import human, mechanism, paper
 from ident.geometry.se3 import exp
 
-OPTIONS = ["--formats", "svg", "--trials", "4", "--joint-trials", "2", "--redraw", "sensors"]
+OPTIONS = ["--formats", "svg", "--trials", "4", "--trajectory-trials", "2", "--redraw", "sensors"]
 STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts", "human")
 
 
@@ -107,7 +107,12 @@ def test_everything_on_one_page(out):
     assert "scene_sha256" in page
     assert 'name="viewport"' in page and "@media print" in page and "prefers-color-scheme: dark" in page
     assert "<var>m</var><sub>2</sub><var>r</var><sub>z,2</sub>" in page and "m2rz2" not in page
-    for column in ("joint error, simplified", "joint error, full", "joint s.d.", "joint error, ignoring all"):
+    for column in (
+        "trajectory error, simplified",
+        "trajectory error, full",
+        "trajectory s.d.",
+        "trajectory error, ignoring all",
+    ):
         assert f'<th scope="col">{column}</th>' in page
     assert page.count("from joint angles and wrenches alone") > 6
     assert "true, simplified" in page and "no offsets. The entries" in page
@@ -119,11 +124,11 @@ def test_two_feet_on_plates_tell_what_unseen_motions_need():
     assert np.sqrt(np.mean(person.distances[1] ** 2)) < 1.4
     (late,) = (each for each in person.estimate.setup if each.name.startswith("delay"))
     assert abs(late.value - 0.02) < 3 * late.std
-    prior, joint = (person.errors[name] for name in ("prior", "joint estimate"))
+    prior, joint = (person.errors[name] for name in ("prior", "trajectory estimate"))
     assert joint.sum() < 0.6 * prior.sum()
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint", "here")
+@pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_everything_resumes_what_was_interrupted(out, tmp_path, monkeypatch):
     person = briefly()
     monkeypatch.setattr(human, "study", lambda *args, **kwargs: person)

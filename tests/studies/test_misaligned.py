@@ -16,7 +16,7 @@ from experiments.cli import defaults
 from experiments.output import study_figures
 from experiments.output.figures import WIDTHS
 from experiments.studies import fitting, paper, study_file
-from experiments.studies.fitting import joint_fit
+from experiments.studies.fitting import trajectory_fit
 from experiments.studies.simulated import study as study_of
 from ident.errors import ExcitationError
 from ident.identification import identified
@@ -29,12 +29,12 @@ COLUMNS = [
     "true_simplified",
     "error_simplified",
     "paper_error_simplified",
-    "joint_error_simplified",
+    "trajectory_error_simplified",
     "true_full",
     "error_full",
     "paper_error_full",
-    "joint_error_full",
-    "joint_std_full",
+    "trajectory_error_full",
+    "trajectory_std_full",
 ]
 
 
@@ -66,18 +66,18 @@ def test_table_3_holds_both_models_beside_the_paper(results, study):
             study.fit("simplified").psi_true[k],
             study.fit("simplified").estimate.psi[k] - study.fit("simplified").psi_true[k],
             paper.TABLE_3[row["parameter"]][0],
-            study.joint("simplified").error[k],
+            study.trajectory("simplified").error[k],
             study.fit("full_on_table").psi_true[k],
             study.fit("full_on_table").estimate.psi[k] - study.fit("full_on_table").psi_true[k],
             paper.TABLE_3[row["parameter"]][1],
-            study.joint("full_on_table").error[k],
-            study.joint("full_on_table").std[k],
+            study.trajectory("full_on_table").error[k],
+            study.trajectory("full_on_table").std[k],
         )
         assert tuple(float(row[column]) for column in COLUMNS[2:]) == expected
 
 
-def test_the_joint_estimate_has_not_the_bias_of_least_squares(study):
-    joint, k = study.joint("full_on_table"), study.fit("full_on_table").base.names.index("Ixx2")
+def test_the_trajectory_estimate_has_not_the_bias_of_least_squares(study):
+    joint, k = study.trajectory("full_on_table"), study.fit("full_on_table").base.names.index("Ixx2")
     assert abs(joint.error[k]) < 4 * joint.std[k]
     assert abs(joint.error[k]) < abs(study.fit("full_on_table").error[k]) / 2
     # Errors are within the standard deviation and the effect of a hundredth of a degree of the recovered axes.
@@ -95,33 +95,33 @@ def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(seed, monke
     monkeypatch.setattr(fitting, "identified", kept)
     study_of("misaligned", seed=seed).joint("simplified")
     (estimate,) = estimates
-    assert estimate.joint.fit.status == "converged"
+    assert estimate.trajectory.fit.status == "converged"
 
 
-def test_the_joint_estimate_does_not_know_that_axes_are_tilted(study):
-    assert abs(study.joint("simplified").error).max() > 0.5
+def test_the_trajectory_estimate_does_not_know_that_axes_are_tilted(study):
+    assert abs(study.trajectory("simplified").error).max() > 0.5
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_too_few_angles_for_the_joint_estimate_leave_its_columns_empty(tmp_path, monkeypatch):
+def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_path, monkeypatch):
     def undetermined(*_):
         raise ExcitationError("The recording does not determine all parameters.", ())
 
-    monkeypatch.setattr("experiments.studies.fitting.joint_fit", undetermined)
+    monkeypatch.setattr("experiments.studies.fitting.trajectory_fit", undetermined)
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
-    assert {row["joint_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0
-    assert json.loads((tmp_path / "summary.json").read_text())["joint"]["largest_error_full_on_table"] is None
+    assert {row["trajectory_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0
+    assert json.loads((tmp_path / "summary.json").read_text())["trajectory"]["largest_error_full_on_table"] is None
 
 
-def test_the_joint_estimate_takes_angles_and_wrenches_alone(study):
+def test_the_trajectory_estimate_takes_angles_and_wrenches_alone(study):
     kept = {name: x for name, x in study.recording.measured.items() if "force" in name or "torque" in name}
     angles = {name: study.recording[name] for name in ("joint1_position", "joint2_position")}
     recording = replace(study.recording, measured=kept | angles, true={})
     known = study.mechanism("full_on_table")
-    found = joint_fit(known, recording, study.fit("full_on_table").base)
-    np.testing.assert_array_equal(found.psi, study.joint("full_on_table").psi)
-    np.testing.assert_array_equal(found.std, study.joint("full_on_table").std)
+    found = trajectory_fit(known, recording, study.fit("full_on_table").base)
+    np.testing.assert_array_equal(found.psi, study.trajectory("full_on_table").psi)
+    np.testing.assert_array_equal(found.std, study.trajectory("full_on_table").std)
 
 
 def test_the_full_models_own_table(results, study):
@@ -153,7 +153,7 @@ def test_summary_is_for_scripts(results, study):
     assert (summary["rows_simplified"], summary["rows_full"]) == (4715, 5658)
     assert summary["axis_error_deg"] == np.degrees(study.axis_error.max())
     assert summary["noise"]["ground_force"] == 0.5
-    assert summary["joint"]["largest_error_full_on_table"] == abs(study.joint("full_on_table").error).max()
+    assert summary["trajectory"]["largest_error_full_on_table"] == abs(study.trajectory("full_on_table").error).max()
 
 
 def test_errors_of_the_wrench_are_told_channel_by_channel(results, study):
@@ -181,7 +181,7 @@ def test_provenance_says_how_to_run_it_again(results):
         "formats": list(defaults.FORMATS),
     }
     assert len(origin["recording"]["scene_sha256"]) == 64
-    assert "joint angles and wrenches alone" in origin["estimators"]["joint"]
+    assert "joint angles and wrenches alone" in origin["estimators"]["trajectory"]
     assert set(origin["versions"]) >= {"python", "mujoco", "numpy", "scipy", "matplotlib"}
 
 
@@ -192,7 +192,7 @@ def test_the_same_seed_gives_the_same_bytes(results, tmp_path, monkeypatch):
         assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint")
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
 def test_another_seed_or_tilt_gives_other_tables(results, tmp_path):
     for options in (["--seed", "4"], ["--seed", "3", "--tilt-deg", "4"], ["--seed", "3", "--azimuth-deg", "100"]):
         assert misaligned.main(["--out", str(tmp_path), "--formats", "png", *options]) == 0
@@ -234,13 +234,13 @@ def test_figures_show_what_their_captions_say(study):
         assert over.get_ydata()[0] == pytest.approx(np.sqrt((expected[: half + 1] ** 2).mean()))
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint")
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
 @pytest.mark.parametrize("seed", ["0", "1", "2"])
 def test_a_tilt_of_zero_runs_with_noise(tmp_path, seed):
     assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png", "--seed", seed]) == 0
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint")
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
 def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
     assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--noise-scale", "0", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
@@ -250,7 +250,7 @@ def test_a_tilt_of_zero_makes_the_models_agree(tmp_path):
     assert summary["wrench_errors"]["Fx"]["ratio_full"] is None  # The true channel is zero.
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint")
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
 def test_huge_condition_numbers_are_said_with_their_reason(tmp_path, capsys):
     assert misaligned.main(["--out", str(tmp_path), "--tilt-deg", "0", "--formats", "png"]) == 0
     printed = capsys.readouterr().out
@@ -259,7 +259,7 @@ def test_huge_condition_numbers_are_said_with_their_reason(tmp_path, capsys):
     assert not re.search(r"\d{7}\.", printed)
 
 
-@pytest.mark.usefixtures("no_joint")
+@pytest.mark.usefixtures("no_trajectory")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -302,7 +302,7 @@ def test_a_scene_without_a_needed_sensor_is_refused(tmp_path, capsys, monkeypatc
     assert "no channel 'joint2_acceleration'; it has ground_force" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint")
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
 def test_an_interrupted_run_leaves_earlier_results_whole(tmp_path, capsys, monkeypatch):
     (tmp_path / "table_3.csv").write_text("earlier")
 
@@ -325,7 +325,7 @@ def test_help_explains_every_option(capsys):
         assert f"--{option}" in text
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint", "here")
+@pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert misaligned.main(["--out", str(tmp_path), "--formats", "svg", "--trials", "2", "--redraw", "sensors"]) == 0
@@ -335,13 +335,13 @@ def test_outputs_of_an_earlier_run_do_not_stay_beside_new_ones(tmp_path):
     assert {"notes.txt", "figure_2.png", "table_3.csv"} <= names
 
 
-@pytest.mark.usefixtures("no_joint")
+@pytest.mark.usefixtures("no_trajectory")
 def test_figures_do_not_depend_on_the_formats_asked_for(results, tmp_path):
     assert misaligned.main(["--out", str(tmp_path), "--formats", "png", "--seed", "3"]) == 0
     assert (tmp_path / "figure_2.png").read_bytes() == (results / "figure_2.png").read_bytes()
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint")
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
 def test_a_terminal_without_unicode_shows_what_it_can(tmp_path, monkeypatch):
     terminal = io.TextIOWrapper(io.BytesIO(), "ascii")
     monkeypatch.setattr(sys, "stdout", terminal)

@@ -88,7 +88,7 @@ def test_trials_of_another_run_are_not_resumed(tmp_path):
         resumed(draw(tmp_path, "--redraw", "sensors"), 0, tmp_path)
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint", "here")
+@pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
     command = [
         "--out",
@@ -99,7 +99,7 @@ def test_a_new_run_keeps_the_trials_of_the_one_before(tmp_path):
         "200",
         "--redraw",
         "sensors",
-        "--joint-trials",
+        "--trajectory-trials",
         "0",
     ]
     assert multicontact.main([*command, "--trials", "6"]) == 0
@@ -185,24 +185,24 @@ def test_statistics():
     }
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint")
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
 @pytest.mark.parametrize("study_module", [misaligned, multicontact])
 def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, request, study_module):
     if study_module is multicontact:  # One study that starts processes is enough.
         request.getfixturevalue("here")
-    options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--joint-trials", "2"]
+    options_ = ["--out", str(tmp_path), "--formats", "png", "--trials", "6", "--trajectory-trials", "2"]
     options_ += ["--redraw", "sensors", "--samples", "200"]
     assert study_module.main(options_) == 0
     models = {
-        "misaligned": ("simplified", "full", "full_joint"),
-        "multicontact": ("multicontact", "multicontact_joint"),
+        "misaligned": ("simplified", "full", "full_trajectory"),
+        "multicontact": ("multicontact", "multicontact_trajectory"),
     }[study_module.__name__.rpartition(".")[2]]
     for model in models:
         rows = list(csv.DictReader((tmp_path / f"monte_carlo_{model}.csv").read_text().splitlines()))
         assert len(rows) == 13
     assert (tmp_path / "figure_monte_carlo.png").exists()
     assert json.loads((tmp_path / "monte_carlo.json").read_text())["trials"] == 6
-    assert json.loads((tmp_path / "monte_carlo.json").read_text())["joint_trials"] == 2
+    assert json.loads((tmp_path / "monte_carlo.json").read_text())["trajectory_trials"] == 2
     assert "over 2 trials" in (tmp_path / f"monte_carlo_{models[-1]}.md").read_text()
     captured = capsys.readouterr()
     assert "(errors in variables)" in captured.out
@@ -212,11 +212,11 @@ def test_both_studies_run_trials_from_the_command_line(tmp_path, capsys, request
     assert (tmp_path / f"monte_carlo_{models[0]}.csv").read_bytes() == before
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint", "here")
-def test_joint_trials_are_resumed_as_well(tmp_path, monkeypatch):
-    # Least squares in place of the joint estimate: its trials are then the first of the others.
+@pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
+def test_trajectory_trials_are_resumed_as_well(tmp_path, monkeypatch):
+    # Least squares in place of the trajectory estimate: its trials are then the first of the others.
     monkeypatch.setattr(
-        monte_carlo, "joint_trial", lambda problem, model, recording: trial(problem, [model], recording)
+        monte_carlo, "trajectory_trial", lambda problem, model, recording: trial(problem, [model], recording)
     )
     command = ["--out", str(tmp_path), "--formats", "png", "--samples", "200", "--redraw", "sensors", "--trials", "20"]
     work, calls = trials.in_order, []
@@ -230,19 +230,19 @@ def test_joint_trials_are_resumed_as_well(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(trials, "in_order", interrupted)
-        assert multicontact.main([*command, "--joint-trials", "15"]) == 130
+        assert multicontact.main([*command, "--trajectory-trials", "15"]) == 130
     assert not (tmp_path / "monte_carlo.json").exists()
-    assert multicontact.main([*command, "--joint-trials", "15", "--resume"]) == 0
-    with np.load(tmp_path / trials.JOINT_FILE) as data:
+    assert multicontact.main([*command, "--trajectory-trials", "15", "--resume"]) == 0
+    with np.load(tmp_path / trials.TRAJECTORY_FILE) as data:
         np.testing.assert_array_equal(data["outcomes"], kept(tmp_path)[:15])
-    # A run that ends before its joint trials does not leave those of the previous run to be resumed.
-    assert multicontact.main([*command, "--seed", "1", "--joint-trials", "0"]) == 0
-    assert multicontact.main([*command, "--seed", "1", "--joint-trials", "3", "--resume"]) == 0
-    with np.load(tmp_path / trials.JOINT_FILE) as data:
+    # A run that ends before its trajectory trials does not leave those of the previous run to be resumed.
+    assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "0"]) == 0
+    assert multicontact.main([*command, "--seed", "1", "--trajectory-trials", "3", "--resume"]) == 0
+    with np.load(tmp_path / trials.TRAJECTORY_FILE) as data:
         np.testing.assert_array_equal(data["outcomes"], kept(tmp_path)[:3])
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint", "here")
+@pytest.mark.usefixtures("undrawn", "no_trajectory", "here")
 def test_a_command_interrupted_before_any_trial_promises_nothing(tmp_path, capsys, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
@@ -258,7 +258,7 @@ def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
     names = ("m1", "m1rx1", "Ixx2")
     found = {
         name: monte_carlo.Distribution(names, rng.normal(size=(50, 3)), np.ones((50, 3)), np.zeros(3))
-        for name in ("simplified", "full", "full_joint")
+        for name in ("simplified", "full", "full_trajectory")
     }
     figure = monte_carlo.chart(found)
     assert [ax.get_title() for ax in figure.axes] == ["simplified", "full", "full, joint"]
@@ -271,7 +271,7 @@ def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
 
 
 def test_options_are_shared():
-    for name in ("--trials", "--joint-trials", "--workers", "--scheduler", "--redraw", "--resume"):
+    for name in ("--trials", "--trajectory-trials", "--workers", "--scheduler", "--redraw", "--resume"):
         assert name in options.study_parser("any", "").format_help()
 
 

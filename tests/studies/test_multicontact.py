@@ -128,10 +128,10 @@ def test_command_line_writes_everything(results, contact, result):
         "true_scene",
         "error",
         "paper_error",
-        "joint_error",
-        "joint_std",
+        "trajectory_error",
+        "trajectory_std",
     ]
-    assert f"joint_error_ignoring{'_all' * result.several}" in (results / "table_4_ignoring.csv").read_text()
+    assert f"trajectory_error_ignoring{'_all' * result.several}" in (results / "table_4_ignoring.csv").read_text()
     np.testing.assert_array_equal([float(row["error"]) for row in rows], result.fit("contact").error)
     assert "Ixx3*" in (results / "table_4.md").read_text()
     assert "parallel-axis terms" in (results / "table_4.md").read_text()
@@ -156,24 +156,24 @@ def test_command_line_writes_everything(results, contact, result):
 
 
 @pytest.mark.parametrize("contact", ["handle"], indirect=True)
-def test_the_joint_estimate_takes_contacts_too(result):
+def test_the_trajectory_estimate_takes_contacts_too(result):
     k = result.fit("contact").base.names.index("Ixx2")
-    assert abs(result.joint("contact").error[k]) < 4 * result.joint("contact").std[k]
-    assert abs(result.joint("contact").error[k]) < abs(result.fit("contact").error[k])
-    assert abs(result.joint("contact").error / result.joint("contact").std).max() < 4
+    assert abs(result.trajectory("contact").error[k]) < 4 * result.trajectory("contact").std[k]
+    assert abs(result.trajectory("contact").error[k]) < abs(result.fit("contact").error[k])
+    assert abs(result.trajectory("contact").error / result.trajectory("contact").std).max() < 4
     rows = study_tables.table(result, "table_4").rows
     np.testing.assert_array_equal(
-        [row[-2:] for row in rows], np.transpose([result.joint("contact").error, result.joint("contact").std])
+        [row[-2:] for row in rows], np.transpose([result.trajectory("contact").error, result.trajectory("contact").std])
     )
-    assert abs(result.joint("ignoring").error).max() > 10
+    assert abs(result.trajectory("ignoring").error).max() > 10
 
 
 @pytest.mark.parametrize("contact", ["pad"], indirect=True)
-def test_the_joint_estimate_follows_accelerations_that_jump_with_denser_knots(result):
-    assert abs(result.joint("contact").error / result.joint("contact").std).max() < 4
+def test_the_trajectory_estimate_follows_accelerations_that_jump_with_denser_knots(result):
+    assert abs(result.trajectory("contact").error / result.trajectory("contact").std).max() < 4
 
 
-@pytest.mark.usefixtures("no_joint")
+@pytest.mark.usefixtures("no_trajectory")
 @pytest.mark.parametrize("contact", ["pad handle"], indirect=True)
 def test_the_same_seed_gives_the_same_bytes(results, contact, tmp_path):
     assert multicontact.main(["--out", str(tmp_path), "--contact", *contact.split(), "--formats", "png"]) == 0
@@ -250,7 +250,7 @@ def test_figures_of_several_contacts_show_each_of_them_and_when_all_touch(result
             assert together.all() or (np.any(within, axis=0) == together).all()
 
 
-@pytest.mark.usefixtures("no_joint")
+@pytest.mark.usefixtures("no_trajectory")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -1,4 +1,4 @@
-"""The study of noisy joint sensors: its recordings, the other methods' formulas, and the joint estimate."""
+"""The study of noisy joint sensors: its recordings, the other methods' formulas, and the trajectory estimate."""
 
 import csv
 import json
@@ -46,16 +46,16 @@ def found(condition, estimator, recordings):
     return np.array(out)
 
 
-def test_the_joint_estimate_is_right_where_least_squares_is_off_by_several_of_its_own():
+def test_the_trajectory_estimate_is_right_where_least_squares_is_off_by_several_of_its_own():
     condition = CONDITIONS["pendulum_x3"]
     assert found(condition, "ordinary", 4).mean() < -5
-    assert abs(found(condition, "joint", 4).mean()) < 0.5
+    assert abs(found(condition, "trajectory", 4).mean()) < 0.5
 
 
 def test_a_person_as_well():
     condition = CONDITIONS["person_half_degree"]
     assert found(condition, "usual_filter", 1)[0] < -20
-    assert abs(found(condition, "joint", 1)[0]) < 3
+    assert abs(found(condition, "trajectory", 1)[0]) < 3
 
 
 def test_exact_states_give_the_truth_whatever_the_instruments():
@@ -130,13 +130,13 @@ def test_samples_are_missing_and_wrong():
 
 @pytest.fixture
 def short(monkeypatch):
-    """Replaces the joint estimate by quick estimators: half a minute of work in a second."""
+    """Replaces the trajectory estimate by quick estimators: half a minute of work in a second."""
     kinds = ("pendulum_x1", "pendulum_x3", "person_half_degree")
     some = {name: CONDITIONS[name] for name in kinds}
     commanded, filtered = estimators.commanded_instruments, estimators.usual_filter
     cheap = {
-        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "joint": commanded},
-        "person": {"usual_filter": filtered, "joint": filtered},
+        "pendulum": {"ordinary": noise.ESTIMATORS["pendulum"]["ordinary"], "trajectory": commanded},
+        "person": {"usual_filter": filtered, "trajectory": filtered},
     }
     for module in (noise, report, figure):
         monkeypatch.setattr(module, "CONDITIONS", some)
@@ -150,7 +150,7 @@ def test_the_command_writes_tables_and_a_figure(tmp_path, capsys):
     assert "instrumental variables" not in capsys.readouterr().out
     rows = list(csv.DictReader((tmp_path / "table_pendulum.csv").read_text().splitlines()))
     assert [(row["noise"], row["estimator"]) for row in rows] == [
-        (f"noise ×{k}", label) for k in (1, 3) for label in ("ordinary least squares", "joint estimate")
+        (f"noise ×{k}", label) for k in (1, 3) for label in ("ordinary least squares", "trajectory estimate")
     ]
     summary = json.loads((tmp_path / "summary.json").read_text())
     errors = summary["pendulum_x3"]["ordinary"]
@@ -184,17 +184,17 @@ def test_what_an_estimator_refuses_is_counted(tmp_path, monkeypatch, capsys):
         true = case.subject.true
         return Answer(case.subject.parameters.names, true + case.recording["ground_force"][0, 0], np.ones(13), true)
 
-    monkeypatch.setitem(noise.ESTIMATORS, "pendulum", {"joint": refuses})
+    monkeypatch.setitem(noise.ESTIMATORS, "pendulum", {"trajectory": refuses})
     command = ["--out", str(tmp_path), "--recordings", "6"]
     assert main(command) == 0
-    assert "Refused 2 times: pendulum_x1, joint estimate: No." in capsys.readouterr().err
+    assert "Refused 2 times: pendulum_x1, trajectory estimate: No." in capsys.readouterr().err
     first = next(csv.DictReader((tmp_path / "table_coverage.csv").read_text().splitlines()))
     assert (first["recordings"], first["refused"]) == ("4", "2")
 
 
 def test_nothing_is_made_of_refusals_alone():
-    with pytest.raises(InputError, match="The joint estimate refuses nearly every recording"):
-        noise.study([{"joint": {"refused": "No."}}] * len(CONDITIONS), 1, tuple(CONDITIONS))
+    with pytest.raises(InputError, match="The trajectory estimate refuses nearly every recording"):
+        noise.study([{"trajectory": {"refused": "No."}}] * len(CONDITIONS), 1, tuple(CONDITIONS))
 
 
 @pytest.mark.usefixtures("short")

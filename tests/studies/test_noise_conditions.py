@@ -53,14 +53,14 @@ def test_conditions_run_from_end_to_end(name, monkeypatch):
     tasks = noise.tasks(2 if NEW[name].subject == "pendulum" else 1, [name])
     collected = [json.loads(text) for task in tasks for text in noise.fits(0, task)]
     for outcome in collected:
-        answer = outcome["joint"]
+        answer = outcome["trajectory"]
         assert "refused" not in answer
         numbers = [answer[key] for key in ("error", "std", "true", "std_setup")]
         assert {len(each) for each in numbers} == {len(answer["names"])} and np.isfinite(numbers).all()
         assert (np.array(answer["std_setup"]) >= np.array(answer["std"]) * (1 - 1e-9)).all()
         assert any(each.startswith("Fc(") for each in answer["names"]) == NEW[name].rubs
     if len(tasks) > 1:
-        outcome = noise.study(collected, 2, (name,)).joint[name]
+        outcome = noise.study(collected, 2, (name,)).trajectory[name]
         assert outcome.errors.errors.shape == outcome.with_setup.predicted.shape == (2, len(answer["names"]))
         assert outcome.reporting in (0, 0.5, 1)
 
@@ -190,10 +190,10 @@ def test_tables_count_what_was_answered():
     name, names = "rubs_trapezoids_100", ["Izz2", "Fc(turn)"]
     study = noise.study(
         [
-            {"joint": answer(names, [0.5, 0.02], [1.0, 0.01], [1.0, 0.04])},
-            {"joint": answer(names, [-1.5, -0.04], [1.0, 0.01], [1.0, 0.01], ["delay(ground)"])},
-            {"joint": answer(names[:1], [0.0], [1.0], [1.0])},
-            {"joint": {"refused": "No."}},
+            {"trajectory": answer(names, [0.5, 0.02], [1.0, 0.01], [1.0, 0.04])},
+            {"trajectory": answer(names, [-1.5, -0.04], [1.0, 0.01], [1.0, 0.01], ["delay(ground)"])},
+            {"trajectory": answer(names[:1], [0.0], [1.0], [1.0])},
+            {"trajectory": {"refused": "No."}},
         ],
         4,
         (name,),
@@ -207,14 +207,14 @@ def test_tables_count_what_was_answered():
     (drive,) = noise_report.table_drives(study).rows
     percent = [-0.5, 100 * np.sqrt((0.02**2 + 0.04**2) / 2) / 2, 2.0, 0.5]
     assert drive[1] == "Fc(turn)" and drive[3:7] == pytest.approx(percent) and drive[7:] == (0, 2)
-    counts = noise_report.numbers(study)[name]["joint"]
+    counts = noise_report.numbers(study)[name]["trajectory"]
     assert counts["setup"] == {"delay(ground)": 1} and counts["setup_coverage_95"] == {"Izz2": 1, "Fc(turn)": 0.5}
     json.dumps(noise_report.numbers(study), allow_nan=False)
 
 
 def test_intervals_without_width_are_no_number():
     flat = answer(["Fc(turn)"], [0.1], [0.0], [0.0])
-    study = noise.study([{"joint": flat}, {"joint": flat | {"error": [0.2]}}], 2, ("rubs_trapezoids_100",))
+    study = noise.study([{"trajectory": flat}, {"trajectory": flat | {"error": [0.2]}}], 2, ("rubs_trapezoids_100",))
     (row,) = noise_report.table_coverage(study).rows
     assert row[5] is None and row[6] is None and row[2] == 0
 

@@ -104,7 +104,7 @@ def test_a_leg_is_identified_and_written_back(swing, tmp_path, capsys):
     assert min(stated[[0, 1, 5]] / error[[0, 1, 5]]) > 3
 
 
-def test_the_joint_estimate_knows_how_the_knee_slides(swing):
+def test_the_trajectory_estimate_knows_how_the_knee_slides(swing):
     path, log, phi = swing
     arm = read(path)
     estimate = identified(prepared(arm, read_log(log, arm)), setup=dict.fromkeys(PRIORS, 0.0))

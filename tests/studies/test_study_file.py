@@ -231,7 +231,7 @@ def test_a_study_that_is_not_there_is_named(capsys, tmp_path):
     assert "--parameters needs" in refusal(study.main, [path, "--parameters", "x", "--out", str(tmp_path)], capsys)
 
 
-@pytest.mark.usefixtures("undrawn", "no_joint")
+@pytest.mark.usefixtures("undrawn", "no_trajectory")
 def test_the_papers_command_is_its_file(tmp_path):
     options = ["--samples", "200", "--formats", "png"]
     assert misaligned.main([*options, "--out", str(tmp_path / "a")]) == 0

@@ -1,4 +1,4 @@
-"""Covariance of the joint estimate as a fit of linear equations, from the root that later steps use."""
+"""Covariance of the trajectory estimate as a fit of linear equations, from the root that later steps use."""
 
 import numpy as np
 import pytest

@@ -6,10 +6,10 @@ from recorded_faults import PENDULUM, faulty, shortened
 
 from ident.estimation.preparation import prepared
 from ident.identification import identified
-from ident.trajectory.fit.fitted import JointFit, Prior
+from ident.trajectory.fit.fitted import Prior, TrajectoryFit
 from ident.trajectory.fit.piece import Noise
 from ident.trajectory.left_out import clearly_better, gains, preferred, without
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.setup_search import Search
 
 
@@ -26,7 +26,7 @@ def quadratic(seed, pieces=4, p=5):
     none = np.zeros(0)
     noise = Noise(np.zeros((3, 0)), none, none, np.zeros((3, 0)), none, np.zeros((3, 0)), none)
     names = [f"x{k}" for k in range(p)]
-    fit = JointFit(names, [], Prior(np.zeros(p), prior), theta, shares, free, noise, [], [], (), "converged")
+    fit = TrajectoryFit(names, [], Prior(np.zeros(p), prior), theta, shares, free, noise, [], [], (), "converged")
     return fit, rows, y
 
 
@@ -64,7 +64,7 @@ def test_a_parameter_that_one_piece_alone_sees_is_fitted_to_it():
     fit, rows, y = quadratic(0)
     rows[1:, :, 0] = 0
     shares = [(X.T @ X, X.T @ (z - X @ fit.theta)) for X, z in zip(rows, y, strict=True)]
-    assert np.isfinite(gains(JointFit(**{**vars(fit), "shares": shares}), 4)).all()
+    assert np.isfinite(gains(TrajectoryFit(**{**vars(fit), "shares": shares}), 4)).all()
 
 
 def test_what_predicts_no_better_than_chance_is_not_believed():
@@ -84,7 +84,7 @@ def test_an_interrupt_ends_every_stage(rounds):
 
     log = prepared(PENDULUM, shortened(faulty(3, delay=0.03), 500))
     estimate = identified(log, report=interrupt)
-    assert estimate.joint.fit.status == "interrupted" and len(calls) == rounds
+    assert estimate.trajectory.fit.status == "interrupted" and len(calls) == rounds
     assert np.isfinite(estimate.std).all()
 
 
@@ -92,8 +92,8 @@ def test_a_limit_of_what_is_far_below_its_bound_is_finite():
     fit, _, _ = quadratic(0)
     theta, bounded = fit.theta.copy(), np.arange(5) == 4
     shares = [(schur, right - 1e6 * bounded) for schur, right in fit.shares]
-    far = JointFit(**{**vars(fit), "theta": theta, "shares": shares, "bounded": bounded})
-    ((limit, std),) = Joint(None, Search(far), (4,), 0.1, False).bounds.values()
+    far = TrajectoryFit(**{**vars(fit), "theta": theta, "shares": shares, "bounded": bounded})
+    ((limit, std),) = TrajectoryEstimate(None, Search(far), (4,), 0.1, False).bounds.values()
     assert 0 < limit < std
 
 

@@ -39,7 +39,7 @@ def test_what_others_leave_is_not_a_stream_s_own_noise():
 
 
 def test_white_noise_of_a_pendulum_is_white():
-    joint = ident.identify(PENDULUM, faulty()).joint
+    joint = ident.identify(PENDULUM, faulty()).trajectory
     colours = noise_colours(joint.measurement, joint.fit)
     for each in colours.amplitudes:
         assert each[0] == pytest.approx(1, abs=0.25)

@@ -1,4 +1,4 @@
-"""The joint estimate uses samples at their own times: other rates, jitter, missing samples, gaps."""
+"""The trajectory estimate uses samples at their own times: other rates, jitter, missing samples, gaps."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import ident
 from ident.estimation.preparation import prepared
 from ident.estimation.setup import PRIORS
 from ident.recordings.wrench import Sensor, transform_wrench
-from ident.trajectory.estimate import joint_estimate
+from ident.trajectory.estimate import trajectory_estimate
 from ident.trajectory.pieces import coordinates
 
 CASES = {
@@ -27,7 +27,7 @@ def test_parameters_are_found_from_streams_with_times_of_their_own(case):
     estimate = identified(own)
     z = z_of(estimate.psi, estimate.covariance)
     assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.5
-    noise = estimate.joint.fit.noise
+    noise = estimate.trajectory.fit.noise
     np.testing.assert_allclose(noise.states[0], [NOISE[f"{joint}_position"] for joint in JOINTS], rtol=0.1)
     np.testing.assert_allclose(noise.channels, [0.5] * 3 + [0.05] * 3, rtol=0.1)
     # Reports have them at common times.
@@ -40,9 +40,9 @@ def test_of_eight_recordings_the_intervals_cover_the_truth():
     z = []
     for seed in range(8):
         own = streams(np.random.default_rng(seed), wrench=250.0, missing=0.05)
-        # The joint estimate has no cut-off: a given one needs no search.
+        # The trajectory estimate has no cut-off: a given one needs no search.
         log = prepared(pendulum(), ident.Recording.from_streams(own), cutoff=10.0)
-        fit = joint_estimate([(log, slice(0, len(log.samples)))], log.equations, search=False, knots=0.1).fit
+        fit = trajectory_estimate([(log, slice(0, len(log.samples)))], log.equations, search=False, knots=0.1).fit
         z.append(z_of(fit.theta, fit.covariance))
     assert 0.9 < np.mean(np.abs(z) < 1.96) < 0.99
 
@@ -57,7 +57,7 @@ def test_a_log_gives_the_times_that_it_has(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("\n".join([",".join(header), *(",".join(map(repr, row)) for row in table.tolist())]))
     estimate = ident.identify(pendulum(), ident.read_log(path, pendulum()), holdout=0.2)
-    pieces, end = estimate.joint.fit.pieces, estimate.prepared.recording.time[estimate.part.stop]
+    pieces, end = estimate.trajectory.fit.pieces, estimate.prepared.recording.time[estimate.part.stop]
     for times in ([piece.time for piece in pieces], [piece.when for piece in pieces]):
         np.testing.assert_allclose(np.concatenate(times), time[time < end], rtol=1e-12)
     z = z_of(estimate.psi, estimate.covariance)
@@ -84,9 +84,9 @@ def test_contacts_and_torques_may_have_clocks_of_their_own():
     estimate = ident.identify(arm, recording, holdout=0)
     z = z_of(estimate.psi, estimate.covariance)
     assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.5
-    away = [(piece.when > 4.001) & (piece.when < 4.299) for piece in estimate.joint.fit.pieces]
+    away = [(piece.when > 4.001) & (piece.when < 4.299) for piece in estimate.trajectory.fit.pieces]
     assert sum(map(np.sum, away)) == 29
-    for piece, without in zip(estimate.joint.fit.pieces, away, strict=True):
+    for piece, without in zip(estimate.trajectory.fit.pieces, away, strict=True):
         assert np.isnan(piece.measured[without]).all() and np.isfinite(piece.measured[~without]).mean() > 0.94
 
 
@@ -122,4 +122,4 @@ def test_recordings_are_cut_into_six_pieces_of_two_seconds_or_more(samples, coun
     """Over all recordings; a single recording has two pieces at least, so that one is predicted from the other."""
     logs = [shortened(faulty(k), number) for k, number in enumerate(samples)]
     estimate = ident.identify(PENDULUM, logs, holdout=0, setup=dict.fromkeys(PRIORS, 0.0))
-    assert estimate.joint.counts == counts
+    assert estimate.trajectory.counts == counts

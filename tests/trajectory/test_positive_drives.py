@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from ident.trajectory.fit.fitted import JointFit, Prior, Start
+from ident.trajectory.fit.fitted import Prior, Start, TrajectoryFit
 from ident.trajectory.fit.piece import Noise
 from ident.trajectory.fit.positive_drives import with_positive
 
@@ -23,7 +23,7 @@ def solver(A, y):
         share = A.T @ A, A.T @ (y - A @ theta)
         names = [f"x{k}" for k in range(P)]
         prior = Prior(np.zeros(P), np.zeros((P, P)))
-        return JointFit(names, [], prior, theta, [share], free, NOISE, [], [], (), "converged")
+        return TrajectoryFit(names, [], prior, theta, [share], free, NOISE, [], [], (), "converged")
 
     return solve
 

@@ -1,11 +1,11 @@
-"""Uncertainty of the set-up in the covariance of a joint estimate, against that of all parameters together."""
+"""Uncertainty of the set-up in the covariance of a trajectory estimate, against that of all parameters together."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from ident.trajectory.result import Joint
+from ident.trajectory.result import TrajectoryEstimate
 from ident.trajectory.setup_search import Search
 
 NAMES = ("a", "b", "delay", "tilt of log 2")
@@ -19,7 +19,7 @@ def data(rng, of=NAMES):
 
 
 def joint(told, *, scatter=None, gradient=0.0, weight=0.3):
-    """Joint estimate with the set-up held, whose prior had a weight in the fit.
+    """Trajectory estimate with the set-up held, whose prior had a weight in the fit.
 
     Args:
         told: Precision from the data (4, 4).
@@ -37,7 +37,7 @@ def joint(told, *, scatter=None, gradient=0.0, weight=0.3):
         prior=SimpleNamespace(known=KNOWN, weight=weight),
     )
     setup = [SimpleNamespace(name=name) for name in ("delay", "tilt")]
-    return Joint(SimpleNamespace(setup=setup), Search(fit), (1,), 0.1, False)
+    return TrajectoryEstimate(SimpleNamespace(setup=setup), Search(fit), (1,), 0.1, False)
 
 
 @pytest.mark.parametrize("weight", [0.3, 1.0])

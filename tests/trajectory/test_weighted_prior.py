@@ -22,13 +22,13 @@ def estimated(name):
 
 def test_slow_residuals_tell_less_than_a_fit_takes_them_for():
     estimate, known, true = estimated("random_walk")
-    assert estimate.joint.fit.prior.weight > 2
+    assert estimate.trajectory.fit.prior.weight > 2
     assert (estimate.std <= known * (1 + 1e-6)).all()
     assert (np.abs(estimate.psi - true) < 1.96 * estimate.std).mean() > 0.9
 
 
 def test_beside_white_noise_it_counts_once():
-    assert estimated("arm_drawn")[0].joint.fit.prior.weight == 1
+    assert estimated("arm_drawn")[0].trajectory.fit.prior.weight == 1
 
 
 def test_a_prior_has_what_is_known_and_how_it_counts():

@@ -74,7 +74,7 @@ class Marginal(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class JointFit:
+class TrajectoryFit:
     """Result of a fit of trajectory, parameters and noise.
 
     Attributes:

@@ -17,7 +17,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ident.trajectory.fit.fitted import JointFit, Marginal, Prior, Start
+from ident.trajectory.fit.fitted import Marginal, Prior, Start, TrajectoryFit
 from ident.trajectory.fit.marginal_likelihood import pull
 from ident.trajectory.fit.piece import Linearised, Misfit, Noise, Piece, Predictor, linearised, misfit
 from ident.trajectory.fit.precision import root_of_inverse
@@ -81,7 +81,7 @@ def fit(
     executor: Executor | None = None,
     rounds: int = ROUNDS,
     report: Report | None = None,
-) -> JointFit:
+) -> TrajectoryFit:
     """Fits trajectory, parameters and noise from a starting point.
 
     An interrupt (Ctrl-C) ends the iteration and returns its current state.
@@ -115,7 +115,7 @@ def fit(
     unasked = not len(free) or (explore and status != "interrupted")
     last = [] if unasked else problem.linearised(at, np.arange(len(free)))
     pulls = problem.spread(at.pulls)[: len(last)]
-    return JointFit(
+    return TrajectoryFit(
         problem.names,
         problem.selections,
         prior,
@@ -147,7 +147,7 @@ class _Iteration:
         self._leads_back, self._stalled = False, 0
 
     def ended(self, rounds: int, report: Report | None) -> str:
-        """Iterates to the end, and returns the `JointFit.status`."""
+        """Iterates to the end, and returns the `TrajectoryFit.status`."""
         fitted, root = np.flatnonzero(self._problem.free), None
         try:
             for _ in range(rounds):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
-from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.piece import Predictor
 from ident.trajectory.fit.precision import embedded, inverse_of_precision
 from ident.trajectory.fit.response import Response, Stream, response
@@ -66,7 +66,7 @@ class NoiseColours:
     amplitudes: Sequence[np.ndarray]
 
 
-def noise_colours(measurement: Predictor, fit: JointFit) -> NoiseColours:
+def noise_colours(measurement: Predictor, fit: TrajectoryFit) -> NoiseColours:
     """Noise estimated from a fit's residuals and from those that it leaves of random draws.
 
     Args:
@@ -84,7 +84,7 @@ def noise_colours(measurement: Predictor, fit: JointFit) -> NoiseColours:
     return NoiseColours(draws.times, amplitudes)
 
 
-def _at_floor(fit: JointFit, stream: Stream) -> np.ndarray:
+def _at_floor(fit: TrajectoryFit, stream: Stream) -> np.ndarray:
     """Mask of the coordinates whose noise is at its floor (s,)."""
     if not isinstance(stream.which, int):
         return np.zeros(len(stream.std), bool)
@@ -102,13 +102,13 @@ class _Draws:
         times: Correlation times, s, zero for white noise (b,).
     """
 
-    fit: JointFit
+    fit: TrajectoryFit
     chosen: Sequence[int]
     responses: Sequence[Response]
     times: np.ndarray
 
     @classmethod
-    def of(cls, measurement: Predictor, fit: JointFit) -> "_Draws":
+    def of(cls, measurement: Predictor, fit: TrajectoryFit) -> "_Draws":
         """Draws for every k-th piece of a fit, as many as suffice."""
         total = sum(len(piece.when) for piece in fit.pieces)
         chosen = list(range(0, len(fit.pieces), max(1, round(total / ENOUGH))))

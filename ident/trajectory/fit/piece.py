@@ -1,4 +1,4 @@
-"""Piece of a recording in the joint estimate: samples, trajectory, and their linearised equations."""
+"""Piece of a recording in the trajectory estimate: samples, trajectory, and their linearised equations."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace

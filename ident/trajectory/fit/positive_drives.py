@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.trajectory.fit.fitted import JointFit, Start
+from ident.trajectory.fit.fitted import Start, TrajectoryFit
 
-Solve = Callable[..., JointFit]
+Solve = Callable[..., TrajectoryFit]
 """Function that fits the parameters of a mask `free` (p,) from a start, in at most `rounds` rounds."""
 
 
-def with_positive(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, rounds: int) -> JointFit:
+def with_positive(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
     """Fit with no drive below zero.
 
     Args:
@@ -35,7 +35,7 @@ def with_positive(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarr
     return replace(fit, bounded=drives & ~fit.free)
 
 
-def _bounded(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, rounds: int) -> JointFit:
+def _bounded(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, rounds: int) -> TrajectoryFit:
     """Fit with drives that come out negative fixed at zero."""
     fit = solve(begin, free=free, rounds=rounds)
     while fit.status != "interrupted" and (negative := drives & fit.free & (fit.theta < 0)).any():
@@ -44,7 +44,7 @@ def _bounded(solve: Solve, drives: np.ndarray, begin: Start, free: np.ndarray, r
     return fit
 
 
-def _gains(fit: JointFit, held: np.ndarray) -> np.ndarray:
+def _gains(fit: TrajectoryFit, held: np.ndarray) -> np.ndarray:
     """Decrease of the cost if one parameter at zero were free, zero if it would be negative (p,)."""
     gains = np.zeros(len(held))
     if fit.shares and fit.status != "interrupted":

@@ -1,4 +1,4 @@
-"""Linear response of a piece of the joint estimate to noise: changes of the estimate, and residuals.
+"""Linear response of a piece of the trajectory estimate to noise: changes of the estimate, and residuals.
 
     [A  B ] [δc]   [Jᵀ W ε]
     [Bᵀ D ] [δθ] = [Tᵀ W ε]                  r = ε - J δc - T δθ,        R = T - J A⁻¹ B

@@ -1,4 +1,4 @@
-"""Sandwich covariance of the joint estimate, valid if the fit's noise model is wrong.
+"""Sandwich covariance of the trajectory estimate, valid if the fit's noise model is wrong.
 
     cov θ = P⁻¹ M P⁻¹,        M = P - Σ Rᵀ W R + Σ (W R)ᵀ Γ (W R)
 
@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.trajectory.fit.fitted import JointFit
+from ident.trajectory.fit.fitted import TrajectoryFit
 from ident.trajectory.fit.noise_colours import NoiseColours, autoregressive, noise_colours
 from ident.trajectory.fit.piece import Predictor
 from ident.trajectory.fit.response import response
 
 
-def with_scatter(measurement: Predictor, fit: JointFit) -> JointFit:
+def with_scatter(measurement: Predictor, fit: TrajectoryFit) -> TrajectoryFit:
     """Fit with the covariance of its gradient under the estimated noise.
 
     Args:
@@ -48,7 +48,7 @@ _Tails = dict[tuple[int, int, int], np.ndarray]
 """State of the recursion for slow noise at the end of a piece, by stream, column and correlation time."""
 
 
-def _goes_on(fit: JointFit, k: int) -> bool:
+def _goes_on(fit: TrajectoryFit, k: int) -> bool:
     """True if a piece continues the one before in the same recording."""
     before, here = fit.pieces[k - 1], fit.pieces[k]
     gap = here.time[0] - before.time[-1]

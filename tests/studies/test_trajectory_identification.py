@@ -143,7 +143,7 @@ def test_logs_are_given_once_and_have_the_same_channels(tmp_path, capsys):
     assert "A log to fit besides the first needs the channels Fx, Fy, Fz" in said
     with pytest.raises(ident.InputError, match="own needs a list out of offset, delay; got clock"):
         ident.identify(PENDULUM, [recording, recording], own=["clock"])
-    with pytest.raises(ident.InputError, match="Only the joint estimate"):
+    with pytest.raises(ident.InputError, match="Only the trajectory estimate"):
         ident.identify(PENDULUM, recording, estimator="ordinary", own=["delay"])
     with pytest.raises(ident.InputError, match="at least one recording"):
         ident.identify(PENDULUM, [])
@@ -163,7 +163,7 @@ def one_joint_moves(seed=0):
 def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_knows():
     mechanism, recording = one_joint_moves()
     estimate = ident.identify(mechanism, recording)
-    assert estimate.joint.known
+    assert estimate.trajectory.known
     assert any("does not separate all base parameters" in finding.text for finding in estimate.findings)
     assert (np.abs(estimate.psi - TRUTH) < 3 * estimate.std_setup).all()
     explained = estimate.rivals["model"] > 0.1
@@ -177,7 +177,7 @@ def test_a_motion_that_separates_too_little_is_answered_with_what_the_model_know
     except ident.ExcitationError as error:
         assert "does not determine all parameters" in str(error)
     else:
-        assert (without.std > np.abs(TRUTH))[TRUTH != 0].any() and not without.joint.known
+        assert (without.std > np.abs(TRUTH))[TRUTH != 0].any() and not without.trajectory.known
 
 
 def test_bodies_are_physical_where_that_is_asked_for():
@@ -190,7 +190,7 @@ def test_bodies_are_physical_where_that_is_asked_for():
     assert (np.linalg.eigvalsh(pseudo_inertia(full.phi.reshape(-1, 10))) > 0).all()
     assert (np.abs(held.psi - TRUTH) < 3 * held.std).all()
     assert (held.held_out.ratio < 1.05 * free.held_out.ratio).all()
-    with pytest.raises(ident.InputError, match="Only the joint estimate can be held to physical bodies"):
+    with pytest.raises(ident.InputError, match="Only the trajectory estimate can be held to physical bodies"):
         ident.identify(wrong, faulty(), estimator="ordinary", physical=True)
 
 
@@ -200,7 +200,7 @@ def test_an_interrupt_leaves_the_last_iterate():
             raise KeyboardInterrupt
 
     estimate = identified(prepared(PENDULUM, faulty()), report=interrupt)
-    assert estimate.joint.fit.status == "interrupted"
+    assert estimate.trajectory.fit.status == "interrupted"
     assert any("was interrupted after 1 round" in finding.text and finding.doubt for finding in estimate.findings)
     assert (np.abs(estimate.psi - TRUTH) < 10 * estimate.std).all()
 
