@@ -110,9 +110,10 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument(
         "--estimator",
+        type=lambda name: "trajectory" if name == "joint" else name,  # its former name
         choices=("trajectory", "weighted", "ordinary"),
         default="trajectory",
-        help="joint: trajectory, parameters, set-up and noise at once, from joint angles (default); weighted: least "
+        help="trajectory: motion, parameters, set-up and noise at once, from joint angles (default); weighted: least "
         "squares, channels weighted by their residuals and outliers down; ordinary: the paper's",
     )
     out.add_argument(

@@ -42,6 +42,9 @@ from ident.trajectory.smoothing_choice import chosen_smoothing
 
 ESTIMATORS = ("trajectory", "weighted", "ordinary")
 
+FORMER = {"joint": "trajectory"}
+"""Former names of estimators, which are still accepted."""
+
 NO_CUTOFF = "The trajectory estimate filters nothing: --cutoff belongs to --estimator weighted or ordinary."
 
 LEAST_HELD_OUT = 2
@@ -85,6 +88,7 @@ def identify(
         InputError: Something is missing or does not fit; the message names it.
         ExcitationError: The motion does not separate the base parameters.
     """
+    estimator = FORMER.get(estimator, estimator)
     if estimator == "trajectory" and cutoff is not None:
         raise InputError(NO_CUTOFF)
     options: dict[str, Any] = {"cutoff": cutoff, "drive": drive, "leave_out": leave_out}
@@ -123,16 +127,16 @@ def identified(
 
     Args:
         logs: Mechanism and recording, one or several.
-        estimator: `trajectory` for trajectory, parameters, set-up and noise at once, from joint angles; `weighted` for least
-            squares with states taken as exact, channels weighted by their residuals and outliers weighted down;
+        estimator: `trajectory` for motion, parameters, set-up and noise at once, from joint angles; `weighted` for
+            least squares with states taken as exact, channels weighted by their residuals and outliers weighted down;
             `ordinary` for that of the paper.
         offsets: True to fit a constant offset of every channel for which it can be separated from the parameters.
         holdout: Fraction of each recording, its end, that is not fitted; with zero the fit is judged on the fitted
-            samples. Three recordings or more are fitted whole by the trajectory estimate, and each predicted from the rest.
+            samples. The trajectory estimate fits three recordings or more whole, and predicts each from the rest.
         judges: Other recordings of the same channels to judge by, of any length; then all logs are fitted whole.
         own: Parameters that each recording has separately in the trajectory estimate: `offset`, `delay`.
-        setup: Standard deviations of the set-up for the trajectory estimate, as for `setup_parameters`; by default those of
-            the recording.
+        setup: Standard deviations of the set-up for the trajectory estimate, as for `setup_parameters`; by default
+            those of the recording.
         known: Standard deviations of the model's φ for the trajectory estimate, as for `body_covariance`: True for the
             default, False for no prior, None for the default where the motion does not separate all parameters.
         physical: True if the trajectory estimate's bodies must be physical, as close to the model's as the recordings
@@ -144,6 +148,7 @@ def identified(
         ExcitationError: The motion does not separate the base parameters.
         InputError: A recording is too short, or has other channels than the first.
     """
+    estimator = FORMER.get(estimator, estimator)
     if estimator not in ESTIMATORS:
         raise InputError(f"An estimator is one of {', '.join(ESTIMATORS)}, got '{estimator}'.")
     check_holdout(holdout)
@@ -269,30 +274,30 @@ def _joint(
     search = any((PRIORS | options["setup"]).values()) and not any(_grossly_wrong(log) for log, _ in divided.fitted)
     columns = with_offsets if offsets else equations
     estimate = partial(trajectory_estimate, divided.fitted, columns, search=search, **options)
-    joint = _known_enough(estimate, known, prior if wanted is None else known)
-    rms = disagreement(joint)
+    trajectory = _known_enough(estimate, known, prior if wanted is None else known)
+    rms = disagreement(trajectory)
     widening = rms if rms is not None and rms > DISAGREE else 1.0
-    divided = replace(divided, smoothing=chosen_smoothing(divided.fitted, joint))
-    mended = _corrected(divided, joint)
-    fit = as_fit(joint, mended.samples, mended.equations, widening)
+    divided = replace(divided, smoothing=chosen_smoothing(divided.fitted, trajectory))
+    mended = _corrected(divided, trajectory)
+    fit = as_fit(trajectory, mended.samples, mended.equations, widening)
     fits = [fit]
     if not divided.apart and len(divided.fitted) > 2:
-        values = (without(joint, k) for k in range(len(divided.fitted)))
+        values = (without(trajectory, k) for k in range(len(divided.fitted)))
         fits = [replace(fit, values=x[: len(fit.values)]) for x in values]
-    rivals, filtered_at = _rivals(divided, with_offsets, joint, fit)
+    rivals, filtered_at = _rivals(divided, with_offsets, trajectory, fit)
     return Estimate(
         logs=mended.fitted,
         fit=fit,
         offsets=fit.offsets,
         held_out=mended.held_out(fits),
         singular_values=singular_values,
-        joint=joint,
+        trajectory=trajectory,
         rivals=rivals,
         filtered_at=filtered_at,
         disagreement=rms,
-        disagreements=disagreements(joint),
+        disagreements=disagreements(trajectory),
         widening=widening,
-        bounded=joint.bounds,
+        bounded=trajectory.bounds,
     )
 
 
@@ -315,17 +320,17 @@ def _known_enough(
         prior: Standard deviations to fall back on, None for none.
     """
     try:
-        joint = _solvable(estimate, known)
+        trajectory = _solvable(estimate, known)
     except ExcitationError:
         if known or prior is None:
             raise
         return _solvable(estimate, prior)
     if known or prior is None:
-        return joint
-    equations = joint.measurement.equations
+        return trajectory
+    equations = trajectory.measurement.equations
     beforehand = np.diag(known_covariance(equations.mechanism, equations.parameters, prior))
-    far_less = np.diag(joint.fit.covariance)[: equations.parameters.rank] > FAR_LESS**2 * beforehand
-    return _solvable(estimate, prior) if far_less.any() else joint
+    far_less = np.diag(trajectory.fit.covariance)[: equations.parameters.rank] > FAR_LESS**2 * beforehand
+    return _solvable(estimate, prior) if far_less.any() else trajectory
 
 
 def _solvable(estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, float] | None) -> TrajectoryEstimate:
@@ -334,27 +339,27 @@ def _solvable(estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, f
         return estimate(known=known)
     except np.linalg.LinAlgError:
         raise ExcitationError(
-            "The trajectory estimate's equations are singular but for rounding: some joint angles follow a curve exactly, "
-            "as computed or smoothed ones do, or hardly move in what is fitted. Take the angles as they were measured, "
-            "hold joints that rest (--fix), or fit what the model knows as well (--prior on)."
+            "The trajectory estimate's equations are singular but for rounding: some joint angles follow a curve "
+            "exactly, as computed or smoothed ones do, or hardly move in what is fitted. Take the angles as they were "
+            "measured, hold joints that rest (--fix), or fit what the model knows as well (--prior on)."
         ) from None
 
 
-def _corrected(divided: _Divided, joint: TrajectoryEstimate) -> _Divided:
+def _corrected(divided: _Divided, trajectory: TrajectoryEstimate) -> _Divided:
     """Recordings with the set-up of a trajectory estimate and smoothed motion, that to judge by from angles alone."""
     smoothing = divided.smoothing
-    logs = [corrected(log, joint, k, smoothing, part) for k, (log, part) in enumerate(divided.fitted)]
+    logs = [corrected(log, trajectory, k, smoothing, part) for k, (log, part) in enumerate(divided.fitted)]
     if divided.apart:
-        judges = [corrected(log, joint, None, smoothing) for log, _ in divided.judged]
+        judges = [corrected(log, trajectory, None, smoothing) for log, _ in divided.judged]
     elif len(divided.fitted) > 2:
-        judges = [corrected(log, joint, k, smoothing) for k, (log, _) in enumerate(divided.judged)]
+        judges = [corrected(log, trajectory, k, smoothing) for k, (log, _) in enumerate(divided.judged)]
     else:
         judges = logs
     return divided.with_logs(logs, judges)
 
 
 def _rivals(
-    divided: _Divided, equations: Equations, joint: TrajectoryEstimate, fit: Fit
+    divided: _Divided, equations: Equations, trajectory: TrajectoryEstimate, fit: Fit
 ) -> tuple[dict[str, np.ndarray], float | None]:
     """Residual ratios of other candidates with the set-up as stated: the model's prior, and least squares.
 
@@ -367,9 +372,9 @@ def _rivals(
     Returns:
         Ratios of residual to signal by candidate (C,), and the cut-off of least squares, Hz.
     """
-    stated = _corrected(divided, joint.as_stated())
+    stated = _corrected(divided, trajectory.as_stated())
     held = stated.held_out([_model_as_it_came(replace(fit, equations=equations), stated.samples)])
-    rank, prior = equations.parameters.rank, joint.fit.prior
+    rank, prior = equations.parameters.rank, trajectory.fit.prior
     known = prior.mean[:rank], prior.known[:rank, :rank]
     others = not divided.apart and len(divided.fitted) > 2
     filtered = filtered_least_squares(divided.fitted, divided.judged, equations, known, others=others)

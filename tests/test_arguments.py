@@ -7,6 +7,7 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
+from experiments import identify, misaligned
 from ident.estimation.preparation import prepared
 from ident.parameters.prior import KNOWN, body_covariance, known_covariances
 
@@ -99,3 +100,11 @@ def test_drives_that_are_named_twice_count_once():
     }
     ready = prepared(PENDULUM, ident.Recording(np.arange(8) / 100, channels), drive=["coulomb", "coulomb"])
     assert ready.equations.drives == tuple(f"Fc({joint})" for joint in tree.freedoms)
+
+
+def test_the_estimator_s_former_name_is_accepted():
+    with pytest.raises(ident.InputError, match="The trajectory estimate filters nothing"):
+        ident.identify(PENDULUM, faulty(), estimator="joint", cutoff=5.0)
+    given = identify.parser().parse_args(["model.xml", "log.csv", "--estimator", "joint"])
+    assert given.estimator == "trajectory"
+    assert misaligned.parser().parse_args(["--joint-trials", "5"]).trajectory_trials == 5

@@ -13,7 +13,7 @@ REDRAWN = {
 }
 """Noise that is drawn anew for each trial."""
 
-JOINT_TRIALS = 100
+TRAJECTORY_TRIALS = 100
 """Largest number of trials with the trajectory estimate: enough to detect a bias of half a standard deviation."""
 
 CRITERIA = {

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 import ident
 import scenes
-from experiments.cli.defaults import FORMATS, JOINT_TRIALS, REDRAWN
+from experiments.cli.defaults import FORMATS, REDRAWN, TRAJECTORY_TRIALS
 from experiments.cli.print_options import add_print, style_of
 from experiments.runs.environment import end_at_once, environment, seldom_collected, unsaid
 from experiments.runs.signals import ENDING, GRACE, ended_after
@@ -111,8 +111,9 @@ def add_trials(parser: argparse.ArgumentParser) -> None:
     several.add_argument("--trials", type=whole_number(2, also=0), default=0, help="trials with noise drawn anew")
     several.add_argument(
         "--trajectory-trials",
+        "--joint-trials",
         type=whole_number(2, also=0),
-        default=JOINT_TRIALS,
+        default=TRAJECTORY_TRIALS,
         help="how many of the trials, at most, the trajectory estimate is made of too; it takes a second for each",
     )
     several.add_argument(

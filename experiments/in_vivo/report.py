@@ -129,14 +129,14 @@ def results(found: Study) -> Results:
 
 def said(found: Study) -> Said:
     """The page's text besides tables and figure: verdict and findings of the trajectory estimate, and its replay."""
-    joint = found.trajectory
+    trajectory = found.trajectory
     return Said(
         "A person who bows",
         ABOUT,
-        verdict=f"Of the trajectory estimate: {joint.verdict()}",
-        findings=[(finding.text, finding.doubt) for finding in joint.findings],
+        verdict=f"Of the trajectory estimate: {trajectory.verdict()}",
+        findings=[(finding.text, finding.doubt) for finding in trajectory.findings],
         # The table is not that of the trajectory estimate alone, whose rows could be pressed.
-        replay=replace(replay(joint), parameters=()),
+        replay=replace(replay(trajectory), parameters=()),
     )
 
 

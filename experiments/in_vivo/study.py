@@ -99,12 +99,12 @@ def study(folder: Path, report: Report | None = None) -> Study:
         InputError: One of the files is missing.
     """
     who, recording = _read(folder)
-    joint = identified(prepared(who, recording), report=report)
+    trajectory = identified(prepared(who, recording), report=report)
     others = {
         f"least squares, {USUAL:g} Hz": identified(prepared(who, recording, cutoff=USUAL), estimator="ordinary"),
         "weighted, cut-off chosen": identified(prepared(who, recording, cutoff="auto"), estimator="weighted"),
     }
-    return Study(joint, others)
+    return Study(trajectory, others)
 
 
 def _read(folder: Path) -> tuple[Mechanism, Recording]:

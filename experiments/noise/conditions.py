@@ -85,7 +85,7 @@ class Condition:
         decay: Autocorrelation of the angles' noise at a lag of one sample, as an AR(1) process.
         missing: Share of the instants that are not recorded.
         outliers: Share of the angles, forces and torques with additional `GROSS` errors.
-        compared: True to compare all estimators, False for the joint one alone.
+        compared: True to compare all estimators, False for the trajectory estimate alone.
         motion: Motion drawn for each recording, one of `MOTIONS`; by default the subject's own.
         rate: Samples per second; rates other than `RATE` for drawn motions only.
         samples: Samples of a recording, 0 for the subject's own number.
@@ -96,7 +96,7 @@ class Condition:
         freedom: Degrees of freedom of Student's t distribution of all noise, 0 for normal noise.
         steps: Quantisation steps of angles (rad), forces (N) and torques (N m), 0 for none.
         drawn: True to draw each recording's bodies from the prior around the model's.
-        options: Options of the trajectory estimate, `ident.identify`'s; by default neither offsets nor held-out samples.
+        options: Options of `ident.identify` for the trajectory estimate; by default no offsets, no held-out samples.
     """
 
     subject: str

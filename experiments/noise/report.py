@@ -70,8 +70,8 @@ def table_coverage(study: Study) -> report.Table:
         *("setup_reported", "bias_rms", "largest_bias", "parameter", "recordings", "refused"),
     )
     title = (
-        "The trajectory estimate's 95 % intervals of all base parameters and drives: fraction that hold the truth, by noise "
-        "alone and with the set-up, errors over their deviations, fraction of recordings in which a set-up deviation "
+        "The trajectory estimate's 95 % intervals of all base parameters and drives: coverage, by noise alone "
+        "and with the set-up, errors over their deviations, fraction of recordings in which a set-up deviation "
         f"is reported that is not there, and biases in s.d., of which chance makes {1 / np.sqrt(study.recordings):.2f}"
     )
     heads = {
@@ -146,8 +146,8 @@ def results(study: Study) -> Results:
     caption = (
         f"Error of {_named(PARAMETER, 'pendulum')} and {_named(PARAMETER, 'person')}, {study.recordings} recordings, "
         "by noise on the joint sensors: mean, 95 % of the errors (lines) and what each estimator predicts of itself "
-        "(bars), for the paper's pendulum (a) and a person who bows (b); and how often the trajectory estimate's intervals "
-        "hold the truth, with its biases in standard deviations, for every base parameter and drive (c). The ordinates "
+        "(bars), for the paper's pendulum (a) and a person who bows (b); and the coverage of the trajectory estimate's "
+        "intervals, with its biases in standard deviations, for every base parameter and drive (c). The ordinates "
         "of (a) and (b) are linear within ±1 %. In (c) correlated noise (AR) is as large as that of ×3 and of 0.5°; "
         "missing samples and outliers are besides ×1; rows without a letter are of an arm."
     )

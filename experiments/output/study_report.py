@@ -70,8 +70,8 @@ def trajectory_summary(study: Study) -> dict[str, float | None]:
     numbers: dict[str, float | None] = {}
     for name, model in study.file.models.items():
         if "trajectory" in model.estimators:
-            joint, suffix = study.trajectory(name), study.file.suffix(name)
-            numbers |= {f"largest_error{suffix}": joint.largest_error, f"rms_z{suffix}": joint.rms_z}
+            fitted, suffix = study.trajectory(name), study.file.suffix(name)
+            numbers |= {f"largest_error{suffix}": fitted.largest_error, f"rms_z{suffix}": fitted.rms_z}
     return numbers
 
 
@@ -117,7 +117,7 @@ def _errors(study: Study) -> list[str]:
         ]
         if "trajectory" in model.estimators:
             largest = study.trajectory(name).largest_error
-            errors.append("joint not determined" if largest is None else f"{report.number(largest)} joint")
+            errors.append("trajectory not determined" if largest is None else f"{report.number(largest)} trajectory")
         shown.append(f"Largest error, {model.title}: {', '.join(errors)}")
     return shown
 

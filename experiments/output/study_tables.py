@@ -70,8 +70,8 @@ def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> 
         digits = {"digits": 4} if study.file.models[model].axes == "recovered" else {}
         return study.fit(model).base.expressions(**digits)
     fit: Trial | TrajectoryTrial = study.fit(model)
-    if name.startswith("joint_"):
-        fit, name = study.trajectory(model), name.removeprefix("joint_")
+    if name.startswith("trajectory_"):
+        fit, name = study.trajectory(model), name.removeprefix("trajectory_")
     elif name.endswith("_weighted"):
         fit, name = study.fit(model, "weighted"), name.removesuffix("_weighted")
     values = {"true": fit.psi_true, "error": fit.error, "std": fit.std, "estimated": fit.error + fit.psi_true}
@@ -90,8 +90,8 @@ def _notes(study: Study, groups: Iterable[Mapping[str, Any]]) -> list[str]:
     notes = []
     if "std_wrench_noise" in shown:
         notes.append(f"s.d. of wrench noise, {study.fit(shown['std_wrench_noise']).estimate.noise}")
-    if any(name.startswith("joint_") for name in shown):
-        notes.append(f"joint: {ESTIMATORS['trajectory']}")
+    if any(name.startswith("trajectory_") for name in shown):
+        notes.append(f"trajectory: {ESTIMATORS['trajectory']}")
     return notes
 
 

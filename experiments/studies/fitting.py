@@ -1,4 +1,4 @@
-"""Identification of one model from one recording, by the paper's estimator and by the joint one."""
+"""Identification of one model from one recording, by least squares and by the trajectory estimate."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from ident.regression.ordinary import Fit, huber_white, least_squares
 ESTIMATORS = {
     "ordinary": "the paper's least squares, at measured joint angles, velocities and accelerations",
     "weighted": "the same, weighted by the covariance of the wrenches' noise",
-    "trajectory": "parameters and trajectory at once, from joint angles and wrenches alone; set-up as stated, no offsets",
+    "trajectory": "parameters and motion at once, from joint angles and wrenches alone; set-up as stated, no offsets",
 }
 """Estimators of the studies."""
 

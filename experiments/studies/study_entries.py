@@ -300,7 +300,11 @@ def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, Mode
     _text(f"{where}.groups.as", group.get("as", ""))
     for quantity in several(f"{where}.groups.show", group.get("show", []), QUANTITIES):
         needed = (
-            "trajectory" if quantity.startswith("joint_") else "weighted" if quantity.endswith("_weighted") else None
+            "trajectory"
+            if quantity.startswith("trajectory_")
+            else "weighted"
+            if quantity.endswith("_weighted")
+            else None
         )
         if needed and needed not in model.estimators:
             raise InputError(f"{where} shows {quantity}, but {group['model']} has no estimator '{needed}'.")

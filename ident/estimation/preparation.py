@@ -139,8 +139,8 @@ def prepared(
         leave_out: Channels that are not fitted, though they may be measured: components of the total wrench in the
             ground sensor's axes, without a ground in those of the base, or joint torques by the joints' names.
         name: Name of the recording in messages.
-        filters: True if the estimator fits low-passed samples. The trajectory estimate does not: it uses a default cut-off
-            for its first estimate of a motion for which none can be chosen.
+        filters: True if the estimator fits low-passed samples. The trajectory estimate does not: it uses a default
+            cut-off for its first estimate of a motion for which none can be chosen.
 
     Raises:
         InputError: Something is missing or does not fit; the message names it.

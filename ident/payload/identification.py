@@ -1,7 +1,8 @@
 """Identification of a robot's payload beyond a wrist sensor: mass, centre of mass, inertia and sensor errors.
 
 The robot's kinematics are known, so that joint angles determine the sensor's motion. The sensor is the base of the
-bodies beyond it and reads their wrench. The trajectory estimate is used: angles may be noisy and are not differentiated.
+bodies beyond it and reads their wrench. The trajectory estimate is used: angles may be noisy, and no derivatives are
+needed.
 """
 
 from collections.abc import Mapping, Sequence

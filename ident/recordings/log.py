@@ -49,8 +49,8 @@ def read_log(
         mechanism: The mechanism that was recorded. Its weight, if it has a prior, shows if a force is in kilonewtons.
         columns: A TOML file that maps columns to joints, wrenches and the base where names or units differ. Columns
             that it does not mention are found by name.
-        gaps: True if samples may be missing, as empty cells or as rows. The trajectory estimate does without them; a filter
-            would have to invent them.
+        gaps: True if samples may be missing, as empty cells or as rows. The trajectory estimate does without them; a
+            filter would have to invent them.
         limit: Bytes that an archive, or an unpacked file, may take in memory.
 
     Returns:

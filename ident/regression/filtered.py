@@ -133,8 +133,8 @@ def filtered_least_squares(
 def _cutoffs(logs: Sequence[Prepared]) -> list[float | None]:
     """Cut-offs to try, Hz, by the first recording; None for the measured states where none can be chosen.
 
-    They depend on joint angles alone, as in the trajectory estimate. Angles are known in the recordings to predict as well,
-    so all of them are used.
+    They depend on joint angles alone, as in the trajectory estimate. Angles are known in the recordings to predict as
+    well, so all of them are used.
     """
     first = logs[0]
     try:

@@ -1,4 +1,4 @@
-"""Pieces of a recording for the trajectory estimate: coordinates, channels and contacts, with a spline for each piece."""
+"""Pieces of a recording for the trajectory estimate: coordinates, channels, contacts and a spline for each piece."""
 
 from itertools import pairwise
 

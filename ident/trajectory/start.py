@@ -1,4 +1,4 @@
-"""Starting point of the trajectory estimate: each coordinate smoothed alone, and parameters by least squares on these."""
+"""Starting point of the trajectory estimate: coordinates smoothed one by one, then least squares for parameters."""
 
 from collections.abc import Sequence
 from concurrent.futures import Executor

@@ -93,7 +93,7 @@ def test_a_model_that_is_wrong_and_its_noise_do_not_chase_each_other(seed, monke
         return estimates[-1]
 
     monkeypatch.setattr(fitting, "identified", kept)
-    study_of("misaligned", seed=seed).joint("simplified")
+    study_of("misaligned", seed=seed).trajectory("simplified")
     (estimate,) = estimates
     assert estimate.trajectory.fit.status == "converged"
 
