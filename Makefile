@@ -13,14 +13,14 @@ unexport PYTHONDONTWRITEBYTECODE
 PARALLEL := --numprocesses auto --dist loadfile --no-loadscope-reorder
 # Only the model files of these packages are read, so they come without what their code needs.
 MODELS := example-robot-data robosuite dm_control
-BROWSER := tests/output/test_pages_in_browser.py
+BROWSER := tests/document/test_pages_in_browser.py
 # Those that skip without the extras or a browser, and fuzzing, which damages files in the extras' formats as well: `make
 # test` leaves it out.
 OF_EXTRAS := $(BROWSER) tests/studies/test_derive.py tests/test_against_pinocchio.py tests/test_against_clarabel.py \
 	tests/runs/test_cluster.py tests/cli/test_help.py::test_the_shell_completes_commands_and_options tests/docs/test_site.py tests/test_fuzz.py \
 	$(addprefix tests/studies/test_benchmark.py::test_,a_quick_run_compares_every_task_on_every_mechanism peers_have_the_same_regressor) \
-	tests/test_against_models.py tests/parameters/test_large_trees.py tests/recordings/formats tests/recordings/test_several_files.py \
-	tests/recordings/test_markers.py tests/studies/test_identify_formats.py
+	tests/test_against_models.py tests/parameters/test_large_trees.py tests/files/formats tests/recordings/test_several_files.py \
+	tests/files/test_markers.py tests/studies/test_identify_formats.py
 INSTALLED := $(VENV)/installed-$(basename $(notdir $(CONSTRAINTS)))
 
 .PHONY: paper test test-extras check docs readme install extras clean

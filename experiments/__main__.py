@@ -15,9 +15,9 @@ than the prior, with and without a rail to hold (`docs/human.md`), and short eno
 
 def run(args: argparse.Namespace) -> None:
     """Runs every study with its defaults, into folders of their own."""
-    from experiments.output import human_report, study_report
-    from experiments.output.index import write_index
-    from experiments.output.results import Results
+    from experiments.document.index import write_index
+    from experiments.document.results import Results
+    from experiments.reports import human_report, study_report
     from experiments.studies import mechanism as drawn
     from experiments.studies.study_entries import packaged
     from experiments.studies.trials import FILE

@@ -11,9 +11,9 @@ from ident.errors import InputError
 
 def run(args: argparse.Namespace) -> None:
     """Guesses the columns of the logs, prints them, and writes them as a mapping."""
+    from experiments.document.terminal import wrapped
     from experiments.guesses.guess import believed, is_complete, write_mapping
     from experiments.guesses.written import table
-    from experiments.output.terminal import wrapped
     from ident.estimation.equations import channels_out_of_plane
     from ident.recordings.several_files import files_of
     from sim.models.mechanism import mechanism
@@ -50,7 +50,7 @@ def _identify(args: argparse.Namespace, columns: Path, left_out: Sequence[str], 
 
 def _rate(text: str) -> float:
     """Type of an option: samples per second."""
-    from ident.recordings.counted import clock_of_rate
+    from ident.files.counted import clock_of_rate
 
     try:
         value = float(text)

@@ -8,8 +8,9 @@ from experiments.cli import options, print_options
 
 def run(args: argparse.Namespace) -> None:
     """Compares results, and writes and prints the differences."""
-    from experiments.output import compare_report, report
-    from experiments.output.page import PAGE
+    from experiments.document import report
+    from experiments.document.page import PAGE
+    from experiments.reports import compare_report
     from experiments.studies.comparing import read_results
     from ident.errors import InputError
 

@@ -8,7 +8,7 @@ from experiments.cli import options
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    from experiments.output import human_report
+    from experiments.reports import human_report
 
     human_report.run(args)
 

@@ -24,8 +24,9 @@ PAYS = 30_000
 
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
-    from experiments.output import identify_report, report
-    from experiments.output.page import PAGE, complain
+    from experiments.document import report
+    from experiments.document.page import PAGE, complain
+    from experiments.reports import identify_report
     from experiments.studies.identification import prepare
     from ident.identification import NO_CUTOFF, identified
 

@@ -7,7 +7,7 @@ from experiments.cli import options
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    from experiments.output import study_report
+    from experiments.reports import study_report
     from experiments.studies.study_entries import packaged
 
     chosen = {"contact": " ".join(args.contact)} if args.contact else {}

@@ -9,8 +9,9 @@ from ident.tolerances import HOLDOUT
 
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
-    from experiments.output import payload_report, report
-    from experiments.output.page import PAGE, complain
+    from experiments.document import report
+    from experiments.document.page import PAGE, complain
+    from experiments.reports import payload_report
     from experiments.studies.identification import recorded
     from ident.payload.identification import identify_payload
     from ident.payload.mounting import place_of

@@ -30,12 +30,12 @@ from experiments import (
 )
 from experiments.__main__ import main as everything
 from experiments.benchmark.__main__ import main as benchmark
+from experiments.document.page import PAGE
 from experiments.in_vivo import __main__ as in_vivo
 from experiments.noise import __main__ as noise_command
 from experiments.noise import estimators, figure, report
 from experiments.noise import study as noise
-from experiments.output import human_report
-from experiments.output.page import PAGE
+from experiments.reports import human_report
 from experiments.runs import workers
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate

@@ -15,6 +15,7 @@ LADDER = (
     "mechanism",
     "model",
     "parameters",
+    "files",
     "recordings",
     "estimation",
     "regression",
@@ -34,8 +35,8 @@ EXTRAS = {
     "symbols": {"sympy"},
     "runs": {"distributed"},
     "benchmark": {"pinocchio"},
-    "output": {"PIL"},
-    "recordings": {"ezc3d", "rosbags", "pyarrow"},
+    "document": {"PIL"},
+    "files": {"ezc3d", "rosbags", "pyarrow"},
 }
 """Optional packages that a room imports."""
 

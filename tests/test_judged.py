@@ -6,7 +6,7 @@ import swinging
 from recorded_faults import PENDULUM, TRUTH, faulty, shortened
 
 import ident
-from experiments.output.identify_figures import held_out_figure
+from experiments.reports.identify_figures import held_out_figure
 from ident.estimation.preparation import prepared
 from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
 

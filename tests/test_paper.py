@@ -7,7 +7,7 @@ import pytest
 from mechanisms import double_pendulum, tilted_axis
 
 import scenes
-from experiments.output import study_report
+from experiments.reports import study_report
 from experiments.studies import paper
 from experiments.studies.fitting import fit
 from experiments.studies.simulated import study as study_of

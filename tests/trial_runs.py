@@ -78,7 +78,7 @@ WITHOUT_FIGURES = """
 from types import SimpleNamespace
 from experiments import multicontact
 from experiments.cli import options
-from experiments.output import figures
+from experiments.document import figures
 from truth import told
 options.GRACE = 60.0
 figures.drawn = lambda figure, extension: b""

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from experiments.benchmark.identification import ALL_COLUMNS, CHAIN, REGRESSOR
 from experiments.benchmark.mechanisms import PENDULUM
 from experiments.benchmark.targets import Results
-from experiments.output import figures
+from experiments.document import figures
 from ident.errors import InputError
 
 Row = dict[str, Any]

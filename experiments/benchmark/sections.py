@@ -13,9 +13,9 @@ from experiments.benchmark import bounds, identification, machine, monte_carlo, 
 from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
 from experiments.benchmark.timing import QUICK, Effort
-from experiments.output import report
-from experiments.output.page import Said, conclude
-from experiments.output.results import Results
+from experiments.document import report
+from experiments.document.page import Said, conclude
+from experiments.document.results import Results
 from experiments.runs.workers import worker_pool
 from ident.errors import InputError
 

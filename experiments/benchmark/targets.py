@@ -5,7 +5,7 @@ from typing import Any
 
 from experiments.benchmark import identification, monte_carlo
 from experiments.benchmark.mechanisms import ARM, PENDULUM, TILTED, TREE
-from experiments.output import report
+from experiments.document import report
 from experiments.studies import paper
 
 Results = Mapping[str, Any]

@@ -239,7 +239,7 @@ def add_size(parser: argparse.ArgumentParser) -> None:
 
 def size_limit(args: argparse.Namespace) -> int:
     """Largest size of a log in memory, bytes."""
-    from ident.recordings.npz import LIMIT
+    from ident.files.npz import LIMIT
 
     return LIMIT if args.max_size is None else 1_000_000 * args.max_size
 

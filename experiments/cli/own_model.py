@@ -64,7 +64,7 @@ def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]
         args: The options.
         logs: The prepared logs, and their fitted parts.
     """
-    from experiments.output import report
+    from experiments.document import report
 
     fitted = [
         {**_told(path), "samples": len(log.samples), "rate_hz": log.recording.rate, "fitted": [part.start, part.stop]}

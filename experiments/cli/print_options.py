@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError
 
 if TYPE_CHECKING:
-    from experiments.output.layout import Layout
+    from experiments.document.layout import Layout
 
 
 def add_print(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +48,7 @@ def layout_of(args: argparse.Namespace) -> "Layout":
     Raises:
         InputError: A table or figure is given two captions.
     """
-    from experiments.output.layout import Layout
+    from experiments.document.layout import Layout
 
     captions = {name: text for name, text in args.caption}
     if len(captions) < len(args.caption):
@@ -69,11 +69,11 @@ def style_of(args: argparse.Namespace) -> Iterator[None]:
         return
     if "caption" in args:
         layout_of(args)
-    from experiments.output.figures import author_style
+    from experiments.document.figures import author_style
 
     with author_style(args.style, args.page_columns):
         if args.style is not None:
-            from experiments.output.style_trial import try_style
+            from experiments.document.style_trial import try_style
 
             try_style(args.style)
         yield

@@ -12,8 +12,8 @@ from experiments.guesses.predicted import Curves, beside_friction, prediction, s
 from experiments.guesses.seen import Seen
 from experiments.guesses.words import unit_of, words
 from ident.estimation.equations import COMPONENTS
+from ident.files.column import UNITS
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.column import UNITS
 
 STILL = 1e-6
 """Range of a wrench component, N or N m, up to which it does not depend on the motion."""

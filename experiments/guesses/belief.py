@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from ident.recordings.column import CURRENT
+from ident.files.column import CURRENT
 
 SURE, LIKELY, DOUBTFUL = "sure", "likely", "doubtful"
 """Certainty of a belief: sure, by an exact name or by unambiguous numbers; likely, by likeness; doubtful, so that it is
@@ -16,7 +16,7 @@ class Quantity:
 
     Attributes:
         joint: The joint.
-        kind: The quantity, a key of `ident.recordings.column.KINDS`.
+        kind: The quantity, a key of `ident.files.column.KINDS`.
         column: The column.
         sure: Certainty.
         why: Reasons.

@@ -15,9 +15,9 @@ from experiments.guesses.written import toml_text
 from ident.errors import InputError
 from ident.estimation.equations import COMPONENTS
 from ident.estimation.preparation import Prepared, predicted_channels, prepared
+from ident.files.column import CURRENT
 from ident.judgement.checks import wrench_checks
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.column import CURRENT
 from ident.recordings.log import read_log
 from ident.recordings.wrench import GROUND
 

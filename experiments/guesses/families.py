@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from experiments.guesses.words import KINDS, Words, words
-from ident.recordings.column import CURRENT, UNITS
+from ident.files.column import CURRENT, UNITS
 
 ELSEWHERE = {"tcp", "ee", "tool", "cartesian", "pose", "temperature", "temp", "voltage", "mode", "status", "error"}
 """Words of families that are not of joints."""

@@ -15,12 +15,12 @@ from experiments.guesses.unnamed import add_unnamed
 from experiments.guesses.wrenches import add_wrenches
 from experiments.guesses.written import toml_text
 from ident.errors import InputError
+from ident.files.atomic import replacing
+from ident.files.column import KINDS
+from ident.files.npz import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.plane import plane_normal
-from ident.recordings.atomic import replacing
-from ident.recordings.column import KINDS
-from ident.recordings.mapping import joint_kinds
-from ident.recordings.npz import LIMIT
+from ident.recordings.columns.mapping import joint_kinds
 from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import wrench_groups
 

@@ -8,7 +8,7 @@ from experiments.guesses.belief import LIKELY, SURE, Belief, Quantity
 from experiments.guesses.families import families, is_shifted
 from experiments.guesses.seen import Seen
 from experiments.guesses.words import LIKE, NEAR, Words, likeness, shares_numbers_alone, unit_of, without_prefix, words
-from ident.recordings.column import CURRENT, KINDS, UNITS
+from ident.files.column import CURRENT, KINDS, UNITS
 from ident.recordings.plausibility import rate_factor
 
 ROUND = 2 * np.pi + 0.5

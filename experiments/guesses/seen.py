@@ -9,14 +9,14 @@ import numpy as np
 
 from experiments.guesses.clock import ROWS, Clock, clock_of
 from ident.errors import LogError
-from ident.recordings.counted import counted
-from ident.recordings.csv_file import Layout
-from ident.recordings.files import TEXT, has_several_clocks, read_clocks, read_tables
-from ident.recordings.mapping import ColumnMapping
-from ident.recordings.npz import LIMIT
+from ident.files.counted import counted
+from ident.files.csv_file import Layout
+from ident.files.npz import LIMIT
+from ident.files.readers import TEXT, has_several_clocks, read_clocks, read_tables
+from ident.files.table import TRUE, Table, is_number
+from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.sampled import GAP, Sampled, interpolated
 from ident.recordings.several_files import files_of, name_of, read_files
-from ident.recordings.table import TRUE, Table, is_number
 
 OWN_TIMES = Clock("time", "s", "the file knows its times")
 """Placeholder for the clock of a file that has several, beside other files."""

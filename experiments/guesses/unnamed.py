@@ -13,8 +13,8 @@ from experiments.guesses.predicted import Curves, curves, prediction
 from experiments.guesses.seen import Seen
 from experiments.guesses.words import words
 from ident.estimation.equations import COMPONENTS
+from ident.files.column import UNITS
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.column import UNITS
 from ident.recordings.plausibility import rate_factor
 from ident.recordings.wrench import GROUND
 

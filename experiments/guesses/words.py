@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 
-from ident.recordings.column import UNITS
+from ident.files.column import UNITS
 
 KINDS = {
     "position": {"q", "pos", "position", "angle", "angles", "ang", "theta", "value", "encoder", "coordinate"},

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Group
 from experiments.guesses.seen import Seen
 from experiments.guesses.words import LIKE, NEAR, likeness, unit_of, words
+from ident.files.column import CURRENT
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.column import CURRENT
-from ident.recordings.plates import AUTO
+from ident.recordings.columns.plates import AUTO
 from ident.recordings.wrench import GROUND
 from ident.recordings.wrench_names import Component, wrench_groups
 

@@ -9,7 +9,7 @@ from experiments.guesses.belief import DOUBTFUL, SURE, Belief, Entry, Quantity
 from experiments.guesses.orientations import BASE
 from experiments.guesses.seen import Seen
 from experiments.guesses.wrenches import is_doubtful
-from ident.recordings.csv_file import Layout
+from ident.files.csv_file import Layout
 from ident.recordings.several_files import name_of
 
 ORDER = (

@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.cli.own_model import progress
+from experiments.document import figures, report
+from experiments.document.page import Said, conclude
+from experiments.document.results import Results
 from experiments.in_vivo.study import JUDGED_AT, Study, study
-from experiments.output import figures, report
-from experiments.output.identify_replay import replay
-from experiments.output.page import Said, conclude
-from experiments.output.results import Results
+from experiments.reports.identify_replay import replay
 from experiments.studies.errors import HALF_WIDTH
 
 ABOUT = (

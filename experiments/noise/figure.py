@@ -11,10 +11,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
+from experiments.document import figures
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.estimators import ESTIMATORS, LABELS
 from experiments.noise.study import Study
-from experiments.output import figures
 from experiments.studies.errors import HALF_WIDTH, Errors
 
 PARAMETER = "Ixx2"

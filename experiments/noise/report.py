@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from experiments.document import report
+from experiments.document.page import Said, conclude
+from experiments.document.results import Results
 from experiments.noise import study as noise
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.estimators import ESTIMATORS, LABELS
 from experiments.noise.figure import PANELS, PARAMETER, compared, figure
 from experiments.noise.study import Outcome, Study
-from experiments.output import report
-from experiments.output.page import Said, conclude
-from experiments.output.results import Results
 from experiments.studies.errors import Errors
 from ident.geometry.inertia import with_bodies
 from ident.tolerances import DRIVE

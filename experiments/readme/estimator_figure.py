@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.document import figures
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.recordings import noisy_recording
-from experiments.output import figures
 from experiments.studies.competitors import USUAL, low_passed
 from ident.identification import identify
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
-from experiments.output import figures
+from experiments.document import figures
 from experiments.studies.simulated import Study
-from ident.recordings.atomic import replacing
+from ident.files.atomic import replacing
 
 CONTACT = "handle"
 """The contact in the animation: a hand at the end of the second link."""

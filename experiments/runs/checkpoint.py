@@ -12,8 +12,8 @@ import numpy as np
 from tqdm import tqdm
 
 from ident.errors import InputError
-from ident.recordings import npz
-from ident.recordings.atomic import save_arrays
+from ident.files import npz
+from ident.files.atomic import save_arrays
 
 SAVE_EVERY = 5.0
 """Seconds between two saves."""

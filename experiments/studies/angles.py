@@ -10,12 +10,13 @@ import numpy as np
 
 from experiments.cli import options
 from experiments.cli.print_options import layout_of
-from experiments.output import angles_report, report
-from experiments.output.page import PAGE, complain
+from experiments.document import report
+from experiments.document.page import PAGE, complain
+from experiments.reports import angles_report
 from ident.errors import InputError
 from ident.estimation.equations import channels_out_of_plane
-from ident.recordings.marker_files import read_markers
-from ident.recordings.markers import Markers
+from ident.files.marker_files import read_markers
+from ident.files.markers import Markers
 from ident.recordings.recording import Recording
 from sim.markers.lengths import Scaling, grouped, scaling
 from sim.markers.marked_model import MarkedModel, base_of, marked_model, marked_positions

@@ -8,11 +8,11 @@ import numpy as np
 
 import scenes
 from experiments.cli.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
-from experiments.output import report
-from experiments.output.excite_report import figure, recording, table_deviations, table_limits, table_quality
-from experiments.output.page import PAGE, Said, complain, write_results
-from experiments.output.results import Results
-from experiments.output.terminal import wrapped
+from experiments.document import report
+from experiments.document.page import PAGE, Said, complain, write_results
+from experiments.document.results import Results
+from experiments.document.terminal import wrapped
+from experiments.reports.excite_report import figure, recording, table_deviations, table_limits, table_quality
 from experiments.studies import criteria, excitation, paper
 from experiments.studies.excitation import Problem
 from ident.errors import InputError

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from experiments.studies.marker_logs import with_angles
 from ident.estimation.preparation import Prepared, prepared
+from ident.files.column import KINDS
+from ident.files.npz import LIMIT
 from ident.mechanism.mechanism import Mechanism
 from ident.parameters.person import Person, with_person
-from ident.recordings.column import KINDS
+from ident.recordings.columns.segments import read_segments
 from ident.recordings.log import read_log
-from ident.recordings.npz import LIMIT
 from ident.recordings.recording import Recording
-from ident.recordings.segments import read_segments
 from sim.models.couplings import check_torques
 from sim.models.mechanism import Origin, mechanism
 from sim.models.mujoco_model import mechanism_bodies

@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ident.errors import InputError, LogError
-from ident.recordings.marker_files import read_markers
+from ident.files.marker_files import read_markers
 from ident.recordings.several_files import files_of
 from sim.markers.marked_model import base_of, marked_model, marked_positions
 from sim.markers.recording import recording

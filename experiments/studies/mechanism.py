@@ -11,9 +11,9 @@ from matplotlib.patches import Arc
 import scenes
 import sim
 from experiments.cli.defaults import SCENE
-from experiments.output import figures, report
-from experiments.output.page import Said, conclude
-from experiments.output.results import Results
+from experiments.document import figures, report
+from experiments.document.page import Said, conclude
+from experiments.document.results import Results
 from experiments.studies import paper
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism import dh

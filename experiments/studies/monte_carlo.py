@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 
 from experiments.cli.defaults import REDRAWN
 from experiments.cli.print_options import author_choices, layout_of
-from experiments.output import figures, report
-from experiments.output.layout import PAPER, Layout
-from experiments.output.page import PAGE, Said, filmed, write_report
-from experiments.output.results import Results
-from experiments.output.terminal import wrapped
+from experiments.document import figures, report
+from experiments.document.layout import PAPER, Layout
+from experiments.document.page import PAGE, Said, filmed, write_report
+from experiments.document.results import Results
+from experiments.document.terminal import wrapped
 from experiments.runs.workers import worker_pool
 from experiments.studies.errors import Errors
 from experiments.studies.fitting import ESTIMATORS

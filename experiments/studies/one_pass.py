@@ -11,6 +11,7 @@ from ident.estimation.accumulator import Accumulator
 from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.samples import Samples
 from ident.estimation.separable import independent, separable
+from ident.files.column import UNITS
 from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import FrameCheck
 from ident.judgement.finding import Finding, Place
@@ -20,8 +21,7 @@ from ident.judgement.wrench_findings import offset_findings, weight_findings
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
-from ident.recordings.column import UNITS
-from ident.recordings.mapping import joint_kinds
+from ident.recordings.columns.mapping import joint_kinds
 from ident.recordings.recording import STATES, Recording
 from ident.regression.ordinary import Fit
 from ident.tolerances import HUGE, KILONEWTONS, TURNS

@@ -20,11 +20,11 @@ from tqdm import tqdm
 
 from experiments.cli import options
 from experiments.cli.print_options import author_choices
-from experiments.output import report
-from experiments.output.layout import offset_unit, unit_of
-from experiments.output.page import PAGE, Said, complain, write_results
-from experiments.output.results import Results
-from experiments.output.terminal import wrapped
+from experiments.document import report
+from experiments.document.layout import offset_unit, unit_of
+from experiments.document.page import PAGE, Said, complain, write_results
+from experiments.document.results import Results
+from experiments.document.terminal import wrapped
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import WorkerPool, worker_pool
 from experiments.studies.one_pass import Judged, Passed, Seen, judged, separated, with_offsets
@@ -34,9 +34,9 @@ from ident.estimation.equations import COMPONENTS, Equations
 from ident.estimation.in_order import in_order
 from ident.estimation.pieces import pieces
 from ident.estimation.samples import Samples
+from ident.files import npz
+from ident.files.atomic import save_arrays
 from ident.mechanism.motion import Motion
-from ident.recordings import npz
-from ident.recordings.atomic import save_arrays
 from ident.recordings.log import read_log_pieces
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND, Sensor

@@ -15,8 +15,8 @@ from experiments.studies.fitting import ESTIMATORS
 from experiments.studies.study_defaults import usual
 from experiments.studies.study_file import ALL, AXES, Model, Scene, StudyFile
 from ident.errors import InputError
-from ident.recordings.entries import check_keys, table
-from ident.recordings.table import short
+from ident.files.table import short
+from ident.recordings.columns.entries import check_keys, table
 from ident.tolerances import HUGE
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
 

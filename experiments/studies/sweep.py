@@ -13,9 +13,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.cli.print_options import author_choices
-from experiments.output import escape, figures, report, study_report
-from experiments.output.page import PAGE, Said, complain, write_results
-from experiments.output.results import Results
+from experiments.document import escape, figures, report
+from experiments.document.page import PAGE, Said, complain, write_results
+from experiments.document.results import Results
+from experiments.reports import study_report
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import worker_pool
 from experiments.studies.simulated import simulated

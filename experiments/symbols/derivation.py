@@ -4,8 +4,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.output import report
-from experiments.output.terminal import wrapped
+from experiments.document import report
+from experiments.document.terminal import wrapped
 from experiments.symbols import codegen, symbolic
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism

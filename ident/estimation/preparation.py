@@ -16,6 +16,7 @@ from ident.estimation.measurement import base_motion, joint_states
 from ident.estimation.repairs import Clipped
 from ident.estimation.samples import Samples
 from ident.estimation.separable import separable
+from ident.files.table import BASE
 from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.geometry.se3 import coAd, inverse
 from ident.mechanism.mechanism import Mechanism
@@ -28,7 +29,6 @@ from ident.recordings.gaps import covered
 from ident.recordings.recording import Recording
 from ident.recordings.smoothing import PADDING, chosen_cutoff, low_pass, settling, smoothed
 from ident.recordings.suggestion import suggested_mapping
-from ident.recordings.table import BASE
 from ident.recordings.wrench import GROUND
 
 USUAL = 0.1

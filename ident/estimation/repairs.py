@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.estimation.equations import COMPONENTS
+from ident.files.column import KINDS
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.clipping import limits, moves
-from ident.recordings.column import KINDS
 from ident.recordings.despike import despiked
 from ident.recordings.recording import Recording
 from ident.recordings.resolution import at_rest, quantum

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import LogError
+from ident.files.column import BALL, KINDS, UNITS, Columns
+from ident.files.table import BASE, Table, short
 from ident.geometry.quaternion import without_jumps
-from ident.recordings.column import BALL, KINDS, UNITS, Columns
-from ident.recordings.mapping import ColumnMapping, check_no_column_twice
+from ident.recordings.columns.mapping import ColumnMapping, check_no_column_twice
 from ident.recordings.sampled import AS_MEASURED
-from ident.recordings.table import BASE, Table, short
 from ident.recordings.wrench import GROUND, Sensor, sensors_told
 from ident.tolerances import HUGE
 

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import LogError
+from ident.files.counted import counted
+from ident.files.npz import LIMIT
+from ident.files.readers import has_several_clocks, read_clocks, read_tables
+from ident.files.selection import selected
+from ident.files.table import BASE, TRUE, Table, in_pieces
 from ident.mechanism.mechanism import Mechanism
 from ident.recordings.channels import NoPositionError, read_channels, with_names
-from ident.recordings.counted import counted
-from ident.recordings.files import has_several_clocks, read_clocks, read_tables
-from ident.recordings.mapping import ColumnMapping, joint_kinds, read_mapping
-from ident.recordings.npz import LIMIT
+from ident.recordings.columns.mapping import ColumnMapping, joint_kinds, read_mapping
 from ident.recordings.plausibility import check_angles, check_rates, unit_of_force
 from ident.recordings.recording import Recording, poses
 from ident.recordings.sampled import Sampled
-from ident.recordings.selection import selected
 from ident.recordings.several_clocks import mapping_of, read_streams
 from ident.recordings.several_files import check_number, files_of, read_files
 from ident.recordings.standing import about_origins, placed
-from ident.recordings.table import BASE, TRUE, Table, in_pieces
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired
 
 MARKERS = " Positions of markers become angles by python -m experiments.angles MODEL {}."

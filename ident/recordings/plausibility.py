@@ -7,7 +7,7 @@ import numpy as np
 
 from ident.errors import LogError
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.mapping import ColumnMapping
+from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND
 from ident.tolerances import KILONEWTONS, TURNS

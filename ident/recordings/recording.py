@@ -11,13 +11,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
+from ident.files.npz import LIMIT
+from ident.files.table import BASE
 from ident.mechanism.body import is_rigid
 from ident.mechanism.motion import Motion
 from ident.mechanism.tree import Tree
 from ident.recordings import saved
-from ident.recordings.npz import LIMIT
 from ident.recordings.sampled import Sampled, at_common_times, checked_channel, checked_stream
-from ident.recordings.table import BASE
 from ident.recordings.wrench import GROUND, Sensor, TotalWrench, Wrench, total_wrench
 
 STATES = ("position", "velocity", "acceleration")

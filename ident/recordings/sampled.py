@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ident.errors import LogError
+from ident.files.table import BASE
 from ident.mechanism.body import is_rigid
-from ident.recordings.table import BASE
 
 GAP = 1.5
 """Multiple of the median time step above which a step is a gap."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.files import read_tables, write_channels
-from ident.recordings.table import BASE, METADATA, TRUE, is_number, short
+from ident.files.readers import read_tables, write_channels
+from ident.files.table import BASE, METADATA, TRUE, is_number, short
 from ident.recordings.wrench import sensors_told
 
 

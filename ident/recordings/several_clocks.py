@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import LogError
+from ident.files.column import Columns
+from ident.files.selection import selected
+from ident.files.table import Table, short
 from ident.recordings.channels import read_channels, with_names
-from ident.recordings.column import Columns
-from ident.recordings.mapping import ColumnMapping, check_text_alone
+from ident.recordings.columns.mapping import ColumnMapping, check_text_alone
 from ident.recordings.sampled import Sampled, interpolated, rate_of, uniform_times
-from ident.recordings.selection import selected
 from ident.recordings.standing import about_origins
-from ident.recordings.table import Table, short
 from ident.recordings.times import LEAST_SAMPLES, Clock, Repaired, check_jumps, increasing
 
 TIME = "time"

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.column import Columns
-from ident.recordings.counted import counted
-from ident.recordings.csv_file import Layout
-from ident.recordings.files import SEVERAL_CLOCKS, TEXT, is_bag, is_log, read_clocks, read_tables
-from ident.recordings.mapping import ColumnMapping
-from ident.recordings.selection import EPOCH
+from ident.files.column import Columns
+from ident.files.counted import counted
+from ident.files.csv_file import Layout
+from ident.files.readers import SEVERAL_CLOCKS, TEXT, is_bag, is_log, read_clocks, read_tables
+from ident.files.selection import EPOCH
+from ident.files.table import TRUE, Table
+from ident.recordings.columns.mapping import ColumnMapping
 from ident.recordings.several_clocks import TIME
-from ident.recordings.table import TRUE, Table
 
 USUAL = ("time", "t")
 """Names of columns of times."""

@@ -8,12 +8,12 @@ import numpy as np
 from scipy.ndimage import label
 
 from ident.errors import LogError
+from ident.files.table import Table
 from ident.geometry.se3 import inverse
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.plates import Plate
+from ident.recordings.columns.plates import Plate
 from ident.recordings.recording import Recording
 from ident.recordings.sampled import Sampled
-from ident.recordings.table import Table
 from ident.recordings.wrench import Sensor, pose_in_base
 
 CLOSE = 1.5

@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Sequence
 
-from ident.recordings.table import short
+from ident.files.table import short
 from ident.recordings.wrench_names import Component, wrench_groups
 
 KINDS = ("force", "torque")

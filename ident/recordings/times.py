@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.errors import LogError
-from ident.recordings.column import Columns
+from ident.files.column import Columns
+from ident.files.selection import EPOCH
+from ident.files.table import Table
 from ident.recordings.sampled import AS_MEASURED, GAP, Sampled, covered, interpolated
-from ident.recordings.selection import EPOCH
-from ident.recordings.table import Table
 
 LEAST_SAMPLES = 10
 """Fewest samples that a log needs."""

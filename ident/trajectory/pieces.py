@@ -8,11 +8,11 @@ from scipy import ndimage
 from ident.errors import InputError
 from ident.estimation.measurement import Measurement
 from ident.estimation.preparation import Prepared
+from ident.files.table import BASE
 from ident.geometry.quaternion import continuous_quaternions, without_jumps
 from ident.recordings.recording import Recording
 from ident.recordings.sampled import Sampled, between_samples, interpolated, side_by_side
 from ident.recordings.smoothing import chosen_cutoff
-from ident.recordings.table import BASE
 from ident.recordings.wrench import GROUND, Sensor
 from ident.trajectory.algebra.spline import ORDER, Spline
 from ident.trajectory.fit.piece import Piece

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 
 from ident.errors import InputError, ModelError
+from ident.files.markers import Markers
+from ident.files.table import short
 from ident.mechanism.follower import Follower
-from ident.recordings.markers import Markers
-from ident.recordings.table import short
 from sim.markers.opensim_model import opensim_spec
 from sim.markers.settings import UP, Place
 from sim.models.model_update import specification

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 
 from ident.errors import InputError
+from ident.files.table import BASE
 from ident.geometry.quaternion import without_jumps
 from ident.recordings.recording import Recording
-from ident.recordings.table import BASE
 from sim.markers.marked_model import MarkedModel
 from sim.markers.trial_fit import Postures
 from sim.models.mujoco_model import BEYOND, mechanism_bodies

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ident.errors import ModelError
-from ident.recordings.atomic import replacing
+from ident.files.atomic import replacing
 from sim.models.inertials import OVERRIDING
 from sim.models.refusals import refusals
 

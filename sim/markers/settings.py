@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from ident.errors import InputError
-from ident.recordings.column import UNITS
-from ident.recordings.table import short
+from ident.files.column import UNITS
+from ident.files.table import short
 from ident.tolerances import HUGE
 
 UP = {

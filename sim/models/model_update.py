@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 from ident.errors import InputError, ModelError
+from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.atomic import replacing
 from sim.models.inertials import (
     OVERRIDING,
     Inertial,

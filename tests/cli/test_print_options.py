@@ -15,7 +15,8 @@ from experiments import identify, mechanism
 from experiments.__main__ import main as everything
 from experiments.cli import print_options
 from experiments.cli.command import COMMANDS
-from experiments.output import human_report, index, study_report
+from experiments.document import index
+from experiments.reports import human_report, study_report
 from experiments.studies import mechanism as drawn
 from ident.errors import InputError
 

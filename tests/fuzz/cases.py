@@ -20,7 +20,7 @@ import numpy as np
 
 from experiments import angles, compare, excite, human, identify, payload, stream
 from experiments.cli import options
-from experiments.output import figures
+from experiments.document import figures
 from experiments.runs import workers
 from ident.errors import InputError
 

@@ -3,7 +3,8 @@
 import pytest
 from matplotlib.figure import Figure
 
-from experiments.output import figures, identify_report
+from experiments.document import figures
+from experiments.reports import identify_report
 
 
 def not_drawn(figure: Figure, extension: str) -> bytes:

@@ -12,8 +12,8 @@ import experiments
 from experiments.guesses.belief import DOUBTFUL
 from experiments.guesses.guess import believed
 from experiments.guesses.wrenches import is_doubtful
-from ident.recordings.column import CURRENT, UNITS
-from ident.recordings.plates import AUTO
+from ident.files.column import CURRENT, UNITS
+from ident.recordings.columns.plates import AUTO
 
 
 def scale(found, seen):

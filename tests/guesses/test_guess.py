@@ -17,7 +17,7 @@ from ident.mechanism.body import Body, ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.model.regressor import base_wrench_regressor
-from ident.recordings.mapping import read_mapping
+from ident.recordings.columns.mapping import read_mapping
 from ident.recordings.smoothing import smoothed
 
 JOINTS = ("joint1", "joint2")

@@ -6,7 +6,7 @@ from commands import refusal
 from opensim_walker import PLANAR, leg, motion, trial
 
 from experiments.angles import main
-from ident.recordings.marker_files import read_markers
+from ident.files.marker_files import read_markers
 from ident.recordings.recording import Recording
 from sim.markers.frame_fit import fitted
 from sim.markers.kinematics import Kinematics

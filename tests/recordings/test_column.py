@@ -10,10 +10,10 @@ from hypothesis.extra.numpy import arrays
 from malformed_logs import DQ, GROUND_COLUMNS, PLAIN, N, Q, T, text
 
 from ident.errors import LogError
+from ident.files.column import Columns, Sum, joints_behind_motors
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.column import Columns, Sum, joints_behind_motors
 from ident.recordings.log import read_log, read_log_pieces
 
 NAMES = ("leg", "torso")

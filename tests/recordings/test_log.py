@@ -27,10 +27,10 @@ from malformed_logs import (
 from scipy.spatial.transform import Rotation
 
 from ident.errors import LogError
+from ident.files.column import UNITS
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
-from ident.recordings.column import UNITS
 from ident.recordings.log import read_log, read_log_pieces
 from ident.recordings.recording import Recording
 from ident.recordings.suggestion import suggested_mapping

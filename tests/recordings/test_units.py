@@ -3,7 +3,7 @@
 import pytest
 from scipy import constants
 
-from ident.recordings.column import CURRENT, UNITS
+from ident.files.column import CURRENT, UNITS
 
 TURN, FORCE = 2 * constants.pi, {"N": 1.0, "kN": constants.kilo}
 LENGTH = {"m": 1.0, "cm": constants.centi, "mm": constants.milli}

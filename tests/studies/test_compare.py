@@ -9,7 +9,7 @@ from commands import refusal
 from scipy import stats
 
 from experiments import compare
-from experiments.output import compare_report
+from experiments.reports import compare_report
 from experiments.studies.comparing import Difference, read_results
 from ident.errors import InputError
 

@@ -13,8 +13,8 @@ from persons import briefly
 from truth import told
 
 from experiments.__main__ import main as everything
+from experiments.document.figures import WIDTHS
 from experiments.mechanism import main
-from experiments.output.figures import WIDTHS
 from experiments.runs import workers
 from experiments.studies import human, mechanism, paper
 from ident.geometry.se3 import exp

@@ -13,8 +13,8 @@ from commands import refusal
 
 from experiments import misaligned
 from experiments.cli import defaults
-from experiments.output import study_figures
-from experiments.output.figures import WIDTHS
+from experiments.document.figures import WIDTHS
+from experiments.reports import study_figures
 from experiments.studies import fitting, paper, study_file
 from experiments.studies.fitting import trajectory_fit
 from experiments.studies.simulated import study as study_of

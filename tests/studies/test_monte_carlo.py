@@ -12,7 +12,7 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import misaligned, multicontact
 from experiments.cli import defaults, options
-from experiments.output import figures
+from experiments.document import figures
 from experiments.runs.workers import worker_pool
 from experiments.studies import monte_carlo, trials
 from experiments.studies.simulated import Problem, study, trial

@@ -13,8 +13,8 @@ from truth import told
 
 import scenes
 from experiments import multicontact
-from experiments.output import study_figures, study_report, study_tables
-from experiments.output.figures import INKS
+from experiments.document.figures import INKS
+from experiments.reports import study_figures, study_report, study_tables
 from experiments.studies import paper
 from experiments.studies.fitting import fit
 from experiments.studies.simulated import Problem, study

@@ -16,8 +16,8 @@ from ident.geometry.inertia import parameters_from_com
 from ident.identification import identified
 from ident.model.regressor import base_wrench_regressor
 from ident.parameters.anthropometry import TABLES
+from ident.recordings.columns.segments import read_segments
 from ident.recordings.log import read_log
-from ident.recordings.segments import read_segments
 from sim.models.notes import ModelNote
 
 SEGMENTS = """[segments]

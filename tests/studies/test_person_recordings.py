@@ -9,7 +9,7 @@ from commands import refusal
 
 import scenes
 from experiments import human
-from experiments.output.human_report import measured
+from experiments.reports.human_report import measured
 from experiments.studies.person_faults import Faults, drawn
 from experiments.studies.person_recordings import BASE, SENSORS, Laboratory, humanoid, mistaken, moved, recorded
 from ident.recordings.wrench import transform_wrench

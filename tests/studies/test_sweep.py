@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from commands import refusal
 
-from experiments.output import study_report
+from experiments.reports import study_report
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies import sweep
 from experiments.studies.simulated import study

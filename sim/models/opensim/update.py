@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import InputError, ModelError
+from ident.files.atomic import replacing
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism.mechanism import Mechanism
-from ident.recordings.atomic import replacing
 from sim.models.inertials import is_physical
 from sim.models.opensim.document import model_element
 from sim.models.opensim.frames import Frames

@@ -1,0 +1,1 @@
+"""Tables, figures, pages and result folders, whatever they show."""

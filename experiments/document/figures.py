@@ -1,0 +1,317 @@
+"""The paper's figures. Functions return a matplotlib Figure and touch no files; `save` writes one."""
+
+import io
+import re
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backend_bases import get_registered_canvas_class
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.transforms import ScaledTranslation
+
+from experiments.document import escape
+from ident.errors import InputError
+from ident.geometry.inertia import body_of_parameter
+
+SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
+"""Symbol and unit of the components of a wrench."""
+
+PARAMETER = re.compile(r"\bm(\d+)(?:r([xyz])\1)?\b|\bI([xyz]{2})(\d+)\b")
+"""Names of parameters of φ, as in `m2rz2 + 0.425 m3`: a mass and its moment, or axes and number of an inertia."""
+
+_WRITTEN: dict[str, dict[str, Any]] = {
+    "pdf": {"metadata": {"CreationDate": None}},
+    "svg": {"metadata": {"Date": None}},
+    "png": {"pil_kwargs": {"compress_type": zlib.Z_RLE}},
+}
+"""Options of writing each format: no date; a PNG compression that takes half the time for an eighth more space."""
+
+
+WIDTHS = {1: (4.77, 4.77), 2: (3.486, 7.139)}
+"""Width in inches of a column and of the text, on pages with one column (LaTeX's article) and with two (IEEEtran's, 252
+and 516 pt, at 72.27 pt per inch)."""
+
+HEIGHTS = {1: 6.7, 2: 8.6}
+"""Largest height of figures on those pages, inches, with room for a caption."""
+
+VISIBLE = 0.012
+"""Smallest visible share of a panel's width, about a point."""
+
+_PAGE: ContextVar[int] = ContextVar("_PAGE", default=2)
+"""Number of columns of the page."""
+
+_AUTHORS: ContextVar[Any] = ContextVar("_AUTHORS", default=())
+"""An author's settings, which precede the paper's."""
+
+
+@contextmanager
+def paper_style() -> Iterator[None]:
+    """Applies the style of the paper's figures, or an author's, for the duration of a block."""
+    with mpl.rc_context(_papers()):
+        mpl.rcParams.update(_AUTHORS.get())
+        yield
+
+
+@cache
+def _papers() -> dict[Any, Any]:
+    """All settings, the paper's before matplotlib's own; `rc_context` of a file would read all other styles first."""
+    with as_file(files("experiments.document") / "paper.mplstyle") as path:
+        settings = mpl.rc_params_from_file(path, use_default_template=True)
+    # Reading the backend chooses one, and imports all of pyplot.
+    return {name: settings[name] for name in settings if name != "backend"}
+
+
+@contextmanager
+def author_style(path: Path | None, columns: int) -> Iterator[None]:
+    """Draws a block's figures for a page of so many columns, in the style of a matplotlib style file.
+
+    Raises:
+        InputError: The file does not exist, or has a setting unknown to matplotlib.
+    """
+    with paper_style():
+        given: Any = {"figure.figsize": [WIDTHS[columns][0], mpl.rcParams["figure.figsize"][1]]}
+    if path is not None:
+        try:
+            settings = [
+                line.partition("#")[0].partition(":")[0].strip() for line in path.read_text("utf-8").splitlines()
+            ]
+            if unknown := [name for name in settings if name and name not in mpl.rcParams]:
+                raise KeyError(unknown[0])
+            given |= mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
+        # Matplotlib's checks of values raise errors of all classes.
+        except Exception as error:
+            reason = f"'{error.args[0]}' is no setting" if isinstance(error, KeyError) else str(error)
+            raise InputError(f"--style needs a style file of matplotlib's, but '{path}': {reason}.") from None
+    before, page = _AUTHORS.set(given), _PAGE.set(columns)
+    try:
+        yield
+    finally:
+        _AUTHORS.reset(before)
+        _PAGE.reset(page)
+
+
+def column_width() -> float:
+    """Width of a column in inches, within `paper_style`."""
+    return float(mpl.rcParams["figure.figsize"][0])
+
+
+def text_width() -> float:
+    """Width of the page's text in inches, for figures across all columns."""
+    return WIDTHS[_PAGE.get()][1]
+
+
+INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
+"""Colours of curves, in the order of pages: black, red and blue as in the paper, then the remaining ones."""
+
+
+def page_columns() -> int:
+    """Number of columns of the page."""
+    return _PAGE.get()
+
+
+def text_height() -> float:
+    """Height of the page's text in inches, less room for a caption."""
+    return HEIGHTS[_PAGE.get()]
+
+
+@dataclass(frozen=True)
+class Line:
+    """Style of one wrench: a curve, or, if `style` is empty, dots at every other sample from `first` on."""
+
+    color: str
+    width: float = 0.8
+    style: str = "-"
+    first: int = 0
+
+    def draw(self, ax: Axes, x: np.ndarray, y: np.ndarray, label: str) -> None:
+        """Draws values over an abscissa, both (N,)."""
+        if self.style:
+            ax.plot(x, y, self.style, color=self.color, lw=self.width, label=label)
+        else:
+            own = slice(self.first % 2, None, 2)
+            ax.plot(x[own], y[own], "o", color=self.color, ms=self.width, mew=0, label=label)
+
+
+def wrench_panels(
+    x: np.ndarray,
+    wrenches: Mapping[str, tuple[np.ndarray, Line]],
+    xlabel: str,
+    *,
+    symbol: str = "{}",
+    lowest: float | None = None,
+    shaded: Mapping[str, np.ndarray] | None = None,
+) -> Figure:
+    r"""Six panels, forces on the left and torques on the right, with a curve for each wrench.
+
+    Args:
+        x: Abscissa (N,).
+        wrenches: For each legend entry a wrench `[F; τ]` (N, 6) and its line; later ones lie on top.
+        xlabel: Label of the abscissa.
+        symbol: Pattern of the ordinates' symbols in TeX, `|\Delta {}|` for errors.
+        lowest: Share of a panel's largest value at which its logarithmic ordinate begins; by default it is linear.
+        shaded: For each legend entry the samples where the background is grey (N,).
+
+    Returns:
+        The figure, one IEEE column wide.
+    """
+    with paper_style():
+        figure = Figure()
+        axes = figure.subplots(3, 2, sharex=True)
+        for component, ax in enumerate(axes.T.flat):
+            for label, (wrench, line) in wrenches.items():
+                line.draw(ax, x, wrench[:, component], label)
+            variable, unit = SYMBOLS[component]
+            ax.set_ylabel(f"${symbol.format(variable)}$ ({unit})", labelpad=2)
+            _tidy(ax, x)
+            if lowest is not None:
+                _logarithmic(ax, [wrench[:, component] for wrench, _ in wrenches.values()], lowest)
+            for label, when in (shaded or {}).items():
+                for k, (start, end) in enumerate(spans(x, when)):
+                    ax.axvspan(start, end, color="0.87", lw=0, zorder=0, label=label if k == 0 else None)
+        for ax in axes[-1]:
+            ax.set_xlabel(xlabel, labelpad=2)
+        align_ylabels(axes.flat)
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        columns = len(labels) if len(labels) < 4 else 2
+        legend = figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+        for handle in legend.get_lines():
+            handle.set_linewidth(max(handle.get_linewidth(), 0.8))
+            handle.set_markersize(max(handle.get_markersize(), 2))
+    return figure
+
+
+def align_ylabels(axes: Iterable[Axes]) -> None:
+    """Aligns the labels of ordinates in each column of panels, beside its widest ticks.
+
+    `Figure.align_ylabels` gives the same result, but measures all ticks of a column again for each label, at each
+    step of the layout and in each file.
+    """
+    columns: dict[int, list[tuple[Axes, float]]] = {}
+    for ax in axes:
+        assert isinstance(ax.figure, Figure)
+        _canvas(ax.figure)  # The canvas caches these measurements.
+        ax.yaxis.label.set_visible(False)
+        box, place = ax.yaxis.get_tightbbox(), ax.get_subplotspec()
+        ax.yaxis.label.set_visible(True)
+        assert place is not None
+        width = 0.0 if box is None else ax.bbox.x0 - box.x0
+        columns.setdefault(place.colspan.start, []).append((ax, width / ax.figure.dpi))
+    for column in columns.values():
+        widest = max(width for _, width in column)
+        for ax, _ in column:
+            left = ScaledTranslation(-widest - ax.yaxis.labelpad / 72, 0, ax.figure.dpi_scale_trans)
+            ax.yaxis.set_label_coords(0, 0.5, transform=ax.transAxes + left)
+
+
+def spans(x: np.ndarray, when: np.ndarray) -> np.ndarray:
+    """First and last abscissae of the episodes in which `when` is true (k, 2)."""
+    edges = np.flatnonzero(np.diff([False, *when, False]))
+    return np.stack([x[edges[::2]], x[edges[1::2] - 1]], axis=1)
+
+
+def visible_spans(found: np.ndarray, shown: float) -> np.ndarray:
+    """Spans in order (k, 2), widened to be visible on an abscissa of length `shown`, and merged if nearly touching."""
+    least = VISIBLE * shown
+    spare = np.maximum(least - np.diff(found, axis=1), 0) / 2
+    wide = found + np.hstack([-spare, spare])
+    apart = np.flatnonzero(wide[1:, 0] - wide[:-1, 1] > least) + 1
+    return np.array([[run[0, 0], run[-1, 1]] for run in np.split(wide, apart)])
+
+
+def _tidy(ax: Axes, x: np.ndarray) -> None:
+    """Sets limits and few ticks of a panel."""
+    ax.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
+    ax.set_xlim(x[0], x[-1])
+    widen_flat(ax)
+
+
+def _logarithmic(ax: Axes, curves: Sequence[np.ndarray], lowest: float) -> None:
+    """Sets a logarithmic ordinate for curves of absolute values, unless all are zero."""
+    largest = max(float(np.abs(curve).max()) for curve in curves)
+    if largest > 0:
+        ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(numticks=5))
+        ax.yaxis.set_minor_formatter(NullFormatter())
+        ax.tick_params(axis="y", which="minor", labelleft=False)  # Empty ones would be measured.
+        ax.set_ylim(lowest * largest, 1.5 * largest)
+
+
+def parameter_symbol(name: str) -> str:
+    """A parameter's name as in the paper, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
+    match = PARAMETER.fullmatch(name)
+    if match is None:
+        return escape.label(name)
+    mass, moment, axes, inertia = match.groups()
+    if axes:
+        return f"$I_{{{axes},{inertia}}}$"
+    return f"$m_{{{mass}}}$" if moment is None else f"$m_{{{mass}}}r_{{{moment},{mass}}}$"
+
+
+def named_symbol(name: str, bodies: Sequence[str]) -> str:
+    """A parameter's symbol with the name of its body, bodies numbered from 1, for labels in figures."""
+    body = body_of_parameter(name, bodies)
+    return parameter_symbol(name) + (f", {escape.label(body)}" if body else "")
+
+
+def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:
+    """Writes `folder/name.FORMAT` for each format, byte-identical for identical figures."""
+    for extension in formats:
+        (folder / f"{name}.{extension}").write_bytes(drawn(figure, extension))
+
+
+def drawn(figure: Figure, extension: str) -> bytes:
+    """A figure's file in a format."""
+    with paper_style():
+        pixels = _canvas(figure)
+        # The layout is solved once; solved again for each file it would depend on the previous files.
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)
+            figure.set_layout_engine("none")
+        # Figure.savefig would draw each file twice, in case the layout were not solved yet. The file is drawn in
+        # memory: if writing fails, matplotlib's backends raise errors that do not name the disk.
+        file = io.BytesIO()
+        # Vector backends leave a dpi of 72 behind.
+        dpi = mpl.rcParams["savefig.dpi"]
+        figure.dpi = mpl.rcParams["figure.dpi"] if dpi == "figure" else dpi
+        canvas = pixels if extension == "png" else get_registered_canvas_class(extension)(figure)
+        getattr(canvas, f"print_{extension}")(file, **_WRITTEN[extension])
+        figure.set_canvas(pixels)
+        content = file.getvalue()
+        return _rounded(content) if extension == "svg" else content
+
+
+def _canvas(figure: Figure) -> FigureCanvasAgg:
+    """The figure's pixel canvas, which caches text sizes from the first measurement to the last file."""
+    canvas = figure.canvas
+    return canvas if isinstance(canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
+
+
+def _rounded(svg: bytes) -> bytes:
+    """An SVG drawing with paths in hundredths of a point, which halves its size."""
+
+    def path(match: re.Match[bytes]) -> bytes:
+        return re.sub(rb"-?\d+\.\d{3,}", lambda number: b"%.2f" % float(number[0]), match[0])
+
+    return re.sub(rb' d="[^"]*"', path, svg)
+
+
+def widen_flat(ax: Axes) -> None:
+    """Widens a flat ordinate, so that rounding noise does not fill its panel."""
+    low, high = ax.get_ylim()
+    middle = (low + high) / 2
+    if high - low < max(1e-6, 1e-4 * abs(middle)):
+        half = 0.05 * abs(middle) if abs(middle) > 1e-6 else 1
+        ax.set_ylim(middle - half, middle + half)

@@ -1,0 +1,299 @@
+"""Tables in a journal's style: LaTeX with booktabs, siunitx, tabularx and threeparttable."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
+from math import ceil
+from typing import TYPE_CHECKING
+
+from experiments.document import escape
+from experiments.document.figures import HEIGHTS, PARAMETER, WIDTHS, parameter_symbol
+from experiments.document.layout import Layout
+from ident.geometry.inertia import body_of_parameter
+
+if TYPE_CHECKING:
+    from experiments.document.report import Table
+
+PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
+"""LaTeX packages that the tables need, all in TeX Live's latexextra and science collections."""
+
+AROUND = 60.0
+"""Approximate height of a table's heads, rules and notes, pt."""
+
+
+@dataclass(frozen=True)
+class _Size:
+    """A font size: its LaTeX command, and approximate widths of letters and gaps and height of lines, pt."""
+
+    command: str
+    letter: float
+    gap: float
+    line: float
+
+
+NORMAL = _Size(r"\footnotesize", 4.4, 12.0, 9.6)
+SMALL = _Size(r"\scriptsize\setlength{\tabcolsep}{3pt}", 3.9, 6.0, 8.1)
+
+NARROW = 10
+"""Largest number of letters in a line of a head, if its words permit."""
+
+LONG = 28
+"""Number of letters above which a cell may break into lines."""
+
+CHANNEL = re.compile(r"([FMτ])([xyz])")
+SYMBOL = re.compile(r"(-?)([A-Za-zα-ω])_(\w)|(-?)([α-ω])(/\d)?|(alpha|theta|omega)")
+"""Cells and heads that are a symbol: a letter with an index, a Greek letter or its name."""
+
+_GREEK = {"α": r"\alpha", "θ": r"\theta", "π": r"\pi", "τ": r"\tau", "ω": r"\omega", "β": r"\beta"}
+NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
+
+_UNITS = {
+    "kg m²": r"\kilo\gram\metre\squared",
+    "kg m": r"\kilo\gram\metre",
+    "kg": r"\kilo\gram",
+    "N m": r"\newton\metre",
+}
+_UNITS |= {
+    "N": r"\newton",
+    "s": r"\second",
+    "deg": r"\degree",
+    "rad": r"\radian",
+    "m": r"\metre",
+    "mm": r"\milli\metre",
+}
+_UNITS |= {"%": r"\percent", "1": r"\text{--}"}
+
+
+def unit(text: str) -> str:
+    """A unit by siunitx, or as text if siunitx lacks it."""
+    return rf"\unit{{{_UNITS[text]}}}" if text in _UNITS else text_with_symbols(text)
+
+
+def text_with_symbols(text: str) -> str:
+    """Plain text as LaTeX, with parameters, their sums, channels and minus signs as symbols."""
+    if match := CHANNEL.fullmatch(text):
+        return f"${_GREEK.get(match[1], match[1])}_{match[2]}$"
+    if match := SYMBOL.fullmatch(text):
+        sign, letter, index, minus, greek, half, name = (group or "" for group in match.groups())
+        symbol = rf"\{name}" if name else _GREEK.get(letter or greek, letter or greek)
+        return f"${sign or minus}{symbol}{f'_{index}' if index else ''}{half}$"
+    edges = [0, *(edge for match in PARAMETER.finditer(text) for edge in match.span()), len(text)]
+    parts = [text[start:end] for start, end in pairwise(edges)]
+    if len(parts) > 1 and all(re.fullmatch(r"[-+ .\de]*", part) for part in parts[::2]):
+        factors = (re.sub(r"(?<=[\d.]) $", r"\\,", part) for part in parts[::2])
+        symbols = (*(parameter_symbol(part).strip("$") for part in parts[1::2]), "")
+        return "$" + "".join(a + b for a, b in zip(factors, symbols, strict=True)) + "$"
+    mixed = "".join(parameter_symbol(part) if k % 2 else escape.tex(part) for k, part in enumerate(parts))
+    return re.sub(r"(?<!\S)-(?=[\d\s])", "$-$", mixed)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column: words of its head, the remark it shares with its neighbours, cells, and True if these are numbers."""
+
+    head: str
+    remark: str
+    cells: Sequence[str]
+    numeric: bool
+
+    @property
+    def long(self) -> bool:
+        """True if its cells may break into lines."""
+        return not self.numeric and max(map(_letters, self.cells), default=0) > LONG
+
+    @property
+    def format(self) -> str:
+        """Column type in the preamble."""
+        numbers = [match for cell in self.cells if (match := NUMBER.fullmatch(cell))]
+        if self.long:
+            return r">{\raggedright\arraybackslash}X"
+        if not self.numeric or not numbers:
+            return "l" if not self.numeric else "c"
+        sign = "-" if any(match[1] for match in numbers) else ""
+        whole = max(len(match[2]) for match in numbers)
+        decimals = max(len(match[3] or "") for match in numbers)
+        power = max((len(match[5]) for match in numbers if match[5]), default=0)
+        exponent = f"e{'-' if any(match[4] == '-' for match in numbers) else ''}{power}" if power else ""
+        return f"S[table-format={sign}{whole}.{decimals}{exponent}]"
+
+    def width(self, size: _Size) -> float:
+        """Approximate smallest width, pt."""
+        words = max(len(line) for line in (*_lines(self.head), *_lines(self.remark)))
+        widest = max([words, *(min(_letters(cell), LONG) for cell in self.cells)])
+        return size.letter * widest + size.gap
+
+
+def tex(table: "Table", label: str, layout: Layout) -> str:
+    """A table over one column of the page, or over both if it is wide; in several floats if it is too large."""
+    columns, caption = _columns(table), _caption(label, table.caption or table.title, layout)
+    narrow, wide = (72.27 * width for width in WIDTHS[layout.columns])
+    needed = sum(column.width(NORMAL) for column in columns)
+    star = "*" if layout.columns == 2 and needed > narrow else ""
+    room = wide if star else narrow
+    size = NORMAL if needed <= room else SMALL
+    floats: list[str] = []
+    for part in _parts(columns, 1 + (len(table.headings()) > len(table.columns)), size, room):
+        for page in _pages(part, size, room, 72.27 * HEIGHTS[layout.columns]):
+            rows = [replace(column, cells=column.cells[page]) for column in part]
+            continued = r" \emph{(continued)}" if floats else ""
+            name = f"\\label{{tab:{label}}}" if label and not floats else ""
+            same = "\\addtocounter{table}{-1}\n" if floats else ""
+            floats.append(
+                f"\\begin{{table{star}}}\n\\centering{size.command}\n\\begin{{threeparttable}}\n"
+                f"{same}\\caption{{{caption}{continued}}}{name}\n{_tabular(rows)}{_notes(table)}"
+                f"\\end{{threeparttable}}\n\\end{{table{star}}}\n"
+            )
+    return f"% \\usepackage{{{PACKAGES}}}\n" + "\n".join(floats)
+
+
+def _parts(columns: Sequence[_Column], keys: int, size: _Size, room: float) -> list[list[_Column]]:
+    """The columns, in as many sets as it takes for each to fit; all sets begin with the first `keys` columns."""
+    first = list(columns[:keys])
+    parts = [list(first)]
+    for column in columns[keys:]:
+        if len(parts[-1]) > keys and sum(each.width(size) for each in (*parts[-1], column)) > room:
+            parts.append(list(first))
+        parts[-1].append(column)
+    return parts if len(parts) == 1 else [_with_cells(part, keys) for part in parts]
+
+
+def _with_cells(columns: Sequence[_Column], keys: int) -> list[_Column]:
+    """A set of columns without the rows that are empty beyond the first `keys` columns."""
+    kept = [k for k in range(len(columns[0].cells)) if any(column.cells[k] for column in columns[keys:])]
+    return [replace(column, cells=[column.cells[k] for k in kept]) for column in columns]
+
+
+def _pages(columns: Sequence[_Column], size: _Size, room: float, height: float) -> list[slice]:
+    """Slices of rows that fit on a page of this height, pt, by the number of lines of their longest cells."""
+    most = (height - AROUND) / size.line
+    long = [column for column in columns if column.long]
+    left = room - sum(column.width(size) for column in columns if not column.long)
+    letters = max(left / max(len(long), 1) - size.gap, LONG * size.letter) / size.letter
+    starts, used = [0], 0
+    for row in range(len(columns[0].cells)):
+        lines = max([1, *(ceil(_letters(column.cells[row]) / letters) for column in long)])
+        if used and used + lines > most:
+            starts, used = [*starts, row], 0
+        used += lines
+    return [slice(start, end) for start, end in pairwise([*starts, len(columns[0].cells)])]
+
+
+def figure(name: str, caption: str, width: float, layout: Layout) -> str:
+    """A float with a figure from a file of that name, in its drawn width, inches."""
+    star = "*" if layout.columns == 2 and width > 1.05 * WIDTHS[2][0] else ""
+    return (
+        f"% \\usepackage{{graphicx,siunitx}}\n\\begin{{figure{star}}}\n\\centering\n\\includegraphics{{{name}}}\n"
+        f"\\caption{{{_caption(name, caption, layout)}}}\\label{{fig:{name}}}\n\\end{{figure{star}}}\n"
+    )
+
+
+def _caption(name: str, caption: str, layout: Layout) -> str:
+    """The author's caption unchanged, or the program's with a full stop."""
+    text = text_with_symbols(caption)
+    return layout.captions.get(name, text if not text or text.endswith(".") else f"{text}.")
+
+
+def _columns(table: "Table") -> list[_Column]:
+    rows = list(zip(*_texts(table), strict=True)) or [()] * len(table.headings())
+    out = []
+    for head, cells, numeric in zip(table.headings(), rows, table.numeric(), strict=True):
+        words, _, remark = head.partition(", ")
+        out.append(_Column(words, remark, cells, numeric))
+    return out
+
+
+def _texts(table: "Table") -> list[list[str]]:
+    """Rows in LaTeX: names of bodies slanted, units by siunitx."""
+    rows, numeric = table.texts(text_with_symbols), table.numeric()
+    has_units = len(table.headings()) > len(table.columns)
+    for row, (first, *_), plain in zip(rows, table.rows, table.texts(), strict=True):
+        row[:] = [number if n else text for number, text, n in zip(plain, row, numeric, strict=True)]
+        if (body := body_of_parameter(str(first), table.bodies)) is not None:
+            row[0] = f"{row[0][: -len(escape.tex(body))]}\\emph{{{escape.tex(body)}}}"
+        if has_units:
+            row[1] = unit(plain[1])
+        elif "unit" in table.columns:
+            k = table.columns.index("unit")
+            row[k] = unit(plain[k])
+    return rows
+
+
+def _tabular(columns: Sequence[_Column]) -> str:
+    """Rules, heads and rows; a column with long cells takes the rest of the line's width."""
+    preamble = "@{}" + "".join(column.format for column in columns) + "@{}"
+    kind, width = ("tabularx", r"{\linewidth}") if any(column.long for column in columns) else ("tabular", "")
+    begin = f"\\begin{{{kind}}}{width}{{{preamble}}}"
+    rows = "".join(" & ".join(cells) + " \\\\\n" for cells in zip(*(c.cells for c in columns), strict=True))
+    return f"{begin}\n\\toprule\n{_heads(columns)}\\midrule\n{rows}\\bottomrule\n\\end{{{kind}}}\n"
+
+
+def _heads(columns: Sequence[_Column]) -> str:
+    """One row of heads, under another one if neighbours share a remark."""
+    groups = [(remark, len(list(members))) for remark, members in groupby(columns, lambda column: column.remark)]
+    shared = any(remark and size > 1 for remark, size in groups)
+    top, rules, first = [], "", 1
+    for remark, size in groups:
+        lines = [text_with_symbols(line) for line in _lines(remark)]
+        # Several columns have room for one line.
+        text = _stack(lines, True) if size == 1 and len(lines) > 1 else text_with_symbols(_capital(remark))
+        top.append(f"\\multicolumn{{{size}}}{{c}}{{{text}}}" if remark else " & ".join([""] * size))
+        rules += f"\\cmidrule(lr){{{first}-{first + size - 1}}}" if remark else ""
+        first += size
+    heads = [column.head if shared or not column.remark else f"{column.head}, {column.remark}" for column in columns]
+    row = " & ".join(_head(head, column.numeric) for head, column in zip(heads, columns, strict=True))
+    return (f"{' & '.join(top)} \\\\\n{rules}\n" if shared else "") + f"{row} \\\\\n"
+
+
+def _head(text: str, numeric: bool) -> str:
+    """A head in lines, in braces above aligned numbers."""
+    lines = [unit_line(line) for line in _lines(text)]
+    shown = lines[0] if len(lines) == 1 else _stack(lines, numeric)
+    return f"{{{shown}}}" if numeric else shown
+
+
+def _stack(lines: Sequence[str], numeric: bool) -> str:
+    rule = r"\rule{0pt}{2.3ex}"
+    return f"\\shortstack[{'c' if numeric else 'l'}]{{{rule}{(chr(92) * 2).join(lines)}}}"
+
+
+def unit_line(text: str) -> str:
+    """A line of a head; a unit in brackets is set by siunitx."""
+    match = re.fullmatch(r"\((.+)\)", text)
+    words = re.sub(r"(^|(?<= ))[a-zα-ω]$", lambda letter: f"${_GREEK.get(letter[0], letter[0])}$", text)
+    if words != text:
+        return words
+    return f"({unit(match[1])})" if match and match[1] in _UNITS else text_with_symbols(text)
+
+
+def _lines(head: str) -> list[str]:
+    """Lines of a head, split before brackets and after commas; long ones are broken in the middle."""
+    lines = []
+    for k, part in enumerate(re.split(r", | (?=\()", head)):
+        words = (_capital(part) if k == 0 else part).split(" ")
+        while len(" ".join(words)) > NARROW and len(words) > 1:
+            cut = min(range(1, len(words)), key=lambda n: abs(len(" ".join(words[:n])) - len(" ".join(words[n:]))))
+            lines.append(" ".join(words[:cut]))
+            words = words[cut:]
+        lines.append(" ".join(words))
+    return lines
+
+
+def _capital(text: str) -> str:
+    """A head with a capital letter, unless it is a symbol."""
+    return text if len(text) == 1 or SYMBOL.fullmatch(text) else text[:1].upper() + text[1:]
+
+
+def _notes(table: "Table") -> str:
+    """Notes below a table."""
+    notes = [f"\\item[*] {text_with_symbols(table.footnote)}"] if table.footnote else []
+    notes += [f"\\item {text_with_symbols(note)}" for note in table.notes]
+    if not notes:
+        return ""
+    lines = "\n".join(notes)
+    return f"\\begin{{tablenotes}}[flushleft]\\footnotesize\n{lines}\n\\end{{tablenotes}}\n"
+
+
+def _letters(cell: str) -> int:
+    """Approximate number of letters that a LaTeX cell shows."""
+    return len(re.sub(r"\\[A-Za-z]+|[${}\\_]", "", cell))

@@ -1,0 +1,215 @@
+"""Replay of a mechanism on a page: poses, forces and channels over time, thinned to fit into it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from experiments.document.escape import visible
+from experiments.document.figures import INKS
+from ident.geometry.inertia import pseudo_inertia
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.motion import Motion
+from ident.recordings.recording import Recording
+from ident.recordings.wrench import GROUND, pose_in_base
+from sim.models.shapes import Shape, shapes
+
+FRAMES, POSE_NUMBERS = 300, 100_000
+"""Largest number of postures, and of numbers that they may take together."""
+
+SAMPLES, CURVE_NUMBERS = 2000, 120_000
+"""Largest number of drawn samples of the channels, and of numbers that they may take together."""
+
+DIGITS = 5
+"""Significant digits: a pixel is a thousandth of the width."""
+
+UNIFORM = 5.0
+"""Ratio of squared semi-axes of an ellipsoid of uniform density to its second moments per mass."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A motion to replay on a page.
+
+    Attributes:
+        mechanism: The mechanism.
+        recording: Recording with its wrenches.
+        motion: Its motion (N samples).
+        channels: Name and unit of each channel.
+        drawn: Indices of the samples whose channels are drawn (M,), as of `every_nth`.
+        curves: The channels at these samples, by label (M, C).
+        inks: Their colours, as indices into `figures.INKS`; by default in order.
+        estimate: Estimated φ of the bodies (10 b,); None if none was estimated.
+        told: Number of each body's ten parameters that the recording determines (b,).
+        spans: Spans of time to shade, s.
+        shaded: Meaning of the shaded spans.
+        remark: A sentence on the curves.
+        parameters: Shown for each pressed base parameter: `text`, and the index of the tree's body.
+        findings: Shown for each pressed finding: `where` in words, `body`, `channels` and `span`; one without `where`
+            cannot be pressed.
+    """
+
+    mechanism: Mechanism
+    recording: Recording
+    motion: Motion
+    channels: Sequence[tuple[str, str]]
+    drawn: np.ndarray
+    curves: Mapping[str, np.ndarray]
+    inks: Sequence[int] = ()
+    estimate: np.ndarray | None = None
+    told: np.ndarray | None = None
+    spans: Sequence[tuple[float, float]] = ()
+    shaded: str = ""
+    remark: str = ""
+    parameters: Sequence[Mapping[str, Any]] = ()
+    findings: Sequence[Mapping[str, Any]] = field(default_factory=tuple)
+
+    def to_page(self) -> dict[str, Any]:
+        """The replay in JSON types."""
+        shown = evenly(len(self.recording.time), min(FRAMES, POSE_NUMBERS // (7 * len(self.mechanism.tree.bodies))))
+        poses, solids = self._poses(shown), shapes(self.mechanism)
+        bodies, arrows = self._bodies(), list(self._arrows(shown, poses))
+        center, radius = _extent(poses, solids, [each.get("estimate") for each in bodies])
+        gravity = self.mechanism.gravity
+        size = float(np.linalg.norm(gravity))
+        return {
+            "up": _short(-gravity / size) if size else [0, 0, 1],
+            "center": _short(center),
+            "radius": _short(radius),
+            "bodies": bodies,
+            "estimated": self.estimate is not None,
+            "shapes": [
+                {"body": each.body, "vertices": _short(each.vertices.ravel()), "faces": each.faces.ravel().tolist()}
+                for each in solids
+            ],
+            "axes": list(self._axes()),
+            "arrows": arrows,
+            "largest": max((np.linalg.norm(np.reshape(x["forces"], (-1, 3)), axis=1).max() for x in arrows), default=0),
+            "frames": _short(self.recording.time[shown]),
+            "poses": _short(_seven_numbers(poses)),
+            "time": _short(self.recording.time[self.drawn]),
+            "every": int(self.drawn[1] - self.drawn[0]) if len(self.drawn) > 1 else 1,
+            "channels": [(visible(name), unit) for name, unit in self.channels],
+            "curves": list(self.curves),
+            "inks": [k % len(INKS) for k in self.inks or range(len(self.curves))],
+            "values": [_short(values.T) for values in self.curves.values()],
+            "spans": _short(np.array(self.spans)),
+            "shaded": self.shaded,
+            "remark": self.remark,
+            "parameters": [_readable(each) for each in self.parameters],
+            "findings": [_readable(each) for each in self.findings],
+        }
+
+    def _poses(self, shown: np.ndarray) -> np.ndarray:
+        """Poses of the tree's bodies in the base frame, or in the inertial frame of a moving base (F, b, 4, 4)."""
+        poses = self.mechanism.tree.poses(self.motion.q[shown])
+        base = self.motion.base_poses
+        return poses if base is None else base[shown][:, None] @ poses
+
+    def _bodies(self) -> list[dict[str, Any]]:
+        tree, arm = self.mechanism.tree, self.mechanism
+        out: list[dict[str, Any]] = [
+            {"name": visible(body.name), "parent": body.parent, "told": None} for body in tree.bodies
+        ]
+        if self.estimate is None:
+            return out
+        for k, i in enumerate(tree.inertial):
+            own = slice(10 * k, 10 * k + 10)
+            told = None if self.told is None else float(self.told[k]) / 10
+            prior = None if arm.prior is None else ellipsoid(arm.prior[own])
+            out[i] |= {"told": told, "prior": prior, "estimate": ellipsoid(self.estimate[own])}
+        return out
+
+    def _axes(self) -> Iterator[dict[str, Any]]:
+        """Axes of hinges and slides, in the frames of the bodies that they move."""
+        for i, body in enumerate(self.mechanism.tree.bodies):
+            if body.moves and not body.is_ball:
+                linear, angular = body.twist[:3], body.twist[3:]
+                point, direction = (np.cross(angular, linear), angular) if body.turns else (np.zeros(3), linear)
+                yield {"body": i, "point": _short(point), "direction": _short(direction), "slides": not body.turns}
+
+    def _arrows(self, shown: np.ndarray, poses: np.ndarray) -> Iterator[dict[str, Any]]:
+        """Measured forces on the mechanism, with their points of application."""
+        base = self.motion.base_poses
+        T_base = np.eye(4) if base is None else base[shown]
+        for name in self.recording.wrenches:
+            if name != GROUND and name not in self.recording.sensors:
+                continue
+            wrench = self.recording.wrench(name)
+            own = wrench.pose[shown] if wrench.pose.ndim == 3 else wrench.pose
+            if wrench.frame == "world":
+                pose = T_base @ pose_in_base(wrench, poses, None if base is None else base[shown])
+            else:
+                carrier = T_base if wrench.body is None else poses[:, self.mechanism.tree.names.index(wrench.body)]
+                pose = carrier @ own
+            pose = np.broadcast_to(pose, (len(shown), 4, 4))
+            force = (pose[:, :3, :3] @ np.nan_to_num(wrench.on_mechanism[shown, :3, None]))[..., 0]
+            yield {"name": visible(name), "points": _short(pose[:, :3, 3].ravel()), "forces": _short(force.ravel())}
+
+
+def every_nth(N: int, numbers: int) -> np.ndarray:
+    """Indices of every n-th of N samples, so that charts with so many numbers per sample stay within the limits."""
+    return np.arange(0, N, -(-N // min(SAMPLES, max(2, CURVE_NUMBERS // numbers))))
+
+
+def evenly(N: int, most: int) -> np.ndarray:
+    """Indices of at most so many of N samples, evenly spaced, including the first and the last."""
+    return np.unique(np.linspace(0, N - 1, max(2, min(N, most))).round().astype(int))
+
+
+def ellipsoid(phi: np.ndarray) -> list[list[float]] | None:
+    """Three semi-axes and the centre of the uniform ellipsoid with these parameters; None without mass.
+
+    Its second moments per mass about the centre are Σ/m - r rᵀ; negative ones, of bodies that are not physical, are
+    drawn as zero.
+    """
+    J = pseudo_inertia(phi)
+    if not J[3, 3] > 0:
+        return None
+    centre = J[:3, 3] / J[3, 3]
+    squares, directions = np.linalg.eigh(J[:3, :3] / J[3, 3] - np.outer(centre, centre))
+    semi_axes = directions * np.sqrt(UNIFORM * np.maximum(squares, 0))
+    return [*_short(semi_axes.T), _short(centre)]
+
+
+def _extent(
+    poses: np.ndarray, solids: Sequence[Shape], ellipsoids: Sequence[list[list[float]] | None]
+) -> tuple[np.ndarray, float]:
+    """Centre and radius of a ball around the bodies in all poses, with their shapes and ellipsoids."""
+    points = [poses[..., :3, 3].reshape(-1, 3), np.zeros((1, 3))]
+    on_bodies = [(each.body, each.vertices) for each in solids if each.body >= 0]
+    for i, numbers in enumerate(ellipsoids):
+        if numbers is not None:
+            *semi_axes, centre = np.array(numbers)
+            on_bodies.append((i, centre + np.concatenate([semi_axes, np.negative(semi_axes)])))
+    for i, corners in on_bodies:
+        box = np.array([corners.min(axis=0), corners.max(axis=0)])
+        points.append((box @ np.swapaxes(poses[:, i, :3, :3], 1, 2) + poses[:, i, None, :3, 3]).reshape(-1, 3))
+    every = np.concatenate(points)
+    center = (every.min(axis=0) + every.max(axis=0)) / 2
+    return center, max(float(np.linalg.norm(every - center, axis=1).max()), 1e-3)
+
+
+def _seven_numbers(poses: np.ndarray) -> np.ndarray:
+    """Position and quaternion of each body, body after body (F, 7 b)."""
+    quaternions = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3)).as_quat(scalar_first=True)
+    numbers = np.concatenate([poses[..., :3, 3], quaternions.reshape(*poses.shape[:2], 4)], axis=-1)
+    return numbers.reshape(len(poses), -1)
+
+
+def _short(x: Any) -> Any:
+    """Numbers as lists, rounded to the visible digits; those that are not finite become None."""
+    # Python's own numbers take half as long as numpy's.
+    if isinstance(x, np.ndarray):
+        x = x.tolist()
+    if isinstance(x, list):
+        return [_short(each) for each in x]
+    return float(f"{x:.{DIGITS}g}") + 0.0 if isfinite(x) else None
+
+
+def _readable(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content with texts free of marks of writing direction."""
+    return {key: visible(value) if isinstance(value, str) else value for key, value in content.items()}

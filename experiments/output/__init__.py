@@ -1,1 +1,0 @@
-"""Tables, figures, pages and the folders they go into."""

@@ -1,0 +1,1 @@
+"""Reports: the tables, figures and texts that show what a command computed."""

@@ -1,0 +1,190 @@
+"""Report on a comparison of results: differences with their intervals, prediction, set-up and settings."""
+
+from collections.abc import Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.document import figures, report, row_panels
+from experiments.document.layout import PAPER, Layout
+from experiments.document.page import PAGE, Said, write_report
+from experiments.document.results import Results
+from experiments.document.terminal import wrapped
+from experiments.studies.comparing import Difference, Result
+from experiments.studies.errors import HALF_WIDTH
+
+OUTPUTS = (*report.OUTPUTS, "comparison.json", PAGE)
+
+LINEAR = 10.0
+"""Difference in standard deviations up to which the figure's abscissa is linear; it is logarithmic beyond."""
+
+UNLIKELY = 0.01
+"""p-value of χ² below which a difference is called more than noise."""
+
+
+def differences_table(found: Difference) -> report.Table:
+    """Parameters of both, and their difference, with its interval if the logs are independent."""
+    first, second, comparison = found.first, found.second, found.comparison
+    half = np.full(len(found.names), np.nan) if found.shared else HALF_WIDTH * np.sqrt(np.diag(comparison.covariance))
+    wider = np.full(len(found.names), np.nan) if found.shared else HALF_WIDTH * found.std_setup
+    return report.Table(
+        f"Base parameters of {first.name} less those of {second.name}, SI units; ± 95 % intervals of the difference",
+        *report.columns(
+            parameter=found.names,
+            first=first.at(found.names)[0],
+            second=second.at(found.names)[0],
+            difference=comparison.difference,
+            interval_95=half,
+            interval_setup_95=wider,
+            z=np.full(len(found.names), np.nan) if found.shared else comparison.z,
+        ),
+        decimals=4,
+        caption="Base parameters of two identifications and their difference",
+        notes=(
+            f"First: {first.name}. Second: {second.name}. Interval: half of the difference's 95 % interval from noise, "
+            "setup: with what each leaves open of a set-up of its own. Logs have to be independent.",
+        ),
+        bodies=first.bodies,
+    )
+
+
+def prediction_table(results: Sequence[Result]) -> report.Table:
+    """Residual over signal of each result on its own held-out part, by channel."""
+    channels = list(dict.fromkeys(channel for result in results for channel in result.estimate["held_out"]))
+    ratios = [
+        [result.estimate["held_out"].get(channel, {}).get("ratio", np.nan) for channel in channels]
+        for result in results
+    ]
+    columns = dict(zip(["channel", *(result.name for result in results)], [channels, *ratios], strict=True))
+    return report.Table("Residual over signal on what each result held out", *report.columns(**columns))
+
+
+def setup_table(results: Sequence[Result]) -> report.Table:
+    """Set-up errors that each result reports."""
+    found = [{each["name"]: each["text"] for each in result.estimate["setup"]} for result in results]
+    names = list(dict.fromkeys(name for each in found for name in each))
+    rows = tuple((name, *(each.get(name, "as stated") for each in found)) for name in names)
+    return report.Table("Set-up", ("what", *(result.name for result in results)), rows)
+
+
+def settings_table(results: Sequence[Result]) -> report.Table:
+    """Settings that differ between the results."""
+    keys = dict.fromkeys(key for result in results for key in result.settings)
+    rows = [(key, *(result.settings.get(key, "none") for result in results)) for key in keys]
+    kept = tuple((report.heading(key), *values) for key, *values in rows if len(set(values)) > 1)
+    return report.Table("Settings that differ", ("setting", *(result.name for result in results)), kept)
+
+
+def agreement(found: Difference) -> str:
+    """A sentence on the agreement of two results."""
+    names = f"'{found.first.name}' and '{found.second.name}'"
+    if found.shared:
+        return (
+            f"{names} were both fitted to {', '.join(found.shared)}: noise that they share does not show in their "
+            "difference, so that neither interval nor χ² can be told; compare results of logs of their own."
+        )
+    left_out = [name for name in (*found.first.regrouping, *found.second.regrouping) if name not in found.names]
+    but = f" Not compared, as only one has them so regrouped: {', '.join(dict.fromkeys(left_out))}." if left_out else ""
+    differ = "agree within noise" if found.comparison.p_value > UNLIKELY else "differ by more than noise"
+    within = np.abs(found.comparison.difference) <= HALF_WIDTH * found.std_setup
+    setup = f"; {int(within.sum())} of {len(within)} differences lie within what noise and set-up leave open"
+    return f"{names} {differ}, if their logs are independent: {found.comparison}"[:-1] + f"{setup}.{but}"
+
+
+def figure(found: Difference, layout: Layout = PAPER) -> Figure:
+    """Differences in units of their standard deviation from noise, with intervals from noise and from the set-up."""
+    shown = [k for k, name in enumerate(found.names) if layout.shows(name, found.first.bodies)]
+    std = np.sqrt(np.diag(found.comparison.covariance))[shown]
+    z, wider = found.comparison.z[shown], HALF_WIDTH * found.std_setup[shown] / std
+    with figures.paper_style():
+        labels = [figures.named_symbol(found.names[k], found.first.bodies) for k in shown]
+        drawn, panels = row_panels.row_panels(labels, "Difference in its standard deviations from noise")
+        widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
+        powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
+        for ax, rows in panels:
+            ax.axvline(0, color="0.6", lw=0.6)
+            grey: dict[str, Any] = {"fmt": "none", "lw": 0.6, "color": "0.6"}
+            ax.errorbar(z[rows], rows, xerr=wider[rows], label="Noise and set-up, 95 %", **grey)
+            ax.errorbar(z[rows], rows, xerr=HALF_WIDTH, fmt="o", ms=2.5, lw=1.2, color="C0", label="Noise, 95 %")
+            ax.set_xscale("symlog", linthresh=LINEAR)
+            ax.set_xticks([*-powers[::-1], 0, *powers])
+            ax.minorticks_off()
+        drawn.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return drawn
+
+
+def results(compared: Sequence[Result], provenance: dict[str, Any], layout: Layout = PAPER) -> Results:
+    """All tables, figures and numbers: each result compared with the first."""
+    pairs = [Difference(compared[0], other) for other in compared[1:]]
+    ends = [""] if len(pairs) == 1 else [f"_{k}" for k in range(2, len(compared) + 1)]
+    tables = {f"table_differences{end}": differences_table(pair) for end, pair in zip(ends, pairs, strict=True)}
+    tables["table_prediction"] = prediction_table(compared)
+    for name, table in (("table_setup", setup_table(compared)), ("table_settings", settings_table(compared))):
+        if table.rows:
+            tables[name] = table
+    drawn = {
+        f"figure_differences{end}": (
+            figure(pair, layout),
+            f"Base parameters of {pair.first.name} less those of {pair.second.name}.",
+        )
+        for end, pair in zip(ends, pairs, strict=True)
+        if not pair.shared
+    }
+    return Results(tables, drawn, {"comparison": numbers(pairs), "provenance": provenance})
+
+
+def numbers(pairs: Sequence[Difference]) -> dict[str, Any]:
+    """All numbers for scripts."""
+    return {
+        "pairs": [
+            {
+                "first": pair.first.name,
+                "second": pair.second.name,
+                "parameters": list(pair.names),
+                "difference": pair.comparison.difference.tolist(),
+                "shared_logs": pair.shared,
+                "std": None if pair.shared else np.sqrt(np.diag(pair.comparison.covariance)).tolist(),
+                "std_setup": None if pair.shared else pair.std_setup.tolist(),
+                "chi2": None if pair.shared else pair.comparison.chi2,
+                "p_value": None if pair.shared else pair.comparison.p_value,
+                "settings": {key: list(values) for key, values in pair.settings.items()},
+            }
+            for pair in pairs
+        ]
+    }
+
+
+def text(shown: Results, compared: Sequence[Result]) -> str:
+    """Text for the terminal."""
+    return wrapped("\n".join([*(table.text() for table in shown.tables.values()), *sentences(compared)]))
+
+
+def sentences(compared: Sequence[Result]) -> list[str]:
+    """Sentences on the agreement of each result with the first."""
+    return [agreement(Difference(compared[0], other)) for other in compared[1:]]
+
+
+def write(shown: Results, compared: Sequence[Result], folder: Path, layout: Layout) -> None:
+    """Writes everything into a folder, with a page."""
+    formats, bodies = ("pdf", "svg", "png"), compared[0].bodies
+    names = list(dict.fromkeys(name for result in compared for name in result.regrouping))
+    layout.check([*shown.tables, *shown.figures], names, bodies)
+    shown.write(folder, formats, layout)
+    said = Said(
+        f"{' and '.join(result.name for result in compared)}, compared",
+        verdict=" ".join(sentences(compared)),
+        lines=[
+            f"{result.name}: fitted to {', '.join(result.logs.values())}. {result.estimate['verdict']}"
+            for result in compared
+        ],
+        heading="What is compared",
+    )
+    write_report(folder, shown, formats, said)
+
+
+def inputs(folders: Sequence[Path]) -> list[Path]:
+    """All input files."""
+    return [folder / name for folder, name in product(folders, ("estimate.json", "provenance.json"))]

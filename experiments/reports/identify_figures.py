@@ -1,0 +1,175 @@
+"""Figures of an identification: predictions, residuals, and the parameters beside the model's."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import mlab
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import NullFormatter
+
+from experiments.document import escape, figures, row_panels
+from experiments.document.layout import PAPER, Layout
+from experiments.reports.identify_replay import channel_unit
+from experiments.studies.errors import HALF_WIDTH
+from ident.estimate import Estimate
+from ident.estimation.equations import COMPONENTS
+
+MEASURED, ESTIMATED = figures.INKS[:2]
+"""Colours of measurements and of estimates, as on the page."""
+
+COLUMN_PANELS = 16
+"""Largest number of channels in a figure of one column; more take the width of the page."""
+
+LEFT_OPEN: dict[str, Any] = {"color": "0.8", "lw": 0, "zorder": 0, "label": "Torques left open"}
+"""Style of spans in which joints are so slow that friction makes their torques indeterminate."""
+
+
+def held_out_figure(result: Estimate) -> Figure:
+    """Measured and predicted channels on the held-out part."""
+    held = result.held_out
+    # Lines are interrupted between recordings and at gaps.
+    breaks = held.starts[1:]
+    time, measured, predicted = (
+        np.insert(x, breaks, np.nan, axis=0)
+        for x in (held.time, held.samples.measured, held.samples.measured - held.residual)
+    )
+    slow = np.insert(result.near_reversals, breaks, False, axis=0)
+    with figures.paper_style():
+        figure, axes = _panels(result)
+        for k, ax in enumerate(axes):
+            ax.plot(time, measured[:, k], color=MEASURED, lw=1.2, label="Measured")
+            ax.plot(time, predicted[:, k], color=ESTIMATED, ls="--", lw=0.8, label="Predicted")
+            if slow[:, k].any():
+                spans = figures.visible_spans(figures.spans(time, slow[:, k]), float(np.ptp(held.time)))
+                # Lines of the grid would look like the shortest spans.
+                ax.grid(visible=False, axis="x")
+                bars = np.stack([spans[:, 0], np.diff(spans)[:, 0]], axis=1)
+                ax.broken_barh(bars.tolist(), (0, 1), transform=ax.get_xaxis_transform(), **LEFT_OPEN)
+            ax.set_ylabel(_label(result, k), labelpad=2)
+            ax.set_xlim(held.time[0], held.time[-1])
+        _finish(figure, axes, "Time (s)", [Patch(**LEFT_OPEN)] if slow.any() else [])
+    return figure
+
+
+def held_out_caption(result: Estimate) -> str:
+    """Caption of the held-out figure."""
+    caption = "Measured and predicted channels on the held-out part."
+    if result.near_reversals.any():
+        caption += " Grey: joints so slow that friction leaves their torques open."
+    if result.trajectory:
+        caption += (
+            f" The splines of the fitted motion have a knot every {1e3 * result.trajectory.step:.3g} ms throughout."
+        )
+    return caption
+
+
+def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
+    """Base parameters with 95 % intervals including the set-up, beside the model's, each over the largest of these."""
+    arm, shown = result.prepared.mechanism, _shown(result, layout)
+    value, std = result.psi[shown], result.std_setup[shown]
+    prior = result.base.regroup(arm.known)[shown]
+    size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), HALF_WIDTH * std)
+    size = np.where(size > 0, size, 1)
+    names = [figures.named_symbol(result.base.names[k], arm.bodies) for k in shown]
+    with figures.paper_style():
+        figure, panels = row_panels.row_panels(names, "Value over the largest of estimate, model and half-width")
+        for ax, rows in panels:
+            ax.axvline(0, color="0.8", lw=0.6)
+            half, own = HALF_WIDTH * (std / size)[rows], (value / size)[rows]
+            style: dict[str, Any] = {"fmt": "o", "ms": 2.5, "lw": 0.8, "color": ESTIMATED}
+            ax.errorbar(own, rows, xerr=half, label="Estimate, 95 % with set-up", **style)
+            ax.plot((prior / size)[rows], rows, "|", color=MEASURED, ms=7, label="Model")
+        figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
+
+
+def parameters_caption(result: Estimate, layout: Layout = PAPER) -> str:
+    """Caption of the figure of parameters."""
+    caption = "Base parameters with 95 % intervals that include what is open of the set-up, and the model's own."
+    shown, wanted = len(_shown(result, layout)), len(_wanted(result, layout))
+    some = f" Of {wanted} the {shown} with the narrowest intervals for their size; the table has all."
+    return caption + some * (shown < wanted)
+
+
+def _wanted(result: Estimate, layout: Layout) -> list[int]:
+    """Indices of the base parameters that an author wants."""
+    bodies = result.prepared.mechanism.bodies
+    return [k for k, name in enumerate(result.base.names) if layout.shows(name, bodies)]
+
+
+def _shown(result: Estimate, layout: Layout) -> list[int]:
+    """Indices of the wanted parameters; if too many for a page, those with the narrowest relative intervals."""
+    prior = result.base.regroup(result.prepared.mechanism.known)
+    relative = result.std_setup / np.maximum(np.maximum(np.abs(result.psi), np.abs(prior)), 1e-300)
+    narrowest = sorted(_wanted(result, layout), key=relative.__getitem__)
+    return sorted(narrowest[: row_panels.most_rows()])
+
+
+def spectra_figure(result: Estimate) -> Figure:
+    """Spectra of the measured channels and of their residuals on the held-out part, up to three times the cut-off."""
+    held, prepared = result.held_out, result.prepared
+    highest = (
+        prepared.recording.rate / 2
+        if prepared.cutoff is None
+        else min(3 * prepared.cutoff, prepared.recording.rate / 2)
+    )
+    with figures.paper_style():
+        figure, axes = _panels(result)
+        for k, ax in enumerate(axes):
+            for x, color, label in (
+                (held.samples.measured, MEASURED, "Measured"),
+                (held.residual, ESTIMATED, "Residual"),
+            ):
+                frequency, amplitude = amplitude_spectrum(x[:, k], prepared.recording.rate)
+                shown = (frequency > 0) & (frequency <= highest)
+                ax.loglog(frequency[shown], np.maximum(amplitude[shown], 1e-12), color=color, lw=0.8, label=label)
+            ax.set_ylabel(_label(result, k, "/√Hz"), labelpad=2)
+            ax.xaxis.set_minor_formatter(NullFormatter())
+            ax.margins(x=0)
+        _finish(figure, axes, "Frequency (Hz)")
+    return figure
+
+
+def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies in Hz and amplitude spectral density of a signal (N,), by Welch's method."""
+    # Equal to scipy.signal.welch, which takes half a second to import.
+    length = min(len(x), 512)
+    window = np.hanning(length + 1)[:-1]
+    power, frequency = mlab.psd(x, length, rate, detrend="mean", window=window, noverlap=length // 2)
+    return np.asarray(frequency), np.sqrt(power)
+
+
+def _panels(result: Estimate) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel for each channel, from top to bottom and then from left to right."""
+    count = len(result.channels)
+    columns, width = (2, figures.column_width()) if count <= COLUMN_PANELS else (4, figures.text_width())
+    rows = -(-count // columns)
+    figure = Figure(figsize=(width, min(0.7 + 0.9 * rows, figures.text_height())))
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    axes = list(grid.T.flat)
+    for ax in axes[count:]:
+        ax.set_axis_off()
+    return figure, axes[:count]
+
+
+def _finish(figure: Figure, axes: list[Axes], xlabel: str, extra: Sequence[Patch] = ()) -> None:
+    """Labels the axes and adds the legend, with patches after the first panel's own entries."""
+    places = [(ax, ax.get_subplotspec()) for ax in axes]
+    lowest = {place.colspan.start: ax for ax, place in places if place is not None}
+    for ax in lowest.values():
+        ax.set_xlabel(xlabel, labelpad=2)
+        ax.tick_params(labelbottom=True)
+    figures.align_ylabels(axes)
+    # Spans have one entry, whichever panels they are in.
+    lines = [line for line in axes[0].lines if not str(line.get_label()).startswith("_")]
+    figure.legend(handles=[*lines, *extra], loc="outside upper center", ncols=2 + len(extra))
+
+
+def _label(result: Estimate, k: int, per: str = "") -> str:
+    """Symbol or joint of a channel, and its unit, divided by `per`."""
+    channel = result.channels[k]
+    shown = f"${channel[0]}_{channel[1]}$ " if channel in COMPONENTS else f"{escape.label(channel)}\n"
+    return f"{shown}({channel_unit(result, channel)}{per})"

@@ -1,0 +1,241 @@
+"""Report on an identification: tables, figures, a page, numbers for scripts, and the updated model."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.document import report
+from experiments.document.layout import PAPER, Layout, unit_of
+from experiments.document.page import PAGE, Said, filmed, write_report
+from experiments.document.results import Results
+from experiments.document.terminal import wrapped
+from experiments.reports.identify_figures import (
+    held_out_caption,
+    held_out_figure,
+    parameters_caption,
+    parameters_figure,
+    spectra_figure,
+)
+from experiments.reports.identify_replay import channel_unit, replay
+from ident.estimate import Estimate
+from ident.geometry.inertia import PARAMETERS, with_bodies
+from ident.parameters.base_parameters import separating_sensors
+from ident.recordings.several_files import name_of
+from ident.tolerances import DRIVE
+from sim.models.model_update import write_model
+from sim.models.urdf import parsed
+
+OUTPUTS = (*report.OUTPUTS, PAGE, "estimate.json", "model.xml", "model.urdf", "model.osim")
+
+
+def parameters_table(result: Estimate) -> report.Table:
+    """Base parameters with their uncertainty beside the model's own."""
+    base, fit = result.base, result.fit
+    prior = base.regroup(result.prepared.mechanism.known)
+    priors = [*prior.tolist(), *[None] * (len(result.names) - base.rank)]
+    regroupings = [*base.expressions(digits=4), *[""] * (len(result.names) - base.rank)]
+    wider = np.sqrt(np.diag(result.covariance_setup))
+    columns = {
+        "parameter": result.names,
+        "estimate": fit.values.tolist(),
+        "std": fit.std.tolist(),
+        "std_setup": wider.tolist(),
+        "relative": [_relative(*each) for each in zip(fit.values, wider, strict=True)],
+        "model": priors,
+        "regrouping": regroupings,
+    }
+    if result.trajectory is not None and result.trajectory.known:
+        moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.names) - base.rank)]
+        columns |= {"moved_from_model_std": moved}
+    return report.Table(
+        "Base parameters, SI units",
+        *report.columns(**columns),
+        caption="Identified base parameters beside the model's own",
+        notes=(
+            "S.d.: of noise alone; s.d. setup: with what is left open of the set-up.",
+            "Relative: s.d. over the estimate, or its absolute value where the estimate is not far from zero.",
+        ),
+        bodies=result.prepared.mechanism.bodies,
+        units=_units(result),
+    )
+
+
+def _units(result: Estimate) -> tuple[str, ...]:
+    """Units of all coefficients: base parameters, parameters of drives, offsets of channels."""
+    return tuple(coefficient_unit(result, name) for name in result.names)
+
+
+def coefficient_unit(result: Estimate, name: str) -> str:
+    """Unit of a coefficient by its name, such as `m2rz2`, `Fv(knee)` or `offset(Fx)`."""
+    if (own := unit_of(name)) is not None:
+        return own
+    kind, _, of = name.removesuffix(")").partition("(")
+    unit = channel_unit(result, of)
+    turns = {DRIVE["rotor"]: "kg m²", DRIVE["viscous"]: "N m s"}
+    slides = {DRIVE["rotor"]: "kg", DRIVE["viscous"]: "N s/m"}
+    return (slides if unit == "N" else turns).get(kind, unit)
+
+
+def _relative(value: float, std: float) -> str:
+    """Relative standard deviation, or the absolute one if the estimate is within three of zero."""
+    return f"{100 * std / abs(value):.1f} %" if abs(value) > 3 * std else f"{std:.2g} abs."
+
+
+def quality_table(result: Estimate) -> report.Table:
+    """Prediction errors of each channel on the held-out part."""
+    held = result.held_out
+    rivals = [result.rivals.get(name, np.full(len(result.channels), np.nan)) for name in ("model", "least squares")]
+    rows = tuple(
+        (channel, *(None if np.isnan(x) else float(x) for x in numbers), note)
+        for channel, *numbers, note in zip(
+            result.channels,
+            held.samples.measured.std(axis=0),
+            np.sqrt((held.residual**2).mean(axis=0)),
+            held.ratio,
+            held.relative_rms,
+            *rivals,
+            held.ratio_with(result.consistent().psi),
+            result.correlation,
+            ["not explained by this motion" if c in result.unexplained else "" for c in result.channels],
+            strict=True,
+        )
+    )
+    ratios = ("ratio", "relative_rms", "ratio_model_as_it_came", "ratio_least_squares", "ratio_updated_model")
+    columns = ("channel", "signal_std", "residual_rms", *ratios, "correlation_s", "note")
+    units = tuple(channel_unit(result, channel) for channel in result.channels)
+    heads = {
+        "ratio_model_as_it_came": "ratio, model as it came",
+        "ratio_least_squares": "ratio, least squares",
+    }
+    return report.Table("Prediction of the held-out part", columns, rows, units=units, heads=heads)
+
+
+def full_table(result: Estimate) -> report.Table:
+    """Physically consistent φ of each body beside the model's."""
+    units = [unit_of(name) or "" for name in result.base.parameters]
+    bodies = [name for name in result.prepared.mechanism.bodies for _ in PARAMETERS]
+    return report.Table(
+        "Full, physically consistent parameters, SI units",
+        *report.columns(
+            body=bodies,
+            parameter=result.base.parameters,
+            unit=units,
+            estimate=result.consistent().phi,
+            model=result.prepared.mechanism.known,
+        ),
+        caption="Physically consistent parameters of all bodies beside the model's",
+    )
+
+
+def data_lines(result: Estimate) -> list[str]:
+    """Lines on the data: samples, structure, excitation and checks."""
+    prepared, base, checks = result.prepared, result.base, result.checks
+    samples, singular, numbers = len(prepared.samples), result.singular_values, result.condition_numbers
+    filtered = "the log's own derivatives" if prepared.cutoff is None else f"low-passed at {prepared.cutoff:.2g} Hz"
+    if result.trajectory is not None:
+        fit = result.trajectory.fit
+        noise = "correlated" if result.trajectory.coloured else "white"
+        filtered = (
+            f"trajectory by splines with knots {result.trajectory.step:.2g} s apart, {noise} noise in the weights, "
+            f"{fit.status} in {len(fit.trace)} round{'s' if len(fit.trace) != 1 else ''}"
+        )
+    lines = [
+        f"{samples} samples at {prepared.recording.rate:.4g} Hz, {filtered}; "
+        f"{result.part.stop - result.part.start} fitted, {len(result.held_out.time)} held out.",
+        f"Bodies: {', '.join(f'{k} is {name}' for k, name in enumerate(prepared.mechanism.bodies, start=1))}.",
+        f"Structure: {base.rank} base parameters of {len(base.parameters)}; channels {', '.join(result.channels)}.",
+        f"Excitation: condition number {result.condition_number:.3g} of the unit-norm columns, each channel divided by "
+        f"its signal, with singular values {singular[0]:.2g} to {singular[-1]:.2g}; as often published, "
+        f"{numbers['raw']:.3g} of the columns in SI units, {numbers['unit_norm']:.3g} of unit norm.",
+    ]
+    if (weight := checks.weight) is not None:
+        lines.append(
+            f"Weight: {weight.measured:.2f} kg measured, {weight.model:.2f} kg in the model, "
+            f"drift {weight.drift:+.2f} kg."
+        )
+    for name, check in checks.frames.items():
+        lines.append(f"Wrench '{name}' against the model's prediction: relative error {check.error:.2f}.")
+    lines.append(f"Residuals: alike over {result.correlation.min():.2g} to {result.correlation.max():.2g} s.")
+    for what, gained in separating_sensors(prepared.mechanism, prepared.sensors).items():
+        if gained:
+            lines.append(f"More would be seen {what}: {with_bodies(gained, prepared.mechanism.bodies)}.")
+    return [*lines, *prepared.notes]
+
+
+def text(result: Estimate) -> str:
+    """Text for the terminal."""
+    lines = [
+        "The recording",
+        *(f"  {line}" for line in data_lines(result)),
+        "",
+        parameters_table(result).text(),
+        quality_table(result).text(),
+        f"Verdict: {result.verdict()}",
+        *(finding.line for finding in result.findings),
+    ]
+    return wrapped("\n".join(lines))
+
+
+def results(result: Estimate, provenance: dict[str, Any], layout: Layout = PAPER) -> Results:
+    """All tables, figures and numbers."""
+    return Results(
+        tables={
+            "table_base_parameters": parameters_table(result),
+            "table_held_out": quality_table(result),
+            "table_full_parameters": full_table(result),
+        },
+        figures={
+            "figure_held_out": (held_out_figure(result), held_out_caption(result)),
+            "figure_parameters": (parameters_figure(result, layout), parameters_caption(result, layout)),
+            "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
+        },
+        numbers={"estimate": result.to_dict(), "provenance": provenance},
+    )
+
+
+def write(
+    result: Estimate,
+    folder: Path,
+    model: Path,
+    logs: Sequence[Path],
+    provenance: dict[str, Any],
+    layout: Layout = PAPER,
+    *,
+    film: bool = False,
+) -> str:
+    """Writes everything into a folder: tables, figures, a page, and the updated model file.
+
+    Args:
+        result: The identification.
+        folder: The folder.
+        model: The model file to update.
+        logs: The identified logs.
+        provenance: Provenance of the results.
+        layout: Layout of tables and figures in print.
+        film: True to write a film.
+
+    Returns:
+        Sentences on a film that cannot be written and a layout that cannot be applied; else an empty text.
+    """
+    shown, formats = results(result, provenance), ("pdf", "svg", "png")
+    layout, refused = shown.chosen(layout)
+    if layout.parameters:
+        shown = results(result, provenance, layout)
+    shown.write(folder, formats, layout)
+    suffixes = {"robot": "urdf", "OpenSimDocument": "osim"}
+    updated = folder / f"model.{suffixes.get(parsed(model).tag, 'xml')}"
+    write_model(updated, result.prepared.mechanism, result.consistent())
+    said = Said(
+        f"{model.name}, identified from {', '.join(map(name_of, logs))}",
+        verdict=result.verdict(),
+        findings=[(finding.text, finding.doubt) for finding in result.findings],
+        lines=data_lines(result),
+        heading="The recording",
+        replay=replay(result),
+        files=[updated.name],
+    )
+    said, missing = filmed(film, folder, said)
+    write_report(folder, shown, formats, said)
+    return " ".join(filter(None, [missing, refused]))

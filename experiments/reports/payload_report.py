@@ -1,0 +1,240 @@
+"""Report on the identification of a payload: numbers in the formats of robots and simulators, tables, a page."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.document import report
+from experiments.document.layout import PAPER, Layout, offset_unit
+from experiments.document.page import PAGE, Said, write_report
+from experiments.document.results import Results
+from experiments.document.terminal import wrapped
+from experiments.reports import identify_figures, identify_report
+from experiments.studies.errors import HALF_WIDTH
+from ident.geometry.inertia import symmetric
+from ident.payload.payload import Payload
+from ident.payload.rigid_body import QUANTITIES, RigidBody
+from ident.recordings.several_files import name_of
+from sim.models.model_update import write_model
+from sim.models.urdf import parsed
+
+OUTPUTS = (*report.OUTPUTS, PAGE, "payload.json", "payload.txt", "model.xml", "model.urdf")
+
+UNITS = ("kg", *3 * ["m"], *6 * ["kg m²"])
+"""Units of `QUANTITIES`."""
+
+
+def urdf(values: np.ndarray) -> str:
+    """URDF's `<inertial>` of `RigidBody.values`."""
+    entries = [f'{name.lower()}="{_text(values[k])}"' for k, name in enumerate(QUANTITIES) if k > 3]
+    return (
+        f'<inertial>\n  <origin xyz="{_text(*values[1:4])}" rpy="0 0 0"/>\n  <mass value="{_text(values[0])}"/>\n'
+        f"  <inertia {' '.join(entries)}/>\n</inertial>"
+    )
+
+
+def mjcf(values: np.ndarray) -> str:
+    """MJCF's `<inertial>` of `RigidBody.values`."""
+    mass, center, inertia = _text(values[0]), _text(*values[1:4]), _text(*values[4:])
+    return f'<inertial mass="{mass}" pos="{center}" fullinertia="{inertia}"/>'
+
+
+def controllers(values: np.ndarray) -> str:
+    """Calls for robot controllers: mass, centre of mass and inertia about it, in the flange's frame.
+
+    Franka's `setLoad` takes the matrix column by column, UR's `set_target_payload` the entries xx, yy, zz, xy, xz, yz.
+    """
+    mass, center, inertia = _text(values[0]), _listed(values[1:4]), _listed(values[4:])
+    matrix = _listed(symmetric(values[4:]).ravel())
+    return f"setLoad({mass}, {center}, {matrix})\nset_target_payload({mass}, {center}, {inertia})"
+
+
+def _intervals(body: RigidBody) -> str:
+    """Half-widths of the 95 % intervals."""
+    reach = HALF_WIDTH * body.std_setup
+    names = ("mass", "centre", "inertia")
+    parts = zip(names, (reach[:1], reach[1:4], reach[4:]), strict=True)
+    return "95 %: " + "; ".join(f"{name} ± {' '.join(f'{x:.2g}' for x in some)}" for name, some in parts)
+
+
+def _sensor_unit(name: str) -> str:
+    """Unit of a sensor's parameter by its name, such as `offset(Fx)` or `rotation_x(wrist)`."""
+    kind, _, _ = name.partition("(")
+    if kind == "offset":
+        return offset_unit(name)
+    return {"delay": "s", "clock": "1", "gain": "1", "origin": "m"}.get(kind.partition("_")[0], "rad")
+
+
+def _in_words(name: str) -> str:
+    """A sensor's parameter in words: `rotation_x(wrist)` is its turn about x."""
+    kind, _, of = name.removesuffix(")").partition("(")
+    kind, _, axis = kind.partition("_")
+    kinds = {
+        "offset": f"offset of {of}",
+        "gain": f"gain of {of}, less 1",
+        "delay": "delay",
+        "clock": "rate of its clock, less 1",
+        "origin": f"shift along {axis}",
+        "rotation": f"turn about {axis}",
+        "gravity": f"tilt of gravity about {axis}",
+        "zero": f"zero of joint {of}",
+        "axis": f"tilt of the axis of joint {of} about {axis}",
+    }
+    return kinds.get(kind, name)
+
+
+def _text(*numbers: float) -> str:
+    return " ".join(f"{x:.6g}" for x in numbers)
+
+
+def _listed(numbers: np.ndarray) -> str:
+    return f"[{', '.join(map(_text, numbers))}]"
+
+
+@dataclass(frozen=True)
+class PayloadReport:
+    """Report on a payload.
+
+    Attributes:
+        payload: The payload.
+        flange: Name of the body or site in whose frame controllers expect it.
+    """
+
+    payload: Payload
+    flange: str
+
+    @property
+    def at_flange(self) -> RigidBody:
+        """The payload in the flange's frame."""
+        return self.payload.in_frame(self.payload.place_of(self.flange))
+
+    def forms(self) -> dict[str, str]:
+        """The numbers with their intervals as text for other programs, by program."""
+        own, at_flange, body = self.payload.in_frame(), self.at_flange, self.payload.body
+        comment = f"<!-- {_intervals(own)} -->"
+        return {
+            f"URDF, link '{body}'": f"{comment}\n{urdf(own.values)}",
+            f"MJCF, body '{body}'": f"{comment}\n{mjcf(own.values)}",
+            f"Robot controllers, frame of '{self.flange}'": (
+                f"# {_intervals(at_flange)}\n{controllers(at_flange.values)}"
+            ),
+        }
+
+    def forms_text(self) -> str:
+        """The forms as one text."""
+        return "\n".join(f"{title}\n{text}\n" for title, text in self.forms().items())
+
+    def table(self) -> report.Table:
+        """Mass, centre of mass and inertia with their intervals, beside the model's."""
+        body, model = self.payload.in_frame(), self.payload.model
+        columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(body)}
+        columns["model"] = [None] * 10 if model is None else model.tolist()
+        columns["note"] = ["" if told else "not told by this motion" for told in body.told]
+        title = f"What '{self.payload.sensor}' carries, in the frame of '{self.payload.body}'"
+        return report.Table(title, *report.columns(**columns), decimals=6)
+
+    def flange_table(self) -> report.Table:
+        """The same in the flange's frame."""
+        columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(self.at_flange)}
+        return report.Table(f"The same in the frame of '{self.flange}'", *report.columns(**columns), decimals=6)
+
+    def sensor_table(self) -> report.Table:
+        """Offsets, delay, gains and frame of the sensor."""
+        name, value, std, taken = zip(*self.payload.sensor_parameters, strict=True)
+        words = ["taken out" if each else "taken as stated" for each in taken]
+        columns: dict[str, Any] = {"parameter": name, "estimate": value, "std": std, "note": words}
+        units = tuple(map(_sensor_unit, name))
+        names = {each: _in_words(each) for each in name}
+        return report.Table("The sensor", *report.columns(**columns), decimals=5, units=units, names=names)
+
+    def lines(self) -> list[str]:
+        """Lines on the logs, the payload's bodies and the sensor's place."""
+        result, payload = self.payload.estimate, self.payload
+        place = _listed(payload.place[:3, 3].round(6) + 0)
+        samples = sum(part.stop - part.start for _, part in result.logs)
+        return [
+            f"{len(result.logs)} log{'s' * (len(result.logs) > 1)}, {samples} samples fitted, "
+            f"{len(result.held_out.time)} predicted; condition number {result.condition_number:.3g}.",
+            f"Carried: {', '.join(result.prepared.mechanism.bodies)}, by joints "
+            f"{', '.join(result.prepared.mechanism.joints)}; sensor at {place} m in the frame "
+            f"of '{payload.body}'.",
+            *payload.notes,
+            *result.prepared.notes,
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything for scripts, in JSON types."""
+        payload = self.payload
+        frames = {payload.body: payload.in_frame(), self.flange: self.at_flange}
+        return {
+            "verdict": payload.verdict(),
+            "findings": [finding.to_dict() for finding in payload.findings],
+            "quantities": list(QUANTITIES),
+            "frames": {name: {key: x.tolist() for key, x in body._asdict().items()} for name, body in frames.items()},
+            "sensor": {each.name: each._asdict() for each in payload.sensor_parameters},
+            "estimate": payload.estimate.to_dict(),
+        }
+
+    def text(self) -> str:
+        """Text for the terminal."""
+        payload = self.payload
+        tables = [self.table().text(), self.sensor_table().text()]
+        verdict = [f"Verdict: {payload.verdict()}", *(finding.line for finding in payload.findings)]
+        # Forms are for copying: they are not wrapped.
+        return "\n".join([wrapped("\n".join([*self.lines(), "", *tables])), self.forms_text(), *map(wrapped, verdict)])
+
+    def write(
+        self, folder: Path, model: Path, logs: Sequence[Path], provenance: dict[str, Any], layout: Layout = PAPER
+    ) -> str:
+        """Writes tables, a figure, a page, the forms, numbers for scripts, and the updated model file if it has masses.
+
+        Args:
+            folder: The folder.
+            model: The model file.
+            logs: The logs.
+            provenance: Provenance of the results.
+            layout: Layout of tables and figures in print.
+
+        Returns:
+            A sentence if the layout cannot be applied, else an empty one.
+        """
+        payload, formats = self.payload, ("pdf", "png")
+        held_out = identify_figures.held_out_figure(payload.estimate)
+        shown = Results(
+            tables={
+                "table_payload": self.table(),
+                "table_flange": self.flange_table(),
+                "table_sensor": self.sensor_table(),
+                "table_held_out": identify_report.quality_table(payload.estimate),
+            },
+            figures={"figure_held_out": (held_out, "Measured and predicted channels on the held-out part.")},
+            numbers={"payload": self.to_dict(), "provenance": provenance},
+        )
+        layout, refused = shown.chosen(layout)
+        shown.write(folder, formats, layout)
+        (folder / "payload.txt").write_text(self.forms_text(), encoding="utf-8")
+        updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
+        if payload.robot.prior is not None:
+            write_model(updated, payload.robot, payload.phi_of_robot())
+        said = Said(
+            f"Payload of {model.name}, identified from {', '.join(map(name_of, logs))}",
+            verdict=payload.verdict(),
+            findings=[(finding.text, finding.doubt) for finding in payload.findings],
+            lines=self.lines(),
+            heading="The recording",
+            blocks=self.forms(),
+            files=["payload.txt", *([] if payload.robot.prior is None else [updated.name])],
+        )
+        write_report(folder, shown, formats, said)
+        return refused
+
+
+def _columns(body: RigidBody) -> dict[str, list[float]]:
+    """Estimates, standard deviations and 95 % intervals."""
+    reach = HALF_WIDTH * body.std_setup
+    numbers = body.values, body.std, body.std_setup, body.values - reach, body.values + reach
+    names = ("estimate", "std", "std_setup", "from_95", "to_95")
+    return {name: x.tolist() for name, x in zip(names, numbers, strict=True)}

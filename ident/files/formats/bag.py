@@ -1,0 +1,141 @@
+"""ROS 1 and ROS 2 bags, including MCAP: joint states, wrenches and numbers, each topic at its own times."""
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.files.formats.reading import library, undamaged
+from ident.files.npz import check_size
+from ident.files.table import Table
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+UNITLESS = ("std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float64")
+"""Types of messages whose numbers have no defined unit; all others are in SI units by definition."""
+
+MESSAGE = 1000
+"""Bytes that a message takes in memory in addition to its serialized size, until its numbers are in columns."""
+
+Message = tuple[int, Any]
+"""Time in ns, and the message."""
+
+
+def tables(path: Path, limit: int) -> list[Table]:
+    """A table for each topic of a type in `COLUMNS`.
+
+    Joints are columns `JOINT_position`, `JOINT_velocity` and `JOINT_torque`, or `TOPIC:JOINT_position` if several
+    topics have the joint. Wrenches are `TOPIC_force.x` and so on, without the topic's first slash, arrays `TOPIC.0`.
+    Times are the stamps in the messages, or if these have none the times of writing, in s from the earliest.
+
+    Raises:
+        LogError: The bag is damaged, too large, or has no such topic.
+        InputError: The library is not installed.
+    """
+    with library("ros"):
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    with undamaged("a ROS bag"), AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        # The types as ROS defines them: the library generates code from those in the bag, without end if damaged.
+        types = get_typestore(Stores.ROS2_HUMBLE if reader.is2 else Stores.ROS1_NOETIC)
+        read = types.deserialize_cdr if reader.is2 else types.deserialize_ros1
+        used = [each for each in reader.connections if each.msgtype in COLUMNS]
+        if not used:
+            there = ", ".join(f"{each.topic} ({each.msgtype})" for each in reader.connections) or "none"
+            raise LogError(f"a bag needs a topic of {', '.join(COLUMNS)}; its topics are {there}.")
+        sent: dict[tuple[str, str], list[Message]] = defaultdict(list)
+        size = 0
+        for connection, written, data in reader.messages(connections=used):
+            size += len(data) + MESSAGE
+            check_size(path, size, limit)
+            sent[connection.topic, connection.msgtype].append((written, read(data, connection.msgtype)))
+        return _tables(sent)
+
+
+def _tables(sent: Mapping[tuple[str, str], list[Message]]) -> list[Table]:
+    times = {key: _times(messages) for key, messages in sent.items()}
+    zero = min(int(time.min()) for time, _ in times.values())
+    shared = _shared(sent)
+    out = []
+    for (topic, kind), messages in sent.items():
+        time, note = times[topic, kind]
+        order = np.argsort(time, kind="stable")
+        name = topic.strip("/")
+        columns = COLUMNS[kind]([messages[i][1] for i in order], name)
+        if kind == JOINT_STATE:
+            columns = {f"{name}:{column}" if column in shared else column: x for column, x in columns.items()}
+        cells = {"time": (time[order] - zero) / 1e9, **columns}
+        notes = [f"Topic {topic}: {note}"] if note else []
+        units = {} if kind in UNITLESS else dict.fromkeys(cells, "SI")
+        out.append(Table(cells, range(len(order)), f"message of {topic}", units=units, notes=notes))
+    return out
+
+
+def _times(messages: Sequence[Message]) -> tuple[np.ndarray, str]:
+    """Times in ns (N,), from the messages' stamps if they have any, and a note on them."""
+    written = np.array([time for time, _ in messages], np.int64)
+    headers = [message.header for _, message in messages if hasattr(message, "header")]
+    stamps = np.array([10**9 * header.stamp.sec + header.stamp.nanosec for header in headers], np.int64)
+    if len(headers) < len(messages) or not stamps.any():
+        return written, "its messages have no times, those of writing are used."
+    frames = sorted({header.frame_id for header in headers if header.frame_id})
+    return stamps, f"it is in the frame '{frames[0]}'." if len(frames) == 1 else ""
+
+
+def _shared(sent: Mapping[tuple[str, str], list[Message]]) -> set[str]:
+    """Names of joint columns that several topics have."""
+    owners: dict[str, set[str]] = defaultdict(set)
+    for (topic, kind), messages in sent.items():
+        if kind == JOINT_STATE:
+            for joint in {joint for _, message in messages for joint in message.name}:
+                for quantity in ("position", "velocity", "torque"):
+                    owners[f"{joint}_{quantity}"].add(topic)
+    return {column for column, topics in owners.items() if len(topics) > 1}
+
+
+def _joint_states(messages: Sequence[Any], name: str) -> dict[str, np.ndarray]:
+    columns: dict[str, np.ndarray] = {}
+    for i, message in enumerate(messages):
+        for quantity, field in (("position", "position"), ("velocity", "velocity"), ("torque", "effort")):
+            numbers = getattr(message, field)
+            if len(numbers) not in (0, len(message.name)):
+                raise LogError(
+                    f"message {i} of {name} names {len(message.name)} joints and has {len(numbers)} {field}."
+                )
+            for joint, number in zip(message.name, numbers, strict=False):
+                column = columns.setdefault(f"{joint}_{quantity}", np.full(len(messages), np.nan))
+                column[i] = number
+    return columns
+
+
+def _wrenches(messages: Sequence[Any], name: str) -> dict[str, np.ndarray]:
+    wrenches = [getattr(message, "wrench", message) for message in messages]
+    return {
+        f"{name}_{kind}.{axis}": np.array([getattr(getattr(wrench, kind), axis) for wrench in wrenches], float)
+        for kind in ("force", "torque")
+        for axis in "xyz"
+    }
+
+
+def _arrays(messages: Sequence[Any], name: str) -> dict[str, np.ndarray]:
+    lengths = {len(message.data) for message in messages}
+    if len(lengths) > 1:
+        raise LogError(f"arrays of {name} need one length, they have {', '.join(map(str, sorted(lengths)))}.")
+    return {f"{name}.{k}": x for k, x in enumerate(np.array([message.data for message in messages], float).T)}
+
+
+def _numbers(messages: Sequence[Any], name: str) -> dict[str, np.ndarray]:
+    return {name: np.array([message.data for message in messages], float)}
+
+
+COLUMNS: Mapping[str, Callable[[Sequence[Any], str], dict[str, np.ndarray]]] = {
+    JOINT_STATE: _joint_states,
+    "geometry_msgs/msg/WrenchStamped": _wrenches,
+    "geometry_msgs/msg/Wrench": _wrenches,
+    "std_msgs/msg/Float64MultiArray": _arrays,
+    "std_msgs/msg/Float64": _numbers,
+}
+"""Functions that turn messages into columns, by type of message."""

@@ -1,0 +1,128 @@
+"""Files of recordings, written and read as tables according to their suffix."""
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.files.atomic import replacing
+from ident.files.csv_file import Layout, csv_pieces, write_csv
+from ident.files.formats import bag, c3d, mat, opensim, parquet, trc
+from ident.files.npz import LIMIT
+from ident.files.npz_file import npz_pieces, write_npz
+from ident.files.table import Table, in_pieces
+
+TEXT = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
+"""Suffixes of tables of text."""
+
+ONE_CLOCK: Mapping[str, Callable[[Path, int], list[Table]]] = {
+    ".mot": opensim.tables,
+    ".sto": opensim.tables,
+    ".trc": trc.tables,
+    ".parquet": parquet.tables,
+    ".mat": mat.tables,
+}
+"""Readers of files that are one table, by suffix, given the path and the bytes it may take in memory."""
+
+SEVERAL_CLOCKS: Mapping[str, Callable[[Path, int], list[Table]]] = {
+    ".c3d": c3d.tables,
+    ".bag": bag.tables,
+    ".mcap": bag.tables,
+    ".db3": bag.tables,
+}
+"""Readers of files of tables that each have times of their own, by suffix; the folder of a ROS 2 bag is one too."""
+
+BAG_FOLDER = "metadata.yaml"
+"""File that marks a folder as a ROS 2 bag."""
+
+
+def write_channels(path: Path, channels: Mapping[str, np.ndarray], metadata: Mapping[str, Any]) -> None:
+    """Writes a `.npz` or `.csv` file; arguments as for `write_csv`.
+
+    Raises:
+        LogError: The name has another suffix.
+    """
+    writers = {".npz": write_npz, ".csv": write_csv}
+    if path.suffix not in writers:
+        raise LogError(f"A recording is saved as .npz or .csv, got '{path.name}'.")
+    with replacing(path) as temporary:
+        writers[path.suffix](temporary, channels, metadata)
+
+
+def is_log(path: Path) -> bool:
+    """True if a file can be read by its suffix, or is a bag's folder."""
+    known = path.suffix.lower() in (".npz", *ONE_CLOCK, *SEVERAL_CLOCKS)
+    return known or path.name.lower().endswith(TEXT) or is_bag(path)
+
+
+def is_bag(path: Path) -> bool:
+    """True if a file is a ROS bag, or the folder of one."""
+    return SEVERAL_CLOCKS.get(path.suffix.lower()) is bag.tables or (path / BAG_FOLDER).is_file()
+
+
+def has_several_clocks(path: Path) -> bool:
+    """True if a file holds tables that each have times of their own."""
+    return path.suffix.lower() in SEVERAL_CLOCKS or is_bag(path)
+
+
+def read_clocks(path: Path, *, limit: int = LIMIT) -> list[Table]:
+    """Reads a file of tables that each have times of their own, in their column `time` in s.
+
+    Args:
+        path: A `.c3d`, `.bag`, `.mcap` or `.db3` file, or the folder of a ROS 2 bag.
+        limit: Bytes that it may take in memory, as for `npz.check_size`.
+
+    Raises:
+        LogError: The file is missing or damaged.
+        InputError: The library that reads it is not installed.
+    """
+    if not (path.is_file() or (path / BAG_FOLDER).is_file()):
+        raise LogError(_needed())
+    return SEVERAL_CLOCKS.get(path.suffix.lower(), bag.tables)(path, limit)
+
+
+def read_tables(
+    path: Path,
+    samples: int = sys.maxsize,
+    *,
+    overlap: int = 0,
+    truth: bool = False,
+    limit: int = LIMIT,
+    layout: Layout | None = None,
+) -> Iterator[Table]:
+    """Reads a file that is one table piece by piece, so that text or an archive may be larger than memory.
+
+    Args:
+        path: A text file or a `.npz`, `.mot`, `.sto`, `.trc`, `.parquet` or `.mat` file.
+        samples: Samples of each piece; the last one may have fewer.
+        overlap: Samples that each piece repeats from the one before, in addition.
+        truth: True to read an archive's true values as well.
+        limit: Bytes that a piece of an archive, or a file that is read whole, may take in memory, as for
+            `npz.check_size`.
+        layout: Layout of text, if it is not the default.
+
+    Raises:
+        LogError: The file is missing or malformed; an error in a later piece is raised when that piece is read.
+        InputError: The library that reads it is not installed.
+    """
+    name, suffix = path.name.lower(), path.suffix.lower()
+    if not (path.is_file() and (name.endswith((*TEXT, ".npz")) or suffix in ONE_CLOCK)):
+        raise LogError(_needed())
+    if name.endswith(TEXT):
+        return csv_pieces(path, samples, overlap=overlap, layout=layout, limit=limit)
+    if layout not in (None, Layout()):
+        raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
+    if suffix == ".npz":
+        return npz_pieces(path, samples, overlap=overlap, truth=truth, limit=limit)
+    (table,) = ONE_CLOCK[suffix](path, limit)
+    return in_pieces(table, samples, overlap)
+
+
+def _needed() -> str:
+    return (
+        "a log is a .csv, .tsv, .txt or .npz file that exists, text perhaps packed as .gz, or one that ends in "
+        f"{', '.join((*ONE_CLOCK, *SEVERAL_CLOCKS))}, or the folder of a ROS 2 bag."
+    )

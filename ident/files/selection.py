@@ -1,0 +1,97 @@
+"""Selection of rows or times of a log."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.files.column import Columns
+from ident.files.table import Table
+
+EPOCH = 1e6
+"""First time above which a clock counts from an epoch, s; such times are counted from the first sample instead."""
+
+Span = tuple[float, float]
+"""First and last, both included."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Spans of rows and of times; without any, everything is selected.
+
+    Attributes:
+        rows: Spans of rows, numbered as in messages.
+        time: Spans of times, s.
+    """
+
+    rows: tuple[Span, ...] = ()
+    time: tuple[Span, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.rows or self.time)
+
+    def of_rows(self, table: Table) -> Table:
+        """The rows of a table that are in one of the spans of rows.
+
+        Raises:
+            LogError: There is none.
+        """
+        if not self.rows:
+            return table
+        numbers = np.asarray(table.rows)
+        kept = _inside(numbers, self.rows)
+        if not kept.any():
+            there = f"the file has {table.word}s {numbers[0]} to {numbers[-1]}" if len(numbers) else "the file has none"
+            raise LogError(f"[select] needs rows that the file has, got {_told(self.rows)}; {there}.")
+        return taken(table, kept)
+
+    def of_times(self, table: Table, seconds: np.ndarray) -> Table:
+        """The rows of a table at times in one of the spans of times.
+
+        Args:
+            table: The table.
+            seconds: Its times, s (N,).
+
+        Raises:
+            LogError: There is none.
+        """
+        if not self.time or not len(seconds):
+            return table
+        kept = _inside(seconds, self.time)
+        if not kept.any():
+            there = f"its times go from {seconds.min():g} s to {seconds.max():g} s"
+            raise LogError(f"[select] needs times that the file has, got {_told(self.time)}; {there}.")
+        return taken(table, kept)
+
+
+def counted(seconds: np.ndarray) -> np.ndarray:
+    """Times of a recording (N,): counted from the first one if that is beyond `EPOCH`."""
+    return seconds - seconds[0] if len(seconds) and abs(seconds[0]) > EPOCH else seconds
+
+
+def selected(table: Table, selection: Selection, clock: Columns) -> Table:
+    """The selected rows of a table, whose times are in the column `clock`."""
+    if not selection:
+        return table
+    table = selection.of_rows(table)
+    (name,) = clock.names
+    return selection.of_times(table, counted(table.column(name) * clock.factor)) if selection.time else table
+
+
+def taken(table: Table, kept: np.ndarray) -> Table:
+    """The samples of a table where a mask is true (N,)."""
+    samples = np.flatnonzero(kept).tolist()
+    cells = {
+        name: cells[samples] if isinstance(cells, np.ndarray) else [cells[i] for i in samples]
+        for name, cells in table.cells.items()
+    }
+    return replace(table, cells=cells, rows=[table.rows[i] for i in samples])
+
+
+def _inside(x: np.ndarray, spans: Sequence[Span]) -> np.ndarray:
+    return np.any([(first <= x) & (x <= last) for first, last in spans], axis=0)
+
+
+def _told(spans: Sequence[Span]) -> str:
+    return ", ".join(f"{first:g} to {last:g}" for first, last in spans)

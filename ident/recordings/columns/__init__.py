@@ -1,0 +1,1 @@
+"""The columns file: a mapping from the columns of a log to joints, wrenches and the base."""

@@ -1,0 +1,109 @@
+"""Entries of a mapping file that name columns: single ones, several, sums, and joints driven by coupled motors."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.files.column import CURRENT, KINDS, UNITS, Columns, Sum, joints_behind_motors
+from ident.files.table import short
+from ident.recordings.columns.entries import check_keys, table, vector
+from ident.tolerances import HUGE
+
+TERM = ("column", "columns", "weights", "gain", "constant")
+"""Keys of the entry of a computed column, except for its unit."""
+
+
+def single(where: str, entry: Any, quantity: str) -> Columns:
+    """One column, `"NAME"` or `{ column = "NAME", unit = "UNIT" }`, perhaps with a gain or as a sum of several."""
+    if isinstance(entry, str):
+        return Columns((entry.strip(),))
+    check_keys(where, table(where, entry), (*TERM, "unit"))
+    current = CURRENT.get(str(entry.get("unit"))) if quantity.endswith(" torque") else None
+    if current is None:
+        name, sums = _term(where, entry)
+        return Columns((name,), *factor_of(where, entry, "unit", quantity), sums)
+    if "gain" not in entry:
+        raise LogError(f"{where} in {entry['unit']} needs a gain, in the joint's N m (of a slide N) for each ampere.")
+    name, sums = _term(where, entry, current)
+    return Columns((name,), 1.0, next(iter(UNITS[quantity])), sums)
+
+
+def _term(where: str, entry: Mapping[str, Any], factor: float = 1.0) -> tuple[str, tuple[Sum, ...]]:
+    """Name of a column and, if it is computed, its sum: factor · gain · Σ weight · column + constant."""
+    given: Any = entry["columns"] if "columns" in entry else [entry.get("column")]
+    if "column" in entry and "columns" in entry:
+        raise LogError(f"{where} needs a column or several columns, got both.")
+    if "weights" in entry and "columns" not in entry:
+        raise LogError(f"{where} has weights, which are for several columns; one has a gain.")
+    if not isinstance(given, list) or not given or not all(isinstance(name, str) for name in given):
+        raise LogError(f"{where} needs the name of a column, got {short(entry.get('columns', entry.get('column')))}.")
+    names = [name.strip() for name in given]
+    gain, constant = (_number(f"{where}.{key}", entry.get(key, usual)) for key, usual in (("gain", 1), ("constant", 0)))
+    if len(names) == 1 and factor * gain == 1 and constant == 0 and "weights" not in entry:
+        return names[0], ()
+    if not all(names) or len(set(names)) < len(names) or not gain:
+        raise LogError(f"{where} needs names of different columns and a gain other than zero, got {short(entry)}.")
+    weights = factor * gain * vector(f"{where}.weights", entry.get("weights", [1] * len(names)), len(names))
+    if not weights.all():
+        raise LogError(f"{where}.weights needs numbers other than zero, got {short(entry['weights'])}.")
+    computed = Sum(tuple(names), tuple(weights.tolist()), constant)
+    return computed.name, (computed,)
+
+
+def several(where: str, names: Any, size: int, factor: float = 1.0, unit: str = "", *, gaps: bool = False) -> Columns:
+    """Columns of a vector, each a name or an entry for `_term`; with gaps, "" stands for a missing one."""
+    if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str | dict) for name in names):
+        raise LogError(f"{where} needs a list of {size} columns, got {short(names)}.")
+    for entry in names:
+        check_keys(where, entry if isinstance(entry, dict) else {}, TERM)
+    terms = [_term(where, entry) if isinstance(entry, dict) else (entry.strip(), ()) for entry in names]
+    if not gaps and not all(name for name, _ in terms):
+        raise LogError(f"{where} needs {size} columns, none of them may be missing; got {short(names)}.")
+    return Columns(tuple(name for name, _ in terms), factor, unit, tuple(each for _, sums in terms for each in sums))
+
+
+def factor_of(where: str, entry: Mapping[str, Any], key: str, quantity: str) -> tuple[float, str]:
+    """Factor from the unit that an entry states to the SI unit, and the SI unit; 1 and "" if none is stated."""
+    choices = UNITS[quantity]
+    if key not in entry:
+        return 1.0, ""
+    if not isinstance(entry[key], str) or entry[key] not in choices:
+        raise LogError(f"{where}.{key} needs one of {', '.join(choices)}; got {short(entry[key])}.")
+    return choices[entry[key]], next(iter(choices))
+
+
+def joints_of_motors(where: str, entry: Mapping[str, Any], joints: Mapping[str, str]) -> dict[str, Columns]:
+    """Columns of joints driven by coupled motors: motor angles are `matrix` times joint coordinates."""
+    check_keys(f"[{where}]", entry, ("joints", "matrix", *KINDS))
+    moved = entry.get("joints")
+    if not isinstance(moved, list) or not moved or any(joint not in joints for joint in moved):
+        raise LogError(f"{where}.joints needs a list of joints, of {', '.join(joints)}; got {short(moved)}.")
+    rows = entry.get("matrix")
+    if not isinstance(rows, list) or len(rows) != len(moved):
+        raise LogError(f"{where}.matrix needs a row for each of {len(moved)} motors, got {short(rows)}.")
+    matrix = np.array([vector(f"{where}.matrix", row, len(moved)) for row in rows])
+    columns = {}
+    for kind in (kind for kind in KINDS if kind in entry):
+        key, named = f"{where}.{kind}", entry[kind]
+        if not isinstance(named, list) or len(named) != len(moved):
+            raise LogError(f"{key} needs a list of {len(moved)} columns, got {short(named)}.")
+        motors = [single(key, each, f"hinge {kind}") for each in named]
+        if not all(motor.read for motor in motors):
+            raise LogError(f"{key} needs {len(moved)} columns, none of them may be missing; got {short(named)}.")
+        try:
+            found = joints_behind_motors(matrix, kind, motors)
+        except LogError as error:
+            raise LogError(f"[{where}] {error}") from None
+        for joint, column in zip(moved, found, strict=True):
+            unit = next(iter(UNITS[f"{joints[joint]} {kind}"])) if all(motor.unit for motor in motors) else ""
+            columns[f"joints.{joint}.{kind}"] = replace(column, unit=unit)
+    return columns
+
+
+def _number(where: str, value: Any) -> float:
+    if type(value) not in (int, float) or not abs(value) < HUGE:
+        raise LogError(f"{where} needs a number, got {short(value)}.")
+    return float(value)

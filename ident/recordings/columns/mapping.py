@@ -1,0 +1,204 @@
+"""The mapping of a log's columns to quantities and units, from a TOML file."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arguments import OF_BODIES, checked_deviations
+from ident.errors import LogError
+from ident.files.column import BALL, KINDS, Columns, Sum
+from ident.files.csv_file import Layout
+from ident.files.selection import Selection
+from ident.files.table import short
+from ident.mechanism.tree import Tree
+from ident.recordings.columns import plates
+from ident.recordings.columns.column_entries import factor_of, joints_of_motors, several, single
+from ident.recordings.columns.entries import check_keys, pose, table, toml
+from ident.recordings.columns.external_loads import LOADS, external_loads
+from ident.recordings.columns.file_entries import clocks, layouts, selection
+from ident.recordings.columns.plates import Plate
+from ident.recordings.columns.segments import segments_told
+from ident.recordings.wrench import GROUND, Sensor
+
+SETUP = {
+    **dict.fromkeys(("delay", "clock", "origin", "gain"), 1.0),
+    **dict.fromkeys(("rotation_deg", "gravity_deg", "zero_deg", "axis_deg"), np.pi / 180),
+}
+"""Set-up errors whose standard deviation may be stated, in s, 1, m, 1, and degrees; factors to SI and radians."""
+
+KNOWN = dict.fromkeys(OF_BODIES, 1.0)
+"""Body parameters whose standard deviation may be stated: relative to the model's, m, relative."""
+
+
+@dataclass
+class ColumnMapping:
+    """Columns of each quantity of a log, and what the mapping file states of sensors, set-up and files.
+
+    Attributes:
+        columns: Columns by `time`, `joints.NAME.KIND`, `wrenches.NAME.force`, `wrenches.NAME.torque`, and
+            `base.position` and `base.quaternion`, or `base.pose`.
+        sensors: Sensors of the wrenches by name.
+        plates: Those of them that rest in the world, by name.
+        held: True if something holds the base, as for `Recording`.
+        setup: Standard deviations of set-up errors, as for `Recording`.
+        known: Standard deviations of the model's φ, as for `Recording`.
+        clocks: Columns of times, one for each file, if they are stated one by one.
+        layouts: Layouts of text files, one for all or one for each.
+        selection: Rows and times that are selected.
+    """
+
+    columns: dict[str, Columns] = field(default_factory=dict)
+    sensors: dict[str, Sensor] = field(default_factory=dict)
+    setup: dict[str, float] = field(default_factory=dict)
+    known: dict[str, float] = field(default_factory=dict)
+    plates: dict[str, Plate] = field(default_factory=dict)
+    held: bool | None = None
+    clocks: tuple[Columns, ...] = ()
+    layouts: tuple[Layout, ...] = (Layout(),)
+    selection: Selection = field(default_factory=Selection)
+
+    @property
+    def has_base(self) -> bool:
+        """True if the base moves."""
+        return any(key.startswith("base.") for key in self.columns)
+
+    @property
+    def used(self) -> set[str]:
+        """Names of all columns that are mapped."""
+        return {name for columns in self.columns.values() for name in columns.read}
+
+    @property
+    def without_files(self) -> "ColumnMapping":
+        """The mapping without columns of times and layouts, once the files have been read."""
+        columns = {key: used for key, used in self.columns.items() if key != "time"}
+        return replace(self, columns=columns, clocks=(), layouts=(Layout(),))
+
+    @property
+    def sums(self) -> dict[str, Sum]:
+        """All columns that are computed from others, by name."""
+        return {each.name: each for columns in self.columns.values() for each in columns.sums}
+
+
+def joint_kinds(tree: Tree) -> dict[str, str]:
+    """Kind of each joint, `hinge`, `slide` or `ball`, by name."""
+    bodies = [tree.bodies[i] for i in tree.moving]
+    return {body.joint: "ball" if body.is_ball else "hinge" if body.turns else "slide" for body in bodies}
+
+
+def read_mapping(path: Path, tree: Tree) -> ColumnMapping:
+    """Reads a mapping file, or OpenSim's ExternalLoads if its name ends in `.xml`.
+
+    Raises:
+        LogError: The file is missing or malformed, or names joints or bodies that the mechanism does not have.
+    """
+    entries = external_loads(path, tree.names) if path.suffix.lower() == LOADS else toml(path)
+    try:
+        return _mapping(entries, joint_kinds(tree), tree.names)
+    except LogError as error:
+        raise LogError(f"{path}: {error}") from None
+
+
+def check_text_alone(mapping: ColumnMapping) -> None:
+    """Refuses selected rows and layouts of text, for files with several tables that are no text."""
+    if any(layout != Layout() for layout in mapping.layouts):
+        raise LogError("the mapping's [file] tells how text is laid out, but this file is none.")
+    if mapping.selection.rows:
+        raise LogError("[select] rows are those of one table, but this file has several; select by time.")
+
+
+def check_no_column_twice(columns: Mapping[str, Columns]) -> None:
+    """Refuses a column that is mapped to two quantities; in sums with others it may occur any number of times."""
+    users: dict[str, str] = {}
+    for user, used in columns.items():
+        for name in used.alone:
+            if name in users:
+                raise LogError(f"column '{name}' is mapped to {users[name]} and to {user}; it can be one only.")
+            users[name] = user
+
+
+def _mapping(entries: Mapping[str, Any], joints: Mapping[str, str], bodies: Sequence[str]) -> ColumnMapping:
+    tables = ("time", "rate", "joints", "motors", "wrenches", "base", "setup", "known", "file", "select", "segments")
+    check_keys("the mapping", entries, tables)
+    segments_told(entries.get("segments", {}))
+    mapping = ColumnMapping(setup=_deviations("setup", entries, SETUP), known=_deviations("known", entries, KNOWN))
+    mapping.layouts, mapping.selection = layouts(entries), selection(entries)
+    told = clocks(entries)
+    if len(told) == 1:
+        mapping.columns["time"] = told[0]
+    else:
+        mapping.clocks = told
+    of_joints = table("joints", entries.get("joints", {}))
+    check_keys("[joints]", of_joints, tuple(joints))
+    for joint, quantities in of_joints.items():
+        check_keys(f"[joints.{joint}]", table(f"joints.{joint}", quantities), tuple(KINDS))
+        for kind, entry in quantities.items():
+            key = f"joints.{joint}.{kind}"
+            mapping.columns[key] = (
+                several(key, entry, len(BALL[kind]))
+                if joints[joint] == "ball"
+                else single(key, entry, f"{joints[joint]} {kind}")
+            )
+    with_axes = {joint: kind for joint, kind in joints.items() if kind != "ball"}
+    for name, entry in table("motors", entries.get("motors", {})).items():
+        for key, columns in joints_of_motors(f"motors.{name}", table(f"motors.{name}", entry), with_axes).items():
+            if key in mapping.columns:
+                raise LogError(f"{key} is mapped twice, under [joints] and by motors; it can be one only.")
+            mapping.columns[key] = columns
+    for name, entry in table("wrenches", entries.get("wrenches", {})).items():
+        mapping.columns |= _wrench_columns(f"wrenches.{name}", table(f"wrenches.{name}", entry))
+        if plate := plates.plate(name, entry, bodies):
+            mapping.plates[name] = plate
+        mapping.sensors[name] = _sensor(name, entry, bodies, plate)
+    if "base" in entries:
+        entry = table("base", entries["base"])
+        check_keys("[base]", entry, ("position", "quaternion", "unit", "held"))
+        mapping.held = entry.get("held")
+        if not isinstance(mapping.held, bool | None):
+            raise LogError(f"base.held needs true or false, got {short(mapping.held)}.")
+        if entry.keys() != {"held"}:
+            length = factor_of("base", entry, "unit", "length")
+            mapping.columns["base.position"] = several("base.position", entry.get("position"), 3, *length)
+            mapping.columns["base.quaternion"] = several("base.quaternion", entry.get("quaternion"), 4)
+    check_no_column_twice(mapping.columns)
+    return mapping
+
+
+def _deviations(name: str, entries: Mapping[str, Any], factors: Mapping[str, float]) -> dict[str, float]:
+    """Standard deviations by kind; zero or false for what is exactly as stated."""
+    entry = table(name, entries.get(name, {}))
+    check_keys(f"[{name}]", entry, tuple(factors))
+    deviations = checked_deviations(name, entry, factors, LogError)
+    return {key.removesuffix("_deg"): value * factors[key] for key, value in deviations.items()}
+
+
+def _wrench_columns(where: str, entry: Mapping[str, Any]) -> dict[str, Columns]:
+    keys = ("force", "torque", "unit", "torque_unit", "position", "quaternion", "rpy_deg", "body", "applied_to_link")
+    check_keys(f"[{where}]", entry, (*keys, *plates.KEYS))
+    columns = {
+        key: several(key, entry.get(kind, ["", "", ""]), 3, *factor_of(where, entry, unit, kind), gaps=True)
+        for key, kind, unit in ((f"{where}.force", "force", "unit"), (f"{where}.torque", "torque", "torque_unit"))
+    }
+    if "point" in entry:
+        length, point = factor_of(where, entry, "point_unit", "length"), plates.columns_of_point(where, entry)
+        columns[f"{where}.point"] = several(f"{where}.point", point, 3, *length, gaps=True)
+    if "free_moment" in entry:
+        moment, key = factor_of(where, entry, "torque_unit", "torque"), f"{where}.free_moment"
+        columns[key] = several(key, entry["free_moment"], 3, *moment, gaps=True)
+    if not any(name for several in columns.values() for name in several.names):
+        raise LogError(f"[{where}] needs at least one column under force or torque.")
+    return columns
+
+
+def _sensor(name: str, entry: Mapping[str, Any], bodies: Sequence[str], plate: Plate | None) -> Sensor:
+    where, body = f"wrenches.{name}", entry.get("body")
+    if name == GROUND and body is not None:
+        raise LogError(f"[{where}] needs no body: the ground acts at the base; got {short(body)}.")
+    if name != GROUND and plate is None and body not in bodies:
+        raise LogError(f"[{where}] needs a body, one of {', '.join(bodies)}; got {short(body)}.")
+    applied = entry.get("applied_to_link", True)
+    if not isinstance(applied, bool):
+        raise LogError(f"{where}.applied_to_link needs true or false, got {short(applied)}.")
+    return Sensor(body, pose(where, entry), applied) if plate is None else plate.sensor(applied)

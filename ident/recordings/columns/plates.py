@@ -1,0 +1,178 @@
+"""Force plates and handles that rest in the world, from the entries of a mapping file."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.errors import LogError
+from ident.files.table import short
+from ident.geometry.se3 import pose as pose_of
+from ident.recordings.columns import entries
+from ident.recordings.wrench import GROUND, Sensor
+
+KEYS = ("frame", "corners", "origin", "on", "among", "expected", "point", "point_unit", "free_moment", "threshold")
+"""Keys of a wrench whose frame rests in the world, in addition to those of any wrench."""
+
+FRAMES = ("body", "world", "plate")
+"""Axes of a wrench: those of the frame that moves with the body, the world's, or the plate's own."""
+
+AUTO = "auto"
+"""Value of `on` for a body that is to be found by its force."""
+
+THRESHOLD = 20.0
+"""Force up to which a plate counts as unloaded, N: below it a centre of pressure is a quotient of noise."""
+
+RECTANGLE = 0.01
+"""Largest deviation of corners from a rectangle, relative to its shorter side; a tape measure is more accurate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """A force plate or handle that rests in the world.
+
+    Attributes:
+        pose: Pose of the frame of its readings in the world (4, 4).
+        bodies: Bodies that may be on it; none for the ground wrench.
+        threshold: Force up to which its readings are set to zero, N.
+        point: Coordinates of the point of application, NaN for those that have columns, m (3,); None if moments are
+            about the frame's origin.
+        expected: Body that is stated to be on it, out of several; "" if none is.
+    """
+
+    pose: np.ndarray
+    bodies: tuple[str, ...]
+    threshold: float
+    point: np.ndarray | None
+    expected: str = ""
+
+    def sensor(self, applied_to_link: bool) -> Sensor:
+        """Sensor at its pose, for the first of its bodies."""
+        if not self.bodies:
+            return Sensor(None, self.pose, applied_to_link)
+        return Sensor(self.bodies[0], self.pose, applied_to_link, "world")
+
+
+def plate(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> Plate | None:
+    """The plate of a wrench's entry; None if its frame moves with a body.
+
+    Raises:
+        LogError: The entry contradicts itself, is incomplete, or names a body that the mechanism does not have.
+    """
+    where, frame = f"wrenches.{name}", entry.get("frame", "body")
+    if frame not in FRAMES:
+        raise LogError(f"{where}.frame needs one of {', '.join(FRAMES)}; got {short(frame)}.")
+    if frame == "body":
+        if extra := [key for key in KEYS[1:] if key in entry]:
+            raise LogError(f'[{where}] has \'{extra[0]}\', which takes a frame that rests: "plate" or "world".')
+        return None
+    on, point = _bodies(name, entry, bodies), _point(where, entry)
+    pose = _in_world(where, entry) if frame == "world" else _of_plate(where, entry)
+    low = entry.get("threshold", THRESHOLD if point is not None or len(on) > 1 else 0)
+    if type(low) not in (int, float) or not 0 <= low < np.inf:
+        raise LogError(f"{where}.threshold needs a force in N, zero or more, got {short(low)}.")
+    expected = entry.get("expected", "")
+    if "expected" in entry and (len(on) < 2 or expected not in on):
+        raise LogError(
+            f'{where}.expected needs one of the bodies among which on = "{AUTO}" looks, got {short(expected)}.'
+        )
+    return Plate(pose, on, float(low), point, str(expected))
+
+
+def columns_of_point(where: str, entry: Mapping[str, Any]) -> list[str]:
+    """Names of the columns of the point of application, "" for coordinates that are numbers."""
+    point = entry["point"]
+    known = isinstance(point, list) and all(
+        type(x) in (int, float) or (isinstance(x, str) and x.strip()) for x in point
+    )
+    if not known or len(point) != 3:
+        raise LogError(f"{where}.point needs three coordinates, each a column or a number in m, got {short(point)}.")
+    return [x if isinstance(x, str) else "" for x in point]
+
+
+def pose_of_corners(where: str, corners: np.ndarray) -> np.ndarray:
+    """Pose of a plate's frame: in the middle of its surface, z = x × y, as in C3D files (4, 4).
+
+    Args:
+        where: Name of the corners in messages.
+        corners: Corners in the plate's quadrants +x+y, -x+y, -x-y and +x-y, m (4, 3).
+
+    Raises:
+        LogError: They are not those of a rectangle.
+    """
+    x, y = corners[0] - corners[1] + corners[3] - corners[2], corners[0] - corners[3] + corners[1] - corners[2]
+    ends, across = np.linalg.norm([x, y], axis=1), np.cross(x, y)
+    skew = np.linalg.norm(corners[0] - corners[1] + corners[2] - corners[3])
+    if ends.min() == 0 or max(skew, abs(x @ y) / ends.max()) > RECTANGLE * ends.min():
+        raise LogError(
+            f"{where} needs the corners of a rectangle, in the plate's quadrants +x+y, -x+y, -x-y, +x-y, m; got "
+            f"{short(corners.tolist())}."
+        )
+    ex, ez = x / ends[0], across / np.linalg.norm(across)
+    return pose_of(np.stack([ex, np.cross(ez, ex), ez], axis=1), corners.mean(axis=0))
+
+
+def _bodies(name: str, entry: Mapping[str, Any], bodies: Sequence[str]) -> tuple[str, ...]:
+    where, on, choices = f"wrenches.{name}", entry.get("on"), ", ".join(bodies)
+    if "body" in entry:
+        raise LogError(f"[{where}] rests in the world: the body that touches it is told by 'on', not by 'body'.")
+    if "among" in entry and on != AUTO:
+        raise LogError(f'{where}.among belongs to on = "{AUTO}"; got on = {short(on)}.')
+    if name == GROUND:
+        if on is not None:
+            raise LogError(f"[{where}] needs no 'on': the ground acts at the base; got {short(on)}.")
+        return ()
+    if on != AUTO:
+        if on not in bodies:
+            raise LogError(f'{where}.on needs the body on it, one of {choices}, or "{AUTO}"; got {short(on)}.')
+        return (str(on),)
+    among = entry.get("among")
+    if not isinstance(among, list) or len(among) < 2 or any(among.count(body) > 1 for body in among):
+        raise LogError(f"{where}.among needs a list of the two bodies or more that may be on it, got {short(among)}.")
+    if unknown := [body for body in among if body not in bodies]:
+        raise LogError(f"{where}.among needs bodies out of {choices}; got {short(unknown[0])}.")
+    return tuple(among)
+
+
+def _point(where: str, entry: Mapping[str, Any]) -> np.ndarray | None:
+    """Coordinates of the point of application that are numbers (3,); None without a point."""
+    if ("point" in entry) != ("free_moment" in entry):
+        there, lacks = ("point", "free_moment") if "point" in entry else ("free_moment", "point")
+        raise LogError(f"[{where}] has '{there}' without '{lacks}'; moments about the frame's origin are its 'torque'.")
+    if "point" not in entry:
+        return None
+    if "torque" in entry:
+        raise LogError(f"[{where}] needs 'torque', moments about its origin, or 'point' and 'free_moment', got both.")
+    for kind, least in (("force", all), ("free_moment", any)):
+        names = entry.get(kind)
+        if isinstance(names, list) and not least(names):
+            raise LogError(f"{where}.{kind} needs columns beside a point of application, got {short(names)}.")
+    columns_of_point(where, entry)
+    return np.array([np.nan if isinstance(x, str) else x for x in entry["point"]], float)
+
+
+def _in_world(where: str, entry: Mapping[str, Any]) -> np.ndarray:
+    extra = [key for key in ("quaternion", "rpy_deg", "corners", "origin") if key in entry]
+    if extra:
+        raise LogError(f"[{where}] is in the world's axes, and '{extra[0]}' would turn them: say frame = \"plate\".")
+    if "point" in entry and "position" in entry:
+        raise LogError(f"[{where}] has its point in the world's frame, which leaves no use for 'position'.")
+    return entries.pose(where, entry)
+
+
+def _of_plate(where: str, entry: Mapping[str, Any]) -> np.ndarray:
+    if "corners" not in entry:
+        if "position" not in entry:
+            raise LogError(f"[{where}] needs the plate's pose in the world: 'position' with a rotation, or 'corners'.")
+        if "origin" in entry:
+            raise LogError(f"{where}.origin belongs to 'corners'; 'position' says where the frame's origin is.")
+        return entries.pose(where, entry)
+    if extra := [key for key in ("position", "quaternion", "rpy_deg") if key in entry]:
+        raise LogError(f"[{where}] needs 'corners' or '{extra[0]}', got both.")
+    corners = entry["corners"]
+    if not isinstance(corners, list) or len(corners) != 4:
+        raise LogError(f"{where}.corners needs four points [x, y, z] in the world, m, got {short(corners)}.")
+    T = pose_of_corners(f"{where}.corners", np.array([entries.vector(f"{where}.corners", x, 3) for x in corners]))
+    T[:3, 3] += T[:3, :3] @ entries.vector(f"{where}.origin", entry.get("origin", [0, 0, 0]), 3)
+    return T

@@ -1,0 +1,87 @@
+"""Pages, read by an HTML parser that is written for these tests."""
+
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from test_escape import EVIL
+
+from experiments.document import index
+from experiments.document.page import Said, write_report
+from experiments.document.report import Table
+from experiments.document.results import Results
+
+
+class Cells(HTMLParser):
+    """Cells of tables: attributes and text, and the tags of everything else."""
+
+    def __init__(self):
+        super().__init__()
+        self.rows, self.tags, self.caption, self._into = [], set(), "", None
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("th", "td"):
+            self.rows[-1].append((dict(attrs), ""))
+        self._into = tag if tag in ("th", "td", "caption") else self._into
+
+    def handle_endtag(self, tag):
+        self._into = None if tag == self._into else self._into
+
+    def handle_data(self, data):
+        if self._into == "caption":
+            self.caption += data
+        elif self._into:
+            attrs, text = self.rows[-1].pop()
+            self.rows[-1].append((attrs, text + data))
+
+
+def read(table, folder):
+    """Cells that a page shows of a table."""
+    numbers = {"provenance": {"given": EVIL}}
+    results = Results({"table": table}, {"figure": (Figure(figsize=(1, 1)), EVIL[2])}, numbers)
+    results.write(folder, ["png"])
+    said = Said(EVIL[2], EVIL[2], verdict=EVIL[2], findings=[(text, True) for text in EVIL], lines=EVIL)
+    write_report(folder, results, ["png"], said)
+    cells = Cells()
+    cells.feed((folder / "report.html").read_bytes().decode())
+    return cells
+
+
+@pytest.mark.parametrize("place", ["cells", "columns"])
+def test_hostile_texts_are_shown_and_do_nothing(tmp_path, place):
+    texts = tuple(EVIL)
+    table = Table(EVIL[2], ("what",), tuple((text,) for text in texts))
+    if place == "columns":
+        table = Table(EVIL[2], texts, (texts,))
+    seen = read(table, tmp_path)
+    assert "script" not in seen.tags and seen.caption.startswith(EVIL[2])
+    shown = seen.rows[-1] if place == "columns" else [row[0] for row in seen.rows[1:]]
+    assert [text for _, text in shown] == EVIL
+
+
+def test_tables_are_aligned_marked_and_readable_aloud(tmp_path):
+    rows = (("m2rz2", 1.25, None, 2e6), ("x" * 40, -0.00001, 3.0, np.pi))
+    table = Table("Title", ("name", "paper_a", "b_s", "c"), rows, 2, marked=frozenset(["m2rz2"]), footnote="Why.")
+    head, first, second = read(table, tmp_path).rows
+    assert [text for _, text in head] == ["name", "paper's a", "b (s)", "c"]
+    assert [attrs["scope"] for attrs, _ in head] == ["col"] * 4 and first[0][0]["scope"] == "row"
+    assert [text for _, text in first] == ["m2rz,2*", "1.25", "", "2.00e+06"]
+    assert [text for _, text in second] == ["x" * 40, "0.00", "3.00", "3.14"]
+    assert [attrs.get("class") for attrs, _ in second] == ["text long", None, None, None]
+    assert "Title. The entries with an asterisk: Why. (CSV, TEX, MD)" in read(table, tmp_path).caption
+
+
+def test_parameters_are_symbols_beside_the_names_of_their_bodies(tmp_path):
+    table = Table("Title", ("parameter", "x"), (("m2rz2", 1.0), ("offset(Fx)", 2.0)), bodies=("<a>", "b&c"))
+    first = [row[0][1] for row in read(table, tmp_path).rows[1:]]
+    assert first == ["m2rz,2 of b&c", "offset(Fx)"]
+
+
+def test_errors_stand_beside_the_papers():
+    table = index.compared(Table("", ("name", "error_full", "paper_error_full"), (("a", 3.0, 1.0), ("b", 1.0, None))))
+    assert table.columns[3:] == ("deviation_full",) and [row[3] for row in table.rows] == [2.0, None]
+    assert index.compared(table).columns[:4] == table.columns

@@ -1,0 +1,210 @@
+"""Tables and figures for print, compiled if LaTeX is installed."""
+
+import re
+import shutil
+import subprocess
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from test_escape import EVIL
+from truth import told
+
+from experiments.document import figures, report
+from experiments.document.figures import WIDTHS
+from experiments.document.layout import Layout, offset_unit, unit_of
+from experiments.document.print_table import PACKAGES
+from experiments.document.results import Results
+from experiments.reports import study_figures, study_tables
+from experiments.studies.simulated import study
+from ident.errors import InputError
+from ident.geometry.inertia import body_of_parameter
+
+BODIES = ("base", "left_thigh", "shank & foot")
+NAMES = ("m1", "m2rz2", "Ixy3")
+TABLE = report.Table(
+    "True parameters and errors, SI units",
+    *report.columns(
+        parameter=NAMES,
+        true_full=[1.0, -12.5, np.nan],
+        error_full=[1e-4, 0.25, 2e6],
+        regrouping=["m1 + 0.425 m3", "m2rz2 - 2 Ixy3", "Ixy3"],
+    ),
+    marked=frozenset(["m2rz2"]),
+    footnote="Why.",
+    caption="True parameters and errors",
+    notes=("Full: all of it.",),
+    bodies=BODIES,
+)
+
+MISSING = [name for name in ("latexmk", "pdflatex", "kpsewhich") if shutil.which(name) is None]
+MISSING += [
+    f"{package}.sty"
+    for package in (*PACKAGES.split(","), "geometry", "lmodern")
+    if not MISSING and not subprocess.run(["kpsewhich", f"{package}.sty"], capture_output=True).stdout
+]
+
+
+def test_parameters_have_bodies_units_and_symbols():
+    tex = TABLE.tex("table_a")
+    assert r"\caption{True parameters and errors.}\label{tab:table_a}" in tex
+    assert r"$m_{1}$ of \emph{base} & \unit{\kilo\gram} & 1.000 & 0.000 & $m_{1} + 0.425\,m_{3}$ \\" in tex
+    assert r"$m_{2}r_{z,2}$* of \emph{left\_thigh} & \unit{\kilo\gram\metre} & -12.500" in tex
+    assert r"\emph{shank \& foot} & \unit{\kilo\gram\metre\squared} &  & 2.00e+06" in tex
+    assert r"\multicolumn{2}{c}{Full}" in tex and r"\cmidrule(lr){3-4}" in tex
+    assert r"S[table-format=-2.3]S[table-format=1.3e1]l" in tex
+    assert r"\item[*] Why." in tex and r"\item Full: all of it." in tex
+    assert not re.search(r"m2rz2|SI units|_\w+simplified", tex)
+
+
+def test_a_row_says_whose_a_parameter_is_in_every_format():
+    assert TABLE.csv().splitlines()[0] == "parameter,body,true_full,error_full,regrouping"
+    assert "\nm2rz2,left_thigh,-12.5,0.25," in TABLE.csv()
+    assert "| m2rz2* of left_thigh | kg m | -12.500 |" in TABLE.markdown()
+    assert "m2rz2* of left_thigh" in TABLE.text() and "kg m" not in TABLE.text()
+    assert (
+        body_of_parameter("offset(Fx)", BODIES) is None
+        and body_of_parameter("m9", BODIES) is None
+        and unit_of("offset(Fx)") is None
+    )
+    assert [offset_unit(name) for name in ("offset(Fx)", "offset(My)", "Fz", "Mz")] == ["N", "N m", "N", "N m"]
+
+
+def test_an_author_chooses_captions_and_parameters():
+    chosen = Layout(captions={"table_a": r"Mine, \(x\)"}, parameters=("shank & foot", "m1"))
+    tex = TABLE.tex("table_a", chosen)
+    assert r"\caption{Mine, \(x\)}" in tex and "thigh" not in tex and r"shank \& foot" in tex and "$m_{1}$" in tex
+    with pytest.raises(InputError, match=r"--parameters needs parameters m1, m2rz2, Ixy3 or bodies base.* got 'm9'"):
+        Layout(parameters=("m9",)).check((), NAMES, BODIES)
+    with pytest.raises(InputError, match="--caption needs one of table_a, got 'table_b'"):
+        Layout(captions={"table_b": ""}).check(["table_a"], NAMES, BODIES)
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several(columns):
+    layout = Layout(columns)
+    many = report.Table("t", ("name", *map(str, range(40))), (("a", *[1.5] * 40),))
+    assert (TABLE.tex("", layout).count(r"\begin{table*}") > 0) == (columns == 2)
+    floats = many.tex("t", layout)
+    count = floats.count(r"\begin{table")
+    assert count > 2 and floats.count(r"\label") == 1
+    assert floats.count("continued") == floats.count(r"\addtocounter{table}{-1}") == count - 1
+    long = report.Table("t", ("name",), tuple((str(k),) for k in range(100)))
+    assert long.tex("t", layout).count(r"\toprule") == (3 if columns == 1 else 2)
+
+
+SUMS = report.Table(
+    "Sums",
+    *report.columns(
+        parameter=[f"m{k}" for k in range(1, 61)],
+        estimate=[float(k) for k in range(60)],
+        regrouping=["m1" + "".join(f" + 0.0{j + 11} m{j}rz{j}" for j in range(1, 40)) for _ in range(60)],
+    ),
+    bodies=[f"body{k}" for k in range(1, 61)],
+)
+"""A table with cells that break into many lines."""
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_tables_of_long_sums_go_on_before_the_page_ends(columns):
+    tex = SUMS.tex("t", Layout(columns))
+    assert tex.count(r"\toprule") >= 5
+    assert [int(k) for k in re.findall(r"^\$m_\{(\d+)\}\$ of", tex, re.MULTILINE)] == list(range(1, 61))
+
+
+def test_a_part_of_the_columns_has_no_rows_that_say_nothing():
+    names = ("a", "b")
+    wide = {f"x{k}": [1.5, np.nan] for k in range(40)}
+    first, *others = report.Table("t", *report.columns(name=names, y=[1.0, 2.0], **wide)).tex("t").split("toprule")[1:]
+    assert "\nb & 2.000" in first and others and not any("\nb &" in part for part in others)
+
+
+def test_figures_are_a_column_wide_in_the_authors_style(tmp_path):
+    style = tmp_path / "own.mplstyle"
+    style.write_text("font.size: 5\naxes.prop_cycle: cycler('color', ['k'])\n")
+    with figures.author_style(style, 1), figures.paper_style():
+        assert (mpl.rcParams["font.size"], figures.column_width()) == (5, WIDTHS[1][0])
+        assert mpl.rcParams["font.family"] == ["STIXGeneral"]
+    with figures.paper_style():
+        assert (mpl.rcParams["font.size"], figures.column_width()) == (8, WIDTHS[2][0])
+    for text, said in (("font.size: huge?\n", "font.size"), ("nonsense: 1\n", "nonsense")):
+        style.write_text(text)
+        with pytest.raises(InputError, match=f"--style needs a style file.*{said}"), figures.author_style(style, 2):
+            pass
+    with pytest.raises(InputError, match="--style needs"), figures.author_style(tmp_path / "absent", 2):
+        pass
+
+
+@pytest.mark.parametrize("extension", ["svg", "png"])
+def test_what_a_user_has_of_matplotlib_leaves_the_papers_figures_as_they_are(extension):
+    def drawing():
+        with figures.paper_style():
+            figure = Figure(figsize=(1, 1))
+            figure.subplots().plot([0, 1])
+            return figures.drawn(figure, extension)
+
+    own = {"axes.facecolor": "black", "lines.linestyle": "--", "font.size": 30}
+    expected = drawing()
+    with mpl.rc_context(own):
+        assert drawing() == expected
+        assert mpl.rcParams["font.size"] == own["font.size"]
+
+
+def test_drawings_are_small_and_the_same(tmp_path):
+    with figures.paper_style():
+        figure = Figure(figsize=(1, 1))
+        figure.subplots().plot(np.random.default_rng(0).normal(size=500))
+    figures.save(figure, tmp_path, "x", ["svg"])
+    svg = (tmp_path / "x.svg").read_text()
+    paths = re.findall(r' d="([^"]*)"', svg)
+    assert len(svg) < 40_000 and not any(re.search(r"\d\.\d{3}", path) for path in paths)
+
+
+@pytest.fixture(scope="module")
+def studies():
+    """Short runs of the studies with the most content, with the truth as trajectory estimates."""
+    made = [study(name, samples=100) for name in ("misaligned", "several_contacts")]
+    with pytest.MonkeyPatch.context() as patched:
+        told(patched)
+        for found in made:
+            for model in found.file.models:
+                found.trajectory(model)
+    return made
+
+
+def compiled(folder, layout, names):
+    """Compiles everything in a folder, and returns the log's complaints."""
+    columns = "twocolumn" if layout.columns == 2 else "onecolumn"
+    # Like IEEEtran, which not every TeX has.
+    size = r"\usepackage[textwidth=516pt,columnsep=12pt,textheight=696pt]{geometry}" if layout.columns == 2 else ""
+    body = "\n".join(rf"\input{{{name}}}\clearpage" for name in names)
+    (folder / "all.tex").write_text(
+        rf"\documentclass[10pt,{columns}]{{article}}{size}\usepackage[T1]{{fontenc}}\usepackage{{lmodern}}"
+        rf"\usepackage{{graphicx,{PACKAGES}}}\begin{{document}}{body}\end{{document}}",
+        encoding="utf-8",
+    )
+    command = ["latexmk", "-pdf", "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
+    assert done.returncode == 0, done.stdout[-3000:]
+    return re.findall(
+        r"(?:Overfull|Float too large|Missing character|undefined).*", (folder / "all.log").read_text(errors="replace")
+    )
+
+
+@pytest.mark.skipif(bool(MISSING), reason=f"LaTeX is not complete here: {', '.join(MISSING)} is missing")
+@pytest.mark.parametrize("columns", [1, 2])
+def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studies, columns):
+    layout, tables, drawn = Layout(columns), {"table_own": TABLE, "table_sums": SUMS}, {}
+    # pdfLaTeX has no Arabic letters.
+    evil = [text for text in EVIL if "\N{ARABIC LETTER ALEF}" not in text]
+    hostile = tuple((name, 1.0, name) for name in evil)
+    tables["table_evil"] = report.Table(EVIL[1], ("name", EVIL[2], EVIL[6]), hostile, notes=tuple(evil))
+    with figures.author_style(None, columns):
+        for found in studies:
+            tables |= {f"{name}_{found.several}": study_tables.table(found, name) for name in found.file.tables}
+            for name, entry in found.file.figures.items():
+                drawn[f"{name}_{found.several}"] = study_figures.figure(found, name), entry["caption"]
+        results = Results(tables, drawn)
+        results.write(tmp_path, ["pdf"], layout)
+    assert compiled(tmp_path, layout, [*tables, *drawn]) == []

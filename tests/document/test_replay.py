@@ -1,0 +1,185 @@
+"""Replay of a page: its size, the numbers of the JSON beside it, and agreement with MuJoCo."""
+
+import json
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from pages import PENDULUM, identified, replayed
+
+import scenes
+from experiments.document import replay as replays
+from experiments.document.page import Said, _environment, write_report
+from experiments.document.parameter_words import in_words, regrouped_in_words
+from experiments.document.replay import Replay, ellipsoid, evenly, every_nth
+from experiments.document.report import Table
+from experiments.document.results import Results
+from experiments.reports.identify_replay import place
+from ident.geometry.inertia import parameters_from_com
+from ident.judgement.finding import Finding, Place
+from ident.mechanism.motion import Motion
+from ident.parameters.base_parameters import find_base_parameters
+from ident.recordings.recording import Recording
+from ident.recordings.wrench import Sensor
+from sim.models.mechanism import mechanism
+from sim.models.shapes import shapes
+from sim.motion.excitation import DOUBLE_PENDULUM
+from sim.simulation.simulate import simulate
+
+TURNED = "\N{RIGHT-TO-LEFT OVERRIDE}"
+NAMES = [TURNED + "arm", "<script>alert(1)</script>", "$x$", r"\input{a}", "Größe", "</script>", 'a,b"c']
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    return identified(tmp_path_factory.mktemp("identified"))
+
+
+def test_numbers_of_the_page_are_those_of_its_json(out):
+    estimate, page = json.loads((out / "estimate.json").read_text()), replayed(out / "report.html")
+    told = {each["name"]: (each["value"], each["std"]) for each in page["parameters"]}
+    numbers = zip(estimate["columns"], estimate["values"], estimate["std_setup"], strict=True)
+    assert told == {name: (value, std) for name, value, std in numbers}
+    assert page["curves"][:2] == ["measured", "predicted"] and page["every"] == 1
+    measured, predicted = (np.array(x)[:, np.array(page["time"]) >= page["spans"][0][0]] for x in page["values"][:2])
+    for (channel, _), y, said in zip(page["channels"], measured, predicted, strict=True):
+        ratio = np.sqrt(np.mean((y - said) ** 2)) / y.std()
+        assert ratio == pytest.approx(estimate["held_out"][channel]["ratio"], rel=1e-3)
+    assert (out / "report.html").stat().st_size < 3_000_000
+
+
+def test_findings_are_where_their_data_say(out):
+    shown = replayed(out / "report.html")["findings"]
+    findings = json.loads((out / "estimate.json").read_text())["findings"]
+    places = {each["text"]: (each["place"], page) for each, page in zip(findings, shown, strict=True)}
+    place, page = next(each for text, each in places.items() if text.startswith("Not explained by this motion"))
+    assert place == {"channels": ["Fx"]} and page["channels"] == ["Fx"]
+    assert page["where"] == "The finding is about channel Fx."
+    place, page = next(each for text, each in places.items() if text.startswith("The updated model"))
+    assert set(place["bodies"]) == {"link1", "link2"} and page["body"] in (1, 2)
+    assert page["where"] == f"The finding is about bodies {', '.join(place['bodies'])}."
+    assert all(page["where"] == "" for place, page in places.values() if not place)
+
+
+def test_a_place_is_shown_by_its_data_whatever_the_sentence_says(tmp_path):
+    arm = mechanism(PENDULUM, "base")
+    spec = scenes.load("double_pendulum", contact="pad")
+    recording = simulate(spec, DOUBLE_PENDULUM, samples=300)
+    recording = recording.with_sensors({"contact": Sensor(*mechanism(spec, "base").site("contact"))})
+    log = SimpleNamespace(mechanism=arm, recording=recording)
+    result = SimpleNamespace(logs=[(log, slice(0))], channels=("Fx", "Mz"))
+
+    def shown(**where):
+        found = place(Finding("Fx of 'base' from 0.00 to 1.00 s, m2rz2.", True, Place(**where)), result)
+        return found["where"].removeprefix("The finding is about "), *(found[k] for k in ("body", "channels", "span"))
+
+    assert shown() == ("", None, [], None)
+    assert shown(joints=("joint2",), channels=("Mz", "Fq")) == ("joint joint2; channels Mz, Fq.", 2, ["Mz"], None)
+    assert shown(wrenches=("contact",), span=(1.0, 2.0)) == ("wrench contact; 1.00 s to 2.00 s.", 2, [], [1.0, 2.0])
+    assert shown(wrenches=("ground",)) == ("wrench ground.", None, [], None)
+    assert shown(bodies=("link1",), span=(1.0, 2.0), log=1) == ("body link1; 1.00 s to 2.00 s of log 2.", 1, [], None)
+
+
+def test_all_files_are_linked_and_nothing_else(out):
+    page = (out / "report.html").read_text(encoding="utf-8")
+    links = set(re.findall(r'href="([^"#]+)"', page))
+    assert links == {path.name for path in out.iterdir()} - {"report.html"}
+    assert "default-src 'none'" in page and not re.search(r"https?://", page)
+
+
+def test_names_of_any_kind_do_no_harm(tmp_path):
+    table = Table(NAMES[1], ("what",), tuple((name,) for name in NAMES))
+    shown = Results({"table": table}, {"figure": (Figure(figsize=(1, 1)), NAMES[0])}, {"provenance": {"of": NAMES}})
+    shown.write(tmp_path, ["png"])
+    write_report(tmp_path, shown, ["png"], Said(NAMES[0], NAMES[1], lines=NAMES, replay=named_replay(NAMES)))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert TURNED not in page and page.count("<script") == page.count("</script>") == 2
+    assert [body["name"] for body in replayed(tmp_path / "report.html")["bodies"]] == ["arm", *NAMES[1:]]
+    tex, csv = ((tmp_path / f"table.{end}").read_text(encoding="utf-8") for end in ("tex", "csv"))
+    assert TURNED not in tex and r"\input{" not in tex and "Größe" in tex
+    assert csv.count("\n") == len(NAMES) + 1 and '"a,b""c"' in csv
+
+
+def named_replay(names):
+    """Page data of a mechanism whose bodies have these names."""
+    arm = mechanism(scenes.load("double_pendulum"), "base")
+    tree, body = arm.tree, arm.tree.bodies[0]
+    bodies = tuple(replace(body, name=name) for name in names)
+    arm = replace(arm, tree=replace(tree, bodies=bodies), prior=None, source=None)
+    still = Motion(*np.zeros((3, 2, 0)))
+    recording = Recording(np.arange(2.0), {"ground_force": np.ones((2, 3)), "ground_torque": np.zeros((2, 3))})
+    return Replay(arm, recording, still, [(names[0], "N")], np.arange(2), {"measured": np.ones((2, 1))})
+
+
+def test_ellipsoids_are_those_of_uniform_bodies():
+    a, b, c = 0.3, 0.2, 0.1
+    R = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    inertia = R @ np.diag([b**2 + c**2, a**2 + c**2, a**2 + b**2]) @ R.T * 2.0 / 5
+    *semi_axes, centre = ellipsoid(parameters_from_com(2.0, np.array([0.1, 0.2, 0.3]), inertia))
+    np.testing.assert_allclose(sorted(np.linalg.norm(semi_axes, axis=1)), [c, b, a], rtol=1e-4)
+    np.testing.assert_allclose(centre, [0.1, 0.2, 0.3], rtol=1e-4)
+    np.testing.assert_allclose(abs(np.array(semi_axes[-1]) @ R[:, 0]), a, rtol=1e-4)
+    assert ellipsoid(np.zeros(10)) is None
+
+
+GEOMS = """
+<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="base" pos="0 0 1"><geom size=".1" mass="1"/>
+<body name="arm" pos="0 0 .5" euler="0 40 0"><joint name="hinge" axis="0 1 0"/>
+<geom name="box" type="box" size=".1 .2 .3" pos="0 0 .3" euler="10 20 30"/>
+<geom name="capsule" type="capsule" size=".05 .3"/><geom name="cylinder" type="cylinder" size=".1 .2"/>
+<geom name="hidden" size="9" group="3" mass="0"/></body></body>
+<body name="post"><geom name="post" type="box" size=".1 .1 .1" pos="2 0 0"/></body></worldbody></mujoco>
+"""
+
+
+def test_shapes_have_the_volumes_of_their_geoms_and_are_where_mujoco_has_them():
+    model = mujoco.MjModel.from_xml_string(GEOMS)
+    arm = mechanism(model, "base")
+    found = shapes(arm)
+    assert [each.body for each in found] == [0, 1, 1, 1, -1]
+    exact = {1: 8 * 0.1 * 0.2 * 0.3, 2: np.pi * 0.05**2 * (0.6 + 0.05 * 4 / 3), 3: np.pi * 0.1**2 * 0.4, 4: 0.008}
+    for k, volume in exact.items():
+        corners = found[k].vertices[found[k].faces]
+        inside = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+        assert inside == pytest.approx(volume, rel=1e-9 if k in (1, 4) else 0.15) and inside <= volume * (1 + 1e-9)
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.7
+    mujoco.mj_kinematics(model, data)
+    T = arm.pose @ arm.tree.poses(np.array([0.7]))[1]
+    centre = T[:3, :3] @ found[1].vertices.mean(axis=0) + T[:3, 3]
+    np.testing.assert_allclose(centre, data.geom("box").xpos, atol=1e-12)
+    np.testing.assert_allclose(found[4].vertices.mean(axis=0) + arm.pose[:3, 3], [2, 0, 0], atol=1e-12)
+
+
+def test_parameters_in_words():
+    arm = mechanism(scenes.load("double_pendulum"), "base")
+    base = find_base_parameters(arm)
+    assert in_words("m2rz2", arm) == "first moment of link1 along z about joint joint1"
+    assert in_words("Ixy1", arm) == "product of inertia xy of base, at the origin of the frame of base"
+    assert in_words("offset(Fx)", arm) == "constant offset of Fx"
+    told = regrouped_in_words(base, base.names.index("m2rz2"), arm)
+    assert told == f"{in_words('m2rz2', arm)}, in which are also counted: 0.425 m × the mass of link2"
+    told = regrouped_in_words(base, base.names.index("Ixx2"), arm)
+    assert "0.181 m² × the mass of link2" in told
+    assert regrouped_in_words(base, 0, arm) == (
+        "mass of base, in which are also counted: the mass of link1; the mass of link2"
+    )
+
+
+def test_how_many_samples_are_drawn_is_said_in_english():
+    template = _environment().get_template("replay.html").make_module({"prose": str})
+    names = "frames", "arrows", "axes", "estimated", "curves", "channels", "spans", "parameters", "remark"
+    shown = dict.fromkeys(names, ())
+    for every, said in ((1, False), (2, True)):
+        assert ("One sample in 2 is drawn." in template.moving(shown | {"every": every})) == said
+
+
+def test_samples_are_thinned_evenly():
+    assert evenly(5, 300).tolist() == [0, 1, 2, 3, 4] and evenly(1000, 3).tolist() == [0, 500, 1000 - 1]
+    for N in (1, 10, 5_000, 100_001):
+        drawn = every_nth(N, 24)
+        assert drawn[0] == 0 and len(drawn) * 24 <= replays.CURVE_NUMBERS and len(set(np.diff(drawn))) <= 1

@@ -1,0 +1,260 @@
+"""Logs of other programs give the same as a CSV file with the same columns."""
+
+import sys
+
+import numpy as np
+import pytest
+from malformed_logs import DQ, GROUND_COLUMNS, JOINTS, PLAIN, WRENCH, N, Q, T
+from written_formats import DEG, PLATE, write_bag, write_c3d, write_csv, write_mat, write_mot, write_parquet, write_trc
+
+from ident.errors import InputError, LogError
+from ident.files.formats import c3d, trc
+from ident.mechanism.body import Body
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.tree import Tree
+from ident.recordings.log import read_log, read_log_pieces
+
+AXES = {"hinge": np.eye(6)[4], "slide": np.eye(6)[1]}
+COLUMNS = PLAIN | {f"dq_{joint}": DQ[:, k] for k, joint in enumerate(JOINTS)} | GROUND_COLUMNS
+FAST = np.repeat(WRENCH, 5, axis=0)
+FAST_TIME = np.arange(5 * N) / 500
+
+
+def mechanism(kind="hinge"):
+    bodies = [Body(name, k - 1, np.eye(4), AXES[kind], JOINTS[k]) for k, name in enumerate(("leg", "torso"))]
+    return Mechanism(Tree(tuple(bodies)), np.array([0, 0, -9.81]))
+
+
+MECHANISM = mechanism()
+
+
+def in_degrees():
+    return {name: x * (DEG if name.startswith(("q_", "dq_")) else 1) for name, x in COLUMNS.items()}
+
+
+def same_as_csv(tmp_path, log):
+    write_csv(tmp_path / "same.csv", COLUMNS)
+    expected = read_log(tmp_path / "same.csv", MECHANISM)
+    assert log.measured.keys() == expected.measured.keys()
+    for name, x in expected.measured.items():
+        np.testing.assert_allclose(log[name], x, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(log.time, expected.time, atol=1e-12)
+
+
+@pytest.mark.parametrize("suffix", ["mot", "sto"])
+@pytest.mark.parametrize("degrees", ["yes", "no"])
+def test_a_motion_file_knows_its_degrees(tmp_path, suffix, degrees):
+    write_mot(tmp_path / f"log.{suffix}", in_degrees() if degrees == "yes" else COLUMNS, degrees)
+    log = read_log(tmp_path / f"log.{suffix}", MECHANISM)
+    same_as_csv(tmp_path, log)
+    assert log.units["hip_position"] == "rad" and log.units["hip_velocity"] == "rad/s"
+    pieces = list(read_log_pieces(tmp_path / f"log.{suffix}", MECHANISM, None, 13))
+    np.testing.assert_allclose(np.concatenate([piece.time for piece in pieces]), T, atol=1e-12)
+
+
+def test_degrees_of_a_motion_file_are_not_those_of_slides(tmp_path):
+    write_mot(tmp_path / "log.mot", COLUMNS)
+    log = read_log(tmp_path / "log.mot", mechanism("slide"))
+    np.testing.assert_allclose(log.of_joints(JOINTS, "position"), Q, rtol=1e-12)
+
+
+def test_a_gain_is_taken_in_the_unit_of_the_file(tmp_path):
+    write_mot(tmp_path / "log.mot", in_degrees())
+    (tmp_path / "c.toml").write_text('[joints.hip]\nposition = { column = "q_hip", gain = -1 }\nvelocity = ""')
+    log = read_log(tmp_path / "log.mot", MECHANISM, tmp_path / "c.toml")
+    np.testing.assert_allclose(log["hip_position"], -Q[:, 1], rtol=1e-12)
+
+
+def test_a_mapping_that_contradicts_the_unit_of_the_file_is_refused(tmp_path):
+    write_mot(tmp_path / "log.mot", in_degrees())
+    (tmp_path / "c.toml").write_text('[joints.hip]\nposition = { column = "q_hip", unit = "rad" }')
+    with pytest.raises(LogError, match=r"joints\.hip\.position is mapped in another unit than the file's, .* deg"):
+        read_log(tmp_path / "log.mot", MECHANISM, tmp_path / "c.toml")
+    (tmp_path / "c.toml").write_text("[file]\nheader = false")
+    with pytest.raises(LogError, match=r"log\.mot: the mapping's \[file\] tells how text is laid out, but this file"):
+        read_log(tmp_path / "log.mot", MECHANISM, tmp_path / "c.toml")
+
+
+def test_matlab_arrays_and_structures(tmp_path):
+    others = {"gains": np.eye(3), "name": "arm", "k": 3.0, "wrench": {"F": WRENCH[:, :3].T, "M": WRENCH[:, 3:]}}
+    write_mat(tmp_path / "log.mat", COLUMNS, **others)
+    log = read_log(tmp_path / "log.mat", MECHANISM)
+    same_as_csv(tmp_path, log)
+    assert log.unused == [f"wrench.{what}.{axis}" for what in "FM" for axis in "xyz"]
+    (tmp_path / "c.toml").write_text('[wrenches.ground]\nforce = ["wrench.F.x", "wrench.F.y", "wrench.F.z"]')
+    log = read_log(tmp_path / "log.mat", MECHANISM, tmp_path / "c.toml")
+    np.testing.assert_array_equal(log["ground_force"], WRENCH[:, :3])
+
+
+def test_parquet(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is in the extra 'parquet'")
+    write_parquet(tmp_path / "log.parquet", {**COLUMNS, "remark": ["x"] * N})
+    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", MECHANISM))
+    stamps = pyarrow.array(1_700_000_000_123_456_789 + np.round(1e9 * T).astype(int), pyarrow.timestamp("ns"))
+    force = pyarrow.FixedSizeListArray.from_arrays(WRENCH[:, :3].ravel(), 3)
+    columns = {name: x for name, x in COLUMNS.items() if name[:8] != "ground_f"}
+    write_parquet(tmp_path / "log.parquet", {**columns, "time": stamps, "ground_force": force})
+    same_as_csv(tmp_path, read_log(tmp_path / "log.parquet", MECHANISM))
+    (tmp_path / "c.toml").write_text('time = { column = "time", unit = "ms" }')
+    with pytest.raises(LogError, match="time is mapped in another unit than the file's, which says s"):
+        read_log(tmp_path / "log.parquet", MECHANISM, tmp_path / "c.toml")
+
+
+C3D = """
+[joints.ankle]
+position = "ankle.x"
+[joints.hip]
+position = "hip.x"
+[wrenches.ground]
+force = ["plate1_force.x", "plate1_force.y", "plate1_force.z"]
+torque = ["plate1_torque.x", "plate1_torque.y", "plate1_torque.z"]
+"""
+
+
+def points():
+    angles = {joint: np.stack([Q[:, k], 0 * T, 0 * T], axis=1) for k, joint in enumerate(JOINTS)}
+    return angles | {"HEEL": np.stack([T, 1 + T, 0.1 + 0 * T], axis=1)}
+
+
+def test_c3d_has_a_platform_at_its_own_rate(tmp_path):
+    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    write_c3d(tmp_path / "log.c3d", 100.0, points(), FAST, JOINTS, {"emg": FAST_TIME})
+    (tmp_path / "c.toml").write_text(C3D)
+    log = read_log(tmp_path / "log.c3d", MECHANISM, tmp_path / "c.toml")
+    np.testing.assert_allclose(log.of_joints(JOINTS, "position"), Q, atol=1e-6)
+    force, torque = (log.as_measured(f"ground_{kind}") for kind in ("force", "torque"))
+    np.testing.assert_allclose(force.time, FAST_TIME, atol=1e-12)
+    np.testing.assert_allclose(np.hstack([force.values, torque.values]), FAST, rtol=1e-5, atol=1e-3)
+    assert log.units["ground_torque"] == "N m"
+    assert "'plate1' has its centre at (0.4, 0.3, 0) m" in log.notes[0]
+
+
+def test_c3d_centre_of_pressure_of_who_stands_still(tmp_path):
+    pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    where = np.array([0.25, 0.4, 0.0])
+    weight = np.array([0, 0, 700.0]) * (FAST_TIME > 0.1)[:, None]
+    write_c3d(tmp_path / "log.c3d", 100.0, points(), np.hstack([weight, np.cross(where, weight)]))
+    _, analog = c3d.tables(tmp_path / "log.c3d", 10**9)
+    point = np.stack([analog.cells[f"plate1_point.{axis}"] for axis in "xyz"], axis=1)
+    loaded = FAST_TIME > 0.1
+    np.testing.assert_allclose(point[loaded] - where, 0, atol=1e-5)
+    assert np.isnan(point[~loaded]).all()
+    assert PLATE[:2].min(axis=1).tolist() <= where[:2].tolist() <= PLATE[:2].max(axis=1).tolist()
+
+
+def test_c3d_with_platforms_that_cannot_be_read_still_has_all_else(tmp_path):
+    ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is in the extra 'c3d'")
+    write_c3d(tmp_path / "log.c3d", 100.0, points(), FAST, JOINTS)
+    file = ezc3d.c3d(str(tmp_path / "log.c3d"))
+    file["parameters"]["FORCE_PLATFORM"]["TYPE"]["value"] = np.array([99])
+    file.write(str(tmp_path / "log.c3d"))
+    found = c3d.markers(tmp_path / "log.c3d", 10**9)
+    assert found.labels == ("HEEL",)
+    np.testing.assert_allclose(found.time, T, atol=1e-12)
+    np.testing.assert_allclose(found.positions[:, 0], points()["HEEL"], atol=1e-6)
+    _, analog = c3d.tables(tmp_path / "log.c3d", 10**9)
+    assert "Force platforms cannot be read" in analog.notes[0]
+    np.testing.assert_allclose(analog.cells["Fz"], -FAST[:, 2], rtol=1e-6)
+
+
+@pytest.mark.parametrize("units", ["mm", "m"])
+def test_markers_of_a_trc_file(tmp_path, units):
+    heel, toe = np.stack([T, 1 + T, 2 - T], axis=1), np.stack([T, T, 1 + T], axis=1)
+    toe[5:9] = np.nan
+    toe[-1] = np.nan
+    write_trc(tmp_path / "log.trc", T, {"HEEL": heel, "TOE": toe}, units=units)
+    found = trc.markers(tmp_path / "log.trc", 10**9)
+    assert found.labels == ("HEEL", "TOE")
+    np.testing.assert_allclose(found.time, T, atol=1e-9)
+    np.testing.assert_allclose(found.positions, np.stack([heel, toe], axis=1), atol=1e-9)
+    with pytest.raises(LogError, match=r"joint 'ankle' needs a column .* the file has time, HEEL\.x"):
+        read_log(tmp_path / "log.trc", MECHANISM)
+
+
+def joint_states(names=("hip", "ankle")):
+    """In another order than the mechanism's."""
+    columns = {joint: k for k, joint in enumerate(JOINTS)}
+    return {name: list(zip(Q[:, columns[name]], DQ[:, columns[name]], T, strict=True)) for name in names}
+
+
+HIP = "[joints.hip]\nposition = "
+BAGS = ["log.bag", "folder", "mcap", "mcap/mcap.mcap", "folder/folder.db3"]
+
+
+@pytest.mark.parametrize("name", BAGS)
+@pytest.mark.parametrize("stamped", [True, False])
+def test_bags_have_each_topic_at_its_own_times(tmp_path, name, stamped):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    late = FAST_TIME + 0.0013
+    topics = {"/joint_states": (T, joint_states()), "/ground": (late, FAST), "/x": (T, Q)}
+    write_bag(tmp_path / name.partition("/")[0], topics, stamped=stamped)
+    log = read_log(tmp_path / name, MECHANISM)
+    for k, joint in enumerate(JOINTS):
+        np.testing.assert_allclose(log.as_measured(f"{joint}_position").time, T, atol=1e-8)
+        np.testing.assert_array_equal(log.as_measured(f"{joint}_position").values, Q[:, k])
+        np.testing.assert_array_equal(log.as_measured(f"{joint}_velocity").values, DQ[:, k])
+        np.testing.assert_array_equal(log.as_measured(f"{joint}_torque").values, T)
+    np.testing.assert_allclose(log.as_measured("ground_torque").time, late, atol=1e-8)
+    np.testing.assert_array_equal(log.as_measured("ground_force").values, FAST[:, :3])
+    assert log.unused == ["x.0", "x.1"]
+    assert any(("frame 'tool'" if stamped else "those of writing") in note for note in log.notes)
+
+
+def test_topics_that_have_the_same_joints_are_told_apart(tmp_path):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    topics = {"/joint_states": (T, joint_states()), "/arm/wanted": (T, joint_states(("hip",)))}
+    write_bag(tmp_path / "log.bag", topics)
+    with pytest.raises(LogError, match=r"'hip' needs a column .*joint_states:hip_position.*arm/wanted:hip_position"):
+        read_log(tmp_path / "log.bag", MECHANISM)
+    (tmp_path / "c.toml").write_text(f'{HIP}"joint_states:hip_position"\n[select]\ntime = [0.1, 0.3]')
+    log = read_log(tmp_path / "log.bag", MECHANISM, tmp_path / "c.toml")
+    np.testing.assert_array_equal(log.as_measured("hip_position").values, Q[10:31, 1])
+
+
+CONTRADICTIONS = {
+    "time": ('time = "x"', "this file knows the times of its columns; leave time out"),
+    "rows": ("[select]\nrows = [1, 20]", "[select] rows are those of one table, but this file has several"),
+    "layout": ("[file]\nskip = 1", "the mapping's [file] tells how text is laid out, but this file is none"),
+    "unit": (
+        '[joints.hip]\nposition = { column = "hip_position", unit = "deg" }',
+        "joints.hip.position is mapped in another unit than the file's, which says rad",
+    ),
+    "two rates": (
+        '[wrenches.ground]\nforce = ["ground_force.x", "x.0", ""]',
+        "wrenches.ground.force needs columns of the same times, 'ground_force.x' and 'x.0' have times of their own",
+    ),
+    "no column": (
+        '[joints.hip]\nposition = "knee"',
+        "joints.hip.position is mapped to column 'knee', but the",
+    ),
+    "no time": ("[select]\ntime = [5, 6]", "needs times that the file has, got 5 to 6"),
+}
+
+
+@pytest.mark.parametrize(("mapping", "message"), CONTRADICTIONS.values(), ids=CONTRADICTIONS.keys())
+def test_mappings_that_contradict_a_bag(tmp_path, mapping, message):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    write_bag(tmp_path / "log.bag", {"/j": (T, joint_states()), "/ground": (FAST_TIME, FAST), "/x": (T, Q)})
+    (tmp_path / "c.toml").write_text(mapping)
+    with pytest.raises(LogError) as error:
+        read_log(tmp_path / "log.bag", MECHANISM, tmp_path / "c.toml")
+    assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_what_has_several_clocks_is_not_read_in_pieces(tmp_path):
+    pytest.importorskip("rosbags", reason="rosbags is in the extra 'ros'")
+    write_bag(tmp_path / "log.bag", {"/j": (T, joint_states())})
+    with pytest.raises(LogError, match="is not read in pieces"):
+        list(read_log_pieces(tmp_path / "log.bag", MECHANISM, None, 10))
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "extra"),
+    [("log.c3d", "ezc3d", "c3d"), ("log.bag", "rosbags", "ros"), ("log.parquet", "pyarrow", "parquet")],
+)
+def test_without_its_library_a_format_names_the_extra(tmp_path, monkeypatch, name, package, extra):
+    (tmp_path / name).write_bytes(b"x")
+    for module in [package, *(each for each in sys.modules if each.startswith(f"{package}."))]:
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(InputError, match=rf"needs the package '{package}.*extra '{extra}' .* multicontact\[{extra}\]"):
+        read_log(tmp_path / name, MECHANISM)

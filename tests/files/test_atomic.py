@@ -1,0 +1,73 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from ident.files.atomic import replacing, unwritten
+
+FULL = Path("/dev/full")
+
+
+def write(path, text):
+    with replacing(path) as temporary:
+        assert temporary.suffix == path.suffix
+        temporary.write_text(text)
+
+
+def test_a_file_appears_under_its_name_alone_and_with_the_usual_permissions(tmp_path):
+    write(tmp_path / "a.csv", "first")
+    write(tmp_path / "a.csv", "second")
+    (tmp_path / "usual").touch()
+    assert (tmp_path / "a.csv").read_text() == "second"
+    assert (tmp_path / "a.csv").stat().st_mode == (tmp_path / "usual").stat().st_mode
+    assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "usual"}
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, ValueError])
+def test_a_block_that_fails_leaves_the_old_file_and_its_own_error(tmp_path, error):
+    write(tmp_path / "a.csv", "first")
+    with pytest.raises(error, match="stop"), replacing(tmp_path / "a.csv") as temporary:
+        temporary.write_text("second")
+        raise error("stop")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.csv", "first")]
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
+def test_a_full_disk_is_one_sentence_and_leaves_the_old_file(tmp_path):
+    write(tmp_path / "a.csv", "first")
+    sentence = (
+        rf"^'{tmp_path}/a.csv' could not be written \({os.strerror(28)}\) and is as it was; "
+        r"make room or write elsewhere, and run again\.$"
+    )
+    with pytest.raises(OSError, match=sentence), replacing(tmp_path / "a.csv") as temporary:
+        temporary.unlink()
+        temporary.symlink_to(FULL)
+        temporary.write_text("second")
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.csv", "first")]
+
+
+def test_a_missing_folder_is_said_of_the_file_and_not_of_a_temporary_one(tmp_path):
+    with pytest.raises(OSError, match=r"below/a\.csv' could not be written \(No such file or directory\)") as raised:
+        write(tmp_path / "below" / "a.csv", "text")
+    assert ".a-" not in str(raised.value)
+
+
+def test_of_nested_blocks_the_outermost_names_the_place_and_the_innermost_the_reason():
+    with (
+        pytest.raises(OSError, match=r"^'folder' could not be written \(encoder error -2\)"),
+        unwritten(Path("folder")),
+        unwritten(Path("file")),
+    ):
+        raise OSError("encoder error -2")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_what_is_no_regular_file_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    for path in (tmp_path / "pipe.csv", tmp_path / "folder.csv"):
+        before = path.stat()
+        with pytest.raises(OSError, match=rf"^'{path}' could not be written \(it is no regular file\)"):
+            write(path, "new")
+        assert path.stat() == before
+    assert len(list(tmp_path.iterdir())) == 2

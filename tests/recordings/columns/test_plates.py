@@ -1,0 +1,416 @@
+import numpy as np
+import pytest
+import walker
+from scipy.spatial.transform import Rotation
+
+import ident
+import scenes
+import sim
+from ident.estimation.preparation import prepared
+from ident.geometry.se3 import inverse, pose
+from ident.recordings.columns.plates import pose_of_corners
+from ident.recordings.recording import Recording
+from ident.recordings.standing import _nearest
+from ident.recordings.wrench import transform_wrench
+
+
+def placed(turns, position):
+    return pose(Rotation.from_euler("xyz", turns, degrees=True).as_matrix(), np.array(position))
+
+
+PLATES = {
+    "right": placed([180, 0, 25], [0.2, -0.2, 0.05]),
+    "left": placed([180, 0, -10], [0.1, 0.3, 0.0]),
+    "rail": placed([10, 20, 30], [0.4, -0.3, 1.0]),
+}
+QUADRANTS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+
+
+def corners(T, size=(0.3, 0.2)):
+    """Corners of a plate in the order of its quadrants."""
+    local = np.hstack([QUADRANTS * size, np.zeros((4, 1))])
+    return (local @ T[:3, :3].T + T[:3, 3]).tolist()
+
+
+def as_posed(T):
+    return f"position = {T[:3, 3].tolist()}\nquaternion = {_quaternion(T)}\n"
+
+
+def _quaternion(T):
+    return Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True).tolist()
+
+
+def named(name, letter, values):
+    return {f"{name}_{letter}{axis}": x for axis, x in zip("xyz", values.T, strict=True)}
+
+
+def listed(name, letter):
+    return str([f"{name}_{letter}{axis}" for axis in "xyz"])
+
+
+def plain(name, wrench):
+    """Columns of forces and moments, and their mapping."""
+    text = f"[wrenches.{name}]\nforce = {listed(name, 'F')}\ntorque = {listed(name, 'M')}\n"
+    return named(name, "F", wrench[:, :3]) | named(name, "M", wrench[:, 3:]), text
+
+
+def fixed_to_the_body(name, wrench, body):
+    columns, text = plain(name, walker.in_frame(walker.truth()[1][body], wrench))
+    return columns, f'{text}body = "{body}"\n'
+
+
+def in_world(name, wrench, body):
+    columns, text = plain(name, wrench)
+    return columns, f'{text}frame = "world"\non = "{body}"\n'
+
+
+def about_a_point(name, wrench, body):
+    columns, text = plain(name, walker.in_frame(pose(np.eye(3), PLATES[name][:3, 3]), wrench))
+    return columns, f'{text}frame = "world"\non = "{body}"\nposition = {PLATES[name][:3, 3].tolist()}\n'
+
+
+def in_plate(name, wrench, body):
+    columns, text = plain(name, walker.in_frame(PLATES[name], wrench))
+    return columns, f'{text}frame = "plate"\non = "{body}"\n{as_posed(PLATES[name])}'
+
+
+def reversed_(name, wrench, body):
+    columns, text = in_plate(name, -wrench, body)
+    return columns, f"{text}applied_to_link = false\n"
+
+
+def by_corners(name, wrench, body):
+    """Moments about a point below the middle of the surface, forces in kN."""
+    T = PLATES[name] @ pose(np.eye(3), np.array([0.01, -0.02, 0.04]))
+    columns, text = plain(name, walker.in_frame(T, wrench))
+    columns = {key: x / 1000 if "_F" in key else x for key, x in columns.items()}
+    text += f'frame = "plate"\non = "{body}"\ncorners = {corners(PLATES[name])}\norigin = [0.01, -0.02, 0.04]\n'
+    return columns, f'{text}unit = "kN"\n'
+
+
+def at_a_point(name, wrench, body):
+    """Centre of pressure in mm, with the moment about the plate's normal."""
+    local = walker.in_frame(PLATES[name], wrench)
+    point, free = walker.centre_of_pressure(local)
+    columns = named(name, "F", local[:, :3]) | {f"{name}_x": 1000 * point[:, 0], f"{name}_y": 1000 * point[:, 1]}
+    columns[f"{name}_Tz"] = free
+    text = f'[wrenches.{name}]\nforce = {listed(name, "F")}\nframe = "plate"\non = "{body}"\nthreshold = 0\n'
+    text += f'point = ["{name}_x", "{name}_y", 0.0]\npoint_unit = "mm"\nfree_moment = ["", "", "{name}_Tz"]\n'
+    return columns, f"{text}corners = {corners(PLATES[name])}\n"
+
+
+def at_a_point_in_world(name, wrench, body):
+    """The same in the world's axes, as in exports of gait laboratories."""
+    T = PLATES[name]
+    local = walker.in_frame(T, wrench)
+    point, free = walker.centre_of_pressure(local)
+    at = np.column_stack([point, np.zeros(len(point))]) @ T[:3, :3].T + T[:3, 3]
+    columns = named(name, "F", wrench[:, :3]) | named(name, "p", at) | named(name, "T", free[:, None] * T[:3, 2])
+    text = f'[wrenches.{name}]\nforce = {listed(name, "F")}\nframe = "world"\non = "{body}"\nthreshold = 0\n'
+    return columns, f"{text}point = {listed(name, 'p')}\nfree_moment = {listed(name, 'T')}\n"
+
+
+FORMS = (in_world, about_a_point, in_plate, reversed_, by_corners, at_a_point, at_a_point_in_world)
+
+
+def written(folder, parts, base=None):
+    """Writes log and mapping."""
+    columns = walker.columns() | {key: x for columns, _ in parts for key, x in columns.items()}
+    text = "\n".join(text for _, text in parts)
+    if base is not None:
+        turns = Rotation.from_matrix(base[:, :3, :3]).as_quat(scalar_first=True)
+        columns |= dict(zip("XYZ", base[:, :3, 3].T, strict=True)) | dict(zip("wxyz", turns.T, strict=True))
+        text += '\n[base]\nposition = ["X", "Y", "Z"]\nquaternion = ["w", "x", "y", "z"]\n'
+    folder.mkdir(exist_ok=True)
+    np.savez(folder / "log.npz", **columns)
+    (folder / "columns.toml").write_text(text.replace("'", '"'), encoding="utf-8")
+    return folder / "log.npz", folder / "columns.toml"
+
+
+def read(folder, form, base=None, mechanism=None):
+    parts = [form(name, wrench, walker.TAKEN[name]) for name, wrench in walker.wrenches().items()]
+    log, columns = written(folder, parts, base)
+    return ident.read_log(log, mechanism or walker.mechanism(), columns)
+
+
+def least_squares(recording):
+    return ident.least_squares(ident.Equations.of_wrench(walker.mechanism()), recording)
+
+
+def test_every_form_of_a_recording_gives_the_same_estimate(tmp_path):
+    reference = read(tmp_path, fixed_to_the_body)
+    fit = least_squares(reference)
+    truth = fit.parameters.regroup(walker.mechanism().known)
+    np.testing.assert_allclose(fit.psi, truth, atol=1e-9 * abs(truth).max())
+    for form in FORMS:
+        recording = read(tmp_path, form)
+        own = least_squares(recording)
+        np.testing.assert_allclose(own.psi, fit.psi, atol=1e-9 * abs(fit.psi).max(), err_msg=form.__name__)
+        there = [recording.sensors[name].frame for name in walker.TAKEN]
+        assert there == ["world"] * 3
+        for name, body in walker.TAKEN.items():
+            assert recording.sensors[name].body == body
+        recording.save(tmp_path / "saved.npz")
+        again = Recording.load(tmp_path / "saved.npz")
+        np.testing.assert_array_equal(least_squares(again).psi, own.psi)
+
+
+def test_on_a_base_that_is_a_measured_pose_too(tmp_path):
+    """The pelvis as base: the same total wrench in all forms, that of MuJoCo's inverse dynamics."""
+    person = sim.mechanism(walker.mechanism().source.text, base="pelvis")
+    poses = walker.truth()[1]["pelvis"]
+    totals = []
+    for form in (fixed_to_the_body, *FORMS):
+        recording = read(tmp_path, form, poses, person)
+        assert not recording.is_held(person.tree)
+        totals.append(recording.total_wrench(person.tree).in_base)
+    expected = walker.in_frame(poses, walker.truth()[0])
+    for total in totals:
+        np.testing.assert_allclose(total, expected, atol=1e-9 * abs(expected).max())
+    # The fitted motion is smoothed, equally for all.
+    ready = prepared(person, recording, cutoff=8.0)
+    assert ready.equations.channels == ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+    np.testing.assert_allclose(ready.samples.measured[100:-100], expected[100:-100], atol=0.1 * abs(expected).max())
+
+
+def test_joints_that_carry_a_mechanism_freely_hold_nothing(tmp_path):
+    recording = read(tmp_path, in_world)
+    assert walker.mechanism().tree.floats and not recording.is_held(walker.mechanism().tree)
+    notes = prepared(walker.mechanism(), recording).notes
+    assert any("Nothing holds the base: right, left, rail make up the total wrench alone (Eq. 3)." in n for n in notes)
+
+
+@pytest.mark.parametrize("joints", ["tx tz lean", "tx ty tz yaw lean"])
+def test_with_fewer_freedoms_it_has_to_be_said(tmp_path, joints):
+    fixed = {joint: [0.0] for joint in walker.ROOT if joint not in joints.split()}
+    planar = sim.mechanism(walker.mechanism().source.text, fix=fixed)
+    recording = read(tmp_path, in_world, mechanism=planar)
+    assert not planar.tree.floats and recording.is_held(planar.tree)
+    with pytest.raises(ident.LogError, match=r"the wrench 'ground' has to be measured .* held = false under \[base\]"):
+        prepared(planar, recording)
+    columns = tmp_path / "columns.toml"
+    columns.write_text(columns.read_text() + "\n[base]\nheld = false\n")
+    recording = ident.read_log(tmp_path / "log.npz", planar, columns)
+    assert recording.held is False and prepared(planar, recording).recording is not None
+    recording.save(tmp_path / "saved.csv")
+    assert Recording.load(tmp_path / "saved.csv").held is False
+
+
+def test_a_rail_in_the_world_of_a_base_at_rest_elsewhere(tmp_path):
+    """The pendulum's base is turned and away from the world's origin, as stated in the model."""
+    spec = scenes.load("double_pendulum", contact="handle")
+    recording = sim.simulate(spec, sim.motion.excitation.DOUBLE_PENDULUM, noise_scale=0)
+    spec.body("base").pos, spec.body("base").quat = [0.5, -0.2, 0.3], [np.cos(0.2), 0, 0, np.sin(0.2)]
+    pendulum = sim.mechanism(spec, base="base")
+    np.testing.assert_allclose(pendulum.pose[:3, 3], [0.5, -0.2, 0.3])
+    cell = ident.Sensor(*pendulum.site("contact"), applied_to_link=False)
+    fixed = recording.with_sensors({"contact": cell})
+    q = fixed.of_joints(pendulum.tree.joints, "position")
+    link = pendulum.tree.poses(q)[:, pendulum.tree.names.index(cell.body)]
+    in_world = transform_wrench(pendulum.pose @ link @ cell.pose, fixed.wrench("contact").values)
+    columns = {"time": fixed.time} | {name: x for name, x in fixed.measured.items() if x.ndim == 1}
+    for kind, letter in (("force", "f"), ("torque", "m")):
+        columns |= named("ground", letter, fixed[f"ground_{kind}"])
+    extra, text = plain("grip", in_world)
+    (tmp_path / "columns.toml").write_text(
+        f'{text}frame = "world"\non = "{cell.body}"\napplied_to_link = false\n'.replace("'", '"')
+    )
+    np.savez(tmp_path / "log.npz", **columns, **extra)
+    own = ident.read_log(tmp_path / "log.npz", pendulum, tmp_path / "columns.toml")
+    expected = fixed.total_wrench(pendulum.tree).in_base
+    np.testing.assert_allclose(own.total_wrench(pendulum.tree).in_base, expected, atol=1e-9 * abs(expected).max())
+
+
+def test_a_ground_that_is_a_plate_with_a_centre_of_pressure(tmp_path):
+    """The wrench at a fixed base needs no posture in either form."""
+    total = walker.truth()[0]
+    for form in FORMS:
+        columns, text = form("right", total, "")
+        log, mapping = written(tmp_path, [(columns, text.replace("wrenches.right", "wrenches.ground"))])
+        mapping.write_text(mapping.read_text().replace('on = ""\n', ""))
+        recording = ident.read_log(log, walker.mechanism(), mapping)
+        found = recording.total_wrench(walker.mechanism().tree).in_base
+        np.testing.assert_allclose(found, total, atol=1e-9 * abs(total).max(), err_msg=form.__name__)
+
+
+def stepping():
+    """Two plates on which the feet alternate, with centres of pressure under the feet; and the foot on each plate."""
+    time, places = walker.motion()[0], walker.truth()[1]
+    rng = np.random.default_rng(1)
+    spans = {"right": [("foot_l", 0.4, 1.1), ("foot_r", 1.3, 2.4), ("foot_l", 4.0, 4.6)], "left": [("foot_r", 0, 0.9)]}
+    columns, who = {}, {}
+    for name, episodes in spans.items():
+        force, point = 5 * rng.normal(size=(len(time), 3)), 50 * rng.standard_cauchy((len(time), 3))
+        who[name] = np.full(len(time), "", object)
+        for body, start, end in episodes:
+            during = (time >= start) & (time < end)
+            who[name][during] = body
+            force[during] = [30, -20, 600] + 20 * rng.normal(size=(during.sum(), 3))
+            point[during] = places[body][during, :3, 3] * [1, 1, 0] + 0.03 * rng.normal(size=(during.sum(), 3))
+            # A landing foot hardly presses yet, and its centre of pressure is arbitrary: here, far beyond the other.
+            first, other = during.argmax(), places[{"foot_l": "foot_r", "foot_r": "foot_l"}[body]]
+            force[first] = [0, 0, 45]
+            point[first] += 30 * (other - places[body])[first, :3, 3] * [1, 1, 0]
+        empty = who[name] == ""
+        point[empty] *= rng.choice([1, np.nan, np.inf, 1e12], p=[0.7, 0.1, 0.1, 0.1], size=(empty.sum(), 1))
+        columns |= named(name, "F", force) | named(name, "p", point) | {f"{name}_T": rng.normal(size=len(time))}
+    return columns, who
+
+
+def of_stepping(on):
+    return "\n".join(
+        f'[wrenches.{name}]\nforce = {listed(name, "F")}\npoint = {listed(name, "p")}\nframe = "world"\n'
+        f'free_moment = ["", "", "{name}_T"]\n{on}\nthreshold = 40\n'
+        for name in ("right", "left")
+    )
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_who_stands_on_which_plate_is_found_and_steps_on_and_off(tmp_path, lost):
+    columns, who = stepping()
+    log, mapping = written(tmp_path, [(columns, of_stepping('on = "auto"\namong = ["foot_r", "foot_l"]'))])
+    if lost:
+        kept = {key: np.delete(x, [7, 180, 181, 182, 420]) for key, x in np.load(log).items()}
+        np.savez(log, **kept)
+        who = {name: np.delete(x, [7, 180, 181, 182, 420]) for name, x in who.items()}
+    recording = ident.read_log(log, walker.mechanism(), mapping, gaps=lost)
+    assert set(recording.wrenches) == {f"{body} on {name}" for name in who for body in ("foot_r", "foot_l")}
+    force = {name: np.stack([np.load(log)[f"{name}_F{axis}"] for axis in "xyz"], axis=1) for name in who}
+    for name in recording.wrenches:
+        body, _, plate = name.partition(" on ")
+        assert (recording.sensors[name].body, recording.sensors[name].plate) == (body, plate)
+        expected = np.where((who[plate] == body)[:, None], force[plate], 0)
+        np.testing.assert_allclose(recording.as_measured(f"{name}_force").values, expected, atol=1e-9)
+        assert np.isfinite(recording[f"{name}_torque"]).all()
+    told = " ".join(recording.notes)
+    assert "By its force, on 'right' is foot_l from 0.40 to 1.09 s, foot_r from 1.30 to 2.39 s" in told
+    assert "on 'left' is foot_r from 0.00 to 0.89 s." in told
+    assert "nearly as near" not in told
+    assert "nor is its point of application used" in told and "at most 40 N" in told
+
+
+def test_who_stands_is_left_open_where_another_is_nearly_as_near(tmp_path):
+    columns, _ = stepping()
+    places = walker.truth()[1]
+    between = 0.55 * places["foot_r"][:, :3, 3] + 0.45 * places["foot_l"][:, :3, 3]
+    log, mapping = written(
+        tmp_path, [(columns | named("left", "p", between), of_stepping('on = "auto"\namong = ["foot_r", "foot_l"]'))]
+    )
+    (told,) = (note for note in ident.read_log(log, walker.mechanism(), mapping).notes if "on 'left' is" in note)
+    assert told.endswith("on 'left' is foot_r from 0.00 to 0.89 s. From 0.00 s on foot_l is nearly as near.")
+
+
+def test_samples_at_other_times_are_those_of_the_nearest():
+    time = np.array([0.0, 1.0, 2.0, 4.0])
+    asked = np.array([-1, 0.4, 0.6, 1.5, 2.9, 3.1, 9])
+    np.testing.assert_array_equal(_nearest(time, asked), [0, 0, 1, 1, 2, 3, 3])
+
+
+@pytest.mark.parametrize(("stated", "expected"), [("", 20.0), ("threshold = 7", 7.0)])
+def test_a_force_that_carries_nobody_counts_as_nothing_beside_a_centre_of_pressure(tmp_path, stated, expected):
+    """By default up to 20 N, and with moments about an origin up to zero."""
+    rng = np.random.default_rng(2)
+    direction = rng.normal(size=(len(walker.motion()[0]), 3))
+    size = rng.uniform(0, 2 * expected, len(direction))
+    force = direction * (size / np.linalg.norm(direction, axis=1))[:, None]
+    columns = named("right", "F", force) | named("right", "p", rng.normal(size=force.shape)) | {"right_T": size}
+    text = f'[wrenches.right]\nforce = {listed("right", "F")}\nframe = "world"\non = "foot_r"\n'
+    point = f'point = {listed("right", "p")}\nfree_moment = ["", "", "right_T"]\n'
+    log, mapping = written(tmp_path, [(columns, text + point + stated)])
+    counted = ident.read_log(log, walker.mechanism(), mapping)
+    np.testing.assert_array_equal(counted["right_force"].any(axis=1), size > expected)
+    np.testing.assert_array_equal(counted["right_torque"].any(axis=1), size > expected)
+    log, mapping = written(tmp_path, [(columns, text + f"torque = {listed('right', 'p')}\n")])
+    assert ident.read_log(log, walker.mechanism(), mapping)["right_force"].any(axis=1).all()
+
+
+def test_a_point_that_is_missing_under_a_load_is_named(tmp_path):
+    columns, _ = stepping()
+    columns["right_px"][np.flatnonzero(walker.motion()[0] > 2)[:3]] = np.nan
+    log, mapping = written(tmp_path, [(columns, of_stepping('on = "foot_r"'))])
+    with pytest.raises(ident.LogError, match=r"sample 20[12], wrenches.right.point is missing, as in 3 of 600 samples"):
+        ident.read_log(log, walker.mechanism(), mapping)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_corners_are_those_of_the_plate(seed):
+    rng = np.random.default_rng(seed)
+    T = pose(Rotation.random(random_state=seed).as_matrix(), rng.normal(size=3))
+    found = pose_of_corners("corners", np.array(corners(T, rng.uniform(0.1, 1, 2))))
+    np.testing.assert_allclose(found, T, atol=1e-12)
+    np.testing.assert_allclose(inverse(found) @ T, np.eye(4), atol=1e-12)
+
+
+HEAD = '[wrenches.p]\nforce = ["a", "b", "c"]\n'
+CORNERS = f"corners = {corners(PLATES['right'])}\n"
+ON = 'frame = "plate"\non = "foot_r"\n'
+POINT = 'point = ["x", "y", 0]\nfree_moment = ["", "", "t"]\n'
+BAD = {
+    "frame": ('frame = "lab"', "wrenches.p.frame needs one of body, world, plate; got lab"),
+    "no frame": ('body = "arm"\n' + POINT, '\'point\', which takes a frame that rests: "plate" or "world"'),
+    "on a body frame": ('on = "arm"', "[wrenches.p] has 'on', which takes a frame that rests"),
+    "body": ('frame = "world"\nbody = "arm"', "rests in the world: the body that touches it is told by 'on'"),
+    "no body": ('frame = "world"', "wrenches.p.on needs the body on it, one of pelvis"),
+    "unknown body": ('frame = "world"\non = "hand"', 'arm, or "auto"; got hand'),
+    "alone": ('frame = "world"\non = "auto"', "wrenches.p.among needs a list of the two bodies or more"),
+    "twice": ('frame = "world"\non = "auto"\namong = ["arm", "arm"]', "among needs a list of the two bodies or more"),
+    "unknown among": ('frame = "world"\non = "auto"\namong = ["arm", "leg"]', "wrenches.p.among needs bodies out of"),
+    "among one": (
+        'frame = "world"\non = "arm"\namong = ["arm", "foot_r"]',
+        'among belongs to on = "auto"; got on = arm',
+    ),
+    "turned world": ('frame = "world"\non = "arm"\nrpy_deg = [0, 0, 9]', "'rpy_deg' would turn them: say frame"),
+    "no pose": (ON, "[wrenches.p] needs the plate's pose in the world: 'position' with a rotation, or 'corners'"),
+    "both poses": (ON + CORNERS + "position = [0, 0, 0]", "[wrenches.p] needs 'corners' or 'position', got both"),
+    "origin alone": (ON + "position = [0, 0, 0]\norigin = [0, 0, 0]", "wrenches.p.origin belongs to 'corners'"),
+    "three corners": (ON + "corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0]]", "wrenches.p.corners needs four points"),
+    "flat corner": (ON + "corners = [[0, 0], [1, 0], [1, 1], [0, 1]]", "wrenches.p.corners needs a list of 3 numbers"),
+    "no rectangle": (ON + "corners = [[0,0,0], [1,0,0], [1,1,0], [0,1.1,0]]", "needs the corners of a rectangle"),
+    "crossed": (ON + "corners = [[0,0,0], [1,1,0], [1,0,0], [0,1,0]]", "needs the corners of a rectangle"),
+    "sheared": (ON + "corners = [[0,0,0], [1,0,0], [1.3,1,0], [0.3,1,0]]", "needs the corners of a rectangle"),
+    "tapered": (ON + "corners = [[1,1,0], [-1,1,0], [-1.1,-1,0], [1.1,-1,0]]", "needs the corners of a rectangle"),
+    "a point": (ON + "corners = [[0,0,0], [0,0,0], [0,0,0], [0,0,0]]", "needs the corners of a rectangle"),
+    "not of norm 1": (
+        ON + "position = [0, 0, 0]\nquaternion = [1, 1, 0, 0]",
+        "needs four numbers w, x, y, z of norm 1",
+    ),
+    "no free moment": (ON + CORNERS + 'point = ["x", "y", 0]', "[wrenches.p] has 'point' without 'free_moment'"),
+    "no point": (ON + CORNERS + 'free_moment = ["", "", "t"]', "[wrenches.p] has 'free_moment' without 'point'"),
+    "both moments": (
+        ON + CORNERS + POINT + 'torque = ["d", "e", "f"]',
+        "'torque', moments about its origin, or 'point'",
+    ),
+    "half a point": (ON + CORNERS + POINT.replace('"y"', '""'), "wrenches.p.point needs three coordinates, each a col"),
+    "two coordinates": (ON + CORNERS + POINT.replace(', "y"', ""), "wrenches.p.point needs three coordinates"),
+    "empty moment": (ON + CORNERS + POINT.replace('"t"', '""'), "wrenches.p.free_moment needs columns beside a point"),
+    "moment of two": (ON + CORNERS + POINT.replace('"", "t"', '"t"'), "free_moment needs a list of 3 columns"),
+    "point unit": (ON + CORNERS + POINT + 'point_unit = "in"', "wrenches.p.point_unit needs one of m, cm, mm; got in"),
+    "position of a point": (ON.replace("plate", "world") + POINT + "position = [0, 0, 1]", "no use for 'position'"),
+    "threshold": (ON + CORNERS + "threshold = -1", "wrenches.p.threshold needs a force in N, zero or more, got -1"),
+    "held": ('body = "arm"\n[base]\nheld = "no"', "base.held needs true or false, got no"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_wrong_entries_are_refused_in_one_sentence(tmp_path, name):
+    entry, message = BAD[name]
+    log, mapping = written(tmp_path, [({}, HEAD + entry)])
+    with pytest.raises(ident.LogError) as refusal:
+        ident.read_log(log, walker.mechanism(), mapping)
+    assert message in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ('on = "arm"', "[wrenches.ground] needs no 'on': the ground acts at the base; got arm"),
+        ("", "[wrenches.ground] rests in the world while the base moves: give it another name"),
+    ],
+)
+def test_a_ground_has_no_body_and_a_base_that_moves_no_ground_in_the_world(tmp_path, entry, message):
+    columns, text = plain("ground", walker.truth()[0])
+    person = sim.mechanism(walker.mechanism().source.text, base="pelvis")
+    log, mapping = written(tmp_path, [(columns, f'{text}frame = "world"\n{entry}\n')], walker.truth()[1]["pelvis"])
+    with pytest.raises(ident.LogError) as refusal:
+        ident.read_log(log, person, mapping)
+    assert message in str(refusal.value)
