@@ -7,7 +7,7 @@ from recorded_faults import JOINTS, PENDULUM, TRUTH, angles_and_wrench, faulty, 
 import ident
 from ident.errors import ExcitationError
 from ident.estimation.setup import PRIORS
-from ident.identification import _known_enough
+from ident.estimators.trajectory import _known_enough
 
 RECORDING = faulty(0)
 ANGLES, WRENCH = RECORDING.of_joints(JOINTS, "position"), wrench_of(RECORDING)

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from ident.errors import ExcitationError
+from ident.estimation.accumulator import accumulate, triangle_of
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion
-from ident.tolerances import SINGULAR, ZERO_COLUMN
+from ident.tolerances import CONDITION_LIMIT, SINGULAR, ZERO_COLUMN
 
 ABOVE_NOISE = 1.5
 """Norm of a column combination over that of its noise above which it counts as excited."""
@@ -88,6 +89,29 @@ def _clearly_separate(unit: np.ndarray) -> bool:
     except np.linalg.LinAlgError:
         return False
     return bool(np.linalg.norm(inverse) * np.sqrt(len(unit)) < 1 / SINGULAR)
+
+
+def excited(equations: Equations, samples: Samples) -> tuple[np.ndarray, ExcitationError | None]:
+    """Singular values of the unit-norm columns, each channel divided by its signal, and an error if some are too small.
+
+    The error names the parameters in combinations that the motion does not separate.
+    """
+    signal = np.maximum(samples.measured.std(axis=0), 1e-300)
+    weights = np.broadcast_to(1 / signal, samples.measured.shape)
+    columns = accumulate(equations, samples, factors=weights).root[:, : len(equations.names)]
+    norms = np.linalg.norm(columns, axis=0)
+    # A decomposition of the triangle is faster than one of all rows, and less likely to fail to converge.
+    _, s, directions = np.linalg.svd(triangle_of(columns / np.where(norms > 0, norms, 1)))
+    hidden = directions[s <= s[0] / CONDITION_LIMIT]
+    if not len(hidden):
+        return s, None
+    names = blamed(hidden, equations.names)
+    return s, ExcitationError(
+        f"In {', '.join(equations.channels)} the recorded motion excites {len(s) - len(hidden)} of {len(s)} "
+        f"parameters; it does not separate {', '.join(names)}. Move the joints further (experiments.excite "
+        "designs a motion), measure more, or put in what the model knows (--prior on).",
+        names,
+    )
 
 
 def blamed(hidden: np.ndarray, names: Sequence[str]) -> list[str]:

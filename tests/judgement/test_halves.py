@@ -7,8 +7,8 @@ import pytest
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from ident import identification
 from ident.estimation.setup import PRIORS
+from ident.estimators import trajectory as estimator
 from ident.judgement.fit_findings import halves_findings
 from ident.judgement.halves import LEAST_ADDED, disagreement, disagreements
 
@@ -124,6 +124,6 @@ def test_intervals_that_were_widened_are_a_remark():
 
 @pytest.mark.parametrize(("z", "widening"), [(None, 1), (1.9, 1), (2.1, 2.1)])
 def test_intervals_are_as_much_wider_as_halves_differ_by_more_than_two_deviations(monkeypatch, z, widening):
-    monkeypatch.setattr(identification, "disagreement", lambda joint: z)
+    monkeypatch.setattr(estimator, "disagreement", lambda joint: z)
     estimate = ident.identify(PENDULUM, shortened(faulty(), 150), setup=dict.fromkeys(PRIORS, 0.0))
     assert (estimate.widening, estimate.disagreement) == (widening, z)

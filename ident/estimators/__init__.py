@@ -1,0 +1,1 @@
+"""Estimators: functions that take a `Problem` and return an `Estimate`."""

@@ -1,0 +1,165 @@
+"""Trajectory, parameters, set-up and noise of recordings at once, beside the candidates that it is compared with."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ident.errors import ExcitationError
+from ident.estimate import Estimate
+from ident.estimation.equations import Equations
+from ident.estimation.excitation import excited
+from ident.estimation.preparation import Prepared
+from ident.estimation.separable import separable
+from ident.estimation.setup import PRIORS
+from ident.estimators.least_squares import model_as_it_came
+from ident.judgement.checks import wrench_checks
+from ident.judgement.halves import DISAGREE, disagreement, disagreements, without
+from ident.judgement.torque_checks import torque_checks
+from ident.parameters.prior import known_covariance
+from ident.problem import Problem
+from ident.regression.filtered import filtered_least_squares
+from ident.regression.ordinary import Fit
+from ident.trajectory.corrected import as_fit, corrected
+from ident.trajectory.estimate import trajectory_estimate
+from ident.trajectory.result import TrajectoryEstimate
+from ident.trajectory.smoothing_choice import chosen_smoothing
+
+FAR_LESS = 30.0
+"""Standard deviations from the data, over those of the prior, above which the prior is used."""
+
+
+def trajectory(problem: Problem) -> Estimate:
+    """Estimate of trajectories, parameters, set-up and noise."""
+    equations, samples = problem.equations, problem.samples
+    singular_values, poor = excited(equations, samples)
+    still = samples.motion.base is None and not np.ptp(samples.motion.q, axis=0).any()
+    if poor and (still or problem.wanted is False):
+        raise poor
+    known = problem.known if problem.wanted or poor else None
+    with_offsets = separable(equations.with_offsets(range(len(equations.channels))), samples)
+    if not problem.held:
+        # Where the sum of all wrenches is zero, a constant one is weight, not an offset.
+        components = len(equations.channels) - len(equations.torques)
+        with_offsets = equations.with_offsets([k for k in with_offsets.offsets if k >= components])
+    # No search if the set-up is exact, or if something is grossly wrong.
+    search = any({**PRIORS, **problem.setup}.values()) and not any(_grossly_wrong(log) for log, _ in problem.fitted)
+    columns = with_offsets if problem.offsets else equations
+    estimate = partial(
+        trajectory_estimate,
+        problem.fitted,
+        columns,
+        search=search,
+        own=problem.own,
+        setup=problem.setup,
+        physical=problem.physical,
+        executor=problem.executor,
+        report=problem.report,
+    )
+    found = _known_enough(estimate, known, problem.known if problem.wanted is None else known)
+    rms = disagreement(found)
+    widening = rms if rms is not None and rms > DISAGREE else 1.0
+    problem = replace(problem, smoothing=chosen_smoothing(problem.fitted, found))
+    mended = _corrected(problem, found)
+    fit = as_fit(found, mended.samples, mended.equations, widening)
+    fits = [fit]
+    if not problem.apart and len(problem.fitted) > 2:
+        values = (without(found, k) for k in range(len(problem.fitted)))
+        fits = [replace(fit, values=x[: len(fit.values)]) for x in values]
+    rivals, filtered_at = _rivals(problem, with_offsets, found, fit)
+    return Estimate(
+        logs=mended.fitted,
+        fit=fit,
+        offsets=fit.offsets,
+        held_out=mended.held_out(fits),
+        singular_values=singular_values,
+        trajectory=found,
+        rivals=rivals,
+        filtered_at=filtered_at,
+        disagreement=rms,
+        disagreements=disagreements(found),
+        widening=widening,
+        bounded=found.bounds,
+    )
+
+
+def _grossly_wrong(log: Prepared) -> bool:
+    """True if a wrench or torque is so wrong that a search for small set-up errors is pointless."""
+    frames, base = wrench_checks(log)
+    torques = torque_checks(log)
+    wrench = any(check.suspicious for check in frames.values()) or (base is not None and base.suspicious)
+    return wrench or (torques is not None and torques.grossly_wrong)
+
+
+def _known_enough(
+    estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, float] | None, prior: Mapping[str, float] | None
+) -> TrajectoryEstimate:
+    """Trajectory estimate, with a prior if the data alone are far less precise: noise can pass for excitation.
+
+    Args:
+        estimate: Function that estimates with given standard deviations of φ.
+        known: Standard deviations to use first, None for no prior.
+        prior: Standard deviations to fall back on, None for none.
+    """
+    try:
+        trajectory = _solvable(estimate, known)
+    except ExcitationError:
+        if known or prior is None:
+            raise
+        return _solvable(estimate, prior)
+    if known or prior is None:
+        return trajectory
+    equations = trajectory.measurement.equations
+    beforehand = np.diag(known_covariance(equations.mechanism, equations.parameters, prior))
+    far_less = np.diag(trajectory.fit.covariance)[: equations.parameters.rank] > FAR_LESS**2 * beforehand
+    return _solvable(estimate, prior) if far_less.any() else trajectory
+
+
+def _solvable(estimate: Callable[..., TrajectoryEstimate], known: Mapping[str, float] | None) -> TrajectoryEstimate:
+    """Trajectory estimate; raises an ExcitationError if its equations are singular up to rounding."""
+    try:
+        return estimate(known=known)
+    except np.linalg.LinAlgError:
+        raise ExcitationError(
+            "The trajectory estimate's equations are singular but for rounding: some joint angles follow a curve "
+            "exactly, as computed or smoothed ones do, or hardly move in what is fitted. Take the angles as they were "
+            "measured, hold joints that rest (--fix), or fit what the model knows as well (--prior on)."
+        ) from None
+
+
+def _corrected(problem: Problem, trajectory: TrajectoryEstimate) -> Problem:
+    """Recordings with the set-up of a trajectory estimate and smoothed motion, that to judge by from angles alone."""
+    smoothing = problem.smoothing
+    logs = [corrected(log, trajectory, k, smoothing, part) for k, (log, part) in enumerate(problem.fitted)]
+    if problem.apart:
+        judges = [corrected(log, trajectory, None, smoothing) for log, _ in problem.judged]
+    elif len(problem.fitted) > 2:
+        judges = [corrected(log, trajectory, k, smoothing) for k, (log, _) in enumerate(problem.judged)]
+    else:
+        judges = logs
+    return problem.with_logs(logs, judges)
+
+
+def _rivals(
+    problem: Problem, equations: Equations, trajectory: TrajectoryEstimate, fit: Fit
+) -> tuple[dict[str, np.ndarray], float | None]:
+    """Residual ratios of other candidates with the set-up as stated: the model's prior, and least squares.
+
+    Args:
+        problem: Samples to fit and to judge by.
+        equations: Their columns, with offsets.
+        trajectory: The trajectory estimate.
+        fit: The trajectory estimate as a fit.
+
+    Returns:
+        Ratios of residual to signal by candidate (C,), and the cut-off of least squares, Hz.
+    """
+    stated = _corrected(problem, trajectory.as_stated())
+    held = stated.held_out([model_as_it_came(replace(fit, equations=equations), stated.samples)])
+    rank, prior = equations.parameters.rank, trajectory.fit.prior
+    known = prior.mean[:rank], prior.known[:rank, :rank]
+    others = not problem.apart and len(problem.fitted) > 2
+    filtered = filtered_least_squares(problem.fitted, problem.judged, equations, known, others=others)
+    left = replace(held, residual=held.samples.measured - np.concatenate(filtered.predicted))
+    return {"model": held.ratio, "least squares": left.ratio}, filtered.cutoffs[0]

@@ -1,0 +1,203 @@
+"""The problem that an estimator solves: recordings, the samples of them to fit and to judge by, and what is known."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.estimate import HeldOut
+from ident.estimation import repairs
+from ident.estimation.equations import Equations
+from ident.estimation.flat_channels import flat_channels, without_channels
+from ident.estimation.preparation import Prepared
+from ident.estimation.samples import Samples, joined
+from ident.parameters.prior import KNOWN
+from ident.recordings.gaps import stretches
+from ident.recordings.wrench import GROUND
+from ident.regression.ordinary import Fit
+from ident.trajectory.angles_alone import LARGEST_END, UNSETTLED
+from ident.trajectory.fit.iteration import Report
+
+LEAST_HELD_OUT = 2
+"""Least number of held-out samples: a signal's standard deviation needs two."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What every estimator takes: samples to fit and to judge by, and what is known beforehand.
+
+    Attributes:
+        fitted: Recordings and the samples of each to fit.
+        judged: Recordings and the samples of each to judge by.
+        apart: True if the latter are separate recordings.
+        offsets: True to fit a constant offset of every channel for which it can be separated from the parameters.
+        known: Standard deviations of the model's φ, as for `body_covariance`.
+        wanted: True to use them, False not to, None where the data are far less precise.
+        setup: Standard deviations of the set-up that replace the default ones.
+        own: Parameters that each recording has separately: `offset`, `delay`.
+        physical: True if the bodies must be physical.
+        executor: Executor for the pieces of an estimate, by default none.
+        report: Called with every round, and its step in standard deviations.
+        smoothing: Time constant with which the angles of samples to judge by are smoothed, s.
+    """
+
+    fitted: list[tuple[Prepared, slice]]
+    judged: list[tuple[Prepared, slice | np.ndarray]]
+    apart: bool
+    offsets: bool = True
+    known: Mapping[str, float] = field(default_factory=lambda: dict(KNOWN))
+    wanted: bool | None = None
+    setup: Mapping[str, float] = field(default_factory=dict)
+    own: Sequence[str] = ()
+    physical: bool = False
+    executor: Executor | None = None
+    report: Report | None = None
+    smoothing: float = 0.0
+
+    @property
+    def equations(self) -> Equations:
+        """Channels and columns, without offsets."""
+        return self.fitted[0][0].equations
+
+    @property
+    def held(self) -> bool:
+        """True if something besides the contacts holds the base, measured or not."""
+        first = self.fitted[0][0].recording
+        return GROUND in first.wrenches or not first.wrenches
+
+    @property
+    def samples(self) -> Samples:
+        """All samples to fit."""
+        return joined([log.samples[log.taken(part)] for log, part in self.fitted])
+
+    def with_logs(self, logs: Sequence[Prepared], judges: Sequence[Prepared]) -> "Problem":
+        """Problem of other versions of the recordings, divided into the same parts."""
+        fitted = [(log, part) for log, (_, part) in zip(logs, self.fitted, strict=True)]
+        return replace(
+            self, fitted=fitted, judged=[(log, part) for log, (_, part) in zip(judges, self.judged, strict=True)]
+        )
+
+    def held_out(self, fits: Sequence[Fit]) -> HeldOut:
+        """Residuals on the samples to judge by, of one fit for all recordings or one for each."""
+        samples = [log.samples[log.taken(part)] for log, part in self.judged]
+        each = list(fits) * len(samples) if len(fits) == 1 else fits
+        residual = np.concatenate([fit.residual(x) for fit, x in zip(each, samples, strict=True)])
+        time, starts = _in_a_row([log.recording.time[log.taken(part)] for log, part in self.judged])
+        return HeldOut(time, joined(samples), fits[0], residual, starts)
+
+
+def _in_a_row(times: Sequence[np.ndarray]) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Times of recordings one after the other, and the indices at which each begins or continues after a gap."""
+    out, starts = times[0][:0], list[int]()
+    for own in times:
+        starts += [len(out) + run.start for run in stretches(own, np.ones(len(own), bool))]
+        out = np.append(out, own - own[0] + out[-1] + np.median(np.diff(own)) if len(out) else own)
+    return out, tuple(starts)
+
+
+def problem_of(
+    logs: Sequence[Prepared], holdout: float, judges: Sequence[Prepared], *, alone: bool, **more: Any
+) -> Problem:
+    """Problem with samples to fit, and samples of the same or other recordings to judge by; no channel is constant.
+
+    Args:
+        logs: Recordings to fit.
+        holdout: Fraction of each, its end, to judge by.
+        judges: Other recordings to judge by instead.
+        alone: True if accelerations of the samples to judge by will follow from angles alone.
+        more: Other fields of the problem.
+
+    Raises:
+        InputError: There are too few samples, or channels differ.
+    """
+    first = logs[0].equations
+    for other, role in [
+        *((log, "A log to fit besides the first") for log in logs[1:]),
+        *((j, "A log to judge by") for j in judges),
+    ]:
+        if other.equations.channels != first.channels:
+            raise InputError(
+                f"{role} needs the channels {', '.join(first.channels)}; it has {', '.join(other.equations.channels)}."
+            )
+    whole, ends = zip(*(_split(log, 0.0 if judges else holdout) for log in logs), strict=True)
+    measured = [log.samples.measured[part] for log, part in zip(logs, whole, strict=True)]
+    if any(map(len, measured)) and not any(np.ptp(x, axis=0).any() for x in measured if len(x)):
+        raise InputError("Every measured channel is constant; there is nothing to fit.")
+    if judges:
+        ends = tuple(slice(judge.edge, len(judge.samples) - judge.edge) for judge in judges)
+        for judge, end in zip(judges, ends, strict=True):
+            if end.stop - end.start < LEAST_HELD_OUT:
+                raise InputError(
+                    f"The log to judge by has {len(judge.samples)} samples; with {judge.edge} left out at either end, "
+                    "where the filter settles, nothing remains."
+                )
+    needed = len(first.names) + len(first.channels)
+    rows = sum(len(log.taken(part)) for log, part in zip(logs, whole, strict=True))
+    judged = sum(len(log.taken(part)) for log, part in zip(judges or logs, ends, strict=True))
+    if rows < needed or judged < LEAST_HELD_OUT:
+        raise InputError(
+            f"{sum(len(log.samples) for log in logs)} samples, {logs[0].edge} left out at either end and "
+            f"{holdout:.0%} held out, are too few for {len(first.names)} parameters.{_lost(logs)}"
+        )
+    fitted = [(_with_rests(log, part), part) for log, part in zip(logs, whole, strict=True)]
+    to_judge = [(log, _settled(log, end) if alone else end) for log, end in zip(judges or logs, ends, strict=True)]
+    return _without_flat(Problem(fitted, to_judge, bool(judges), **more))
+
+
+def _with_rests(log: Prepared, part: slice) -> Prepared:
+    """Recording with notes on joints that rest in the fitted part and move later."""
+    sentences = [] if part.start >= part.stop else repairs.rests(log.recording, log.mechanism.tree, part)
+    whole = {note.partition(" rests at ")[0] for note in log.notes}
+    more = [f"In what is fitted, {x}" for x in sentences if x.partition(" rests at ")[0] not in whole]
+    return replace(log, notes=(*log.notes, *more)) if more else log
+
+
+def _lost(logs: Sequence[Prepared]) -> str:
+    """Sentence on the samples lost to clipping and gaps, with a leading space; empty if none are."""
+    inside = [slice(log.edge, len(log.samples) - log.edge) for log in logs]
+    kept = sum(len(log.taken(part)) for log, part in zip(logs, inside, strict=True))
+    if kept == sum(part.stop - part.start for part in inside):
+        return ""
+    filtered = (
+        ", or nearer to one than the filter settles; the trajectory estimate filters nothing" if logs[0].edge else ""
+    )
+    return f" Of those, {kept} are left: the others are clipped, left out or in a gap{filtered}."
+
+
+def _without_flat(problem: Problem) -> Problem:
+    """Problem without channels that are constant in the fitted samples, unless none would be left."""
+    flat = flat_channels(problem.fitted)
+    flat = {name: x for name, x in flat.items() if name in problem.equations.channels}
+    if not flat or len(flat) == len(problem.equations.channels):
+        return problem
+    logs, judges = ([without_channels(log, flat) for log, _ in several] for several in (problem.fitted, problem.judged))
+    return problem.with_logs(logs, judges)
+
+
+def _split(log: Prepared, holdout: float) -> tuple[slice, slice]:
+    """Samples of a recording to fit and to judge by; the same ones if nothing is held out."""
+    edge, samples = log.edge, len(log.samples)
+    if 2 * edge >= samples:
+        raise InputError(
+            f"A cut-off of {log.cutoff:g} Hz settles in {edge} samples at either end, more than half of the "
+            f"{samples} recorded; take a higher one."
+        )
+    if not holdout:
+        return slice(edge, samples - edge), slice(edge, samples - edge)
+    usable = log.taken(slice(0, samples))
+    split = int(usable[round((1 - holdout) * len(usable))]) if len(usable) else samples
+    return slice(edge, split), slice(split, samples - edge)
+
+
+def _settled(log: Prepared, part: slice) -> slice | np.ndarray:
+    """Part to judge by without the ends of the recording and at gaps, unless too little would remain."""
+    time, kept = log.recording.time, np.zeros(len(log.samples), bool)
+    for run in stretches(time, log.covered):
+        first, last = time[run][[0, -1]]
+        edge = min(UNSETTLED, LARGEST_END * (last - first))
+        kept[run] = (time[run] > first + edge) & (time[run] < last - edge)
+    settled = np.arange(len(kept))[part][kept[part]]
+    return settled if len(log.taken(settled)) >= LEAST_HELD_OUT else part
