@@ -261,7 +261,7 @@ def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
         for name in ("simplified", "full", "full_trajectory")
     }
     figure = monte_carlo.chart(found)
-    assert [ax.get_title() for ax in figure.axes] == ["simplified", "full", "full, joint"]
+    assert [ax.get_title() for ax in figure.axes] == ["simplified", "full", "full trajectory"]
     for ax, d in zip(figure.axes, found.values(), strict=True):
         low, high = ax.get_xlim()
         assert low < d.interval.min() and d.interval.max() < high
