@@ -26,7 +26,7 @@ def table_3(result: Study) -> report.Table:
         columns |= {
             f"{model}, paper": by_name[f"paper_error_{model}"],
             f"{model}, ours": by_name[f"error_{model}"],
-            f"{model}, joint": by_name[f"trajectory_error_{model}"],
+            f"{model}, trajectory": by_name[f"trajectory_error_{model}"],
         }
     return report.Table("", *report.columns(**columns), decimals=2)
 
@@ -46,14 +46,14 @@ def table_wrench_errors(result: Study) -> report.Table:
 def table_4(result: Study) -> report.Table:
     """Table IV with our errors beside the paper's, by least squares and by the trajectory estimate."""
     shown = study_tables.table(result, "table_4")
-    name, true_paper, true_scene, error, paper_error, joint, _ = zip(*shown.rows, strict=True)
+    name, true_paper, true_scene, error, paper_error, trajectory, _ = zip(*shown.rows, strict=True)
     columns = {
         "parameter": name,
         "true, paper": true_paper,
         "true, scene": true_scene,
         "error, paper": paper_error,
         "error, ours": error,
-        "error, joint": joint,
+        "error, trajectory": trajectory,
     }
     return report.Table("", *report.columns(**columns), decimals=2, marked=shown.marked, footnote=shown.footnote)
 
