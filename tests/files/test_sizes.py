@@ -75,8 +75,9 @@ def test_columns_are_the_same_however_they_are_read(tmp_path, monkeypatch, block
         table.column("note")
 
 
-def test_small_numbers_of_matlab_count_as_what_they_become(tmp_path):
-    write_mat(tmp_path / "log.mat", {"x": np.zeros(400_000, np.uint8)})
+@pytest.mark.parametrize("content", [np.zeros(400_000, np.uint8), {"y": np.zeros(400_000, np.uint8)}])
+def test_small_numbers_of_matlab_count_as_what_they_become(tmp_path, content):
+    write_mat(tmp_path / "log.mat", {}, x=content)
     assert "takes 3 MB in memory where at most 2 MB" in peak(tmp_path / "log.mat")
 
 

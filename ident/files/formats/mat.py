@@ -36,6 +36,8 @@ def tables(path: Path, limit: int) -> list[Table]:
         # Small numbers and integers take less in the file than as floats in memory.
         check_size(path, sum(NUMBER * math.prod(shape) for _, shape, _ in whosmat(path)), limit)
         arrays = dict(_arrays("", loadmat(path, simplify_cells=True)))
+        # Those in structures have no shape in the list above.
+        check_size(path, sum(NUMBER * x.size for x in arrays.values()), limit)
     samples = max((max(x.shape) for x in arrays.values()), default=0)
     cells: dict[str, np.ndarray] = {}
     for name, x in arrays.items():
