@@ -11,7 +11,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document import report
     from experiments.document.page import PAGE
     from experiments.reports import compare_report
-    from experiments.studies.comparing import read_results
+    from experiments.studies.result_files import read_results
     from ident.errors import InputError
 
     compared, layout = read_results(args.results), print_options.layout_of(args)

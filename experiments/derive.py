@@ -3,11 +3,12 @@
 import argparse
 
 from experiments.cli import options
+from experiments.runs.environment import extra
 
 
 def run(args: argparse.Namespace) -> None:
     """Derives a model and writes it."""
-    with options.extra("symbolic"):
+    with extra("symbolic"):
         from experiments.symbols import derivation
     derivation.run(args)
 

@@ -10,7 +10,7 @@ import math
 
 import scenes
 from experiments.cli import options
-from experiments.cli.defaults import ACCELERATION, CRITERIA, NOISE, SECONDS, SENSORS, VELOCITY
+from experiments.data.defaults import ACCELERATION, CRITERIA, NOISE, SECONDS, SENSORS, VELOCITY
 from ident.tolerances import HUGE
 
 

@@ -14,7 +14,7 @@ from mechanisms import (
 )
 
 import scenes
-from experiments.studies import paper
+from experiments.data import paper
 from ident.geometry import se3
 from ident.geometry.inertia import com_from_parameters, parameters_from_com, pseudo_inertia
 from ident.mechanism.mechanism import Mechanism

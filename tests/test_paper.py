@@ -7,9 +7,9 @@ import pytest
 from mechanisms import double_pendulum, tilted_axis
 
 import scenes
+from experiments.data import paper
+from experiments.data.fitting import fit
 from experiments.reports import study_report
-from experiments.studies import paper
-from experiments.studies.fitting import fit
 from experiments.studies.simulated import study as study_of
 from ident.geometry.inertia import pseudo_inertia
 from ident.parameters.base_parameters import find_base_parameters

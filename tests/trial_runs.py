@@ -15,8 +15,9 @@ import pytest
 from fuzz.here import Here
 
 from experiments import multicontact
+from experiments.data.simulated import Problem
 from experiments.studies import trials
-from experiments.studies.simulated import Problem, study, trial
+from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged
 
 ANALYSE = partial(trial, Problem.of(packaged("multicontact")), ("contact",))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from experiments.data.fitting import TrajectoryTrial
 from experiments.studies import simulated
-from experiments.studies.fitting import TrajectoryTrial
 
 
 def truth(mechanism, recording, base):

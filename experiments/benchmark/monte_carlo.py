@@ -11,7 +11,7 @@ from experiments.benchmark.identification import check_agreement, solved
 from experiments.benchmark.mechanisms import Subject, double_pendulum
 from experiments.benchmark.peers import PINOCCHIO_NAME, Pinocchio
 from experiments.benchmark.timing import Comparison, Effort, alternating, with_and_without
-from experiments.cli.defaults import SCENE
+from experiments.data.defaults import SCENE
 from ident.estimation.accumulator import accumulate
 from ident.estimation.samples import Samples
 from ident.mechanism.motion import Motion

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.cli import options
+from experiments.runs.environment import extra
 from ident.errors import InputError
 from ident.geometry import se3
 from ident.geometry.inertia import PINOCCHIO
@@ -37,7 +37,7 @@ class Pinocchio:
         Raises:
             InputError: Pinocchio is not installed.
         """
-        with options.extra("peers"):
+        with extra("peers"):
             import pinocchio as pin
         self.tree, self.model, self._pin = tree, pin.Model(), pin
         self.model.gravity.linear = gravity

@@ -9,7 +9,7 @@ import numpy as np
 
 import scenes
 from experiments.benchmark.timing import Effort, alternating, ratio
-from experiments.cli.defaults import SCENE
+from experiments.data.defaults import SCENE
 from ident.mechanism.motion import Motion
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.rollout import steps_per_sample

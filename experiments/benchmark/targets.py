@@ -5,8 +5,8 @@ from typing import Any
 
 from experiments.benchmark import identification, monte_carlo
 from experiments.benchmark.mechanisms import ARM, PENDULUM, TILTED, TREE
+from experiments.data import paper
 from experiments.document import report
-from experiments.studies import paper
 
 Results = Mapping[str, Any]
 """Contents of `benchmark.json`."""

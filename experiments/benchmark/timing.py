@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.studies import paper
+from experiments.data import paper
 from ident.model import compiled
 
 MOST = 51

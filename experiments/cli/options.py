@@ -16,8 +16,8 @@ from urllib.parse import urlsplit
 
 import ident
 import scenes
-from experiments.cli.defaults import FORMATS, REDRAWN, TRAJECTORY_TRIALS
 from experiments.cli.print_options import add_print, style_of
+from experiments.data.defaults import FORMATS, REDRAWN, TRAJECTORY_TRIALS
 from experiments.runs.environment import end_at_once, environment, seldom_collected, unsaid
 from experiments.runs.signals import ENDING, GRACE, ended_after
 from ident.errors import InputError
@@ -293,17 +293,6 @@ def _request(command: str) -> str:
         "This is a fault of multicontact, not of what it was given: please report it in the project's issue tracker, "
         f"with all of the above, version {ident.__version__} and the command: {command}"
     )
-
-
-@contextmanager
-def extra(name: str) -> Iterator[None]:
-    """Turns a failing import in a block into a sentence that names the extra to install."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"This needs the package '{error.name}', which the extra '{name}' brings: pip install -e '.[{name}]'."
-        ) from None
 
 
 @contextmanager

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from experiments.data import paper
 from experiments.document.page import rendered
 from experiments.document.report import Cell, Table
 from experiments.document.results import Results
-from experiments.studies import paper
 from ident.files.atomic import replacing
 
 

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.cli.own_model import progress
+from experiments.data.errors import HALF_WIDTH
 from experiments.document import figures, report
 from experiments.document.page import Said, conclude
 from experiments.document.results import Results
 from experiments.in_vivo.study import JUDGED_AT, Study, study
 from experiments.reports.identify_replay import replay
-from experiments.studies.errors import HALF_WIDTH
 
 ABOUT = (
     "A recording of a person who bows on a force plate is identified by several estimators: what each makes of legs "

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 import scenes
-from experiments.cli.defaults import SCENE
-from experiments.studies import paper
+from experiments.data import paper
+from experiments.data.defaults import SCENE
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
 from ident.parameters.base_parameters import BaseParameters, structural_base_parameters

@@ -11,11 +11,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
+from experiments.data.errors import HALF_WIDTH, Errors
 from experiments.document import figures
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.estimators import ESTIMATORS, LABELS
 from experiments.noise.study import Study
-from experiments.studies.errors import HALF_WIDTH, Errors
 
 PARAMETER = "Ixx2"
 """Parameter of the comparison: an inertia, which is identifiable from accelerations alone."""

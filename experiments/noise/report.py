@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.data.errors import Errors
 from experiments.document import report
 from experiments.document.page import Said, conclude
 from experiments.document.results import Results
@@ -15,7 +16,6 @@ from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.estimators import ESTIMATORS, LABELS
 from experiments.noise.figure import PANELS, PARAMETER, compared, figure
 from experiments.noise.study import Outcome, Study
-from experiments.studies.errors import Errors
 from ident.geometry.inertia import with_bodies
 from ident.tolerances import DRIVE
 

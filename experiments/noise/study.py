@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from experiments.data.errors import Errors
 from experiments.noise.conditions import CONDITIONS
 from experiments.noise.estimators import ESTIMATORS, LABELS, Case
 from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.workers import worker_pool
-from experiments.studies.errors import Errors
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 

@@ -8,11 +8,12 @@ from typing import Any
 
 from experiments.benchmark import sections, words
 from experiments.benchmark.figure import figure_benchmark
+from experiments.data.simulated import Study
 from experiments.document import figures, report
 from experiments.readme import moving_picture
 from experiments.readme.estimator_figure import figure_estimator
 from experiments.reports import study_figures, study_report, study_tables
-from experiments.studies.simulated import Study, study
+from experiments.studies.simulated import study
 from ident.errors import InputError
 from ident.files.atomic import replacing
 

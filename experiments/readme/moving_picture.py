@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
+from experiments.data.simulated import Study
 from experiments.document import figures
-from experiments.studies.simulated import Study
 from ident.files.atomic import replacing
 
 CONTACT = "handle"

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.data.comparison import Difference, Result
+from experiments.data.errors import HALF_WIDTH
 from experiments.document import figures, report, row_panels
 from experiments.document.layout import PAPER, Layout
 from experiments.document.page import PAGE, Said, write_report
 from experiments.document.results import Results
 from experiments.document.terminal import wrapped
-from experiments.studies.comparing import Difference, Result
-from experiments.studies.errors import HALF_WIDTH
 
 OUTPUTS = (*report.OUTPUTS, "comparison.json", PAGE)
 

@@ -5,8 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from experiments.data.errors import HALF_WIDTH
 from experiments.document import figures
-from experiments.studies.errors import HALF_WIDTH
 from experiments.studies.human import Study
 
 COLORS = {"prior": "0.55", "estimate": "C0"}

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from experiments.cli.own_model import progress
+from experiments.data.errors import HALF_WIDTH
 from experiments.document import report
 from experiments.document.page import Said, conclude
 from experiments.document.results import Results
@@ -16,7 +17,6 @@ from experiments.reports import identify_replay
 from experiments.reports.human_figure import figure, foretold, growth
 from experiments.runs.workers import worker_pool
 from experiments.studies import human
-from experiments.studies.errors import HALF_WIDTH
 from experiments.studies.human import MOVED, Study
 from experiments.studies.person_recordings import Laboratory
 from ident.errors import InputError

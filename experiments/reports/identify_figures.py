@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
+from experiments.data.errors import HALF_WIDTH
 from experiments.document import escape, figures, row_panels
 from experiments.document.layout import PAPER, Layout
 from experiments.reports.identify_replay import channel_unit
-from experiments.studies.errors import HALF_WIDTH
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from experiments.data.errors import HALF_WIDTH
 from experiments.document.layout import offset_unit, unit_of
 from experiments.document.parameter_words import in_words, regrouped_in_words
 from experiments.document.replay import Replay, every_nth
-from experiments.studies.errors import HALF_WIDTH
 from ident.estimate import Estimate
 from ident.estimation.equations import COMPONENTS
 from ident.geometry.inertia import body_index

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from experiments.data.errors import HALF_WIDTH
 from experiments.document import report
 from experiments.document.layout import PAPER, Layout, offset_unit
 from experiments.document.page import PAGE, Said, write_report
 from experiments.document.results import Results
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_figures, identify_report
-from experiments.studies.errors import HALF_WIDTH
 from ident.geometry.inertia import symmetric
 from ident.payload.payload import Payload
 from ident.payload.rigid_body import QUANTITIES, RigidBody

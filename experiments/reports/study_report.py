@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from experiments.cli.print_options import layout_of
+from experiments.data.simulated import Study
+from experiments.data.study_file import StudyFile
 from experiments.document import report
 from experiments.document.page import Said
 from experiments.document.replay import Replay, every_nth
@@ -16,8 +18,7 @@ from experiments.document.terminal import wrapped
 from experiments.reports import study_figures, study_tables
 from experiments.reports.study_tables import touches
 from experiments.studies import monte_carlo
-from experiments.studies.simulated import Study, simulated
-from experiments.studies.study_file import StudyFile
+from experiments.studies.simulated import simulated
 from ident.mechanism.axes import angle
 from ident.mechanism.motion import Motion
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
+from experiments.data.simulated import Study
 from experiments.document import report
-from experiments.studies.fitting import ESTIMATORS, TrajectoryTrial, Trial
-from experiments.studies.simulated import Study
 
 CHANNELS = ("Fx", "Fy", "Fz", "τx", "τy", "τz")
 """The wrench's components in the paper's names."""

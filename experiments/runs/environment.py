@@ -1,10 +1,12 @@
-"""Environment variables that libraries read at their first import, and settings of Python's garbage collection."""
+"""Environment of a run: variables that libraries read at their first import, garbage collection, optional packages."""
 
 import atexit
 import gc
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+
+from ident.errors import InputError
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables that limit the threads of linear algebra."""
@@ -52,3 +54,14 @@ def seldom_collected() -> Iterator[None]:
 def end_at_once() -> None:
     """Skips the garbage collection at the end of the process, which takes a tenth of a short command."""
     atexit.register(gc.freeze)
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Turns a failing import in a block into a sentence that names the extra to install."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"This needs the package '{error.name}', which the extra '{name}' brings: pip install -e '.[{name}]'."
+        ) from None

@@ -12,7 +12,7 @@ from multiprocessing.context import SpawnProcess
 from queue import SimpleQueue
 from typing import Any
 
-from experiments.runs.environment import THREADS, environment, seldom_collected
+from experiments.runs.environment import THREADS, environment, extra, seldom_collected
 from experiments.runs.signals import held_back
 from ident.errors import InputError
 
@@ -50,10 +50,7 @@ def worker_pool(workers: int, scheduler: str | None = None, tls: Sequence[str] |
         with _local(workers) as executor:
             yield WorkerPool(executor, 2 * workers, max(1, (os.cpu_count() or 1) // workers))
     else:
-        # Local processes import this module too, and start sooner without the modules that draw figures.
-        from experiments.cli import options
-
-        with options.extra("cluster"):
+        with extra("cluster"):
             from experiments.runs import cluster
         with cluster.connected(scheduler, tls) as (executor, number):
             yield WorkerPool(executor, 2 * number, 1)

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 
 import scenes
-from experiments.cli.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
+from experiments.data import paper
+from experiments.data.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
 from experiments.document import report
 from experiments.document.page import PAGE, Said, complain, write_results
 from experiments.document.results import Results
 from experiments.document.terminal import wrapped
 from experiments.reports.excite_report import figure, recording, table_deviations, table_limits, table_quality
-from experiments.studies import criteria, excitation, paper
+from experiments.studies import criteria, excitation
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
 from ident.geometry.inertia import with_bodies

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from experiments.cli.defaults import NOISE
+from experiments.data.defaults import NOISE
 from ident.errors import InputError, ModelError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
+from experiments.data.errors import HALF_WIDTH
 from experiments.studies.competitors import USUAL
-from experiments.studies.errors import HALF_WIDTH
 from experiments.studies.person_faults import drawn
 from experiments.studies.person_recordings import SENSORS, Laboratory, humanoid, mistaken, moved, recorded
 from ident.errors import InputError

@@ -10,11 +10,11 @@ from matplotlib.patches import Arc
 
 import scenes
 import sim
-from experiments.cli.defaults import SCENE
+from experiments.data import paper
+from experiments.data.defaults import SCENE
 from experiments.document import figures, report
 from experiments.document.page import Said, conclude
 from experiments.document.results import Results
-from experiments.studies import paper
 from ident.geometry.inertia import com_from_parameters
 from ident.mechanism import dh
 from ident.mechanism.tree import Tree

@@ -12,17 +12,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.cli.defaults import REDRAWN
 from experiments.cli.print_options import author_choices, layout_of
+from experiments.data.defaults import REDRAWN
+from experiments.data.errors import Errors
+from experiments.data.fitting import ESTIMATORS
+from experiments.data.simulated import Study
 from experiments.document import figures, report
 from experiments.document.layout import PAPER, Layout
 from experiments.document.page import PAGE, Said, filmed, write_report
 from experiments.document.results import Results
 from experiments.document.terminal import wrapped
 from experiments.runs.workers import worker_pool
-from experiments.studies.errors import Errors
-from experiments.studies.fitting import ESTIMATORS
-from experiments.studies.simulated import Study, trajectory_trial, trial
+from experiments.studies.simulated import trajectory_trial, trial
 from experiments.studies.trials import (
     FILE,
     TRAJECTORY_FILE,

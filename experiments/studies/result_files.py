@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.data.comparison import Result
 from ident.errors import InputError
 
 LARGE = 1e30
@@ -17,6 +18,22 @@ Content = Mapping[str, Any]
 
 class _WrongError(Exception):
     """An entry is invalid; the message is the second half of a sentence."""
+
+
+def read_results(folders: Sequence[Path]) -> list[Result]:
+    """Reads folders that `identify` has written.
+
+    Raises:
+        InputError: A folder lacks a file, or holds something else.
+    """
+    if len(folders) < 2 or len({folder.resolve() for folder in folders}) < len(folders):
+        raise InputError("A comparison needs two or more different folders of results.")
+    names = [folder.resolve().name for folder in folders]
+    if len(set(names)) < len(names):
+        names = list(map(str, folders))
+    return [
+        Result(name, estimate_of(folder), provenance_of(folder)) for name, folder in zip(names, folders, strict=True)
+    ]
 
 
 def estimate_of(folder: Path) -> Content:

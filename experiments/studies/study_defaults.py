@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from experiments.studies.study_file import Model
+from experiments.data.study_file import Model
 
 Entries = Mapping[str, Mapping[str, Any]]
 

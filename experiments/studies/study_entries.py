@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 import scenes
-from experiments.studies import paper
-from experiments.studies.fitting import ESTIMATORS
+from experiments.data import paper
+from experiments.data.fitting import ESTIMATORS
+from experiments.data.study_file import ALL, AXES, Model, Scene, StudyFile
 from experiments.studies.study_defaults import usual
-from experiments.studies.study_file import ALL, AXES, Model, Scene, StudyFile
 from ident.errors import InputError
 from ident.files.table import short
 from ident.recordings.columns.entries import check_keys, table

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from experiments.data.fitting import TrajectoryTrial, Trial
+from experiments.data.study_file import StudyFile
 from experiments.runs.checkpoint import Checkpoint
-from experiments.studies.fitting import TrajectoryTrial, Trial
-from experiments.studies.study_file import StudyFile
 from ident.errors import InputError
 from ident.estimation.in_order import in_order
 from ident.recordings.recording import Recording

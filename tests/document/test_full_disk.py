@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import scenes
 import sim
 from experiments import excite, mechanism, misaligned
-from experiments.cli import defaults
+from experiments.data import defaults
 from experiments.document import figures, report
 from experiments.runs.checkpoint import Checkpoint
 from ident.recordings.recording import Recording

@@ -15,7 +15,7 @@ from mechanisms import (
 )
 from regroupings import check_regroupings
 
-from experiments.studies import paper
+from experiments.data import paper
 from ident.geometry.inertia import parameter_names
 from ident.geometry.se3 import pose, rotation
 from ident.mechanism.body import Body

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import scenes
-from experiments.studies.simulated import Problem
+from experiments.data.simulated import Problem
 from experiments.studies.study_entries import packaged
 from ident.errors import ModelError
 from ident.geometry import se3

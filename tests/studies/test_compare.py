@@ -9,8 +9,9 @@ from commands import refusal
 from scipy import stats
 
 from experiments import compare
+from experiments.data.comparison import Difference
 from experiments.reports import compare_report
-from experiments.studies.comparing import Difference, read_results
+from experiments.studies.result_files import read_results
 from ident.errors import InputError
 
 NAMES = ("m1", "m2rz2", "Ixx2")

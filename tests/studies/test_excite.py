@@ -7,7 +7,7 @@ import pytest
 from commands import refusal
 
 from experiments import excite
-from experiments.cli import defaults
+from experiments.data import defaults
 from experiments.studies import criteria, excitation
 from ident.errors import ModelError
 from ident.mechanism.motion import Motion

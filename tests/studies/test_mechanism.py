@@ -13,10 +13,11 @@ from persons import briefly
 from truth import told
 
 from experiments.__main__ import main as everything
+from experiments.data import paper
 from experiments.document.figures import WIDTHS
 from experiments.mechanism import main
 from experiments.runs import workers
-from experiments.studies import human, mechanism, paper
+from experiments.studies import human, mechanism
 from ident.geometry.se3 import exp
 
 OPTIONS = ["--formats", "svg", "--trials", "4", "--trajectory-trials", "2", "--redraw", "sensors"]

@@ -12,11 +12,10 @@ import pytest
 from commands import refusal
 
 from experiments import misaligned
-from experiments.cli import defaults
+from experiments.data import defaults, fitting, paper, study_file
+from experiments.data.fitting import trajectory_fit
 from experiments.document.figures import WIDTHS
 from experiments.reports import study_figures
-from experiments.studies import fitting, paper, study_file
-from experiments.studies.fitting import trajectory_fit
 from experiments.studies.simulated import study as study_of
 from ident.errors import ExcitationError
 from ident.identification import identified
@@ -107,7 +106,7 @@ def test_too_few_angles_for_the_trajectory_estimate_leave_its_columns_empty(tmp_
     def undetermined(*_):
         raise ExcitationError("The recording does not determine all parameters.", ())
 
-    monkeypatch.setattr("experiments.studies.fitting.trajectory_fit", undetermined)
+    monkeypatch.setattr("experiments.data.fitting.trajectory_fit", undetermined)
     assert misaligned.main(["--out", str(tmp_path), "--samples", "60", "--formats", "png"]) == 0
     rows = list(csv.DictReader((tmp_path / "table_3.csv").read_text().splitlines()))
     assert {row["trajectory_error_full"] for row in rows} == {""} and float(rows[1]["error_full"]) != 0

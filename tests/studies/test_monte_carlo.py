@@ -11,11 +11,13 @@ import pytest
 from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 
 from experiments import misaligned, multicontact
-from experiments.cli import defaults, options
+from experiments.cli import options
+from experiments.data import defaults
+from experiments.data.simulated import Problem
 from experiments.document import figures
 from experiments.runs.workers import worker_pool
 from experiments.studies import monte_carlo, trials
-from experiments.studies.simulated import Problem, study, trial
+from experiments.studies.simulated import study, trial
 from experiments.studies.study_entries import packaged
 from ident.recordings.recording import Recording
 

@@ -13,11 +13,12 @@ from truth import told
 
 import scenes
 from experiments import multicontact
+from experiments.data import paper
+from experiments.data.fitting import fit
+from experiments.data.simulated import Problem
 from experiments.document.figures import INKS
 from experiments.reports import study_figures, study_report, study_tables
-from experiments.studies import paper
-from experiments.studies.fitting import fit
-from experiments.studies.simulated import Problem, study
+from experiments.studies.simulated import study
 from experiments.studies.study_entries import packaged
 from ident.model.regressor import base_wrench_regressor
 from ident.recordings.wrench import transform_wrench

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from commands import refusal
 
+from experiments.data.errors import Errors
 from experiments.noise import estimators, figure, report
 from experiments.noise import study as noise
 from experiments.noise.__main__ import main
@@ -17,7 +18,6 @@ from experiments.noise.conditions import CONDITIONS, SUBJECTS, Condition
 from experiments.noise.estimators import Answer, Case
 from experiments.noise.recordings import noisy_recording
 from experiments.studies import competitors
-from experiments.studies.errors import Errors
 from experiments.studies.noise_processes import autoregressive
 from ident.errors import InputError
 from ident.estimation.in_order import in_order

@@ -4,12 +4,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.studies.result_files import estimate_of, provenance_of
 from ident.errors import InputError
 from ident.judgement.comparison import Comparison
 
@@ -72,22 +70,6 @@ def _told(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return "none" if value is None else str(value)
-
-
-def read_results(folders: Sequence[Path]) -> list[Result]:
-    """Reads folders that `identify` has written.
-
-    Raises:
-        InputError: A folder lacks a file, or holds something else.
-    """
-    if len(folders) < 2 or len({folder.resolve() for folder in folders}) < len(folders):
-        raise InputError("A comparison needs two or more different folders of results.")
-    names = [folder.resolve().name for folder in folders]
-    if len(set(names)) < len(names):
-        names = list(map(str, folders))
-    return [
-        Result(name, estimate_of(folder), provenance_of(folder)) for name, folder in zip(names, folders, strict=True)
-    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,1 @@
+"""Data of the studies: what they are given, and what they return, for reports to read."""
