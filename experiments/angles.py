@@ -1,16 +1,71 @@
 """Joint angles from the positions of markers, their noise, and the lengths of segments."""
 
 import argparse
+import shlex
+from math import isfinite
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from experiments.cli import options
+from experiments.cli import options, print_options
+from ident.errors import InputError
+
+if TYPE_CHECKING:
+    from experiments.data.outcomes import Angles
+    from experiments.studies.angles import Scale
 
 
 def run(args: argparse.Namespace) -> None:
     """Fits a trial, and writes and prints the results."""
-    from experiments.studies import angles
+    from experiments.document.provenance import provenance
+    from experiments.document.writer import write
+    from experiments.reports import angles_report
+    from experiments.studies.angles import angles
 
-    angles.run(args)
+    _check(args)
+    fix, scale = options.fixed(args.fix), _scale(args)
+    given = {"places": args.places, "base": args.base, "fix": fix, "wrenches": args.wrenches, "scale": scale}
+    found = angles(args.model, args.markers, **given)
+    document = angles_report.document(found, args.model, args.markers, provenance(options.as_text(args)))
+    inputs = [*filter(None, (args.model, args.markers, args.places, args.scale_from, args.wrenches))]
+    out = print_options.output_of(args, formats=list(dict.fromkeys(["png", *args.formats])))
+    then = f"With forces of plates on the same clock, then:\n{_identify(args, found)}"
+    write(document, out, stale=angles_report.OUTPUTS, inputs=inputs, then=then)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Checks that options about lengths do not contradict each other."""
+    for option in ("symmetric", "scale_from", "mass"):
+        if getattr(args, option) and not args.scale:
+            raise InputError(f"--{option.replace('_', '-')} is about lengths that --scale finds; give --scale as well.")
+    if args.mass is not None and not (isfinite(args.mass) and args.mass > 0):
+        raise InputError(f"--mass needs a positive number of kg, got {args.mass}.")
+
+
+def _scale(args: argparse.Namespace) -> "Scale | None":
+    """How to scale the model's segments."""
+    from experiments.studies.angles import Scale
+
+    return Scale(args.scale_from, args.symmetric, args.mass) if args.scale else None
+
+
+def _identify(args: argparse.Namespace, found: "Angles") -> str:
+    """The command to run next."""
+    from ident.estimation.equations import channels_out_of_plane
+    from sim.models.mechanism import mechanism
+
+    log = f"{args.out / 'angles.csv'}" + ("" if args.wrenches else "+PLATES.mot")
+    words = [
+        "python",
+        "-m",
+        "experiments.identify",
+        str(args.model),
+        log,
+        *(["--base", found.base] if found.base else []),
+    ]
+    words += [word for fixed in args.fix for word in ("--fix", *fixed)]
+    words += [word for name in found.postures.undetermined for word in ("--fix", name)]
+    sideways = () if found.base else channels_out_of_plane(mechanism(args.model, fix=options.fixed(args.fix)))
+    return shlex.join([*words, *(["--leave-out", *sideways] if sideways else [])])
 
 
 def parser() -> argparse.ArgumentParser:

@@ -10,7 +10,7 @@ def run(args: argparse.Namespace) -> None:
     """Derives a model and writes it."""
     with extra("symbolic"):
         from experiments.symbols import derivation
-    derivation.run(args)
+    derivation.run(args.mechanism, args.base, args.ignore, args.out)
 
 
 def parser() -> argparse.ArgumentParser:

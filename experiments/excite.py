@@ -7,18 +7,36 @@ pendulum the limits are those of the paper's excitation, and the design is compa
 
 import argparse
 import math
+from pathlib import Path
 
 import scenes
-from experiments.cli import options
+from experiments.cli import options, print_options
 from experiments.data.defaults import ACCELERATION, CRITERIA, NOISE, SECONDS, SENSORS, VELOCITY
 from ident.tolerances import HUGE
+
+HANDED_ON = (
+    *("base", "ignore", "packages", "joints", "sensors", "noise", "seconds", "harmonics", "criterion"),
+    *("starts", "iterations", "seed"),
+)
+"""Options that the study takes as they are."""
 
 
 def run(args: argparse.Namespace) -> None:
     """Designs a motion, and writes and prints it."""
-    from experiments.studies import designed_excitation
+    from experiments.document.provenance import provenance
+    from experiments.document.writer import write
+    from experiments.reports import excite_report
+    from experiments.studies.designed_excitation import Bounds, designed
 
-    designed_excitation.run(args)
+    design = designed(
+        args.model,
+        bounds=Bounds(args.position, args.velocity, args.acceleration),
+        clearance=None if args.collisions == "ignore" else args.clearance,
+        **{name: getattr(args, name) for name in HANDED_ON},
+    )
+    source = {"series": design.series, "base_parameters": list(design.names)}
+    document = excite_report.document(design, args.model, provenance(options.as_text(args), source))
+    write(document, print_options.output_of(args), inputs=[Path(args.model)])
 
 
 def parser() -> argparse.ArgumentParser:

@@ -2,15 +2,52 @@
 
 import argparse
 import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-from experiments.cli import options
+from experiments.cli import options, print_options
+
+if TYPE_CHECKING:
+    from experiments.document.document import Document
+    from experiments.document.writer import Output
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    from experiments.reports import human_report
+    given = {name: getattr(args, name) for name in ("seed", "activities", "rate", "source", "noise", "persons")}
+    report(print_options.output_of(args), args.seconds, workers=args.workers, **given)
 
-    human_report.run(args)
+
+def report(
+    out: "Output",
+    seconds: int,
+    *,
+    seed: int = 0,
+    activities: Sequence[str] | None = None,
+    rate: int = 50,
+    source: str = "angles",
+    noise: float | None = None,
+    persons: int = 1,
+    workers: int = 1,
+) -> "Document":
+    """Runs the study, writes and prints its results, and returns its document; arguments are the command's options."""
+    from experiments.cli.own_model import progress
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import writable
+    from experiments.document.writer import write
+    from experiments.reports import human_report
+    from experiments.studies import human
+
+    laboratory = human.laboratory(source, float(rate), noise)
+    shared = {"activities": activities, "report": progress}
+    with writable(out.folder):
+        found, feet_alone, *others = human.persons(
+            persons, float(seconds), seed=seed, laboratory=laboratory, workers=workers, **shared
+        )
+    choices: dict[str, Any] = {"seed": seed, "seconds": seconds, "activities": activities, "rate": rate}
+    choices |= {"source": source, "noise": None if laboratory.markers else laboratory.angle_deg}
+    origin = provenance({**choices, "persons": persons, "formats": out.formats, **out.choices})
+    return write(human_report.document(found, feet_alone, others, origin), out)
 
 
 def parser() -> argparse.ArgumentParser:

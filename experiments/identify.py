@@ -24,8 +24,7 @@ PAYS = 30_000
 
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
-    from experiments.document import report
-    from experiments.document.page import PAGE, complain
+    from experiments.document.writer import write
     from experiments.reports import identify_report
     from experiments.studies.identification import prepare
     from ident.identification import NO_CUTOFF, identified
@@ -36,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(
             "Samples may be missing (--gaps) for the trajectory estimate only: a filter would invent them."
         )
-    out = own_model.folder(args)
+    folder = own_model.folder(args)
     read = {"base": args.base, "columns": args.columns, "cutoff": args.cutoff}
     read |= {"filters": args.estimator != "trajectory"}
     read |= {"drive": tuple(args.drive), "leave_out": tuple(args.leave_out)}
@@ -47,12 +46,9 @@ def run(args: argparse.Namespace) -> None:
     fitting |= {"known": PRIOR[args.prior], "physical": args.physical, "report": own_model.progress}
     with _workers(args, logs) as executor:
         result = identified(logs, estimator=args.estimator, judges=judges, executor=executor, **fitting)
-    layout, origin = print_options.layout_of(args), own_model.provenance(args, result.logs)
-    with report.results_folder(out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
-        missing = identify_report.write(result, folder, args.model, args.logs, origin, layout, film=args.film)
-    print(identify_report.text(result))
-    print(f"Everything is in {out}; open {PAGE}.")
-    complain(missing)
+    out, origin = print_options.output_of(args, folder, ("pdf", "svg", "png")), own_model.provenance(args, result.logs)
+    document = identify_report.document(result, args.model, args.logs, origin, out.layout)
+    write(document, out, stale=identify_report.OUTPUTS, inputs=own_model.inputs(args))
 
 
 @contextmanager

@@ -1,15 +1,30 @@
 """The double pendulum itself: Figure 1 and Table II from the scene's own geometry, and Table I as printed."""
 
 import argparse
+from typing import TYPE_CHECKING
 
-from experiments.cli import options
+from experiments.cli import options, print_options
+from experiments.data.defaults import SCENE
+
+if TYPE_CHECKING:
+    from experiments.document.document import Document
+    from experiments.document.writer import Output
 
 
 def run(args: argparse.Namespace) -> None:
     """Writes and prints the mechanism."""
-    from experiments.studies import mechanism
+    report(print_options.output_of(args))
 
-    mechanism.run(args)
+
+def report(out: "Output") -> "Document":
+    """Writes and prints the mechanism, and returns its document."""
+    from experiments.document.provenance import provenance
+    from experiments.document.writer import write
+    from experiments.reports import mechanism_report
+    from experiments.studies.mechanism import difference_of_tables, drawing
+
+    drawn, origin = drawing(), provenance({"formats": out.formats, **out.choices}, {"scene": SCENE})
+    return write(mechanism_report.document(drawn, difference_of_tables(drawn.tree), origin), out)
 
 
 def parser() -> argparse.ArgumentParser:

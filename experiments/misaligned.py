@@ -2,15 +2,16 @@
 
 import argparse
 
-from experiments.cli import options
+from experiments import study
+from experiments.cli import options, print_options
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
-    from experiments.reports import study_report
     from experiments.studies.study_entries import packaged
 
-    study_report.run(args, packaged("misaligned"))
+    file = study.with_options(packaged("misaligned"), args)
+    study.report(file, print_options.output_of(args), study.trials_of(args))
 
 
 def parser() -> argparse.ArgumentParser:

@@ -9,15 +9,14 @@ from ident.tolerances import HOLDOUT
 
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
-    from experiments.document import report
-    from experiments.document.page import PAGE, complain
+    from experiments.document.writer import write
     from experiments.reports import payload_report
     from experiments.studies.identification import recorded
     from ident.payload.identification import identify_payload
     from ident.payload.mounting import place_of
     from sim.models.mechanism import mechanism
 
-    out, fix = own_model.folder(args), options.fixed(args.fix)
+    folder, fix = own_model.folder(args), options.fixed(args.fix)
     robot = mechanism(args.model, args.base, ignore=tuple(args.ignore), fix=fix, packages=args.packages)
     if args.flange:
         place_of(robot, args.body, args.flange)
@@ -25,13 +24,10 @@ def run(args: argparse.Namespace) -> None:
     logs = [recorded(robot, log, **read) for log in args.logs]
     fitting = {"offsets": args.offsets, "holdout": args.holdout, "report": own_model.progress}
     payload = identify_payload(robot, logs, body=args.body, sensor=args.sensor, **fitting)
-    shown = payload_report.PayloadReport(payload, args.flange or args.body)
-    with report.results_folder(out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args)) as folder:
-        origin, layout = own_model.provenance(args, payload.estimate.logs), print_options.layout_of(args)
-        refused = shown.write(folder, args.model, args.logs, origin, layout)
-    print(shown.text())
-    print(f"Everything is in {out}; open {PAGE}.")
-    complain(refused)
+    report = payload_report.PayloadReport(payload, args.flange or args.body)
+    document = report.document(args.model, args.logs, own_model.provenance(args, payload.estimate.logs))
+    out = print_options.output_of(args, folder, ("pdf", "png"))
+    write(document, out, stale=payload_report.OUTPUTS, inputs=own_model.inputs(args))
 
 
 def parser() -> argparse.ArgumentParser:

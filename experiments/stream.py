@@ -7,14 +7,55 @@ residuals at once and several passes, and a held-out fraction needs the number o
 import argparse
 from pathlib import Path
 
-from experiments.cli import options
+from experiments.cli import options, print_options
+
+OUTPUTS = (
+    "report.html",
+    "estimate.json",
+    "provenance.json",
+    *(f"base_parameters.{end}" for end in ("csv", "md", "tex")),
+)
+"""All files of results."""
 
 
 def run(args: argparse.Namespace) -> None:
     """Identifies, and writes and prints the results."""
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import check_inputs, writable
+    from experiments.document.writer import write
+    from experiments.reports import stream_report
+    from experiments.runs.workers import worker_pool
     from experiments.studies import stream
 
-    stream.run(args)
+    inputs, out = _inputs(args), print_options.output_of(args, formats=())
+    settings = {key: getattr(args, key) for key in ("base", "fix", "piece", "contact", "without", "offsets")}
+    identity = stream.identity(args.model, args.columns, args.recordings, settings)
+    read = {key: getattr(args, key) for key in ("ignore", "packages", "columns")}
+    read |= settings | {"fix": options.fixed(args.fix), "limit": options.size_limit(args)}
+    reading = stream.reading(args.model, args.recordings, **read)
+    check_inputs((args.out / name for name in (stream.FILE, *OUTPUTS)), inputs)
+    with writable(args.out):
+        progress = stream.Progress(args.out / stream.FILE, identity)
+        if args.resume:
+            progress = progress.resumed(reading.equations)
+        with worker_pool(args.workers, args.scheduler, args.tls) as pool:
+            found = stream.streamed(progress, reading, pool, args.held_out)
+    held = args.held_out and str(args.held_out)
+    origin = provenance({**identity, "ignore": args.ignore, "held_out": held, **out.choices})
+    write(stream_report.document(found, args.model, args.recordings, origin), out, stale=(), inputs=inputs)
+
+
+def _inputs(args: argparse.Namespace) -> list[Path]:
+    """All input files."""
+    from ident.errors import InputError
+
+    inputs = [args.model, *args.recordings, *filter(None, [args.columns, args.held_out])]
+    for file in inputs:
+        if not file.is_file():
+            raise InputError(f"There is no file '{file}'.")
+    if args.held_out is not None and args.held_out.resolve() in [file.resolve() for file in args.recordings]:
+        raise InputError("The log to judge by (--held-out) has to be another one than those that are fitted.")
+    return inputs
 
 
 def parser() -> argparse.ArgumentParser:

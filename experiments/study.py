@@ -1,22 +1,83 @@
 """A simulated study of your own, stated in one file: its tables and figures as in print."""
 
 import argparse
+import hashlib
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from experiments.cli import options
+from experiments.cli import options, print_options
+
+if TYPE_CHECKING:
+    from experiments.data.study_file import StudyFile
+    from experiments.document.document import Document
+    from experiments.document.writer import Output
+    from experiments.studies.monte_carlo import Trials
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study, and writes and prints its results."""
-    from experiments.reports import study_report
     from experiments.studies.study_entries import PACKAGED, packaged, read
 
     own = str(args.file) not in PACKAGED
     file = read(args.file) if own else packaged(str(args.file))
     if args.contact:
         file = file.with_options(contact=" ".join(args.contact))
-    args.out = args.out or Path("results") / args.file.stem
-    study_report.run(args, file, args.file if own else None)
+    out = print_options.output_of(args, args.out or Path("results") / args.file.stem)
+    report(with_options(file, args), out, trials_of(args), args.file if own else None)
+
+
+def with_options(file: "StudyFile", args: argparse.Namespace) -> "StudyFile":
+    """The study with the values of the command line, which precede the file's."""
+    given = {name: getattr(args, name, None) for name in ("seed", "samples", "tilt_deg", "azimuth_deg", "noise_scale")}
+    return file.with_options(**{name: value for name, value in given.items() if value is not None})
+
+
+def trials_of(args: argparse.Namespace) -> "Trials":
+    """Trials that the command line asks for."""
+    from experiments.studies.monte_carlo import Trials
+
+    return Trials(**{field.name: getattr(args, field.name) for field in fields(Trials)})
+
+
+def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | None = None) -> "Document":
+    """Runs a study and its trials, writes and prints their results, and returns their document.
+
+    Args:
+        file: The study.
+        out: Folder and layout of the results.
+        trials: How many trials to run, and how.
+        source: Path of the study's file; None for a study of the package.
+    """
+    from experiments.data.fitting import ESTIMATORS
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import results_folder
+    from experiments.document.writer import end, write_page, write_parts, written
+    from experiments.reports import monte_carlo_report, study_report
+    from experiments.studies.monte_carlo import Run
+    from experiments.studies.simulated import simulated
+
+    study = simulated(file)
+    study_report.check(out.layout, study)
+    out, inputs = replace(out, checked=True), [] if source is None else [source]
+    origin = provenance({**file.options, "formats": out.formats, **out.choices}, study.recording.provenance)
+    origin["estimators"] = ESTIMATORS
+    run_ = Run.of(study, trials, out.folder)
+    if source is not None:
+        origin["study"] = {"file": source.name, "sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
+    document, missing = written(study_report.document(study, origin), out, inputs=inputs)
+    print(document.text())
+    if trials.trials:
+        more = monte_carlo_report.document(
+            run_.distributions(), study, trials.redraw, provenance(run_.draw.identity), out.layout
+        )
+        with results_folder(out.folder) as folder:
+            write_parts(more, replace(out, folder=folder))
+        print(more.text())
+        document |= more
+        write_page(document, out.folder, out.formats)
+    end(out, missing)
+    return document
 
 
 def parser() -> argparse.ArgumentParser:

@@ -2,14 +2,27 @@
 
 import argparse
 
-from experiments.cli import options
+from experiments.cli import options, print_options
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs the sweep and writes and prints its results."""
-    from experiments.studies import sweep
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import writable
+    from experiments.document.writer import write
+    from experiments.reports import sweep_report
+    from experiments.studies.study_entries import packaged
+    from experiments.studies.sweep import swept, values_of
 
-    sweep.run(args)
+    option, *texts = args.over
+    values = values_of(args.study, option, texts)
+    out = print_options.output_of(args, args.out / args.study / option)
+    with writable(out.folder):
+        shared = {name: getattr(args, name) for name in ("resume", "workers", "scheduler", "tls")}
+        found = swept(args.study, option, values, args.seeds, folder=out.folder, **shared)
+    choices = {key: getattr(args, key) for key in ("study", "over", "seeds", "numbers", "formats")}
+    origin, title = provenance({**choices, **out.choices}), packaged(args.study).title
+    write(sweep_report.document(found, args.study, title, args.numbers, origin), out, stale=())
 
 
 def parser() -> argparse.ArgumentParser:

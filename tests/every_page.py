@@ -30,13 +30,13 @@ from experiments import (
 )
 from experiments.__main__ import main as everything
 from experiments.benchmark.__main__ import main as benchmark
-from experiments.document.page import PAGE
+from experiments.document.writer import PAGE
 from experiments.in_vivo import __main__ as in_vivo
 from experiments.noise import __main__ as noise_command
 from experiments.noise import estimators, figure, report
 from experiments.noise import study as noise
-from experiments.reports import human_report
 from experiments.runs import workers
+from experiments.studies import human as persons_study
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
 
@@ -137,7 +137,7 @@ def written(name, folder):
     """Writes the page of a command, with the truth as the studies' trajectory estimates, and returns its file."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(workers, "Processes", Here)
-        patched.setattr(human_report.human, "study", lambda *_, **__: briefly())
+        patched.setattr(persons_study, "study", lambda *_, **__: briefly())
         told(patched)
         assert COMMANDS[name](folder) == 0
     return folder / "out" / ("index.html" if name == "paper" else PAGE)

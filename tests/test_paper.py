@@ -9,7 +9,7 @@ from mechanisms import double_pendulum, tilted_axis
 import scenes
 from experiments.data import paper
 from experiments.data.fitting import fit
-from experiments.reports import study_report
+from experiments.data.key_numbers import summary
 from experiments.studies.simulated import study as study_of
 from ident.geometry.inertia import pseudo_inertia
 from ident.parameters.base_parameters import find_base_parameters
@@ -130,7 +130,7 @@ def test_no_common_error_of_the_axes_gives_the_papers_full_column(noise_free):
 
 
 def test_errors_of_the_wrench_are_far_lower_in_three_channels_only(study):
-    errors = study_report.summary(study)["wrench_errors"]
+    errors = summary(study)["wrench_errors"]
     gain = {channel: x["rms_simplified"] / x["rms_full"] for channel, x in errors.items()}
     assert all(28 < gain[channel] < 56 for channel in ("Fx", "τy", "τz"))
     assert all(0.99 < gain[channel] < 1.02 for channel in ("Fy", "Fz")) and 1.04 < gain["τx"] < 1.10

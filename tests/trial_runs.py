@@ -41,7 +41,7 @@ def run(source, number, tmp_path, **more):
 
 def resumed(source, number, tmp_path, *more):
     args = arguments(tmp_path, "--samples", "200", "--redraw", "sensors", "--resume", "--trials", str(number), *more)
-    return run(source, number, tmp_path, done=trials.trials_done(source, args))
+    return run(source, number, tmp_path, done=trials.done_in(args.out, source, args.trials)[0])
 
 
 def kept(tmp_path):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from experiments.data import simulated
 from experiments.data.fitting import TrajectoryTrial
-from experiments.studies import simulated
 
 
 def truth(mechanism, recording, base):

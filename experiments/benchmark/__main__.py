@@ -6,14 +6,22 @@ thread for linear algebra. Nothing is asserted: machines differ, and are noisy.
 
 import argparse
 
-from experiments.cli import options
+from experiments.cli import options, print_options
 
 
 def run(args: argparse.Namespace) -> None:
     """Measures, and writes and prints the results."""
     from experiments.benchmark import sections
+    from experiments.benchmark.timing import QUICK, Effort
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import writable
+    from experiments.document.writer import write
 
-    sections.run(args)
+    out = print_options.output_of(args)
+    with writable(args.out):
+        origin = provenance({**options.as_text(args), **out.choices})
+        results = sections.measured(QUICK if args.quick else Effort()) | {"provenance": origin}
+    write(sections.document(results), out)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from experiments.benchmark.identification import ALL_COLUMNS, CHAIN, REGRESSOR
 from experiments.benchmark.mechanisms import PENDULUM
 from experiments.benchmark.targets import Results
-from experiments.document import figures
+from experiments.document import styles
 from ident.errors import InputError
 
 Row = dict[str, Any]
@@ -27,7 +27,7 @@ def figure_benchmark(results: Results) -> Figure:
     if not rows:
         raise InputError("This chart needs results of a benchmark with a library to compare with (extra 'peers').")
     peer = rows[0]["peer"]
-    with figures.paper_style():
+    with styles.paper_style():
         figure = Figure()
         above, below = figure.subplots(2, 1)
         of_pendulum = [row for row in rows if row["mechanism"] == PENDULUM]

@@ -1,6 +1,5 @@
 """The sections of the benchmark, and the files of their results."""
 
-import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
@@ -12,10 +11,8 @@ from tqdm import tqdm
 from experiments.benchmark import bounds, identification, machine, monte_carlo, peers, simulation, words, workers
 from experiments.benchmark.figure import figure_benchmark
 from experiments.benchmark.tables import tables
-from experiments.benchmark.timing import QUICK, Effort
-from experiments.document import report
-from experiments.document.page import Said, conclude
-from experiments.document.results import Results
+from experiments.benchmark.timing import Effort
+from experiments.document.document import Document
 from experiments.runs.workers import worker_pool
 from ident.errors import InputError
 
@@ -90,19 +87,14 @@ def _bounds(effort: Effort) -> dict[str, Any]:
         return found | {"accuracies": [], "notes": [str(error)]}
 
 
-def run(args: argparse.Namespace) -> None:
-    """Measures, and writes and prints the results."""
-    given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
-    with report.writable(args.out):
-        results = measured(QUICK if args.quick else Effort()) | {"provenance": report.provenance(given)}
-    lines = [f"Measured on {words.machine(results)}.", *words.findings(results), *results["notes"]]
-    conclude(args, _written(results), Said("How fast it is", ABOUT, lines=lines), results["provenance"])
-
-
-def _written(results: dict[str, Any]) -> Results:
+def document(results: dict[str, Any]) -> Document:
     """Tables, all numbers, and a figure if a library to compare with is installed."""
     caption = "Time a sample over the number of samples, and over the number of bodies, ours and a peer's."
-    drawn = {"figure_benchmark": (figure_benchmark(results), caption)} if results["comparisons"] else {}
-    numbers = {Path(FILE).stem: results, "provenance": results["provenance"]}
-    filled = {name: table for name, table in tables(results).items() if table.rows}
-    return Results(filled, drawn, numbers)
+    return Document(
+        "How fast it is",
+        ABOUT,
+        lines=[f"Measured on {words.machine(results)}.", *words.findings(results), *results["notes"]],
+        tables={name: table for name, table in tables(results).items() if table.rows},
+        figures={"figure_benchmark": (figure_benchmark(results), caption)} if results["comparisons"] else {},
+        numbers={Path(FILE).stem: results, "provenance": results["provenance"]},
+    )

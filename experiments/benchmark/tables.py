@@ -5,7 +5,7 @@ from typing import Any
 
 from experiments.benchmark.identification import CHAIN, TASKS
 from experiments.benchmark.targets import Results, table_targets
-from experiments.document.report import Cell, Table
+from experiments.document.tabular import Cell, Table
 from ident.errors import InputError
 
 

@@ -6,7 +6,7 @@ from typing import Any
 from experiments.benchmark import identification, monte_carlo
 from experiments.benchmark.mechanisms import ARM, PENDULUM, TILTED, TREE
 from experiments.data import paper
-from experiments.document import report
+from experiments.document import tabular
 
 Results = Mapping[str, Any]
 """Contents of `benchmark.json`."""
@@ -46,9 +46,9 @@ ERROR = 2.0
 """Largest ratio of the error of ψ to that of LAPACK's Householder QR."""
 
 
-def table_targets(results: Results) -> report.Table:
+def table_targets(results: Results) -> tabular.Table:
     """All targets beside the results; empty where this run did not measure one."""
-    rows: list[tuple[report.Cell, ...]] = []
+    rows: list[tuple[tabular.Cell, ...]] = []
     for task, mechanism, number, plain, compiled in AT_LEAST:
         what = f"ratio, {task}, {mechanism}, N = {number}"
         measured = _ratios(results, task, mechanism, number)
@@ -62,7 +62,7 @@ def table_targets(results: Results) -> report.Table:
         ("peak memory of a stream, MB", "at most", MEMORY, max(peaks, default=None)),
         ("error of the estimates to that of Householder's QR", "at most", ERROR, max(errors, default=None)),
     ]
-    return report.Table("Targets", ("what", "bound", "wanted", "measured"), tuple(rows), decimals=2)
+    return tabular.Table("Targets", ("what", "bound", "wanted", "measured"), tuple(rows), decimals=2)
 
 
 def missed(results: Results) -> list[str]:

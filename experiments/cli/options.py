@@ -237,6 +237,11 @@ def add_size(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def as_text(args: argparse.Namespace) -> dict[str, Any]:
+    """All options by name, paths as text."""
+    return {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
+
+
 def size_limit(args: argparse.Namespace) -> int:
     """Largest size of a log in memory, bytes."""
     from ident.files.npz import LIMIT

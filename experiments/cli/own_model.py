@@ -64,7 +64,7 @@ def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]
         args: The options.
         logs: The prepared logs, and their fitted parts.
     """
-    from experiments.document import report
+    from experiments.document.provenance import provenance as origin
 
     fitted = [
         {**_told(path), "samples": len(log.samples), "rate_hz": log.recording.rate, "fitted": [part.start, part.stop]}
@@ -72,7 +72,7 @@ def provenance(args: argparse.Namespace, logs: Sequence[tuple["Prepared", slice]
     ]
     files = {"model": _told(args.model), "logs": fitted, "held_out": [_told(path) for path in _judges(args)]}
     given = {key: _text(value) for key, value in vars(args).items() if key != "workers"}
-    return report.provenance(given, files | ({"columns": _told(args.columns)} if args.columns else {}))
+    return origin(given, files | ({"columns": _told(args.columns)} if args.columns else {}))
 
 
 def _told(path: Path) -> dict[str, Any]:

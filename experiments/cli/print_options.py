@@ -1,7 +1,7 @@
 """Options of authors: page, captions, parameters and style of tables and figures."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ from ident.errors import InputError
 
 if TYPE_CHECKING:
     from experiments.document.layout import Layout
+    from experiments.document.writer import Output
 
 
 def add_print(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +43,19 @@ def add_page(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     return print_
 
 
+def output_of(args: argparse.Namespace, folder: Path | None = None, formats: Sequence[str] | None = None) -> "Output":
+    """Folder, formats and layout that the options ask for, with other ones in place of the first two if given.
+
+    Raises:
+        InputError: A table or figure is given two captions.
+    """
+    from experiments.document.writer import Output
+
+    folder, formats = folder or args.out, args.formats if formats is None else formats
+    film = getattr(args, "film", False)
+    return Output(folder, formats, layout_of(args), film=film, choices=author_choices(args))
+
+
 def layout_of(args: argparse.Namespace) -> "Layout":
     """Layout that the options ask for.
 
@@ -50,10 +64,11 @@ def layout_of(args: argparse.Namespace) -> "Layout":
     """
     from experiments.document.layout import Layout
 
-    captions = {name: text for name, text in args.caption}
-    if len(captions) < len(args.caption):
+    given = getattr(args, "caption", [])
+    captions = {name: text for name, text in given}
+    if len(captions) < len(given):
         raise InputError("--caption gives each table or figure one caption, but one of them is given two.")
-    return Layout(args.page_columns, captions, tuple(args.parameters))
+    return Layout(args.page_columns, captions, tuple(getattr(args, "parameters", ())))
 
 
 @contextmanager
@@ -67,9 +82,8 @@ def style_of(args: argparse.Namespace) -> Iterator[None]:
     if "page_columns" not in args:
         yield
         return
-    if "caption" in args:
-        layout_of(args)
-    from experiments.document.figures import author_style
+    layout_of(args)
+    from experiments.document.styles import author_style
 
     with author_style(args.style, args.page_columns):
         if args.style is not None:
@@ -85,5 +99,5 @@ def author_choices(args: argparse.Namespace) -> dict[str, Any]:
         "page_columns": args.page_columns if args.page_columns != 2 else None,
         "style": args.style and args.style.name,
     }
-    given |= {"caption": args.caption, "parameters": args.parameters}
+    given |= {name: getattr(args, name, None) for name in ("caption", "parameters")}
     return {name: value for name, value in given.items() if value}

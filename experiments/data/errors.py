@@ -51,3 +51,24 @@ class Errors:
     def coverage(self) -> np.ndarray:
         """Fraction of recordings whose own 95 % interval holds the truth."""
         return np.mean(self.covered, axis=0)
+
+
+TRAJECTORY = "_trajectory"
+"""Suffix of a model's name for its trajectory estimate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution(Errors):
+    """Errors of one model's base parameters over the trials, and the paper's errors.
+
+    Attributes:
+        published: The paper's errors (parameters,).
+    """
+
+    published: np.ndarray
+
+    @property
+    def percentile(self) -> np.ndarray:
+        """Percentiles of the paper's errors among the trials, at both limits of their rounding in print (2, p)."""
+        low, high = self.published - 0.005, self.published + 0.005
+        return 100 * np.array([np.mean(self.errors < limit, axis=0) for limit in (low, high)])

@@ -3,12 +3,8 @@
 import io
 import re
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +17,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
 
-from experiments.document import escape
-from ident.errors import InputError
-from ident.geometry.inertia import body_of_parameter
+from experiments.document.styles import paper_style
 
 SYMBOLS = (("F_x", "N"), ("F_y", "N"), ("F_z", "N"), (r"\tau_x", "N m"), (r"\tau_y", "N m"), (r"\tau_z", "N m"))
 """Symbol and unit of the components of a wrench."""
-
-PARAMETER = re.compile(r"\bm(\d+)(?:r([xyz])\1)?\b|\bI([xyz]{2})(\d+)\b")
-"""Names of parameters of φ, as in `m2rz2 + 0.425 m3`: a mass and its moment, or axes and number of an inertia."""
 
 _WRITTEN: dict[str, dict[str, Any]] = {
     "pdf": {"metadata": {"CreationDate": None}},
@@ -39,91 +30,11 @@ _WRITTEN: dict[str, dict[str, Any]] = {
 """Options of writing each format: no date; a PNG compression that takes half the time for an eighth more space."""
 
 
-WIDTHS = {1: (4.77, 4.77), 2: (3.486, 7.139)}
-"""Width in inches of a column and of the text, on pages with one column (LaTeX's article) and with two (IEEEtran's, 252
-and 516 pt, at 72.27 pt per inch)."""
-
-HEIGHTS = {1: 6.7, 2: 8.6}
-"""Largest height of figures on those pages, inches, with room for a caption."""
-
 VISIBLE = 0.012
 """Smallest visible share of a panel's width, about a point."""
 
-_PAGE: ContextVar[int] = ContextVar("_PAGE", default=2)
-"""Number of columns of the page."""
-
-_AUTHORS: ContextVar[Any] = ContextVar("_AUTHORS", default=())
-"""An author's settings, which precede the paper's."""
-
-
-@contextmanager
-def paper_style() -> Iterator[None]:
-    """Applies the style of the paper's figures, or an author's, for the duration of a block."""
-    with mpl.rc_context(_papers()):
-        mpl.rcParams.update(_AUTHORS.get())
-        yield
-
-
-@cache
-def _papers() -> dict[Any, Any]:
-    """All settings, the paper's before matplotlib's own; `rc_context` of a file would read all other styles first."""
-    with as_file(files("experiments.document") / "paper.mplstyle") as path:
-        settings = mpl.rc_params_from_file(path, use_default_template=True)
-    # Reading the backend chooses one, and imports all of pyplot.
-    return {name: settings[name] for name in settings if name != "backend"}
-
-
-@contextmanager
-def author_style(path: Path | None, columns: int) -> Iterator[None]:
-    """Draws a block's figures for a page of so many columns, in the style of a matplotlib style file.
-
-    Raises:
-        InputError: The file does not exist, or has a setting unknown to matplotlib.
-    """
-    with paper_style():
-        given: Any = {"figure.figsize": [WIDTHS[columns][0], mpl.rcParams["figure.figsize"][1]]}
-    if path is not None:
-        try:
-            settings = [
-                line.partition("#")[0].partition(":")[0].strip() for line in path.read_text("utf-8").splitlines()
-            ]
-            if unknown := [name for name in settings if name and name not in mpl.rcParams]:
-                raise KeyError(unknown[0])
-            given |= mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
-        # Matplotlib's checks of values raise errors of all classes.
-        except Exception as error:
-            reason = f"'{error.args[0]}' is no setting" if isinstance(error, KeyError) else str(error)
-            raise InputError(f"--style needs a style file of matplotlib's, but '{path}': {reason}.") from None
-    before, page = _AUTHORS.set(given), _PAGE.set(columns)
-    try:
-        yield
-    finally:
-        _AUTHORS.reset(before)
-        _PAGE.reset(page)
-
-
-def column_width() -> float:
-    """Width of a column in inches, within `paper_style`."""
-    return float(mpl.rcParams["figure.figsize"][0])
-
-
-def text_width() -> float:
-    """Width of the page's text in inches, for figures across all columns."""
-    return WIDTHS[_PAGE.get()][1]
-
-
 INKS = ("black", "C1", "C0", "C2", "C3", "C4", "C5")
 """Colours of curves, in the order of pages: black, red and blue as in the paper, then the remaining ones."""
-
-
-def page_columns() -> int:
-    """Number of columns of the page."""
-    return _PAGE.get()
-
-
-def text_height() -> float:
-    """Height of the page's text in inches, less room for a caption."""
-    return HEIGHTS[_PAGE.get()]
 
 
 @dataclass(frozen=True)
@@ -247,23 +158,6 @@ def _logarithmic(ax: Axes, curves: Sequence[np.ndarray], lowest: float) -> None:
         ax.yaxis.set_minor_formatter(NullFormatter())
         ax.tick_params(axis="y", which="minor", labelleft=False)  # Empty ones would be measured.
         ax.set_ylim(lowest * largest, 1.5 * largest)
-
-
-def parameter_symbol(name: str) -> str:
-    """A parameter's name as in the paper, in TeX: `m2rz2` becomes `$m_{2}r_{z,2}$`."""
-    match = PARAMETER.fullmatch(name)
-    if match is None:
-        return escape.label(name)
-    mass, moment, axes, inertia = match.groups()
-    if axes:
-        return f"$I_{{{axes},{inertia}}}$"
-    return f"$m_{{{mass}}}$" if moment is None else f"$m_{{{mass}}}r_{{{moment},{mass}}}$"
-
-
-def named_symbol(name: str, bodies: Sequence[str]) -> str:
-    """A parameter's symbol with the name of its body, bodies numbered from 1, for labels in figures."""
-    body = body_of_parameter(name, bodies)
-    return parameter_symbol(name) + (f", {escape.label(body)}" if body else "")
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Iterable[str]) -> None:

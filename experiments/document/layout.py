@@ -3,9 +3,16 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from experiments.document.figures import PARAMETER
+from experiments.document.symbols import PARAMETER
 from ident.errors import InputError
 from ident.geometry.inertia import body_of_parameter
+
+WIDTHS = {1: (4.77, 4.77), 2: (3.486, 7.139)}
+"""Width in inches of a column and of the text, on pages with one column (LaTeX's article) and with two (IEEEtran's, 252
+and 516 pt, at 72.27 pt per inch)."""
+
+HEIGHTS = {1: 6.7, 2: 8.6}
+"""Largest height of figures on those pages, inches, with room for a caption."""
 
 
 @dataclass(frozen=True)

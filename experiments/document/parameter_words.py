@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from experiments.document.figures import PARAMETER
+from experiments.document.symbols import PARAMETER
 from ident.geometry.inertia import body_index
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism

@@ -5,15 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from math import ceil
-from typing import TYPE_CHECKING
 
 from experiments.document import escape
-from experiments.document.figures import HEIGHTS, PARAMETER, WIDTHS, parameter_symbol
-from experiments.document.layout import Layout
+from experiments.document.layout import HEIGHTS, PAPER, WIDTHS, Layout
+from experiments.document.symbols import PARAMETER, SYMBOL, parameter_symbol
+from experiments.document.tabular import Table
 from ident.geometry.inertia import body_of_parameter
-
-if TYPE_CHECKING:
-    from experiments.document.report import Table
 
 PACKAGES = "booktabs,siunitx,tabularx,threeparttable"
 """LaTeX packages that the tables need, all in TeX Live's latexextra and science collections."""
@@ -42,9 +39,6 @@ LONG = 28
 """Number of letters above which a cell may break into lines."""
 
 CHANNEL = re.compile(r"([FMτ])([xyz])")
-SYMBOL = re.compile(r"(-?)([A-Za-zα-ω])_(\w)|(-?)([α-ω])(/\d)?|(alpha|theta|omega)")
-"""Cells and heads that are a symbol: a letter with an index, a Greek letter or its name."""
-
 _GREEK = {"α": r"\alpha", "θ": r"\theta", "π": r"\pi", "τ": r"\tau", "ω": r"\omega", "β": r"\beta"}
 NUMBER = re.compile(r"(-?)(\d+)(?:\.(\d+))?(?:e([+-]?)0*(\d+))?")
 
@@ -124,8 +118,9 @@ class _Column:
         return size.letter * widest + size.gap
 
 
-def tex(table: "Table", label: str, layout: Layout) -> str:
+def tex(table: Table, label: str = "", layout: Layout = PAPER) -> str:
     """A table over one column of the page, or over both if it is wide; in several floats if it is too large."""
+    table = table.shown(layout).filled()
     columns, caption = _columns(table), _caption(label, table.caption or table.title, layout)
     narrow, wide = (72.27 * width for width in WIDTHS[layout.columns])
     needed = sum(column.width(NORMAL) for column in columns)
@@ -194,7 +189,7 @@ def _caption(name: str, caption: str, layout: Layout) -> str:
     return layout.captions.get(name, text if not text or text.endswith(".") else f"{text}.")
 
 
-def _columns(table: "Table") -> list[_Column]:
+def _columns(table: Table) -> list[_Column]:
     rows = list(zip(*_texts(table), strict=True)) or [()] * len(table.headings())
     out = []
     for head, cells, numeric in zip(table.headings(), rows, table.numeric(), strict=True):
@@ -203,7 +198,7 @@ def _columns(table: "Table") -> list[_Column]:
     return out
 
 
-def _texts(table: "Table") -> list[list[str]]:
+def _texts(table: Table) -> list[list[str]]:
     """Rows in LaTeX: names of bodies slanted, units by siunitx."""
     rows, numeric = table.texts(text_with_symbols), table.numeric()
     has_units = len(table.headings()) > len(table.columns)
@@ -284,7 +279,7 @@ def _capital(text: str) -> str:
     return text if len(text) == 1 or SYMBOL.fullmatch(text) else text[:1].upper() + text[1:]
 
 
-def _notes(table: "Table") -> str:
+def _notes(table: Table) -> str:
     """Notes below a table."""
     notes = [f"\\item[*] {text_with_symbols(table.footnote)}"] if table.footnote else []
     notes += [f"\\item {text_with_symbols(note)}" for note in table.notes]

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.document import figures
+from experiments.document import styles
 
 ROW, MARGIN = 0.16, 0.8
 """Inches of a row, and of legend, ticks and label around them."""
@@ -25,9 +25,9 @@ def row_panels(labels: Sequence[str], xlabel: str) -> tuple[Figure, list[tuple[A
     Returns:
         The figure, and for each panel its axes and the indices of its rows, which are their ordinates as well.
     """
-    across = 1 if len(labels) <= COLUMN_ROWS else ABREAST[figures.page_columns()]
+    across = 1 if len(labels) <= COLUMN_ROWS else ABREAST[styles.page_columns()]
     rows = max(1, -(-len(labels) // across))
-    width = figures.column_width() if across == 1 else figures.text_width()
+    width = styles.column_width() if across == 1 else styles.text_width()
     figure = Figure(figsize=(width, MARGIN + ROW * rows))
     panels = []
     for k, ax in enumerate(figure.subplots(1, across, sharex=True, squeeze=False)[0]):
@@ -44,4 +44,4 @@ def row_panels(labels: Sequence[str], xlabel: str) -> tuple[Figure, list[tuple[A
 
 def most_rows() -> int:
     """Largest number of rows of such a figure on a page."""
-    return ABREAST[figures.page_columns()] * int((figures.text_height() - MARGIN) / ROW)
+    return ABREAST[styles.page_columns()] * int((styles.text_height() - MARGIN) / ROW)

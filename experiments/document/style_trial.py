@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.document import figures
+from experiments.document import figures, styles, symbols
 from ident.errors import InputError
 
 LONGEST = 100.0
@@ -20,7 +20,7 @@ LARGEST = 500.0
 
 
 def try_style(path: Path) -> None:
-    """Draws curves, letters and formulas in the style of the surrounding `figures.author_style`.
+    """Draws curves, letters and formulas in the style of the surrounding `styles.author_style`.
 
     Args:
         path: The style's file, for the message.
@@ -29,7 +29,7 @@ def try_style(path: Path) -> None:
         InputError: Figures cannot be drawn in it.
     """
     try:
-        with figures.paper_style():
+        with styles.paper_style():
             _check_sizes()
         _draw()
     # Each backend, font library and converter of settings raises errors of its own.
@@ -58,14 +58,14 @@ def _check_sizes() -> None:
 def _draw() -> None:
     """Draws a small figure in all formats, with curves, letters and formulas on linear and logarithmic axes."""
     x = np.linspace(0.1, 1, 20)
-    with figures.paper_style():
+    with styles.paper_style():
         figure = Figure()
         for ax, scale in zip(figure.subplots(1, 2), ("linear", "log"), strict=True):
             ax.plot(x, x, "o--", color="C1", label="Curve, ±1°")
             ax.errorbar(x[::5], x[::5], xerr=0.1, fmt="none")
             ax.axvspan(0.2, 0.4)
             ax.set_yscale(scale)
-        ax.set_title(figures.parameter_symbol("m2rz2"))
+        ax.set_title(symbols.parameter_symbol("m2rz2"))
         ax.set_xlabel(r"Time, $t$ (s)")
         figure.legend(*ax.get_legend_handles_labels())
     for extension in ("png", "pdf", "svg"):

@@ -3,14 +3,22 @@
 import argparse
 from pathlib import Path
 
-from experiments.cli import options
+from experiments.cli import options, print_options
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
+    from experiments.cli.own_model import progress
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import writable
+    from experiments.document.writer import write
     from experiments.in_vivo import report
+    from experiments.in_vivo.study import study
 
-    report.run(args)
+    out = print_options.output_of(args)
+    with writable(args.out):
+        found = study(args.data, progress)
+    write(report.document(found, provenance({"formats": args.formats, **out.choices})), out)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,6 +1,5 @@
 """Report on the study of a person who bows: tables, a figure, key numbers, and the terminal's text."""
 
-import argparse
 from dataclasses import replace
 from typing import Any
 
@@ -8,12 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.cli.own_model import progress
 from experiments.data.errors import HALF_WIDTH
-from experiments.document import figures, report
-from experiments.document.page import Said, conclude
-from experiments.document.results import Results
-from experiments.in_vivo.study import JUDGED_AT, Study, study
+from experiments.document import styles, symbols, tabular
+from experiments.document.document import Document
+from experiments.in_vivo.study import JUDGED_AT, Study
 from experiments.reports.identify_replay import replay
 
 ABOUT = (
@@ -38,7 +35,7 @@ def looks(found: Study) -> dict[str, tuple[str, str]]:
     return {**LINES, **dict(zip(found.others, OTHERS, strict=True))}
 
 
-def table_parameters(found: Study) -> report.Table:
+def table_parameters(found: Study) -> tabular.Table:
     """Base parameters by estimator, with their standard deviations."""
     columns: dict[str, Any] = {"parameter": found.names}
     for name, (psi, std) in found.candidates.items():
@@ -47,7 +44,7 @@ def table_parameters(found: Study) -> report.Table:
             columns[f"{name}, std"] = std.tolist()
     heads = {name: _head(name) for name in columns}
     title, bodies = "Base parameters of a person who bows, SI units", found.trajectory.prepared.mechanism.bodies
-    return report.Table(title, *report.columns(**columns), decimals=2, bodies=bodies, heads=heads)
+    return tabular.Table(title, *tabular.columns(**columns), decimals=2, bodies=bodies, heads=heads)
 
 
 def _head(column: str) -> str:
@@ -56,20 +53,20 @@ def _head(column: str) -> str:
     return column if column == "parameter" else f"{'value' if name == column else 's.d.'}, {name}"
 
 
-def table_prediction(found: Study) -> report.Table:
+def table_prediction(found: Study) -> tabular.Table:
     """Residual over signal of each estimator on the held-out part."""
-    rows: list[tuple[report.Cell, ...]] = [(name, *map(float, ratio)) for name, ratio in found.ratios.items()]
+    rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, ratio)) for name, ratio in found.ratios.items()]
     title = (
         f"What is left of the held-out part below {JUDGED_AT:g} Hz, a constant taken out, over the signal's standard "
         "deviation"
     )
-    return report.Table(title, ("estimator", *found.trajectory.channels), tuple(rows), decimals=3)
+    return tabular.Table(title, ("estimator", *found.trajectory.channels), tuple(rows), decimals=3)
 
 
 def figure(found: Study) -> Figure:
     """Inertias and first moments by estimator, and predictions of the held-out part."""
-    with figures.paper_style():
-        drawing = Figure(figsize=(figures.column_width(), 5.4))
+    with styles.paper_style():
+        drawing = Figure(figsize=(styles.column_width(), 5.4))
         above, *below = drawing.subplots(1 + len(CHANNELS), 1, height_ratios=(1.5, 1, 1, 1))
         _parameters(above, found)
         time, measured, predicted = found.held_out
@@ -99,7 +96,7 @@ def _parameters(ax: Axes, found: Study) -> None:
         at = places + 0.15 * (number - 1.5)
         ax.errorbar(at, psi[which] / model, bars, fmt=marker, color=color, ms=3, lw=0.9, capsize=0)
     ax.axhline(0, color="0.8", lw=0.6, zorder=0)
-    ax.set_xticks(places, [figures.named_symbol(name, found.trajectory.prepared.mechanism.bodies) for name in SHOWN])
+    ax.set_xticks(places, [symbols.named_symbol(name, found.trajectory.prepared.mechanism.bodies) for name in SHOWN])
     ax.set_ylabel("Estimate over the model's", labelpad=2)
     ax.set_title("(a) Legs and trunk, 95 % intervals")
 
@@ -116,32 +113,22 @@ def numbers(found: Study) -> dict[str, Any]:
     return {**told, "set_up": setup, "verdict": found.trajectory.verdict()}
 
 
-def results(found: Study) -> Results:
-    """All tables, figures and numbers."""
+def document(found: Study, provenance: dict[str, Any]) -> Document:
+    """Tables, a figure and numbers, with verdict, findings and replay of the trajectory estimate."""
+    trajectory = found.trajectory
     caption = (
         "A person who bows on a force plate (Latella et al., 2016): base parameters of several estimators over those "
         "of the scaled model, with 95 % intervals (a), and what each predicts of the part of the recording that was "
         "not fitted (b)."
     )
-    tables = {"table_parameters": table_parameters(found), "table_prediction": table_prediction(found)}
-    return Results(tables, {"figure_in_vivo": (figure(found), caption)}, {"summary": numbers(found)})
-
-
-def said(found: Study) -> Said:
-    """The page's text besides tables and figure: verdict and findings of the trajectory estimate, and its replay."""
-    trajectory = found.trajectory
-    return Said(
+    return Document(
         "A person who bows",
         ABOUT,
         verdict=f"Of the trajectory estimate: {trajectory.verdict()}",
         findings=[(finding.text, finding.doubt) for finding in trajectory.findings],
+        tables={"table_parameters": table_parameters(found), "table_prediction": table_prediction(found)},
+        figures={"figure_in_vivo": (figure(found), caption)},
+        numbers={"summary": numbers(found), "provenance": provenance},
         # The table is not that of the trajectory estimate alone, whose rows could be pressed.
         replay=replace(replay(trajectory), parameters=()),
     )
-
-
-def run(args: argparse.Namespace) -> None:
-    """Runs the study and writes and prints its results."""
-    with report.writable(args.out):
-        found = study(args.data, progress)
-    conclude(args, results(found), said(found), report.provenance({"formats": args.formats}))

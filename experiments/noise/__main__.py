@@ -2,14 +2,24 @@
 
 import argparse
 
-from experiments.cli import options
+from experiments.cli import options, print_options
 
 
 def run(args: argparse.Namespace) -> None:
     """Runs the study and writes and prints its results."""
+    from experiments.document.provenance import provenance
+    from experiments.document.result_folder import writable
+    from experiments.document.writer import write
     from experiments.noise import report
+    from experiments.noise import study as noise
 
-    report.run(args)
+    conditions, out = noise.chosen(args.conditions), print_options.output_of(args)
+    with writable(args.out):
+        shared = {name: getattr(args, name) for name in ("seed", "resume", "workers", "scheduler", "tls")}
+        outcomes = noise.outcomes(conditions, args.recordings, folder=args.out, **shared)
+        study = noise.study(outcomes, args.recordings, conditions)
+    choices = {key: getattr(args, key) for key in ("seed", "recordings", "conditions", "formats")}
+    write(report.document(study, provenance({**choices, **out.choices})), out)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from experiments.data.errors import HALF_WIDTH, Errors
-from experiments.document import figures
+from experiments.document import styles, symbols
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.estimators import ESTIMATORS, LABELS
 from experiments.noise.study import Study
@@ -54,8 +54,8 @@ def figure(study: Study) -> Figure:
     """Errors of each estimator over the noise, and coverage and bias of the trajectory estimate."""
     subjects = [subject for subject in PANELS if compared(study, subject)]
     heights = [PANEL] * len(subjects) + [MARGIN + ROW * len(study.trajectory)]
-    with figures.paper_style():
-        drawing = Figure(figsize=(figures.column_width(), sum(heights)))
+    with styles.paper_style():
+        drawing = Figure(figsize=(styles.column_width(), sum(heights)))
         parts = drawing.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
         for part, subject in zip(parts, subjects, strict=False):
             _compare(part.subplots(), study, subject)
@@ -119,7 +119,7 @@ def _compare(ax: Axes, study: Study, subject: str) -> None:
     ax.set_ylim(-300, 40)
     ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:+g}".replace("-", "\N{MINUS SIGN}") if y else "0"))
     ax.yaxis.set_minor_locator(NullLocator())
-    ax.set_ylabel(f"Error of {figures.parameter_symbol(PARAMETER)} (%)", labelpad=2)
+    ax.set_ylabel(f"Error of {symbols.parameter_symbol(PARAMETER)} (%)", labelpad=2)
     ax.set_xlabel(xlabel, labelpad=2)
     labels = [CONDITIONS[name].label.removeprefix("noise ") for name in compared(study, subject)]
     ax.set_xticks(range(len(labels)), labels)

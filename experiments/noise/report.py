@@ -1,6 +1,5 @@
 """Report on the study of noise: tables, a figure, key numbers, and the terminal's text."""
 
-import argparse
 from collections import Counter
 from dataclasses import asdict
 from typing import Any
@@ -8,10 +7,8 @@ from typing import Any
 import numpy as np
 
 from experiments.data.errors import Errors
-from experiments.document import report
-from experiments.document.page import Said, conclude
-from experiments.document.results import Results
-from experiments.noise import study as noise
+from experiments.document import tabular
+from experiments.document.document import Document
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.estimators import ESTIMATORS, LABELS
 from experiments.noise.figure import PANELS, PARAMETER, compared, figure
@@ -30,12 +27,12 @@ DRIVES = tuple(f"{column}(" for column in DRIVE.values())
 """Prefixes of the names of drive parameters."""
 
 
-def table_estimators(study: Study, subject: str) -> report.Table:
+def table_estimators(study: Study, subject: str) -> tabular.Table:
     """Bias, spread, predicted standard deviation and coverage of one parameter, by noise and estimator."""
     who = SUBJECTS[subject]
     k = who.parameters.names.index(PARAMETER)
     true = float(who.true[k])
-    rows: list[tuple[report.Cell, ...]] = []
+    rows: list[tuple[tabular.Cell, ...]] = []
     for name in compared(study, subject):
         for key in ESTIMATORS[subject]:
             if (outcome := study.outcomes.get((name, key))) is not None:
@@ -45,7 +42,7 @@ def table_estimators(study: Study, subject: str) -> report.Table:
                 rows.append((*said, *percent, float(errors.coverage[k]), len(errors.errors)))
     columns = ("noise", "estimator", "bias", "spread", "predicted", "coverage_95", "recordings")
     title = f"Errors of {_named(PARAMETER, subject)} of the {subject}, % of {true:.2f} kg m², over many recordings"
-    return report.Table(title, columns, tuple(rows), decimals=2)
+    return tabular.Table(title, columns, tuple(rows), decimals=2)
 
 
 def _named(parameter: str, subject: str) -> str:
@@ -53,14 +50,14 @@ def _named(parameter: str, subject: str) -> str:
     return with_bodies([parameter], SUBJECTS[subject].mechanism.bodies)
 
 
-def table_coverage(study: Study) -> report.Table:
+def table_coverage(study: Study) -> tabular.Table:
     """Coverage of the trajectory estimate's intervals, normalized errors, biases and reported set-up, by condition."""
-    rows: list[tuple[report.Cell, ...]] = []
+    rows: list[tuple[tabular.Cell, ...]] = []
     for name, outcome in study.trajectory.items():
         errors, wide, condition = outcome.errors, outcome.with_setup, CONDITIONS[name]
         ratio, coverage = errors.mean / errors.std, errors.coverage
         k = int(np.argmax(abs(ratio)))
-        cells: list[report.Cell] = [condition.subject, condition.label, float(coverage.mean()), float(coverage.min())]
+        cells: list[tabular.Cell] = [condition.subject, condition.label, float(coverage.mean()), float(coverage.min())]
         cells += [None if wide is None else float(wide.coverage.mean()), _rms_z(errors), _rms_ratio(errors)]
         cells += [outcome.reporting, float(np.sqrt((ratio**2).mean())), float(abs(ratio[k]))]
         refused = len(study.refused.get((name, "trajectory"), ()))
@@ -80,7 +77,7 @@ def table_coverage(study: Study) -> report.Table:
         "error_over_std": "error / s.d.",
         "setup_reported": "set-up found",
     }
-    return report.Table(title, columns, tuple(rows), decimals=3, heads=heads)
+    return tabular.Table(title, columns, tuple(rows), decimals=3, heads=heads)
 
 
 def _rms_z(errors: Errors) -> float | None:
@@ -97,9 +94,9 @@ def _rms_ratio(errors: Errors) -> float | None:
     return float(np.sqrt(np.mean((errors.errors / errors.predicted_std) ** 2)))
 
 
-def table_drives(study: Study) -> report.Table:
+def table_drives(study: Study) -> tabular.Table:
     """Errors of rotor inertias and friction of arms with friction, in % of the truth."""
-    rows: list[tuple[report.Cell, ...]] = []
+    rows: list[tuple[tabular.Cell, ...]] = []
     for name, outcome in study.trajectory.items():
         errors = outcome.errors
         rms, worst = np.sqrt((errors.errors**2).mean(axis=0)), abs(errors.errors).max(axis=0)
@@ -107,12 +104,12 @@ def table_drives(study: Study) -> report.Table:
             if drive.startswith(DRIVES):
                 each = (x[k] for x in (errors.mean, rms, worst, errors.predicted_std))
                 percent = [100 * float(x) / float(outcome.true[k]) for x in each]
-                cells: list[report.Cell] = [CONDITIONS[name].label, drive, float(outcome.true[k]), *percent]
+                cells: list[tabular.Cell] = [CONDITIONS[name].label, drive, float(outcome.true[k]), *percent]
                 rows.append((*cells, float(errors.coverage[k]), len(errors.errors)))
     columns = ("noise", "drive", "true", "bias", "rms_error", "largest_error", "predicted", "coverage_95", "recordings")
     title = "The trajectory estimate of rotor inertias and friction: errors in % of the true values (SI units)"
     heads = {"rms_error": "RMS error", "largest_error": "largest error"}
-    return report.Table(title, columns, tuple(rows), decimals=2, heads=heads)
+    return tabular.Table(title, columns, tuple(rows), decimals=2, heads=heads)
 
 
 def numbers(study: Study) -> dict[str, Any]:
@@ -141,7 +138,7 @@ def _numbers(outcome: Outcome) -> dict[str, Any]:
     return {**of_all, **reported, **each}
 
 
-def results(study: Study) -> Results:
+def document(study: Study, provenance: dict[str, Any]) -> Document:
     """Tables, a figure and numbers of the study."""
     caption = (
         f"Error of {_named(PARAMETER, 'pendulum')} and {_named(PARAMETER, 'person')}, {study.recordings} recordings, "
@@ -155,13 +152,10 @@ def results(study: Study) -> Results:
     tables["table_coverage"] = table_coverage(study)
     if (drives := table_drives(study)).rows:
         tables["table_drives"] = drives
-    return Results(tables, {"figure_noise": (figure(study), caption)}, {"summary": numbers(study)})
-
-
-def run(args: argparse.Namespace) -> None:
-    """Runs the study and writes and prints its results."""
-    conditions = noise.chosen(args.conditions)
-    with report.writable(args.out):
-        study = noise.study(noise.outcomes(args, conditions), args.recordings, conditions)
-    choices = {key: getattr(args, key) for key in ("seed", "recordings", "conditions", "formats")}
-    conclude(args, results(study), Said("Bad motions and sensors", ABOUT), report.provenance(choices))
+    return Document(
+        "Bad motions and sensors",
+        ABOUT,
+        tables=tables,
+        figures={"figure_noise": (figure(study), caption)},
+        numbers={"summary": numbers(study), "provenance": provenance},
+    )

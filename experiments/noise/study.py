@@ -1,12 +1,12 @@
 """Errors of estimators of base parameters and drives over many recordings with bad motions and sensors."""
 
-import argparse
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -113,14 +113,33 @@ def chosen(names: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(name for name in CONDITIONS if names is None or name in names)
 
 
-def outcomes(args: argparse.Namespace, conditions: Sequence[str]) -> list[dict[str, Any]]:
-    """Outcomes of all tasks in order, independent of the number of workers."""
-    todo = tasks(args.recordings, conditions)
-    identity = {"seed": args.seed, "conditions": {name: asdict(CONDITIONS[name]) for name in conditions}}
-    kept = Checkpoint("fits", args.out / FILE, identity)
-    done = kept.done()[: len(todo)] if args.resume else []
-    with worker_pool(max(1, min(args.workers, len(todo) - len(done))), args.scheduler, args.tls) as pool:
-        work = partial(fits, args.seed)
+def outcomes(
+    conditions: Sequence[str],
+    recordings: int,
+    *,
+    seed: int,
+    folder: Path,
+    resume: bool = False,
+    workers: int = 1,
+    scheduler: str | None = None,
+    tls: Sequence[str] | None = None,
+) -> list[dict[str, Any]]:
+    """Outcomes of all tasks in order, independent of the number of workers.
+
+    Args:
+        conditions: Names of the conditions.
+        recordings: Number of recordings of each.
+        seed: Seed of all noise.
+        folder: Folder of the file of the fits.
+        resume: True to go on from that file.
+        workers: As for `worker_pool`, also `scheduler` and `tls`.
+    """
+    todo = tasks(recordings, conditions)
+    identity = {"seed": seed, "conditions": {name: asdict(CONDITIONS[name]) for name in conditions}}
+    kept = Checkpoint("fits", folder / FILE, identity)
+    done = kept.done()[: len(todo)] if resume else []
+    with worker_pool(max(1, min(workers, len(todo) - len(done))), scheduler, tls) as pool:
+        work = partial(fits, seed)
         with closing(in_order(pool.executor, work, todo[len(done) :], ahead=pool.ahead)) as batches:
             collected = kept.collect(batches, len(todo), done)
     return [json.loads(str(each)) for each in collected]

@@ -8,17 +8,18 @@ from typing import Any
 
 from experiments.benchmark import sections, words
 from experiments.benchmark.figure import figure_benchmark
+from experiments.data.key_numbers import summary
 from experiments.data.simulated import Study
-from experiments.document import figures, report
+from experiments.document import figures, result_folder, tabular
 from experiments.readme import moving_picture
 from experiments.readme.estimator_figure import figure_estimator
-from experiments.reports import study_figures, study_report, study_tables
+from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
 from ident.errors import InputError
 from ident.files.atomic import replacing
 
 
-def table_3(result: Study) -> report.Table:
+def table_3(result: Study) -> tabular.Table:
     """Table III with our errors beside the paper's, by least squares and by the trajectory estimate."""
     shown = study_tables.table(result, "table_3")
     by_name = dict(zip(shown.columns, zip(*shown.rows, strict=True), strict=True))
@@ -29,22 +30,20 @@ def table_3(result: Study) -> report.Table:
             f"{model}, ours": by_name[f"error_{model}"],
             f"{model}, trajectory": by_name[f"trajectory_error_{model}"],
         }
-    return report.Table("", *report.columns(**columns), decimals=2)
+    return tabular.Table("", *tabular.columns(**columns), decimals=2)
 
 
-def table_wrench_errors(result: Study) -> report.Table:
+def table_wrench_errors(result: Study) -> tabular.Table:
     """Errors of the recovered wrenches by channel, in brackets relative to the true wrench."""
     rows = []
-    for (channel, found), (_, unit) in zip(
-        study_report.summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True
-    ):
+    for (channel, found), (_, unit) in zip(summary(result)["wrench_errors"].items(), figures.SYMBOLS, strict=True):
         shown = (f"{found[f'rms_{m}']:.2f} ({100 * found[f'ratio_{m}']:.0f} %)" for m in ("simplified", "full"))
         rows.append((f"{channel}, {unit}", found["true_std"], *shown))
     columns = ("channel", "s.d. of the true wrench", "error, simplified", "error, full")
-    return report.Table("", columns, tuple(rows), decimals=2)
+    return tabular.Table("", columns, tuple(rows), decimals=2)
 
 
-def table_4(result: Study) -> report.Table:
+def table_4(result: Study) -> tabular.Table:
     """Table IV with our errors beside the paper's, by least squares and by the trajectory estimate."""
     shown = study_tables.table(result, "table_4")
     name, true_paper, true_scene, error, paper_error, trajectory, _ = zip(*shown.rows, strict=True)
@@ -56,7 +55,7 @@ def table_4(result: Study) -> report.Table:
         "error, ours": error,
         "error, trajectory": trajectory,
     }
-    return report.Table("", *report.columns(**columns), decimals=2, marked=shown.marked, footnote=shown.footnote)
+    return tabular.Table("", *tabular.columns(**columns), decimals=2, marked=shown.marked, footnote=shown.footnote)
 
 
 def benchmark_results(root: Path) -> dict[str, Any]:
@@ -98,12 +97,12 @@ def write(root: Path) -> None:
     }
     _replace_blocks(docs / "study.md", tables)
     _replace_blocks(docs / "speed.md", {"benchmark": words.readme_block(measured)})
-    with report.results_folder(docs) as folder:
+    with result_folder.results_folder(docs) as folder:
         figures.save(study_figures.figure(tilted, "figure_2"), folder, "figure_2", ["png"])
         figures.save(figure_benchmark(measured), folder, "benchmark", ["svg"])
         figures.save(figure_estimator(), folder, "estimator", ["svg"])
         moving_picture.save(study("multicontact", contact=moving_picture.CONTACT), folder / "mechanism.gif")
-        report.write_json(folder / sections.FILE, measured)
+        result_folder.write_json(folder / sections.FILE, measured)
 
 
 def _replace_blocks(page: Path, contents: Mapping[str, str]) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.document import figures
+from experiments.document import figures, styles
 from experiments.noise.conditions import CONDITIONS, SUBJECTS
 from experiments.noise.recordings import noisy_recording
 from experiments.studies.competitors import USUAL, low_passed
@@ -39,7 +39,7 @@ def figure_estimator() -> Figure:
     """The accelerations over a few seconds."""
     time, found = accelerations()
     lines = (figures.Line("C1", 0.7), figures.Line("black", 2.0), figures.Line("C0", 1.2, "--"))
-    with figures.paper_style():
+    with styles.paper_style():
         figure = Figure(figsize=(6.4, 2.6))
         ax = figure.subplots()
         for (label, values), line in zip(found.items(), lines, strict=True):

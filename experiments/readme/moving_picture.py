@@ -11,7 +11,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from experiments.data.simulated import Study
-from experiments.document import figures
+from experiments.document import figures, styles
 from ident.files.atomic import replacing
 
 CONTACT = "handle"
@@ -53,7 +53,7 @@ def save(result: Study, path: Path) -> None:
     """Writes the animation as a GIF."""
     first, last = np.searchsorted(result.recording.time, WINDOW)
     writer = PillowWriter(FRAMES_PER_SECOND)
-    with figures.paper_style(), replacing(path) as temporary:
+    with styles.paper_style(), replacing(path) as temporary:
         figure, drawn = moving_figure(result)
         with writer.saving(figure, temporary, dpi=100):
             for sample in range(int(first), int(last), round(result.recording.rate / FRAMES_PER_SECOND)):

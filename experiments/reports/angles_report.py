@@ -1,27 +1,25 @@
 """Report on joint angles from markers: angles as files, tables of markers, joints and lengths, a figure and a page."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.document import figures, report
-from experiments.document.layout import PAPER, Layout
-from experiments.document.page import PAGE, Said, write_report
-from experiments.document.results import Results
-from experiments.document.terminal import wrapped
+from experiments.data.outcomes import Angles
+from experiments.document import styles, tabular
+from experiments.document.document import Document
+from experiments.document.result_folder import OUTPUTS as RESULTS
 from ident.files.atomic import save_arrays
+from sim.markers.lengths import Scaling
 from sim.markers.scaled_file import write_scaled
 from sim.markers.trial_fit import Postures
 from sim.models.names import joint_name
 
-if TYPE_CHECKING:
-    from experiments.studies.angles import Angles
-
-OUTPUTS = (*report.OUTPUTS, PAGE, "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
+OUTPUTS = (*RESULTS, "angles.csv", "angles.npz", "covariance.npz", "model_scaled.xml")
+"""Patterns of the files that it writes."""
 
 MM = 1e3
 """Millimetres per metre."""
@@ -30,28 +28,28 @@ FAR_OFF = 0.05
 """Share of outlying frames of a marker above which a sentence says so."""
 
 
-def markers_table(postures: Postures) -> report.Table:
+def markers_table(postures: Postures) -> tabular.Table:
     """Distance of each marker from the fit, in frames that count, and the frames in which it is missing or outlying."""
     distances, outlying = postures.distances, postures.outlying
     kept = np.where(outlying | np.isnan(distances), np.nan, distances)
-    columns: dict[str, Sequence[report.Cell]] = {
+    columns: dict[str, Sequence[tabular.Cell]] = {
         "marker": postures.marked.labels,
         "rms_mm": [MM * float(np.sqrt(np.mean(x**2))) if x.size else np.nan for x in map(_finite, kept.T)],
         "largest_mm": [MM * float(x.max()) if x.size else np.nan for x in map(_finite, distances.T)],
         "missing_frames": np.isnan(distances).sum(axis=0).tolist(),
         "outlying_frames": outlying.sum(axis=0).tolist(),
     }
-    return report.Table("Distances of the markers from the fit", *report.columns(**columns), decimals=2)
+    return tabular.Table("Distances of the markers from the fit", *tabular.columns(**columns), decimals=2)
 
 
 def _finite(x: np.ndarray) -> np.ndarray:
     return x[np.isfinite(x)]
 
 
-def joints_table(postures: Postures) -> report.Table:
+def joints_table(postures: Postures) -> tabular.Table:
     """Range and standard deviation of each degree of freedom, and the number of frames beyond the model's range."""
     marked, model = postures.marked, postures.marked.model
-    rows: list[tuple[report.Cell, ...]] = []
+    rows: list[tuple[tabular.Cell, ...]] = []
     for k, (d, name) in enumerate(zip(marked.dofs, marked.dof_names, strict=True)):
         j, there = int(model.dof_jntid[d]), postures.determined[:, k]
         slide = marked.dofs_of(j) == 6 and d - model.jnt_dofadr[j] < 3
@@ -64,7 +62,7 @@ def joints_table(postures: Postures) -> report.Table:
         std = scale * float(np.sqrt((postures.std[there, k] ** 2).mean())) if there.any() else np.nan
         rows.append((name, "mm" if slide else "°", *values, std, int((~there).sum()), beyond_range(postures, j)))
     heads = ("coordinate", "unit", "lowest", "highest", "std", "frames_not_determined", "frames_beyond_range")
-    return report.Table("Coordinates", *report.columns(**dict(zip(heads, zip(*rows, strict=True), strict=True))))
+    return tabular.Table("Coordinates", *tabular.columns(**dict(zip(heads, zip(*rows, strict=True), strict=True))))
 
 
 def beyond_range(postures: Postures, j: int) -> int:
@@ -84,25 +82,23 @@ def beyond_range(postures: Postures, j: int) -> int:
     return int((beyond & postures.determined[:, own].all(axis=1)).sum())
 
 
-def scale_table(found: "Angles") -> report.Table:
+def scale_table(lengths: Scaling) -> tabular.Table:
     """Factors on the lengths of segments."""
-    lengths = found.scaling
-    assert lengths is not None
     columns = {
         "bodies": [", ".join(group) for group in lengths.groups],
         "factor": lengths.factors.tolist(),
         "std": lengths.std.tolist(),
     }
-    return report.Table("Factors on the lengths of segments", *report.columns(**columns), decimals=4)
+    return tabular.Table("Factors on the lengths of segments", *tabular.columns(**columns), decimals=4)
 
 
-def residuals_figure(found: "Angles") -> Figure:
+def residuals_figure(found: Angles) -> Figure:
     """RMS distance of the markers from the fit over time."""
     distances = MM * np.where(found.postures.outlying, np.nan, found.postures.distances)
     seen = np.isfinite(distances)
     by_frame = np.sqrt(np.nansum(distances**2, axis=1) / np.maximum(seen.sum(axis=1), 1))
-    with figures.paper_style():
-        figure = Figure(figsize=(figures.text_width(), 1.9))
+    with styles.paper_style():
+        figure = Figure(figsize=(styles.text_width(), 1.9))
         ax = figure.subplots()
         ax.plot(found.markers.time, by_frame, color="C0", lw=0.8)
         ax.set_xlabel("Time (s)", labelpad=2)
@@ -112,7 +108,7 @@ def residuals_figure(found: "Angles") -> Figure:
     return figure
 
 
-def lines(found: "Angles") -> list[str]:
+def lines(found: Angles) -> list[str]:
     """Sentences on the main results of a trial."""
     postures, labels = found.postures, found.postures.marked.labels
     N, M = postures.distances.shape
@@ -137,59 +133,33 @@ def lines(found: "Angles") -> list[str]:
     return [*out, *found.recording.notes]
 
 
-def results(found: "Angles", provenance: dict[str, Any]) -> Results:
-    """All tables, figures and numbers."""
-    tables = {"table_markers": markers_table(found.postures), "table_joints": joints_table(found.postures)}
-    if found.scaling is not None:
-        tables["table_lengths"] = scale_table(found)
-    drawn = {"figure_residuals": (residuals_figure(found), "Distances of the markers from the fit.")}
-    return Results(tables, drawn, {"provenance": provenance})
-
-
-def write(
-    found: "Angles",
-    folder: Path,
-    model: Path,
-    markers: Path,
-    provenance: dict[str, Any],
-    formats: Sequence[str],
-    layout: Layout = PAPER,
-) -> str:
-    """Writes everything into a folder: angles, their covariance, tables, a page, and the scaled model if there is one.
+def document(found: Angles, model: Path, markers: Path, provenance: dict[str, Any]) -> Document:
+    """Tables and a figure, angles and their covariance, and the scaled model if there is one.
 
     Args:
         found: The fitted angles.
-        folder: The folder.
-        model: Model file; `markers` the file of the markers.
+        model: Model file.
+        markers: File of the markers.
         provenance: Provenance of the results.
-        formats: Formats of the figures.
-        layout: Layout of tables and figures in print.
-
-    Returns:
-        A sentence if the layout cannot be applied, else an empty one.
     """
-    shown, every = results(found, provenance), list(dict.fromkeys(["png", *formats]))
-    layout, refused = shown.chosen(layout)
-    shown.write(folder, every, layout)
-    for suffix in ("csv", "npz"):
-        found.recording.save(folder / f"angles.{suffix}")
-    names = np.array(found.postures.marked.dof_names)
-    covariance = {"time": found.markers.time, "names": names, "covariance": found.postures.covariance}
-    save_arrays(folder / "covariance.npz", covariance)
-    if found.scaling is not None:
-        write_scaled(folder / "model_scaled.xml", found.postures.marked.spec, found.scaling.model)
-    said = Said(
+    postures, lengths = found.postures, found.scaling
+    tables = {"table_markers": markers_table(postures), "table_joints": joints_table(postures)}
+    covariance = {"time": found.markers.time, "names": np.array(postures.marked.dof_names)}
+    covariance |= {"covariance": postures.covariance}
+    files: dict[str, Callable[[Path], object]] = {
+        "angles.csv": found.recording.save,
+        "angles.npz": found.recording.save,
+        "covariance.npz": lambda path: save_arrays(path, covariance),
+    }
+    if lengths is not None:
+        tables["table_lengths"] = scale_table(lengths)
+        files["model_scaled.xml"] = lambda path: write_scaled(path, postures.marked.spec, lengths.model)
+    return Document(
         f"Joint angles of {model.name} from {markers.name}",
         lines=lines(found),
         heading="The trial",
-        files=["angles.csv", "angles.npz", "covariance.npz", *(["model_scaled.xml"] if found.scaling else [])],
+        tables=tables,
+        figures={"figure_residuals": (residuals_figure(found), "Distances of the markers from the fit.")},
+        numbers={"provenance": provenance},
+        files=files,
     )
-    write_report(folder, shown, every, said)
-    return refused
-
-
-def text(found: "Angles") -> str:
-    """Text for the terminal."""
-    tables = [markers_table(found.postures), joints_table(found.postures)]
-    tables += [scale_table(found)] if found.scaling is not None else []
-    return wrapped("\n".join([*(table.text() for table in tables), *lines(found)]))

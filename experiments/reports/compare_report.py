@@ -10,13 +10,14 @@ from matplotlib.figure import Figure
 
 from experiments.data.comparison import Difference, Result
 from experiments.data.errors import HALF_WIDTH
-from experiments.document import figures, report, row_panels
+from experiments.document import row_panels, styles, symbols, tabular
+from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout
-from experiments.document.page import PAGE, Said, write_report
-from experiments.document.results import Results
+from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 
-OUTPUTS = (*report.OUTPUTS, "comparison.json", PAGE)
+OUTPUTS = (*RESULTS, "comparison.json")
+"""Patterns of the files that it writes."""
 
 LINEAR = 10.0
 """Difference in standard deviations up to which the figure's abscissa is linear; it is logarithmic beyond."""
@@ -25,14 +26,14 @@ UNLIKELY = 0.01
 """p-value of χ² below which a difference is called more than noise."""
 
 
-def differences_table(found: Difference) -> report.Table:
+def differences_table(found: Difference) -> tabular.Table:
     """Parameters of both, and their difference, with its interval if the logs are independent."""
     first, second, comparison = found.first, found.second, found.comparison
     half = np.full(len(found.names), np.nan) if found.shared else HALF_WIDTH * np.sqrt(np.diag(comparison.covariance))
     wider = np.full(len(found.names), np.nan) if found.shared else HALF_WIDTH * found.std_setup
-    return report.Table(
+    return tabular.Table(
         f"Base parameters of {first.name} less those of {second.name}, SI units; ± 95 % intervals of the difference",
-        *report.columns(
+        *tabular.columns(
             parameter=found.names,
             first=first.at(found.names)[0],
             second=second.at(found.names)[0],
@@ -51,7 +52,7 @@ def differences_table(found: Difference) -> report.Table:
     )
 
 
-def prediction_table(results: Sequence[Result]) -> report.Table:
+def prediction_table(results: Sequence[Result]) -> tabular.Table:
     """Residual over signal of each result on its own held-out part, by channel."""
     channels = list(dict.fromkeys(channel for result in results for channel in result.estimate["held_out"]))
     ratios = [
@@ -59,23 +60,23 @@ def prediction_table(results: Sequence[Result]) -> report.Table:
         for result in results
     ]
     columns = dict(zip(["channel", *(result.name for result in results)], [channels, *ratios], strict=True))
-    return report.Table("Residual over signal on what each result held out", *report.columns(**columns))
+    return tabular.Table("Residual over signal on what each result held out", *tabular.columns(**columns))
 
 
-def setup_table(results: Sequence[Result]) -> report.Table:
+def setup_table(results: Sequence[Result]) -> tabular.Table:
     """Set-up errors that each result reports."""
     found = [{each["name"]: each["text"] for each in result.estimate["setup"]} for result in results]
     names = list(dict.fromkeys(name for each in found for name in each))
     rows = tuple((name, *(each.get(name, "as stated") for each in found)) for name in names)
-    return report.Table("Set-up", ("what", *(result.name for result in results)), rows)
+    return tabular.Table("Set-up", ("what", *(result.name for result in results)), rows)
 
 
-def settings_table(results: Sequence[Result]) -> report.Table:
+def settings_table(results: Sequence[Result]) -> tabular.Table:
     """Settings that differ between the results."""
     keys = dict.fromkeys(key for result in results for key in result.settings)
     rows = [(key, *(result.settings.get(key, "none") for result in results)) for key in keys]
-    kept = tuple((report.heading(key), *values) for key, *values in rows if len(set(values)) > 1)
-    return report.Table("Settings that differ", ("setting", *(result.name for result in results)), kept)
+    kept = tuple((tabular.heading(key), *values) for key, *values in rows if len(set(values)) > 1)
+    return tabular.Table("Settings that differ", ("setting", *(result.name for result in results)), kept)
 
 
 def agreement(found: Difference) -> str:
@@ -99,8 +100,8 @@ def figure(found: Difference, layout: Layout = PAPER) -> Figure:
     shown = [k for k, name in enumerate(found.names) if layout.shows(name, found.first.bodies)]
     std = np.sqrt(np.diag(found.comparison.covariance))[shown]
     z, wider = found.comparison.z[shown], HALF_WIDTH * found.std_setup[shown] / std
-    with figures.paper_style():
-        labels = [figures.named_symbol(found.names[k], found.first.bodies) for k in shown]
+    with styles.paper_style():
+        labels = [symbols.named_symbol(found.names[k], found.first.bodies) for k in shown]
         drawn, panels = row_panels.row_panels(labels, "Difference in its standard deviations from noise")
         widest = max(np.abs(z).max(initial=0) + wider.max(initial=0), LINEAR)
         powers = LINEAR ** np.arange(1, 1 + int(np.log10(widest)))
@@ -116,8 +117,12 @@ def figure(found: Difference, layout: Layout = PAPER) -> Figure:
     return drawn
 
 
-def results(compared: Sequence[Result], provenance: dict[str, Any], layout: Layout = PAPER) -> Results:
-    """All tables, figures and numbers: each result compared with the first."""
+def document(compared: Sequence[Result], provenance: dict[str, Any], layout: Layout = PAPER) -> Document:
+    """Each result compared with the first.
+
+    Raises:
+        InputError: The layout names a table, figure or parameter that does not exist.
+    """
     pairs = [Difference(compared[0], other) for other in compared[1:]]
     ends = [""] if len(pairs) == 1 else [f"_{k}" for k in range(2, len(compared) + 1)]
     tables = {f"table_differences{end}": differences_table(pair) for end, pair in zip(ends, pairs, strict=True)}
@@ -133,7 +138,22 @@ def results(compared: Sequence[Result], provenance: dict[str, Any], layout: Layo
         for end, pair in zip(ends, pairs, strict=True)
         if not pair.shared
     }
-    return Results(tables, drawn, {"comparison": numbers(pairs), "provenance": provenance})
+    names = list(dict.fromkeys(name for result in compared for name in result.regrouping))
+    layout.check([*tables, *drawn], names, compared[0].bodies)
+    said = [agreement(pair) for pair in pairs]
+    return Document(
+        f"{' and '.join(result.name for result in compared)}, compared",
+        verdict=" ".join(said),
+        lines=[
+            f"{result.name}: fitted to {', '.join(result.logs.values())}. {result.estimate['verdict']}"
+            for result in compared
+        ],
+        heading="What is compared",
+        tables=tables,
+        figures=drawn,
+        numbers={"comparison": numbers(pairs), "provenance": provenance},
+        screen=wrapped("\n".join([*(table.text() for table in tables.values()), *said])),
+    )
 
 
 def numbers(pairs: Sequence[Difference]) -> dict[str, Any]:
@@ -155,34 +175,6 @@ def numbers(pairs: Sequence[Difference]) -> dict[str, Any]:
             for pair in pairs
         ]
     }
-
-
-def text(shown: Results, compared: Sequence[Result]) -> str:
-    """Text for the terminal."""
-    return wrapped("\n".join([*(table.text() for table in shown.tables.values()), *sentences(compared)]))
-
-
-def sentences(compared: Sequence[Result]) -> list[str]:
-    """Sentences on the agreement of each result with the first."""
-    return [agreement(Difference(compared[0], other)) for other in compared[1:]]
-
-
-def write(shown: Results, compared: Sequence[Result], folder: Path, layout: Layout) -> None:
-    """Writes everything into a folder, with a page."""
-    formats, bodies = ("pdf", "svg", "png"), compared[0].bodies
-    names = list(dict.fromkeys(name for result in compared for name in result.regrouping))
-    layout.check([*shown.tables, *shown.figures], names, bodies)
-    shown.write(folder, formats, layout)
-    said = Said(
-        f"{' and '.join(result.name for result in compared)}, compared",
-        verdict=" ".join(sentences(compared)),
-        lines=[
-            f"{result.name}: fitted to {', '.join(result.logs.values())}. {result.estimate['verdict']}"
-            for result in compared
-        ],
-        heading="What is compared",
-    )
-    write_report(folder, shown, formats, said)
 
 
 def inputs(folders: Sequence[Path]) -> list[Path]:

@@ -1,7 +1,7 @@
-"""Report on a designed excitation: the motion as a recording, tables before and after, and a figure."""
+"""Report on a designed excitation: tables before and after, a figure, and the motion as a recording."""
 
 import math
-from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,92 +10,82 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from experiments.document import escape, figures, report
-from experiments.studies import criteria
-from experiments.studies.excitation import Problem
-from ident.mechanism.motion import Motion
-from ident.recordings.recording import STATES, Recording
-from sim.motion.excitation_design import Limits
+from experiments.data.outcomes import Design, geometric_mean
+from experiments.document import escape, figures, styles, tabular
+from experiments.document.document import Document
+from ident.geometry.inertia import with_bodies
+from ident.recordings.recording import STATES
 
 PER = ("", "/s", "/s²")
 """Suffixes of units for position, velocity and acceleration."""
 
 
-def recording(problem: Problem, time: np.ndarray, motion: Motion, provenance: Mapping[str, Any]) -> Recording:
-    """Recording of the motion of all hinge and slide joints."""
-    measured, units = {}, {}
-    still = np.zeros(len(time))
-    columns = {joint: k for k, joint in enumerate(problem.joints)}
-    for joint in dict.fromkeys((*problem.joints, *problem.rest)):
-        k = columns.get(joint)
-        rest = (problem.rest[joint] + still, still, still)
-        for kind, x, per, at_rest in zip(STATES, motion.states, PER, rest, strict=True):
-            measured[f"{joint}_{kind}"] = at_rest if k is None else x[:, k]
-            units[f"{joint}_{kind}"] = problem.units[joint] + per
-    return Recording(time, measured, units=units, provenance=provenance)
-
-
-def table_quality(problem: Problem, before: Motion, after: Motion) -> report.Table:
+def table_quality(design: Design) -> tabular.Table:
     """All criteria before and after."""
-    old, new = (criteria.quality(problem, motion) for motion in (before, after))
+    old, new = design.before.quality, design.after.quality
     rows = tuple((name, old[name], new[name]) for name in old)
-    names = {name: report.heading(name) for name in old} | {"log_det_information": "log det of the information"}
-    return report.Table("Criteria", ("criterion", "before", "after"), rows, decimals=4, names=names)
+    names = {name: tabular.heading(name) for name in old} | {"log_det_information": "log det of the information"}
+    return tabular.Table("Criteria", ("criterion", "before", "after"), rows, decimals=4, names=names)
 
 
-def table_deviations(problem: Problem, before: Motion, after: Motion, title: str) -> report.Table:
+def table_deviations(design: Design) -> tabular.Table:
     """Predicted standard deviation of each base parameter before and after, its prior one, and their geometric means.
 
     Decimals are such that the smallest one has two digits.
     """
-    std = {f"std_{k}": criteria.predicted_deviations(problem, m) for k, m in (("before", before), ("after", after))}
-    if problem.mechanism.prior is not None:
-        std = {"std_known": np.linalg.norm(criteria.known_root(problem), axis=0)} | std
-    names = (*problem.parameters.names, "geometric mean")
-    means = {name: np.append(values, criteria.geometric_mean(values)) for name, values in std.items()}
-    heads, rows = report.columns(parameter=names, **means)
+    title = (
+        f"Excitation of {', '.join(design.joints)}: predicted standard deviations, SI units, of {design.start} and the "
+        "designed one"
+    )
+    std = {} if design.known is None else {"std_known": design.known}
+    std |= {"std_before": design.before.std, "std_after": design.after.std}
+    names = (*design.names, "geometric mean")
+    means = {name: np.append(values, geometric_mean(values)) for name, values in std.items()}
+    heads, rows = tabular.columns(parameter=names, **means)
     decimals = max(3, 1 - math.floor(math.log10(std["std_after"].min())))
-    return report.Table(title, heads, rows, decimals=decimals, bodies=problem.mechanism.bodies)
+    return tabular.Table(title, heads, rows, decimals=decimals, bodies=design.bodies)
 
 
-def table_limits(problem: Problem, limits: Limits, before: Motion, after: Motion) -> report.Table:
+def table_limits(design: Design) -> tabular.Table:
     """Used range and limits of each joint."""
-    rows: list[tuple[report.Cell, ...]] = []
-    for k, joint in enumerate(problem.joints):
-        unit = problem.units[joint]
+    limits, both = design.limits, (design.before.motion, design.after.motion)
+    rows: list[tuple[tabular.Cell, ...]] = []
+    for k, joint in enumerate(design.joints):
+        unit = design.units[joint]
         for bound, function, limit in (("lowest", np.min, limits.low), ("highest", np.max, limits.high)):
-            used = (float(function(motion.q[:, k])) for motion in (before, after))
+            used = (float(function(motion.q[:, k])) for motion in both)
             rows.append((joint, f"{bound} position, {unit}", *used, float(limit[k])))
         rates = zip(STATES[1:], PER[1:], (limits.velocity, limits.acceleration), strict=True)
         for order, (kind, per, largest) in enumerate(rates, start=1):
-            used = (float(abs(motion.states[order][:, k]).max()) for motion in (before, after))
+            used = (float(abs(motion.states[order][:, k]).max()) for motion in both)
             rows.append((joint, f"largest {kind}, {unit}{per}", *used, float(largest[k])))
-    return report.Table("Limits", ("joint", "quantity", "before", "after", "limit"), tuple(rows))
+    return tabular.Table("Limits", ("joint", "quantity", "before", "after", "limit"), tuple(rows))
 
 
-def figure(problem: Problem, limits: Limits, time: np.ndarray, before: Motion, after: Motion) -> Figure:
+def figure(design: Design) -> Figure:
     """Position, velocity and acceleration of each moving joint, before and after, with their limits."""
+    limits, before, after = design.limits, design.before, design.after
     bounds = (
         (limits.low, limits.high),
         (-limits.velocity, limits.velocity),
         (-limits.acceleration, limits.acceleration),
     )
-    ratio = criteria.mean_deviation(problem, after) / criteria.mean_deviation(problem, before)
-    first, last = (criteria.quality(problem, motion)["condition_number"] for motion in (before, after))
+    ratio = after.mean_deviation / before.mean_deviation
+    first, last = (each.quality["condition_number"] for each in (before, after))
     labels = (
         f"designed: condition number {last:.1f}, s.d. {ratio:.2f} of those before",
         f"before: {first:.1f}",
         "limits",
     )
-    with figures.paper_style():
-        drawing = Figure(figsize=(figures.text_width(), 0.55 + 1.15 * len(problem.joints)))
-        axes = drawing.subplots(len(problem.joints), 3, sharex=True, squeeze=False)
+    with styles.paper_style():
+        drawing = Figure(figsize=(styles.text_width(), 0.55 + 1.15 * len(design.joints)))
+        axes = drawing.subplots(len(design.joints), 3, sharex=True, squeeze=False)
         for (k, column), ax in np.ndenumerate(axes):
-            joint, (low, high) = problem.joints[k], bounds[column]
-            old, new = (motion.states[column][:, k] for motion in (before, after))
-            lines = _panel(ax, time, old, new, (float(low[k]), float(high[k])))
+            joint, (low, high) = design.joints[k], bounds[column]
+            old, new = (each.motion.states[column][:, k] for each in (before, after))
+            lines = _panel(ax, design.time, old, new, (float(low[k]), float(high[k])))
             name = f"{escape.label(joint)}\n" if column == 0 else ""
-            ax.set_ylabel(f"{name}{STATES[column]} ({problem.units[joint]}{PER[column]})", labelpad=2)
+            ax.set_ylabel(f"{name}{STATES[column]} ({design.units[joint]}{PER[column]})", labelpad=2)
         for ax in axes[-1]:
             ax.set_xlabel("Time (s)", labelpad=2)
         figures.align_ylabels(axes.flat)
@@ -116,3 +106,33 @@ def _panel(
     ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
     return [new, old, bounds[0]]
+
+
+def lines(design: Design) -> list[str]:
+    """Sentences for the terminal and the page, besides the tables."""
+    before, after = design.before.mean_deviation, design.after.mean_deviation
+    first, last = (each.quality["condition_number"] for each in (design.before, design.after))
+    return [
+        f"{len(design.names)} base parameters: {with_bodies(design.names, design.bodies)}.",
+        f"Predicted standard deviations (kg, kg m, kg m²), geometric mean before, {design.start}: {before:.2e}; after: "
+        f"{after:.2e}, {after / before - 1:+.0%}.",
+        f"Condition number before: {first:.1f}; after: {last:.1f}.",
+        f"Collisions: {design.collisions}.",
+    ]
+
+
+def document(design: Design, model: str, provenance: dict[str, Any]) -> Document:
+    """Tables and a figure of a design, and its motion as a recording."""
+    caption = f"Position, velocity and acceleration of the joints that move: designed, and before, {design.start}."
+    return Document(
+        f"Excitation of {Path(model).name}",
+        lines=lines(design),
+        tables={
+            "table_deviations": table_deviations(design),
+            "table_quality": table_quality(design),
+            "table_limits": table_limits(design),
+        },
+        figures={"figure_excitation": (figure(design), caption)},
+        numbers={"provenance": provenance},
+        files=dict.fromkeys(("trajectory.csv", "trajectory.npz"), design.recording.save),
+    )

@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from experiments.data.errors import HALF_WIDTH
-from experiments.document import figures
-from experiments.studies.human import Study
+from experiments.data.person import Study
+from experiments.document import styles
 
 COLORS = {"prior": "0.55", "estimate": "C0"}
 
@@ -21,8 +21,8 @@ SHARES = (0.15, 0.3, 0.6, 1.0)
 
 def figure(found: Study, feet_alone: Study) -> Figure:
     """Errors of first moments, and the precision gained by more recordings and seconds, with and without the rail."""
-    with figures.paper_style():
-        drawing = Figure(figsize=(figures.column_width(), 7.2))
+    with styles.paper_style():
+        drawing = Figure(figsize=(styles.column_width(), 7.2))
         above, middle, below = drawing.subplots(3, 1, height_ratios=(2, 1, 1.1))
         _segments(above, found)
         _growth(middle, found, feet_alone)

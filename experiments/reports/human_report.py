@@ -1,25 +1,18 @@
 """Report on the study of a person: tables, a figure, key numbers, and the terminal's text."""
 
-import argparse
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from experiments.cli.own_model import progress
 from experiments.data.errors import HALF_WIDTH
-from experiments.document import report
-from experiments.document.page import Said, conclude
-from experiments.document.results import Results
+from experiments.data.laboratory import Laboratory
+from experiments.data.person import MOVED, Study
+from experiments.document import tabular
+from experiments.document.document import Document
 from experiments.reports import identify_replay
 from experiments.reports.human_figure import figure, foretold, growth
-from experiments.runs.workers import worker_pool
-from experiments.studies import human
-from experiments.studies.human import MOVED, Study
-from experiments.studies.person_recordings import Laboratory
-from ident.errors import InputError
 from ident.geometry.inertia import com_from_parameters
 
 ABOUT = (
@@ -29,15 +22,12 @@ ABOUT = (
 )
 """The page's text on the study."""
 
-CORRELATED = 0.9
-"""Autocorrelation of correlated noise of angles at a lag of one sample."""
 
-
-def table_segments(found: Study) -> report.Table:
+def table_segments(found: Study) -> tabular.Table:
     """Mass, largest component of the first moment and largest inertia of each segment: truth, prior, estimate, s.d."""
     phi, std = found.segments
     true, prior = (arm.known.reshape(-1, 10) for arm in (found.true, found.mechanism))
-    rows: list[tuple[report.Cell, ...]] = []
+    rows: list[tuple[tabular.Cell, ...]] = []
     for k, name in enumerate(found.true.bodies):
         first = 1 + int(np.argmax(np.abs(true[k, 1:4])))
         inertia = 4 + int(np.argmax(true[k, 4:7]))
@@ -51,19 +41,19 @@ def table_segments(found: Study) -> report.Table:
         for what, unit in (("mass", "kg"), ("first_moment", "kg m"), ("inertia", "kg m²"))
         for which in ("true", "prior", "estimate", "std")
     }
-    return report.Table(title, tuple(columns), tuple(rows), decimals=3, heads=heads)
+    return tabular.Table(title, tuple(columns), tuple(rows), decimals=3, heads=heads)
 
 
-def table_prediction(found: Study) -> report.Table:
+def table_prediction(found: Study) -> tabular.Table:
     """Errors of the wrench that unseen motions need."""
-    rows: list[tuple[report.Cell, ...]] = [(name, *map(float, errors)) for name, errors in found.errors.items()]
+    rows: list[tuple[tabular.Cell, ...]] = [(name, *map(float, errors)) for name, errors in found.errors.items()]
     title = "Errors of the wrench that unseen motions need, over the wrench's own deviation"
-    return report.Table(title, ("candidate", *found.estimate.channels[:6]), tuple(rows), decimals=3)
+    return tabular.Table(title, ("candidate", *found.estimate.channels[:6]), tuple(rows), decimals=3)
 
 
-def table_coverage(persons: Sequence[Study]) -> report.Table:
+def table_coverage(persons: Sequence[Study]) -> tabular.Table:
     """Coverage of the intervals of determined combinations, for each person and for all together."""
-    rows: list[tuple[report.Cell, ...]] = []
+    rows: list[tuple[tabular.Cell, ...]] = []
     for number, found in enumerate(persons, start=1):
         better = float((found.errors["prior"] / found.errors["trajectory estimate"]).min())
         rows.append((str(number), *_counted([found]), found.noise_of_angles, better))
@@ -77,12 +67,12 @@ def table_coverage(persons: Sequence[Study]) -> report.Table:
         "times_better": "least times better than the prior",
     }
     title = "How often intervals of what recordings determine hold, each time of another person, motion and noise"
-    return report.Table(title, ("person", *heads), tuple(rows), decimals=2, heads=heads)
+    return tabular.Table(title, ("person", *heads), tuple(rows), decimals=2, heads=heads)
 
 
-def _counted(persons: Sequence[Study]) -> tuple[report.Cell, ...]:
+def _counted(persons: Sequence[Study]) -> tuple[tabular.Cell, ...]:
     """Number of determined combinations, and coverage of their 95 % intervals: with set-up, and from noise alone."""
-    out: list[report.Cell] = []
+    out: list[tabular.Cell] = []
     for each in ([found.distances for found in persons], [found.distances_of_noise for found in persons]):
         z = np.concatenate([distances[std < MOVED] for std, distances in each])
         out += [len(z), float((np.abs(z) < HALF_WIDTH).mean()) if len(z) else None]
@@ -121,77 +111,6 @@ def numbers(found: Study) -> dict[str, Any]:
     }
 
 
-def results(found: Study, feet_alone: Study, others: Sequence[Study] = ()) -> Results:
-    """All results, of a person who holds the rail, of one who does not, and of others who hold it."""
-    caption = (
-        "A person on two force plates who holds a rail: error of each segment's first moment before and after "
-        f"{len(found.activities)} recordings of {found.seconds:g} s, with what the estimate says of itself (a); "
-        "standard deviations of all segments' parameters, geometric means over those known beforehand, as recordings "
-        "are added (b), and of the wrench that unseen motions need, a geometric mean of the channels, as they get "
-        "longer, of one motion or of all of them (c); with the rail and without."
-    )
-    tables = {"table_segments": table_segments(found), "table_prediction": table_prediction(found)}
-    summary = {"plates_and_rail": numbers(found), "plates": numbers(feet_alone)}
-    if others:
-        tables["table_coverage"] = table_coverage([found, *others])
-    return Results(tables, {"figure_human": (figure(found, feet_alone), caption)}, {"summary": summary})
-
-
-def said(found: Study, laboratory: Laboratory) -> Said:
-    """The page's text besides tables and figure: source of angles, verdict and findings of `identify`, and a replay."""
-    estimate, determined = found.estimate, found.determined
-    line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined"
-    if determined.any():
-        line += f"; {found.coverage:.0%} of their 95 % intervals hold the truth"
-    return Said(
-        "A person on two force plates, at a rail",
-        f"{ABOUT} {measured(laboratory)}",
-        verdict=estimate.verdict(),
-        findings=[(finding.text, finding.doubt) for finding in estimate.findings],
-        lines=[f"{line}."],
-        # There is no table of base parameters, whose rows could be pressed.
-        replay=replace(identify_replay.replay(estimate), parameters=()),
-    )
-
-
-def run(args: argparse.Namespace) -> Results:
-    """Runs the study and writes, prints and returns its results."""
-    laboratory = _laboratory(args)
-    with report.writable(args.out), ExitStack() as stack:
-        executor = stack.enter_context(worker_pool(args.workers)).executor if args.workers > 1 else None
-        shared = {"activities": args.activities, "executor": executor, "report": progress}
-        found, feet_alone, *others = (
-            human.study(float(args.seconds), seed=seed, laboratory=replace(laboratory, rail=rail), **shared)
-            for seed, rail in [(args.seed, True), (args.seed, False)]
-            + [(args.seed + k, True) for k in range(1, args.persons)]
-        )
-    told = "seed", "seconds", "activities", "rate", "source", "noise", "persons", "formats"
-    choices = {key: getattr(args, key) for key in told} | {
-        "noise": None if laboratory.markers else laboratory.angle_deg
-    }
-    return conclude(args, results(found, feet_alone, others), said(found, laboratory), report.provenance(choices))
-
-
-def _laboratory(args: argparse.Namespace) -> Laboratory:
-    """The laboratory that the options describe.
-
-    Raises:
-        InputError: The noise of angles is out of range, or stated for angles from markers.
-    """
-    rate = float(args.rate)
-    if args.source == "markers":
-        if args.noise is not None:
-            raise InputError(
-                f"Noise of angles (--noise) belongs to --from angles or correlated, those from markers have that of "
-                f"the markers; got {args.noise:g}."
-            )
-        return Laboratory(rate=rate, markers=True)
-    noise = Laboratory.angle_deg if args.noise is None else args.noise
-    if not 0 < noise < 30:
-        raise InputError(f"Noise of angles (--noise) is from above 0 to below 30 degrees, got {noise:g}.")
-    return Laboratory(noise, CORRELATED if args.source == "correlated" else 0.0, rate=rate)
-
-
 def measured(laboratory: Laboratory) -> str:
     """A sentence on the source of the angles and their noise."""
     if laboratory.markers:
@@ -199,3 +118,36 @@ def measured(laboratory: Laboratory) -> str:
         return f"Angles come from markers, with noise of {noise:g} mm, on skin that moves by {skin:g} mm."
     kind = f"correlated at {laboratory.decay:g} from sample to sample" if laboratory.decay else "white"
     return f"Angles have noise of {laboratory.angle_deg:g}°, {kind}."
+
+
+def document(found: Study, feet_alone: Study, others: Sequence[Study], provenance: dict[str, Any]) -> Document:
+    """Results of a person who holds the rail, of one who does not, and of others who hold it, with a replay."""
+    caption = (
+        "A person on two force plates who holds a rail: error of each segment's first moment before and after "
+        f"{len(found.activities)} recordings of {found.seconds:g} s, with what the estimate says of itself (a); "
+        "standard deviations of all segments' parameters, geometric means over those known beforehand, as recordings "
+        "are added (b), and of the wrench that unseen motions need, a geometric mean of the channels, as they get "
+        "longer, of one motion or of all of them (c); with the rail and without."
+    )
+    estimate, determined = found.estimate, found.determined
+    line = f"{determined.sum()} of {len(determined)} independent combinations of base parameters are determined"
+    if determined.any():
+        line += f"; {found.coverage:.0%} of their 95 % intervals hold the truth"
+    tables = {"table_segments": table_segments(found), "table_prediction": table_prediction(found)}
+    if others:
+        tables["table_coverage"] = table_coverage([found, *others])
+    return Document(
+        "A person on two force plates, at a rail",
+        f"{ABOUT} {measured(found.laboratory)}",
+        verdict=estimate.verdict(),
+        findings=[(finding.text, finding.doubt) for finding in estimate.findings],
+        lines=[f"{line}."],
+        tables=tables,
+        figures={"figure_human": (figure(found, feet_alone), caption)},
+        numbers={
+            "summary": {"plates_and_rail": numbers(found), "plates": numbers(feet_alone)},
+            "provenance": provenance,
+        },
+        # There is no table of base parameters, whose rows could be pressed.
+        replay=replace(identify_replay.replay(estimate), parameters=()),
+    )

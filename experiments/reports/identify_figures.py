@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
 from experiments.data.errors import HALF_WIDTH
-from experiments.document import escape, figures, row_panels
+from experiments.document import escape, figures, row_panels, styles, symbols
 from experiments.document.layout import PAPER, Layout
 from experiments.reports.identify_replay import channel_unit
 from ident.estimate import Estimate
@@ -37,7 +37,7 @@ def held_out_figure(result: Estimate) -> Figure:
         for x in (held.time, held.samples.measured, held.samples.measured - held.residual)
     )
     slow = np.insert(result.near_reversals, breaks, False, axis=0)
-    with figures.paper_style():
+    with styles.paper_style():
         figure, axes = _panels(result)
         for k, ax in enumerate(axes):
             ax.plot(time, measured[:, k], color=MEASURED, lw=1.2, label="Measured")
@@ -73,8 +73,8 @@ def parameters_figure(result: Estimate, layout: Layout = PAPER) -> Figure:
     prior = result.base.regroup(arm.known)[shown]
     size = np.maximum(np.maximum(np.abs(value), np.abs(prior)), HALF_WIDTH * std)
     size = np.where(size > 0, size, 1)
-    names = [figures.named_symbol(result.base.names[k], arm.bodies) for k in shown]
-    with figures.paper_style():
+    names = [symbols.named_symbol(result.base.names[k], arm.bodies) for k in shown]
+    with styles.paper_style():
         figure, panels = row_panels.row_panels(names, "Value over the largest of estimate, model and half-width")
         for ax, rows in panels:
             ax.axvline(0, color="0.8", lw=0.6)
@@ -116,7 +116,7 @@ def spectra_figure(result: Estimate) -> Figure:
         if prepared.cutoff is None
         else min(3 * prepared.cutoff, prepared.recording.rate / 2)
     )
-    with figures.paper_style():
+    with styles.paper_style():
         figure, axes = _panels(result)
         for k, ax in enumerate(axes):
             for x, color, label in (
@@ -145,9 +145,9 @@ def amplitude_spectrum(x: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarr
 def _panels(result: Estimate) -> tuple[Figure, list[Axes]]:
     """A figure with a panel for each channel, from top to bottom and then from left to right."""
     count = len(result.channels)
-    columns, width = (2, figures.column_width()) if count <= COLUMN_PANELS else (4, figures.text_width())
+    columns, width = (2, styles.column_width()) if count <= COLUMN_PANELS else (4, styles.text_width())
     rows = -(-count // columns)
-    figure = Figure(figsize=(width, min(0.7 + 0.9 * rows, figures.text_height())))
+    figure = Figure(figsize=(width, min(0.7 + 0.9 * rows, styles.text_height())))
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
     axes = list(grid.T.flat)
     for ax in axes[count:]:

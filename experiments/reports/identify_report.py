@@ -1,15 +1,17 @@
 """Report on an identification: tables, figures, a page, numbers for scripts, and the updated model."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from experiments.document import report
+from experiments.document import tabular
+from experiments.document.document import Document
 from experiments.document.layout import PAPER, Layout, unit_of
-from experiments.document.page import PAGE, Said, filmed, write_report
-from experiments.document.results import Results
+from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 from experiments.reports.identify_figures import (
     held_out_caption,
@@ -27,10 +29,11 @@ from ident.tolerances import DRIVE
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
-OUTPUTS = (*report.OUTPUTS, PAGE, "estimate.json", "model.xml", "model.urdf", "model.osim")
+OUTPUTS = (*RESULTS, "estimate.json", "model.xml", "model.urdf", "model.osim")
+"""Patterns of the files that it writes."""
 
 
-def parameters_table(result: Estimate) -> report.Table:
+def parameters_table(result: Estimate) -> tabular.Table:
     """Base parameters with their uncertainty beside the model's own."""
     base, fit = result.base, result.fit
     prior = base.regroup(result.prepared.mechanism.known)
@@ -49,9 +52,9 @@ def parameters_table(result: Estimate) -> report.Table:
     if result.trajectory is not None and result.trajectory.known:
         moved = [*result.moved_from_prior.tolist(), *[None] * (len(result.names) - base.rank)]
         columns |= {"moved_from_model_std": moved}
-    return report.Table(
+    return tabular.Table(
         "Base parameters, SI units",
-        *report.columns(**columns),
+        *tabular.columns(**columns),
         caption="Identified base parameters beside the model's own",
         notes=(
             "S.d.: of noise alone; s.d. setup: with what is left open of the set-up.",
@@ -83,7 +86,7 @@ def _relative(value: float, std: float) -> str:
     return f"{100 * std / abs(value):.1f} %" if abs(value) > 3 * std else f"{std:.2g} abs."
 
 
-def quality_table(result: Estimate) -> report.Table:
+def quality_table(result: Estimate) -> tabular.Table:
     """Prediction errors of each channel on the held-out part."""
     held = result.held_out
     rivals = [result.rivals.get(name, np.full(len(result.channels), np.nan)) for name in ("model", "least squares")]
@@ -109,16 +112,16 @@ def quality_table(result: Estimate) -> report.Table:
         "ratio_model_as_it_came": "ratio, model as it came",
         "ratio_least_squares": "ratio, least squares",
     }
-    return report.Table("Prediction of the held-out part", columns, rows, units=units, heads=heads)
+    return tabular.Table("Prediction of the held-out part", columns, rows, units=units, heads=heads)
 
 
-def full_table(result: Estimate) -> report.Table:
+def full_table(result: Estimate) -> tabular.Table:
     """Physically consistent φ of each body beside the model's."""
     units = [unit_of(name) or "" for name in result.base.parameters]
     bodies = [name for name in result.prepared.mechanism.bodies for _ in PARAMETERS]
-    return report.Table(
+    return tabular.Table(
         "Full, physically consistent parameters, SI units",
-        *report.columns(
+        *tabular.columns(
             body=bodies,
             parameter=result.base.parameters,
             unit=units,
@@ -178,64 +181,44 @@ def text(result: Estimate) -> str:
     return wrapped("\n".join(lines))
 
 
-def results(result: Estimate, provenance: dict[str, Any], layout: Layout = PAPER) -> Results:
-    """All tables, figures and numbers."""
-    return Results(
-        tables={
-            "table_base_parameters": parameters_table(result),
-            "table_held_out": quality_table(result),
-            "table_full_parameters": full_table(result),
-        },
-        figures={
-            "figure_held_out": (held_out_figure(result), held_out_caption(result)),
-            "figure_parameters": (parameters_figure(result, layout), parameters_caption(result, layout)),
-            "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
-        },
-        numbers={"estimate": result.to_dict(), "provenance": provenance},
-    )
-
-
-def write(
-    result: Estimate,
-    folder: Path,
-    model: Path,
-    logs: Sequence[Path],
-    provenance: dict[str, Any],
-    layout: Layout = PAPER,
-    *,
-    film: bool = False,
-) -> str:
-    """Writes everything into a folder: tables, figures, a page, and the updated model file.
+def document(
+    result: Estimate, model: Path, logs: Sequence[Path], provenance: dict[str, Any], layout: Layout = PAPER
+) -> Document:
+    """Tables, figures, numbers and a replay of an identification, and the updated model file.
 
     Args:
         result: The identification.
-        folder: The folder.
         model: The model file to update.
         logs: The identified logs.
         provenance: Provenance of the results.
-        layout: Layout of tables and figures in print.
-        film: True to write a film.
-
-    Returns:
-        Sentences on a film that cannot be written and a layout that cannot be applied; else an empty text.
+        layout: Layout in print, whose parameters the figure shows if they exist.
     """
-    shown, formats = results(result, provenance), ("pdf", "svg", "png")
-    layout, refused = shown.chosen(layout)
-    if layout.parameters:
-        shown = results(result, provenance, layout)
-    shown.write(folder, formats, layout)
-    suffixes = {"robot": "urdf", "OpenSimDocument": "osim"}
-    updated = folder / f"model.{suffixes.get(parsed(model).tag, 'xml')}"
-    write_model(updated, result.prepared.mechanism, result.consistent())
-    said = Said(
+    updated = {"robot": "model.urdf", "OpenSimDocument": "model.osim"}.get(parsed(model).tag, "model.xml")
+    made = Document(
         f"{model.name}, identified from {', '.join(map(name_of, logs))}",
         verdict=result.verdict(),
         findings=[(finding.text, finding.doubt) for finding in result.findings],
         lines=data_lines(result),
         heading="The recording",
+        tables={
+            "table_base_parameters": parameters_table(result),
+            "table_held_out": quality_table(result),
+            "table_full_parameters": full_table(result),
+        },
+        figures=_figures(result, PAPER),
+        numbers={"estimate": result.to_dict(), "provenance": provenance},
         replay=replay(result),
-        files=[updated.name],
+        files={updated: lambda path: write_model(path, result.prepared.mechanism, result.consistent())},
+        screen=text(result),
     )
-    said, missing = filmed(film, folder, said)
-    write_report(folder, shown, formats, said)
-    return " ".join(filter(None, [missing, refused]))
+    chosen, _ = made.chosen(layout)
+    return replace(made, figures=_figures(result, chosen)) if chosen.parameters else made
+
+
+def _figures(result: Estimate, layout: Layout) -> dict[str, tuple[Figure, str]]:
+    """All figures and their captions."""
+    return {
+        "figure_held_out": (held_out_figure(result), held_out_caption(result)),
+        "figure_parameters": (parameters_figure(result, layout), parameters_caption(result, layout)),
+        "figure_spectra": (spectra_figure(result), "Amplitude spectra of the channels and of their residuals."),
+    }

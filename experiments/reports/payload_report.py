@@ -1,6 +1,6 @@
 """Report on the identification of a payload: numbers in the formats of robots and simulators, tables, a page."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from experiments.data.errors import HALF_WIDTH
-from experiments.document import report
-from experiments.document.layout import PAPER, Layout, offset_unit
-from experiments.document.page import PAGE, Said, write_report
-from experiments.document.results import Results
+from experiments.document import tabular
+from experiments.document.document import Document
+from experiments.document.layout import offset_unit
+from experiments.document.result_folder import OUTPUTS as RESULTS
 from experiments.document.terminal import wrapped
 from experiments.reports import identify_figures, identify_report
 from ident.geometry.inertia import symmetric
@@ -21,7 +21,8 @@ from ident.recordings.several_files import name_of
 from sim.models.model_update import write_model
 from sim.models.urdf import parsed
 
-OUTPUTS = (*report.OUTPUTS, PAGE, "payload.json", "payload.txt", "model.xml", "model.urdf")
+OUTPUTS = (*RESULTS, "payload.json", "payload.txt", "model.xml", "model.urdf")
+"""Patterns of the files that it writes."""
 
 UNITS = ("kg", *3 * ["m"], *6 * ["kg m²"])
 """Units of `QUANTITIES`."""
@@ -127,28 +128,28 @@ class PayloadReport:
         """The forms as one text."""
         return "\n".join(f"{title}\n{text}\n" for title, text in self.forms().items())
 
-    def table(self) -> report.Table:
+    def table(self) -> tabular.Table:
         """Mass, centre of mass and inertia with their intervals, beside the model's."""
         body, model = self.payload.in_frame(), self.payload.model
         columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(body)}
         columns["model"] = [None] * 10 if model is None else model.tolist()
         columns["note"] = ["" if told else "not told by this motion" for told in body.told]
         title = f"What '{self.payload.sensor}' carries, in the frame of '{self.payload.body}'"
-        return report.Table(title, *report.columns(**columns), decimals=6)
+        return tabular.Table(title, *tabular.columns(**columns), decimals=6)
 
-    def flange_table(self) -> report.Table:
+    def flange_table(self) -> tabular.Table:
         """The same in the flange's frame."""
         columns: dict[str, Any] = {"quantity": QUANTITIES, "unit": UNITS, **_columns(self.at_flange)}
-        return report.Table(f"The same in the frame of '{self.flange}'", *report.columns(**columns), decimals=6)
+        return tabular.Table(f"The same in the frame of '{self.flange}'", *tabular.columns(**columns), decimals=6)
 
-    def sensor_table(self) -> report.Table:
+    def sensor_table(self) -> tabular.Table:
         """Offsets, delay, gains and frame of the sensor."""
         name, value, std, taken = zip(*self.payload.sensor_parameters, strict=True)
         words = ["taken out" if each else "taken as stated" for each in taken]
         columns: dict[str, Any] = {"parameter": name, "estimate": value, "std": std, "note": words}
         units = tuple(map(_sensor_unit, name))
         names = {each: _in_words(each) for each in name}
-        return report.Table("The sensor", *report.columns(**columns), decimals=5, units=units, names=names)
+        return tabular.Table("The sensor", *tabular.columns(**columns), decimals=5, units=units, names=names)
 
     def lines(self) -> list[str]:
         """Lines on the logs, the payload's bodies and the sensor's place."""
@@ -186,24 +187,28 @@ class PayloadReport:
         # Forms are for copying: they are not wrapped.
         return "\n".join([wrapped("\n".join([*self.lines(), "", *tables])), self.forms_text(), *map(wrapped, verdict)])
 
-    def write(
-        self, folder: Path, model: Path, logs: Sequence[Path], provenance: dict[str, Any], layout: Layout = PAPER
-    ) -> str:
-        """Writes tables, a figure, a page, the forms, numbers for scripts, and the updated model file if it has masses.
+    def document(self, model: Path, logs: Sequence[Path], provenance: dict[str, Any]) -> Document:
+        """Tables, a figure, the forms, numbers for scripts, and the updated model file if it has masses.
 
         Args:
-            folder: The folder.
             model: The model file.
             logs: The logs.
             provenance: Provenance of the results.
-            layout: Layout of tables and figures in print.
-
-        Returns:
-            A sentence if the layout cannot be applied, else an empty one.
         """
-        payload, formats = self.payload, ("pdf", "png")
+        payload = self.payload
+        updated = f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
+        files: dict[str, Callable[[Path], object]] = {
+            "payload.txt": lambda path: path.write_text(self.forms_text(), encoding="utf-8")
+        }
+        if payload.robot.prior is not None:
+            files[updated] = lambda path: write_model(path, payload.robot, payload.phi_of_robot())
         held_out = identify_figures.held_out_figure(payload.estimate)
-        shown = Results(
+        return Document(
+            f"Payload of {model.name}, identified from {', '.join(map(name_of, logs))}",
+            verdict=payload.verdict(),
+            findings=[(finding.text, finding.doubt) for finding in payload.findings],
+            lines=self.lines(),
+            heading="The recording",
             tables={
                 "table_payload": self.table(),
                 "table_flange": self.flange_table(),
@@ -212,24 +217,10 @@ class PayloadReport:
             },
             figures={"figure_held_out": (held_out, "Measured and predicted channels on the held-out part.")},
             numbers={"payload": self.to_dict(), "provenance": provenance},
-        )
-        layout, refused = shown.chosen(layout)
-        shown.write(folder, formats, layout)
-        (folder / "payload.txt").write_text(self.forms_text(), encoding="utf-8")
-        updated = folder / f"model.{'urdf' if parsed(model).tag == 'robot' else 'xml'}"
-        if payload.robot.prior is not None:
-            write_model(updated, payload.robot, payload.phi_of_robot())
-        said = Said(
-            f"Payload of {model.name}, identified from {', '.join(map(name_of, logs))}",
-            verdict=payload.verdict(),
-            findings=[(finding.text, finding.doubt) for finding in payload.findings],
-            lines=self.lines(),
-            heading="The recording",
             blocks=self.forms(),
-            files=["payload.txt", *([] if payload.robot.prior is None else [updated.name])],
+            files=files,
+            screen=self.text(),
         )
-        write_report(folder, shown, formats, said)
-        return refused
 
 
 def _columns(body: RigidBody) -> dict[str, list[float]]:

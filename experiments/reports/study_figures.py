@@ -7,9 +7,9 @@ from itertools import cycle
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.data.key_numbers import wrench_error
 from experiments.data.simulated import Study
 from experiments.document import figures
-from experiments.reports.study_tables import wrench_error
 
 TRUE_WIDTH = 1.6
 """Line width of the truth in points: it lies below the others and shows on both sides."""

@@ -5,27 +5,22 @@ from typing import Any
 
 import numpy as np
 
+from experiments.data import key_numbers
 from experiments.data.fitting import ESTIMATORS, TrajectoryTrial, Trial
 from experiments.data.simulated import Study
-from experiments.document import report
-
-CHANNELS = ("Fx", "Fy", "Fz", "τx", "τy", "τz")
-"""The wrench's components in the paper's names."""
+from experiments.document import tabular
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 
-STILL = 1e-9
-"""Standard deviation, N or N m, below which a channel has only rounding errors."""
 
-
-def table(study: Study, name: str) -> report.Table:
+def table(study: Study, name: str) -> tabular.Table:
     """A table of the study by file name."""
     entry = study.file.tables[name]
     kinds = {"parameters": parameters, "wrench errors": wrench_errors, "contacts": contacts}
     return kinds[entry["kind"]](study, entry)
 
 
-def parameters(study: Study, entry: Mapping[str, Any]) -> report.Table:
+def parameters(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
     """The models' base parameters, a group of columns for each model."""
     groups = entry["groups"]
     names = study.fit(groups[0]["model"]).base.names
@@ -39,9 +34,9 @@ def parameters(study: Study, entry: Mapping[str, Any]) -> report.Table:
             heads[column] = _head(name, suffix)
     notes = _notes(study, groups)
     units = "kg, kg m and kg m²"
-    return report.Table(
+    return tabular.Table(
         "; ".join([f"{entry['caption']}, {units}", *notes]),
-        *report.columns(**columns),
+        *tabular.columns(**columns),
         decimals=entry.get("decimals", 3),
         marked=frozenset(entry.get("marked", ())),
         footnote=entry.get("footnote", ""),
@@ -54,11 +49,11 @@ def parameters(study: Study, entry: Mapping[str, Any]) -> report.Table:
 
 def _head(quantity: str, model: str) -> str:
     """Head of a column in words; the part after the comma is shared with neighbours."""
-    words = report.heading(quantity)
-    return f"{' '.join(reversed(words.split(', ')))}, {report.heading(model)}" if model else words
+    words = tabular.heading(quantity)
+    return f"{' '.join(reversed(words.split(', ')))}, {tabular.heading(model)}" if model else words
 
 
-def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> Iterable[report.Cell]:
+def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> Iterable[tabular.Cell]:
     """A column of a table: one of `study_entries.QUANTITIES` of a model, NaN where nothing was published."""
     published = study.file.published
     if name == "paper_error":
@@ -95,53 +90,25 @@ def _notes(study: Study, groups: Iterable[Mapping[str, Any]]) -> list[str]:
     return notes
 
 
-def wrench_errors(study: Study, entry: Mapping[str, Any]) -> report.Table:
+def wrench_errors(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
     """RMS errors of the recovered wrenches by channel, and their ratio to the channel's standard deviation."""
-    std, models = study.true.values.std(axis=0), entry["models"]
-    rms = [np.sqrt((wrench_error(study, model) ** 2).mean(axis=0)) for model in models]
-    rows = tuple(
-        (name, float(s), *map(float, x), *(float(r / s) if s > STILL else None for r in x))
-        for name, s, *x in zip(CHANNELS, std, *rms, strict=True)
-    )
-    columns = ("channel", "true_std", *(f"{what}_{model}" for what in ("rms", "ratio") for model in models))
+    errors = key_numbers.wrench_errors(study, entry["models"])
+    columns = ("channel", *next(iter(errors.values())))
+    rows = tuple((channel, *numbers.values()) for channel, numbers in errors.items())
     title = f"{entry['caption']}, N and N m"
-    return report.Table(title, columns, rows, entry.get("decimals", 3), caption=entry["caption"], units=UNITS)
+    return tabular.Table(title, columns, rows, entry.get("decimals", 3), caption=entry["caption"], units=UNITS)
 
 
-def wrench_error(study: Study, model: str) -> np.ndarray:
-    """Recovered less true, noise-free total wrench (N, 6)."""
-    return study.fit(model).predicted - study.true.values
-
-
-def touches(study: Study) -> dict[str, float]:
-    """Fraction and episodes of each contact and its peak force; fractions in which all and none touch."""
-    number = np.sum(list(study.touching.values()), axis=0)
-    found: dict[str, float] = {}
-    for name, touching in study.touching.items():
-        site = study.file.scene.contacts[name]
-        found |= {
-            f"{site}_fraction": float(touching.mean()),
-            f"{site}_fraction_alone": float(np.mean(touching & (number == 1))),
-            f"{site}_episodes": int(touching[0] + np.sum(~touching[:-1] & touching[1:])),
-            f"{site}_peak_force_N": float(np.linalg.norm(study.recording.true[f"{site}_force"], axis=1).max()),
-        }
-    return found | {
-        "contact_peak_force_N": max(x for key, x in found.items() if key.endswith("_peak_force_N")),
-        "fraction_all_touch": float(np.mean(number == len(study.touching))),
-        "fraction_none_touches": float(np.mean(number == 0)),
-    }
-
-
-def contacts(study: Study, entry: Mapping[str, Any]) -> report.Table:
+def contacts(study: Study, entry: Mapping[str, Any]) -> tabular.Table:
     """Fraction and episodes of each contact, and its peak force."""
-    found, known = touches(study), study.known
+    found, known = key_numbers.touches(study), study.known
 
     def each(number: str) -> list[float]:
         return [found[f"{site}_{number}"] for site in study.file.scene.contacts.values()]
 
-    return report.Table(
+    return tabular.Table(
         entry["caption"],
-        *report.columns(
+        *tabular.columns(
             contact=known.sites,
             link=[body for body, _ in known.sites.values()],
             touches=each("fraction"),

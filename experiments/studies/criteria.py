@@ -49,17 +49,6 @@ def predicted_deviations(problem: Problem, motion: Motion) -> np.ndarray:
     return np.linalg.norm(Vt.T / np.maximum(s, np.finfo(float).eps * s[0]), axis=1)
 
 
-def geometric_mean(deviations: np.ndarray) -> float:
-    """Geometric mean of standard deviations; ratios of it do not depend on units."""
-    with np.errstate(divide="ignore"):
-        return float(np.exp(np.log(deviations).mean()))
-
-
-def mean_deviation(problem: Problem, motion: Motion) -> float:
-    """Geometric mean of the standard deviations of ψ from a motion."""
-    return geometric_mean(predicted_deviations(problem, motion))
-
-
 def quality(problem: Problem, motion: Motion) -> dict[str, float]:
     """All criteria of a sampled motion by name; without masses, those relative to the prior are missing."""
     Y = problem.regressor(*motion.states)

@@ -1,24 +1,21 @@
-"""Design of a motion for a model or a scene, from its limits to its files."""
+"""Design of a motion for a model or a scene."""
 
-import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import scenes
 from experiments.data import paper
 from experiments.data.defaults import ACCELERATION, SCENE, SECONDS, VELOCITY
-from experiments.document import report
-from experiments.document.page import PAGE, Said, complain, write_results
-from experiments.document.results import Results
-from experiments.document.terminal import wrapped
-from experiments.reports.excite_report import figure, recording, table_deviations, table_limits, table_quality
+from experiments.data.outcomes import Design, Excited
 from experiments.studies import criteria, excitation
 from experiments.studies.excitation import Problem
 from ident.errors import InputError
-from ident.geometry.inertia import with_bodies
 from ident.mechanism.motion import Motion
+from ident.recordings.recording import STATES, Recording
 from sim.models.mechanism import mechanism
 from sim.motion.collisions import Collisions
 from sim.motion.excitation import DOUBLE_PENDULUM
@@ -28,6 +25,21 @@ from sim.simulation.simulate import LONGEST, RATE
 
 PER_PERIOD = 10
 """Smallest number of samples in a period of the fastest harmonic."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Limits of all joints; None for those of the model, of the paper's motion, or `VELOCITY` and `ACCELERATION`.
+
+    Attributes:
+        position: Lowest and highest position, rad or m.
+        velocity: Largest velocity, rad/s or m/s.
+        acceleration: Largest acceleration, rad/s² or m/s².
+    """
+
+    position: Sequence[float] | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
 
 
 def sample_times(seconds: float, harmonics: int) -> np.ndarray:
@@ -45,24 +57,24 @@ def sample_times(seconds: float, harmonics: int) -> np.ndarray:
     return np.arange(round(seconds * RATE) + 1) / RATE
 
 
-def joint_limits(args: argparse.Namespace, problem: Problem, reference: Motion | None) -> Limits:
+def joint_limits(bounds: Bounds, problem: Problem, reference: Motion | None) -> Limits:
     """Limits from the options, else from the paper's motion, else from the model.
 
     Raises:
         InputError: A joint has no range and none is given, or the ranges leave no room.
     """
     if reference is None:
-        low, high = _ranges(problem, args.position)
+        low, high = _ranges(problem, bounds.position)
         velocity, acceleration = (np.full(len(low), limit) for limit in (VELOCITY, ACCELERATION))
     else:
         low, high = reference.q.min(axis=0), reference.q.max(axis=0)
         velocity, acceleration = abs(reference.dq).max(axis=0), abs(reference.ddq).max(axis=0)
-        if args.position is not None:
-            low, high = _ranges(problem, args.position)
-    if args.velocity is not None:
-        velocity = np.full(len(low), args.velocity)
-    if args.acceleration is not None:
-        acceleration = np.full(len(low), args.acceleration)
+        if bounds.position is not None:
+            low, high = _ranges(problem, bounds.position)
+    if bounds.velocity is not None:
+        velocity = np.full(len(low), bounds.velocity)
+    if bounds.acceleration is not None:
+        acceleration = np.full(len(low), bounds.acceleration)
     return Limits(low, high, velocity, acceleration)
 
 
@@ -87,109 +99,104 @@ def _ranges(problem: Problem, given: Sequence[float] | None) -> tuple[np.ndarray
     return low, high
 
 
-def run(args: argparse.Namespace) -> None:
-    """Designs a motion, and writes and prints it."""
-    scene = args.model in scenes.NAMES
-    base = args.base or scenes.BASES.get(args.model) if scene else args.base
-    source = scenes.load(args.model) if scene else args.model
-    arm = mechanism(source, base, ignore=args.ignore, packages=args.packages)
-    problem = excitation.problem(arm, args.joints, sensors=args.sensors, noise=args.noise, ignore=args.ignore)
-    published = args.model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
+def designed(
+    model: str,
+    *,
+    base: str | None,
+    ignore: Sequence[str],
+    packages: Sequence[Path],
+    joints: Sequence[str] | None,
+    sensors: str,
+    noise: tuple[float, float] | None,
+    seconds: float | None,
+    harmonics: int,
+    bounds: Bounds,
+    criterion: str,
+    starts: int,
+    iterations: int,
+    seed: int,
+    clearance: float | None,
+) -> Design:
+    """A motion for a model or a scene.
+
+    Args:
+        model: Model file, or name of a scene.
+        base: Body whose frame is {0}, by default the scene's or the world's.
+        ignore: Equality constraints and tendons to leave out.
+        packages: Folders of ROS packages, for meshes.
+        joints: Joints to move, by default all hinges and slides.
+        sensors: One of `defaults.SENSORS`.
+        noise: As for `excitation.problem`.
+        seconds: Duration, by default `SECONDS` or the paper's.
+        harmonics: Terms of the series.
+        bounds: Limits of all joints.
+        criterion: One of `defaults.CRITERIA`.
+        starts: Random motions to begin from.
+        iterations: Largest number of iterations from each.
+        seed: Seed of the starts.
+        clearance: Distance that counts as a collision, m; None for no checks.
+
+    Raises:
+        InputError: A joint has no range, the motion is too short or too long, or all motions collide.
+    """
+    scene = model in scenes.NAMES
+    base = base or scenes.BASES.get(model) if scene else base
+    arm = mechanism(scenes.load(model) if scene else model, base, ignore=ignore, packages=packages)
+    problem = excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore)
+    published = model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
-    time = sample_times(duration if args.seconds is None else args.seconds, args.harmonics)
+    time = sample_times(duration if seconds is None else seconds, harmonics)
     reference = Motion(*DOUBLE_PENDULUM.trajectory(time)) if published else None
-    limits = joint_limits(args, problem, reference)
-    collisions = _collisions(args, problem)
-    before, trajectory = _designed(args, problem, limits, reference, time, collisions)
-    after = Motion(*trajectory.states(time))
-    start = "the paper's excitation" if published else "the first random start"
-    title = (
-        f"Excitation of {', '.join(problem.joints)}: predicted standard deviations, SI units, of {start} and the "
-        "designed one"
-    )
-    tables = {
-        "table_deviations": table_deviations(problem, before, after, title),
-        "table_quality": table_quality(problem, before, after),
-        "table_limits": table_limits(problem, limits, before, after),
-    }
-    lines = _lines(problem, start, (before, after), collisions)
-    drawing = figure(problem, limits, time, before, after)
-    caption = f"Position, velocity and acceleration of the joints that move: designed, and before, {start}."
-    results = Results(tables, {"figure_excitation": (drawing, caption)})
-    refused = _write(args, problem, results, lines, time, trajectory)
-    for table in tables.values():
-        print(table.text())
-    print(wrapped("\n".join(lines)))
-    print(f"Everything is in {args.out}; open {PAGE}.")
-    complain(refused)
-
-
-def _collisions(args: argparse.Namespace, problem: Problem) -> Collisions | None:
-    if args.collisions == "ignore":
-        return None
-    return Collisions(problem.mechanism.source.model, problem.joints, args.clearance)
-
-
-def _designed(
-    args: argparse.Namespace,
-    problem: Problem,
-    limits: Limits,
-    reference: Motion | None,
-    time: np.ndarray,
-    collisions: Collisions | None,
-) -> tuple[Motion, FourierTrajectory]:
-    """The motion that the design is compared with, and the design."""
+    limits = joint_limits(bounds, problem, reference)
+    collisions = None if clearance is None else Collisions(problem.mechanism.source.model, problem.joints, clearance)
     rest = np.array([problem.rest[joint] for joint in problem.joints])
-    starts = excitation.start_motions(limits, rest, float(time[-1]), args.harmonics, args.starts, args.seed)
-    if reference is None:
-        before = Motion(*starts[0].states(time))
-    else:
-        before = reference
-        starts[0] = FourierTrajectory.closest(float(time[-1]), args.harmonics, time, reference.q)
-    value = criteria.cost(problem, args.criterion, len(time))
-    return before, excitation.best(value, limits, starts, collisions, args.iterations, args.seed)
-
-
-def _write(
-    args: argparse.Namespace,
-    problem: Problem,
-    results: Results,
-    lines: Sequence[str],
-    time: np.ndarray,
-    trajectory: FourierTrajectory,
-) -> str:
-    """Writes everything, and returns the result of `write_results`."""
-    given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items()}
+    motions = excitation.start_motions(limits, rest, float(time[-1]), harmonics, starts, seed)
+    before = Motion(*motions[0].states(time)) if reference is None else reference
+    if reference is not None:
+        motions[0] = FourierTrajectory.closest(float(time[-1]), harmonics, time, reference.q)
+    value = criteria.cost(problem, criterion, len(time))
+    trajectory = excitation.best(value, limits, motions, collisions, iterations, seed)
+    after = Motion(*trajectory.states(time))
     series = {
         "duration": trajectory.duration,
         "joints": list(problem.joints),
         "center": trajectory.center.tolist(),
         "coefficients": trajectory.coefficients.tolist(),
     }
-    source = report.provenance(given, {"series": series, "base_parameters": list(problem.parameters.names)})
-    shown = results | Results(numbers={"provenance": source})
-    with report.results_folder(args.out, stale=report.OUTPUTS, inputs=[Path(args.model)]) as folder:
-        about = {"designed": args.model, "criterion": args.criterion, "series": series}
-        samples = recording(problem, time, Motion(*trajectory.states(time)), about)
-        files = ("trajectory.csv", "trajectory.npz")
-        for name in files:
-            samples.save(folder / name)
-        said = Said(f"Excitation of {Path(args.model).name}", lines=lines, files=files)
-        return write_results(args, folder, shown, args.formats, said)
+    known = None if problem.mechanism.prior is None else np.linalg.norm(criteria.known_root(problem), axis=0)
+    return Design(
+        problem.joints,
+        problem.units,
+        problem.parameters.names,
+        problem.mechanism.bodies,
+        known,
+        limits,
+        time,
+        "the paper's excitation" if published else "the first random start",
+        _excited(problem, before),
+        _excited(problem, after),
+        series,
+        recording(problem, time, after, {"designed": model, "criterion": criterion, "series": series}),
+        _checked(collisions),
+    )
 
 
-def _lines(problem: Problem, start: str, compared: tuple[Motion, Motion], collisions: Collisions | None) -> list[str]:
-    """Sentences for the terminal and the page, besides the tables."""
-    before, after = (criteria.mean_deviation(problem, motion) for motion in compared)
-    first, last = (criteria.quality(problem, motion)["condition_number"] for motion in compared)
-    named = with_bodies(problem.parameters.names, problem.mechanism.bodies)
-    return [
-        f"{problem.parameters.rank} base parameters: {named}.",
-        f"Predicted standard deviations (kg, kg m, kg m²), geometric mean before, {start}: {before:.2e}; after: "
-        f"{after:.2e}, {after / before - 1:+.0%}.",
-        f"Condition number before: {first:.1f}; after: {last:.1f}.",
-        f"Collisions: {_checked(collisions)}.",
-    ]
+def _excited(problem: Problem, motion: Motion) -> Excited:
+    return Excited(motion, criteria.quality(problem, motion), criteria.predicted_deviations(problem, motion))
+
+
+def recording(problem: Problem, time: np.ndarray, motion: Motion, provenance: Mapping[str, Any]) -> Recording:
+    """Recording of the motion of all hinge and slide joints."""
+    measured, units = {}, {}
+    still = np.zeros(len(time))
+    columns = {joint: k for k, joint in enumerate(problem.joints)}
+    for joint in dict.fromkeys((*problem.joints, *problem.rest)):
+        k = columns.get(joint)
+        rest = (problem.rest[joint] + still, still, still)
+        for kind, x, per, at_rest in zip(STATES, motion.states, ("", "/s", "/s²"), rest, strict=True):
+            measured[f"{joint}_{kind}"] = at_rest if k is None else x[:, k]
+            units[f"{joint}_{kind}"] = problem.units[joint] + per
+    return Recording(time, measured, units=units, provenance=provenance)
 
 
 def _checked(collisions: Collisions | None) -> str:

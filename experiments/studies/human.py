@@ -2,238 +2,37 @@
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from scipy import linalg
 
-from experiments.data.errors import HALF_WIDTH
+from experiments.data.laboratory import Laboratory
+from experiments.data.person import Study
+from experiments.runs.workers import worker_pool
 from experiments.studies.competitors import USUAL
 from experiments.studies.person_faults import drawn
-from experiments.studies.person_recordings import SENSORS, Laboratory, humanoid, mistaken, moved, recorded
+from experiments.studies.person_recordings import SENSORS, humanoid, mistaken, moved, recorded
 from ident.errors import InputError
 from ident.estimate import Estimate
 from ident.estimation.accumulator import accumulate
 from ident.estimation.preparation import prepared
 from ident.estimation.samples import joined
 from ident.identification import identified
-from ident.mechanism.mechanism import Mechanism
 from ident.model.regressor import base_wrench_regressor
-from ident.parameters.prior import conditioned, known_covariance
+from ident.parameters.base_parameters import BaseParameters
 from ident.trajectory.fit.iteration import Report
-from ident.trajectory.fit.piece import Piece, linearised
-from ident.trajectory.fit.precision import inverse_of_precision
 from sim.motion.person import ACTIVITIES
 
 UNSEEN = 1000
 """Offset of the seeds of recordings that are not fitted."""
 
-MOVED = 0.5
-"""Standard deviation over the prior one, below which a combination counts as determined."""
-
-ROUNDING = 1e-10
-"""Smallest variance over the prior one that is distinguishable from rounding."""
+CORRELATED = 0.9
+"""Autocorrelation of correlated noise of angles at a lag of one sample."""
 
 LEAST_SEEN = 1e-3
 """Singular values over the largest, below which least squares keeps the prior."""
-
-
-@dataclass(frozen=True, eq=False)
-class Study:
-    """Results of the study.
-
-    Attributes:
-        estimate: The estimate of all recordings.
-        true: The person.
-        activities: Activity of each recording.
-        seconds: Length of each, s.
-        seed: Seed of the first recording.
-    """
-
-    estimate: Estimate
-    true: Mechanism
-    activities: tuple[str, ...]
-    seconds: float
-    seed: int
-
-    @cached_property
-    def psi(self) -> np.ndarray:
-        """True base parameters (r,)."""
-        return self.estimate.base.regroup(self.true.known)
-
-    @property
-    def mechanism(self) -> Mechanism:
-        """The person with the prior."""
-        return self.estimate.prepared.mechanism
-
-    @cached_property
-    def distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `distances_by`, including the uncertainty of the set-up."""
-        return self.distances_by(self.estimate.covariance_setup)
-
-    @cached_property
-    def distances_of_noise(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `distances_by`, from noise alone, with the estimated set-up."""
-        return self.distances_by(self.estimate.covariance)
-
-    def distances_by(self, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Precision and errors along independently estimated combinations of base parameters, the best known first.
-
-        Args:
-            covariance: Covariance of the fitted parameters, base parameters first (p, p).
-
-        Returns:
-            Standard deviations over the prior ones, and errors in standard deviations (k,); without combinations known
-            to rounding.
-        """
-        rank = len(self.psi)
-        variances, directions = linalg.eigh(
-            covariance[:rank, :rank], known_covariance(self.mechanism, self.estimate.base)
-        )
-        told = variances > ROUNDING
-        std = np.sqrt(variances[told])
-        return std, directions[:, told].T @ (self.estimate.psi - self.psi) / std
-
-    @property
-    def determined(self) -> np.ndarray:
-        """True for combinations that the recordings determine (k,)."""
-        return self.distances[0] < MOVED
-
-    @cached_property
-    def candidates(self) -> dict[str, np.ndarray]:
-        """Base parameters of the compared estimators (r,)."""
-        prior = self.estimate.base.regroup(self.mechanism.known)
-        filtered = least_squares_from_prior(self.estimate)
-        return {"prior": prior, "filtered least squares": filtered, "trajectory estimate": self.estimate.psi}
-
-    @cached_property
-    def unseen(self) -> np.ndarray:
-        """Base-wrench regressor of motions that were not recorded (N, 6, r); they are exact: only ψ has errors."""
-        columns = []
-        for number, activity in enumerate(self.activities):
-            time = Laboratory().times(self.seconds)
-            motion = moved(activity, time, UNSEEN + self.seed + number)
-            Y = base_wrench_regressor(self.true.tree, *motion.states, gravity=self.true.gravity, base=motion.base)
-            columns.append(Y[..., list(self.estimate.base.kept)])
-        return np.concatenate(columns)
-
-    @cached_property
-    def errors(self) -> dict[str, np.ndarray]:
-        """RMS errors of the wrench that unseen motions need, over the wrench's own deviation, by estimator (6,)."""
-        signal = (self.unseen @ self.psi).std(axis=0)
-        off = {name: self.unseen @ (psi - self.psi) for name, psi in self.candidates.items()}
-        return {name: np.sqrt((x**2).mean(axis=0)) / signal for name, x in off.items()}
-
-    @cached_property
-    def segments(self) -> tuple[np.ndarray, np.ndarray]:
-        """φ of all segments and standard deviations, from prior and estimate (b, 10) each."""
-        return self._conditioned([self.seconds] * len(self.activities))
-
-    @property
-    def coverage(self) -> float:
-        """Coverage of the 95 % intervals of determined combinations."""
-        return float((np.abs(self.distances[1][self.determined]) < HALF_WIDTH).mean())
-
-    @property
-    def noise_of_angles(self) -> float:
-        """Median of the estimated standard deviations of the hinges' angles, degrees."""
-        joint = self.estimate.trajectory
-        assert joint is not None
-        hinges = np.concatenate(
-            [np.zeros(joint.measurement.of_base, bool)]
-            + [np.full(body.coordinates, not body.is_ball) for body in self.true.tree.bodies]
-        )
-        return float(np.degrees(np.median(joint.fit.noise.states[0, hinges])))
-
-    def information(self, seconds: Sequence[float]) -> np.ndarray:
-        """Standard deviations of φ after the first seconds of each recording, with the noise of all of them (b, 10)."""
-        return self._conditioned(seconds)[1]
-
-    def foretold(self, seconds: Sequence[float]) -> float:
-        """Standard deviation of the wrench that unseen motions need after the first seconds of each recording.
-
-        Relative to the prior one, as a geometric mean of the channels, and from noise alone: the set-up is the
-        estimated one.
-        """
-        both = [self._covariance(each, setup=False) for each in (seconds, [0.0] * len(self.activities))]
-        now, before = ((self._squares * covariance).sum(axis=(1, 2)) for covariance in both)
-        return float(np.exp(np.log(now / before).mean() / 2))
-
-    @cached_property
-    def _squares(self) -> np.ndarray:
-        """Products of the columns of each channel's unseen regressor, summed over samples (6, r, r)."""
-        Y = self.unseen.swapaxes(0, 1)
-        return Y.swapaxes(1, 2) @ Y
-
-    def _conditioned(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """φ and its standard deviations, from the prior and the first seconds of each recording (b, 10) each."""
-        estimate = self.estimate
-        phi, std = conditioned(self.mechanism, estimate.base, estimate.psi, self._covariance(seconds))
-        return phi.reshape(-1, 10), std.reshape(-1, 10)
-
-    def _covariance(self, seconds: Sequence[float], *, setup: bool = True) -> np.ndarray:
-        """Covariance of base parameters after the first seconds of each recording (r, r).
-
-        Args:
-            seconds: Length of each.
-            setup: True to include the uncertainty of the set-up.
-        """
-        joint, rank = self.estimate.trajectory, self.estimate.base.rank
-        assert joint is not None
-        fit, own = joint.fit, np.repeat(np.arange(len(joint.counts)), joint.counts)
-        precision = fit.prior.precision.copy()
-        for k, length in enumerate(np.array(seconds)[own].tolist()):
-            precision += self._share(k, length) if length > 0 else 0.0
-        open_ = (fit.free | (joint.is_setup & setup)) & (np.diag(precision) > 0)
-        return inverse_of_precision(precision[np.ix_(open_, open_)])[:rank, :rank]
-
-    def _share(self, k: int, seconds: float) -> np.ndarray:
-        """Information on θ in the first seconds of a piece (p, p)."""
-        joint = self.estimate.trajectory
-        assert joint is not None
-        fit = joint.fit
-        if seconds >= self.seconds:
-            return fit.shares[k][0]
-        if (k, seconds) not in self._begun:
-            begun = beginning(fit.pieces[k], seconds)
-            self._begun[k, seconds] = np.zeros_like(fit.shares[k][0])
-            if not len(begun.when):
-                return self._begun[k, seconds]
-            # A trajectory through too few samples to be determined adds no information.
-            with suppress(np.linalg.LinAlgError):
-                coefficients = fit.coefficients[k][: begun.spline.size]
-                part = linearised(joint.measurement, begun, coefficients, theta=fit.theta, noise=fit.noise)
-                self._begun[k, seconds] = part.schur
-        return self._begun[k, seconds]
-
-    @cached_property
-    def _begun(self) -> dict[tuple[int, float], np.ndarray]:
-        """Cached shares by piece and seconds."""
-        return {}
-
-
-def beginning(piece: Piece, seconds: float) -> Piece:
-    """The first seconds of a piece's samples and trajectory.
-
-    A trajectory beyond the samples is hardly determined, and its equations may have no solution.
-    """
-    q, *_ = piece.states
-    there, felt = (x < piece.origin + seconds for x in (piece.time, piece.when))
-    last = max((float(x[-1]) for x in (piece.time[there], piece.when[felt]) if len(x)), default=piece.spline.start)
-    # One interval more, as channels may be late.
-    intervals = int((last - piece.spline.start) / piece.spline.step) + 2
-    return replace(
-        piece,
-        spline=replace(piece.spline, intervals=min(intervals, piece.spline.intervals)),
-        time=piece.time[there],
-        states=(q[there], None, None),
-        when=piece.when[felt],
-        measured=piece.measured[felt],
-        wrenches=piece.wrenches[felt],
-        slack=None if piece.slack is None else piece.slack[felt],
-    )
 
 
 def least_squares_from_prior(estimate: Estimate) -> np.ndarray:
@@ -245,6 +44,16 @@ def least_squares_from_prior(estimate: Estimate) -> np.ndarray:
     prior = equations.parameters.regroup(equations.mechanism.known)
     step, *_ = np.linalg.lstsq(R[:, :-1], R[:, -1] - R[:, :-1] @ prior, rcond=LEAST_SEEN)
     return np.asarray(prior + step)
+
+
+def regressor_of_unseen(base: BaseParameters, activities: Sequence[str], seconds: float, seed: int) -> np.ndarray:
+    """Base-wrench regressor of motions that are not recorded (N, 6, r)."""
+    true, columns = humanoid(), []
+    for number, activity in enumerate(activities):
+        motion = moved(activity, Laboratory().times(seconds), UNSEEN + seed + number)
+        Y = base_wrench_regressor(true.tree, *motion.states, gravity=true.gravity, base=motion.base)
+        columns.append(Y[..., list(base.kept)])
+    return np.concatenate(columns)
 
 
 def study(
@@ -282,4 +91,44 @@ def study(
         for start in (first, UNSEEN + first)
     )
     estimate = identified(fitted, judges=judges, known=True, executor=executor, report=report)
-    return Study(estimate, humanoid(), tuple(activities), seconds, first)
+    unseen = regressor_of_unseen(estimate.base, activities, seconds, first)
+    filtered = least_squares_from_prior(estimate)
+    return Study(estimate, humanoid(), tuple(activities), seconds, filtered, unseen, laboratory)
+
+
+def laboratory(source: str, rate: float, noise: float | None = None) -> Laboratory:
+    """A laboratory whose angles have noise that is white or `correlated`, or come from `markers`.
+
+    Raises:
+        InputError: The noise of angles, in degrees, is out of range, or stated for angles from markers.
+    """
+    if source == "markers":
+        if noise is not None:
+            raise InputError(
+                f"Noise of angles (--noise) belongs to --from angles or correlated, those from markers have that of "
+                f"the markers; got {noise:g}."
+            )
+        return Laboratory(rate=rate, markers=True)
+    noise = Laboratory.angle_deg if noise is None else noise
+    if not 0 < noise < 30:
+        raise InputError(f"Noise of angles (--noise) is from above 0 to below 30 degrees, got {noise:g}.")
+    return Laboratory(noise, CORRELATED if source == "correlated" else 0.0, rate=rate)
+
+
+def persons(
+    number: int, seconds: float, *, seed: int, laboratory: Laboratory, workers: int = 1, **more: Any
+) -> list[Study]:
+    """Studies of a person who holds a rail, of one who does not, and of others who hold it.
+
+    Args:
+        number: Number of persons who hold the rail.
+        seconds: Length of each recording.
+        seed: Seed of the first person.
+        laboratory: The laboratory.
+        workers: Local processes for the pieces of the trajectory estimate.
+        more: Further arguments of `study`.
+    """
+    drawn = [(seed, True), (seed, False), *((seed + k, True) for k in range(1, number))]
+    with ExitStack() as stack:
+        more["executor"] = stack.enter_context(worker_pool(workers)).executor if workers > 1 else None
+        return [study(seconds, seed=k, laboratory=replace(laboratory, rail=rail), **more) for k, rail in drawn]

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from experiments.data.outcomes import Judged
 from ident.errors import LogError, ModelError
 from ident.estimation.accumulator import Accumulator
 from ident.estimation.equations import COMPONENTS, Equations
@@ -16,7 +17,6 @@ from ident.judgement.checks import Weight
 from ident.judgement.diagnosis import FrameCheck
 from ident.judgement.finding import Finding, Place
 from ident.judgement.fit_findings import inseparable_findings, quality_findings
-from ident.judgement.verdict import sentence
 from ident.judgement.wrench_findings import offset_findings, weight_findings
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -173,26 +173,6 @@ class Passed:
         """Sum of squares of `columns @ values + sign * wrench`, of each component (6,)."""
         x = self.accumulated.factor @ np.append(values, sign)
         return np.maximum(x @ self.accumulated.grams @ x, 0)
-
-
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """Verdict on an estimate from one pass, and its reasons.
-
-    Attributes:
-        ratio: RMS residual over the signal's standard deviation, for each channel that changes.
-        findings: Findings, the doubts first.
-        part: Samples of the ratios, "fitted" or "held-out".
-    """
-
-    ratio: Mapping[str, float]
-    findings: Sequence[Finding]
-    part: str
-
-    @property
-    def verdict(self) -> str:
-        """The verdict in one sentence."""
-        return sentence(self.ratio, self.findings, self.part)
 
 
 def judged(fitted: Passed, fit: Fit, held_out: Passed | None = None) -> Judged:

@@ -12,16 +12,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import Tree
 from ident.recordings.wrench import transform_wrench
 
-CAREFUL = {
-    "origin": 0.001,
-    "rotation": np.radians(0.1),
-    "gain": 0.002,
-    "gravity": np.radians(0.05),
-    "zero": np.radians(0.5),
-    "axis": np.radians(0.5),
-}
-"""Set-up uncertainty of a laboratory with calibrated plates and joints, as `ident.estimation.setup.PRIORS`."""
-
 
 @dataclass(frozen=True, eq=False)
 class Faults:

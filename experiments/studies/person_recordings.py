@@ -1,15 +1,15 @@
 """Simulated recordings of a person on two force plates who holds a rail, with a laboratory's sensors."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import scenes
+from experiments.data.laboratory import Laboratory
 from experiments.studies.noise_processes import autoregressive
-from experiments.studies.person_faults import CAREFUL, Faults
+from experiments.studies.person_faults import Faults
 from experiments.studies.person_markers import from_markers
 from ident.geometry.inertia import com_from_parameters, parameters_from_com
 from ident.geometry.se3 import inverse, pose
@@ -36,41 +36,6 @@ SENSORS = {
 
 HELD = np.array([[4.0, 3.0, 12.0], [6.0, 5.0, 20.0]])
 """Mean and amplitude of the force on the rail, N."""
-
-
-@dataclass(frozen=True)
-class Laboratory:
-    """Noise and set-up errors of a laboratory.
-
-    Attributes:
-        angle_deg: Standard deviation of joint angles, degrees.
-        decay: Autocorrelation of their noise at a lag of one sample.
-        position: Standard deviation of the pelvis's position, m.
-        force: Standard deviation of the plates' forces, N; a tenth of it for moments, N m; a third for the rail.
-        late: Delay of plates and rail, s.
-        rate: Samples per second, Hz.
-        rail: True if there is a rail to hold.
-        markers: True if angles and the pelvis's pose are fitted to markers, instead of having noise of their own.
-        marker: Standard deviation of the markers' positions, m.
-        skin: Standard deviation of the skin's motion, m; see `experiments.studies.person_markers`.
-        setup: Uncertainty of its set-up, as `CAREFUL`, which its recordings state.
-    """
-
-    angle_deg: float = 0.5
-    decay: float = 0.0
-    position: float = 0.002
-    force: float = 1.5
-    late: float = 0.02
-    rate: float = 100.0
-    rail: bool = True
-    markers: bool = False
-    marker: float = 0.002
-    skin: float = 0.004
-    setup: Mapping[str, float] = field(default_factory=lambda: CAREFUL)
-
-    def times(self, seconds: float) -> np.ndarray:
-        """Sample times of a recording of this length, s (N,)."""
-        return np.arange(round(seconds * self.rate)) / self.rate
 
 
 @lru_cache(maxsize=1)
@@ -105,7 +70,7 @@ def recorded(
     activity: str,
     seconds: float,
     seed: int,
-    laboratory: Laboratory = Laboratory(),
+    laboratory: Laboratory = Laboratory(),  # noqa: B008
     faults: Faults = Faults(),  # noqa: B008
 ) -> Recording:
     """Recording of an activity by noisy sensors.

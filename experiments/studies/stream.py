@@ -1,6 +1,5 @@
 """Base parameters from recordings of any length, read and processed piece by piece."""
 
-import argparse
 import hashlib
 import json
 import sys
@@ -18,19 +17,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from experiments.cli import options
-from experiments.cli.print_options import author_choices
-from experiments.document import report
-from experiments.document.layout import offset_unit, unit_of
-from experiments.document.page import PAGE, Said, complain, write_results
-from experiments.document.results import Results
-from experiments.document.terminal import wrapped
+from experiments.data.outcomes import Streamed
 from experiments.runs.checkpoint import SAVE_EVERY
-from experiments.runs.workers import WorkerPool, worker_pool
-from experiments.studies.one_pass import Judged, Passed, Seen, judged, separated, with_offsets
+from experiments.runs.workers import WorkerPool
+from experiments.studies.one_pass import Passed, Seen, judged, separated, with_offsets
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
-from ident.estimation.equations import COMPONENTS, Equations
+from ident.estimation.equations import Equations
 from ident.estimation.in_order import in_order
 from ident.estimation.pieces import pieces
 from ident.estimation.samples import Samples
@@ -40,14 +33,11 @@ from ident.mechanism.motion import Motion
 from ident.recordings.log import read_log_pieces
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND, Sensor
-from ident.regression.ordinary import PIECE, Fit, huber_white, solve
+from ident.regression.ordinary import PIECE, huber_white, solve
 from sim.models.mechanism import mechanism
 
 FILE = "accumulated.npz"
 """File in the output folder with the progress."""
-
-OUTPUTS = (FILE, PAGE, "estimate.json", "provenance.json", *(f"base_parameters.{end}" for end in ("csv", "md", "tex")))
-"""All output files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,94 +201,76 @@ def accumulated(
     return progress.found
 
 
-def table(estimate: Fit) -> report.Table:
-    """Base parameters, and offsets in N and N m, with their standard deviations."""
-    return report.Table(
-        f"Base parameters from {estimate.samples} samples, SI units; s.d. of wrench noise, {estimate.noise}",
-        *report.columns(
-            parameter=estimate.names,
-            estimated=estimate.values,
-            std=estimate.std,
-            regrouping=[*estimate.parameters.expressions(digits=4), *[""] * len(estimate.equations.offsets)],
-        ),
-        decimals=4,
-        bodies=estimate.equations.mechanism.bodies,
-        units=tuple(unit_of(name) or offset_unit(name) for name in estimate.names),
-    )
+def reading(
+    model: Path,
+    recordings: Sequence[Path],
+    *,
+    base: str | None = None,
+    ignore: Sequence[str] = (),
+    fix: Mapping[str, Sequence[float]] | None = None,
+    packages: Sequence[Path] = (),
+    contact: Sequence[str] = (),
+    without: Sequence[str] = (),
+    columns: Path | None = None,
+    offsets: bool = True,
+    piece: int | None = None,
+    limit: int = npz.LIMIT,
+) -> Reading:
+    """Reading of recordings of a model.
+
+    Args:
+        model: Model file.
+        recordings: Recordings in order.
+        base: As for `sim.mechanism`, also `ignore`, `fix` and `packages`.
+        contact: Wrenches at the sites of the same names.
+        without: Wrenches to leave out.
+        columns: As for `Reading`, also `limit`.
+        offsets: True to fit constant offsets.
+        piece: Samples read at a time.
+
+    Raises:
+        InputError: The model cannot be read, or lacks a site.
+    """
+    if GROUND in contact:
+        raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
+    arm = mechanism(model, base, ignore=ignore, fix=fix, packages=packages)
+    sensors = {name: Sensor(*arm.site(name), applied_to_link=False) for name in contact}
+    seen, equations = Seen.of(arm.tree), Equations.of_wrench(arm)
+    equations = with_offsets(equations) if offsets else equations
+    return Reading(equations, recordings, columns, piece or PIECE, sensors, without, limit, seen)
 
 
-def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
-    """All numbers of the estimate for scripts."""
-    rank = estimate.parameters.rank
+def identity(
+    model: Path, columns: Path | None, recordings: Sequence[Path], settings: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Settings that determine the accumulated sums: contents of files, and other settings."""
+    stats = [(file.resolve(), file.stat()) for file in recordings]
     return {
-        "verdict": judged.verdict,
-        "findings": [finding.to_dict() for finding in judged.findings],
-        "residual_ratio": dict(judged.ratio),
-        "names": list(estimate.parameters.names),
-        "psi": estimate.psi.tolist(),
-        "std": estimate.std[:rank].tolist(),
-        "covariance": estimate.covariance[:rank, :rank].tolist(),
-        "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in estimate.offsets.items()},
-        "singular_values": estimate.singular_values.tolist(),
-        "residual_norms": estimate.residual_norms.tolist(),
-        "condition_number": estimate.condition_number,
-        "samples": estimate.samples,
-        "rows": estimate.rows,
-        "method": estimate.method,
-        "noise": estimate.noise,
+        "model": hashlib.sha256(model.read_bytes()).hexdigest(),
+        "columns": columns and hashlib.sha256(columns.read_bytes()).hexdigest(),
+        "recordings": [f"{file}, {stat.st_size} bytes, {stat.st_mtime_ns}" for file, stat in stats],
+        **settings,
     }
 
 
-def run(args: argparse.Namespace) -> None:
-    """Identifies, and writes and prints the results."""
-    inputs = _inputs(args)
-    identity = _identity(args)
-    reading = _reading(args)
-    report.check_inputs((args.out / name for name in OUTPUTS), inputs)
-    with report.writable(args.out):
-        progress = Progress(args.out / FILE, identity)
-        if args.resume:
-            progress = progress.resumed(reading.equations)
-        with worker_pool(args.workers, args.scheduler, args.tls) as pool:
-            whole = accumulated(progress, reading, executor=pool.executor, ahead=pool.ahead)
-            fitted, equations = separated(whole, reading.equations)
-            first = solve(fitted, equations)
-            held_out = None if args.held_out is None else _held_out(args.held_out, reading, equations, pool)
-        judgement = judged(Passed(reading.seen, fitted), first, held_out)
-        estimate = huber_white(first, reading, steady=True)
-        with report.results_folder(args.out, inputs=inputs) as folder:
-            held = args.held_out and str(args.held_out)
-            origin = report.provenance({**identity, "ignore": args.ignore, "held_out": held, **author_choices(args)})
-            estimated = summary(estimate, judgement) | {"provenance": origin}
-            numbers = {"estimate": estimated, "provenance": origin}
-            written = Results({"base_parameters": table(estimate)}, numbers=numbers)
-            refused = write_results(args, folder, written, (), _said(args, estimate, judgement, reading.notes))
-    print(wrapped("\n".join([text(estimate, judgement), *reading.notes])))
-    print(f"Everything is in {args.out}; open {PAGE}.")
-    complain(refused)
+def streamed(progress: Progress, reading: Reading, pool: WorkerPool, held_out: Path | None = None) -> Streamed:
+    """Estimate of all pieces, including those of an earlier run.
 
+    Args:
+        progress: The progress so far.
+        reading: The recordings.
+        pool: Workers for the pieces.
+        held_out: Another recording to judge by.
 
-def _said(args: argparse.Namespace, estimate: Fit, judged: Judged, notes: Sequence[str]) -> Said:
-    """The page's text besides the table."""
-    files = ", ".join(file.name for file in args.recordings)
-    return Said(
-        f"{args.model.name}, identified from {files} in pieces",
-        verdict=judged.verdict,
-        findings=[(finding.text, finding.doubt) for finding in judged.findings],
-        lines=[*_lines(estimate, judged), *notes],
-    )
-
-
-def _reading(args: argparse.Namespace) -> Reading:
-    """Reading of the mechanism and recordings that the options describe."""
-    if GROUND in args.contact:
-        raise InputError(f"--contact names wrenches besides the one at the base, got '{GROUND}'.")
-    arm = mechanism(args.model, args.base, ignore=args.ignore, fix=options.fixed(args.fix), packages=args.packages)
-    sensors = {name: Sensor(*arm.site(name), applied_to_link=False) for name in args.contact}
-    seen, equations = Seen.of(arm.tree), Equations.of_wrench(arm)
-    equations = with_offsets(equations) if args.offsets else equations
-    limit, piece = options.size_limit(args), args.piece or PIECE
-    return Reading(equations, args.recordings, args.columns, piece, sensors, args.without, limit, seen)
+    Raises:
+        LogError: A piece does not fit; the pieces done before are in the file.
+    """
+    whole = accumulated(progress, reading, executor=pool.executor, ahead=pool.ahead)
+    fitted, equations = separated(whole, reading.equations)
+    first = solve(fitted, equations)
+    other = None if held_out is None else _held_out(held_out, reading, equations, pool)
+    judgement = judged(Passed(reading.seen, fitted), first, other)
+    return Streamed(huber_white(first, reading, steady=True), judgement, reading.notes)
 
 
 def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPool) -> Passed:
@@ -307,50 +279,3 @@ def _held_out(file: Path, reading: Reading, equations: Equations, pool: WorkerPo
     parts = in_order(pool.executor, partial(accumulate, equations), other, ahead=pool.ahead)
     with closing(parts):
         return Passed(other.seen, reduce(add, parts))
-
-
-def _inputs(args: argparse.Namespace) -> list[Path]:
-    """All input files."""
-    inputs = [args.model, *args.recordings, *filter(None, [args.columns, args.held_out])]
-    for file in inputs:
-        if not file.is_file():
-            raise InputError(f"There is no file '{file}'.")
-    if args.held_out is not None and args.held_out.resolve() in [file.resolve() for file in args.recordings]:
-        raise InputError("The log to judge by (--held-out) has to be another one than those that are fitted.")
-    return inputs
-
-
-def _lines(estimate: Fit, judged: Judged) -> list[str]:
-    """Sentences with the main numbers."""
-    rms = estimate.residual_norms / np.sqrt(estimate.samples)
-    residuals = ", ".join(f"{name} {x:.3g}" for name, x in zip(COMPONENTS, rms, strict=True))
-    ratios = ", ".join(f"{name} {x:.2g}" for name, x in judged.ratio.items())
-    return [
-        f"RMS residuals in N and N m: {residuals}",
-        f"RMS residuals of {judged.part} samples over the channels' standard deviations: {ratios}",
-        f"Condition number {estimate.condition_number:.1f}; {estimate.method}",
-        *filter(None, [estimate.parameters.remark]),
-    ]
-
-
-def text(estimate: Fit, judged: Judged) -> str:
-    """Text for the terminal."""
-    return "\n".join(
-        [
-            table(estimate).text(),
-            *_lines(estimate, judged),
-            f"Verdict: {judged.verdict}",
-            *(finding.line for finding in judged.findings),
-        ]
-    )
-
-
-def _identity(args: argparse.Namespace) -> dict[str, Any]:
-    """Settings that determine the accumulated sums."""
-    stats = [(file.resolve(), file.stat()) for file in args.recordings]
-    return {
-        "model": hashlib.sha256(args.model.read_bytes()).hexdigest(),
-        "columns": args.columns and hashlib.sha256(args.columns.read_bytes()).hexdigest(),
-        "recordings": [f"{file}, {stat.st_size} bytes, {stat.st_mtime_ns}" for file, stat in stats],
-        **{key: getattr(args, key) for key in ("base", "fix", "piece", "contact", "without", "offsets")},
-    }

@@ -1,6 +1,5 @@
 """Monte Carlo trials of one study by a worker pool, interrupted and resumed without loss."""
 
-import argparse
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -124,28 +123,22 @@ def run_trials(
     return np.array(outcomes[:trials])
 
 
-def trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
-    """Outcomes of an interrupted run, if the command line asks to resume it.
+def done_in(folder: Path, draw: Draw, trials: int) -> tuple[list[Outcome], list[Outcome]]:
+    """Outcomes of an interrupted run, and those of the trajectory estimate; empty if it was interrupted before these.
 
     Raises:
         InputError: There are none, or they belong to another run.
     """
-    if not args.resume:
-        return []
-    if not args.trials:
+    if not trials:
         raise InputError("--resume needs --trials, the number of trials to reach.")
-    return Checkpoint("trials", args.out / FILE, draw.identity).done()
+    kept = kept_in(folder, draw)
+    done = Checkpoint("trials", folder / FILE, draw.identity).done()
+    return done, kept.done() if kept.file.exists() else []
 
 
-def trajectory_trials_done(draw: Draw, args: argparse.Namespace) -> list[Outcome]:
-    """The same for the trajectory estimate; empty if the run was interrupted before its trials."""
-    kept = trajectory_trials_kept(draw, args)
-    return kept.done() if args.resume and kept.file.exists() else []
-
-
-def trajectory_trials_kept(draw: Draw, args: argparse.Namespace) -> Checkpoint:
+def kept_in(folder: Path, draw: Draw) -> Checkpoint:
     """Checkpoint of the trajectory estimate's trials."""
-    return Checkpoint("trajectory trials", args.out / TRAJECTORY_FILE, draw.identity)
+    return Checkpoint("trajectory trials", folder / TRAJECTORY_FILE, draw.identity)
 
 
 def _outcomes(

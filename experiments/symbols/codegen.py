@@ -9,7 +9,7 @@ from sympy.printing.c import C99CodePrinter
 from sympy.printing.pycode import PythonCodePrinter
 from sympy.simplify.fu import TR8
 
-from experiments.document.figures import parameter_symbol
+from experiments.document.symbols import parameter_symbol
 from experiments.symbols.symbolic import SymbolicModel, decimals
 
 READABLE = 250

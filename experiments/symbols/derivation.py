@@ -1,10 +1,11 @@
 """Derivation of a mechanism's symbolic model: from its name or model file to files in LaTeX, Python and C."""
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.document import report
+from experiments.document import tabular
+from experiments.document.provenance import provenance
+from experiments.document.result_folder import results_folder, write_json
 from experiments.document.terminal import wrapped
 from experiments.symbols import codegen, symbolic
 from ident.errors import InputError, ModelError
@@ -16,32 +17,42 @@ from sim.models.mechanism import mechanism
 TABLES = ("table_1", "table_2")
 
 
-def run(args: argparse.Namespace) -> None:
-    """Derives a model and writes it."""
-    name = codegen.plain(Path(args.mechanism).stem)
+def run(given: str, base: str | None, ignore: Sequence[str], parent: Path) -> None:
+    """Derives a model and writes it.
+
+    Args:
+        given: Model file, or one of `TABLES`.
+        base: Body whose frame is {0}, by default the world.
+        ignore: Equality constraints and tendons to leave out.
+        parent: Folder for the folder of the results.
+
+    Raises:
+        InputError: The model cannot be read, or a table is given options.
+    """
+    name = codegen.plain(Path(given).stem)
     name = name if name.strip(". ") else "model"
-    out = args.out / name
-    if args.mechanism not in TABLES:
-        tree, lengths = symbolic.exact_tree(_tree(args.mechanism, args.base, args.ignore))
-    elif args.base is None and not args.ignore:
-        tree, lengths = getattr(symbolic, args.mechanism)()
+    out = parent / name
+    if given not in TABLES:
+        tree, lengths = symbolic.exact_tree(_tree(given, base, ignore))
+    elif base is None and not ignore:
+        tree, lengths = getattr(symbolic, given)()
     else:
-        raise InputError(f"The options --base and --ignore need an MJCF or URDF file, got '{args.mechanism}'.")
+        raise InputError(f"The options --base and --ignore need an MJCF or URDF file, got '{given}'.")
     model = symbolic.derive(tree, lengths)
     digits = 12 if model.exact else 6
     rows = tuple((key, str(symbolic.decimals(x, digits))) for key, x in model.base_expressions().items())
-    table = report.Table(f"Base parameters of {name}: {model.regrouping.rank}", ("parameter", "expression"), rows)
+    table = tabular.Table(f"Base parameters of {name}: {model.regrouping.rank}", ("parameter", "expression"), rows)
     sources = {
         "dim.tex": codegen.latex_source(model, name),
         "regressor.py": codegen.python_source(model, name),
         "regressor.c": codegen.c_source(model, name),
         "base_parameters.csv": table.csv(),
     }
-    with report.results_folder(out, inputs=[Path(args.mechanism)]) as folder:
+    with results_folder(out, inputs=[Path(given)]) as folder:
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
-        given = {"mechanism": args.mechanism, "base": args.base, "ignore": args.ignore}
-        report.write_json(folder / "provenance.json", report.provenance(given))
+        choices = {"mechanism": given, "base": base, "ignore": ignore}
+        write_json(folder / "provenance.json", provenance(choices))
     print(table.text())
     if not model.exact:
         print(f"The coefficients are decimals, because {model.reason}.")

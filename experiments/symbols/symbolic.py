@@ -8,7 +8,7 @@ import numpy as np
 import sympy
 from scipy.spatial.transform import Rotation
 
-from experiments.studies.mechanism import mechanism, tree_of_table_1
+from experiments.studies.mechanism import drawing, tree_of_table_1
 from ident.mechanism.body import ball_twist
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motion import Motion
@@ -153,8 +153,8 @@ def table_2() -> tuple[Tree, dict[Symbol, float]]:
 
 
 def _lengths_of_the_tables() -> dict[Symbol, float]:
-    tree, drawing = mechanism()
-    values = (*drawing.base, tree.bodies[2].home[2, 3])
+    scene = drawing()
+    values = (*scene.base, scene.tree.bodies[2].home[2, 3])
     return {Symbol(name): float(value) for name, value in zip(("T_x", "T_y", "T_z", "l_1"), values, strict=True)}
 
 

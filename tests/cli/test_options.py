@@ -15,7 +15,7 @@ from commands import refusal
 
 from experiments import mechanism
 from experiments.cli import options
-from experiments.document.report import version
+from experiments.document.provenance import version
 from ident.errors import ExcitationError, InputError, LogError, ModelError
 
 COMMAND = "python -m experiments.mechanism"
@@ -100,7 +100,7 @@ def test_the_request_to_report_takes_nothing_that_may_be_what_fails(monkeypatch)
         raise ImportError("no style")
 
     monkeypatch.setattr(options, "style_of", style_of)
-    for name in ("experiments.document", "experiments.document.report", "matplotlib"):
+    for name in ("experiments.document", "experiments.document.provenance", "matplotlib"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(ImportError, match=r"^no style") as raised:
         options.run(print, mechanism.parser, [])

@@ -11,13 +11,12 @@ from commands import refusal
 from pages import options as identified
 
 import experiments
-from experiments import identify, mechanism
+from experiments import human, identify, mechanism, study
 from experiments.__main__ import main as everything
 from experiments.cli import print_options
 from experiments.cli.command import COMMANDS
-from experiments.document import index
-from experiments.reports import human_report, study_report
-from experiments.studies import mechanism as drawn
+from experiments.document.writer import Output
+from experiments.reports import index
 from ident.errors import InputError
 
 PAGE = {"page_columns", "style"}
@@ -91,9 +90,13 @@ def test_a_style_that_is_missing_is_refused_before_the_work(name, tmp_path, monk
 
 def test_everything_hands_on_what_it_says_of_the_page(tmp_path, monkeypatch):
     style, given = tmp_path / "mine.mplstyle", []
+
+    def handed_on(*args, **_):
+        given.append(next(each.choices for each in args if isinstance(each, Output)))
+
     style.write_text("font.size: 7\n", encoding="utf-8")
-    for module in (drawn, study_report, human_report):
-        monkeypatch.setattr(module, "run", lambda args, **_: given.append(print_options.author_choices(args)))
+    for module in (mechanism, study, human):
+        monkeypatch.setattr(module, "report", handed_on)
     monkeypatch.setattr(index, "write_index", lambda *_: None)
     assert everything(["--style", str(style), "--page-columns", "1", "--out", str(tmp_path)]) == 0
     assert given == 5 * [{"page_columns": 1, "style": "mine.mplstyle"}]

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import scenes
 from experiments import excite, identify
-from experiments.document import escape, figures, report
+from experiments.document import escape, figures, print_table, tabular
 from ident.recordings.recording import Recording
 from sim.motion.excitation import DOUBLE_PENDULUM
 from sim.simulation.simulate import simulate
@@ -87,15 +87,17 @@ def test_matplotlib_draws_the_letters():
 
 def test_tables_keep_their_cells_and_their_symbols():
     rows = tuple((name, 1.0, "Ixx2 + 0.4 m3") for name in EVIL)
-    table = report.Table(EVIL[0], ("name_of", "x", "what"), rows, marked=frozenset([EVIL[0]]), footnote=EVIL[2])
+    table = tabular.Table(EVIL[0], ("name_of", "x", "what"), rows, marked=frozenset([EVIL[0]]), footnote=EVIL[2])
     lines = [line for line in table.markdown().splitlines() if line.startswith("|")]
     assert len(lines) == 2 + len(EVIL) and all(len(re.findall(r"(?<!\\)\|", line)) == 4 for line in lines)
-    head, _, body = table.tex().partition("\\toprule\n")[2].partition("\\bottomrule")[0].partition("\\midrule\n")
+    head, _, body = (
+        print_table.tex(table).partition("\\toprule\n")[2].partition("\\bottomrule")[0].partition("\\midrule\n")
+    )
     cells = [row.split(" & ") for row in body.split(" \\\\\n")[:-1]]
     assert [shown_by_tex(row[0].removesuffix("*")) for row in cells] == list(map(in_a_line, EVIL))
     assert {row[2] for row in cells} == {r"$I_{xx,2} + 0.4\,m_{3}$"}
     assert cells[0][0].endswith("*") and head.startswith("Name of & {$x$} & What")
-    assert not re.search(r"\\(input|write)", table.tex()) and "<script>" not in table.markdown()
+    assert not re.search(r"\\(input|write)", print_table.tex(table)) and "<script>" not in table.markdown()
 
 
 @pytest.fixture

@@ -16,7 +16,9 @@ import scenes
 import sim
 from experiments import excite, mechanism, misaligned
 from experiments.data import defaults
-from experiments.document import figures, report
+from experiments.document import figures, result_folder, tabular
+from experiments.document.document import Document
+from experiments.document.writer import Output, write_parts
 from experiments.runs.checkpoint import Checkpoint
 from ident.recordings.recording import Recording
 
@@ -72,11 +74,12 @@ def test_a_file_that_does_not_fit_leaves_the_old_one(tmp_path, write, name, size
 
 
 def write_table(folder):
-    report.Table("t", *report.columns(x=np.arange(1000.0))).write(folder, "file")
+    table = tabular.Table("t", *tabular.columns(x=np.arange(1000.0)))
+    write_parts(Document(tables={"file": table}), Output(folder, ()))
 
 
 def write_json(folder):
-    report.write_json(folder / "file.json", {"x": list(range(1000))})
+    result_folder.write_json(folder / "file.json", {"x": list(range(1000))})
 
 
 def write_figure(extension):
@@ -92,7 +95,7 @@ WRITERS = {"csv": write_table, "json": write_json, **{format: write_figure(forma
 
 
 def into_results(write, out):
-    with report.results_folder(out, stale=["*"]) as folder:
+    with result_folder.results_folder(out, stale=["*"]) as folder:
         (folder / "first").write_text("fits")
         write(folder)
 

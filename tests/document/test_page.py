@@ -7,10 +7,10 @@ import pytest
 from matplotlib.figure import Figure
 from test_escape import EVIL
 
-from experiments.document import index
-from experiments.document.page import Said, write_report
-from experiments.document.report import Table
-from experiments.document.results import Results
+from experiments.document.document import Document
+from experiments.document.tabular import Table
+from experiments.document.writer import Output, written
+from experiments.reports import index
 
 
 class Cells(HTMLParser):
@@ -41,11 +41,17 @@ class Cells(HTMLParser):
 
 def read(table, folder):
     """Cells that a page shows of a table."""
-    numbers = {"provenance": {"given": EVIL}}
-    results = Results({"table": table}, {"figure": (Figure(figsize=(1, 1)), EVIL[2])}, numbers)
-    results.write(folder, ["png"])
-    said = Said(EVIL[2], EVIL[2], verdict=EVIL[2], findings=[(text, True) for text in EVIL], lines=EVIL)
-    write_report(folder, results, ["png"], said)
+    shown = Document(
+        EVIL[2],
+        EVIL[2],
+        verdict=EVIL[2],
+        findings=[(text, True) for text in EVIL],
+        lines=EVIL,
+        tables={"table": table},
+        figures={"figure": (Figure(figsize=(1, 1)), EVIL[2])},
+        numbers={"provenance": {"given": EVIL}},
+    )
+    written(shown, Output(folder, ["png"]))
     cells = Cells()
     cells.feed((folder / "report.html").read_bytes().decode())
     return cells

@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from test_escape import EVIL
 from truth import told
 
-from experiments.document import figures, report
-from experiments.document.figures import WIDTHS
-from experiments.document.layout import Layout, offset_unit, unit_of
+from experiments.document import figures, print_table, styles, tabular
+from experiments.document.document import Document
+from experiments.document.layout import WIDTHS, Layout, offset_unit, unit_of
 from experiments.document.print_table import PACKAGES
-from experiments.document.results import Results
+from experiments.document.writer import Output, write_parts
 from experiments.reports import study_figures, study_tables
 from experiments.studies.simulated import study
 from ident.errors import InputError
@@ -23,9 +23,9 @@ from ident.geometry.inertia import body_of_parameter
 
 BODIES = ("base", "left_thigh", "shank & foot")
 NAMES = ("m1", "m2rz2", "Ixy3")
-TABLE = report.Table(
+TABLE = tabular.Table(
     "True parameters and errors, SI units",
-    *report.columns(
+    *tabular.columns(
         parameter=NAMES,
         true_full=[1.0, -12.5, np.nan],
         error_full=[1e-4, 0.25, 2e6],
@@ -47,7 +47,7 @@ MISSING += [
 
 
 def test_parameters_have_bodies_units_and_symbols():
-    tex = TABLE.tex("table_a")
+    tex = print_table.tex(TABLE, "table_a")
     assert r"\caption{True parameters and errors.}\label{tab:table_a}" in tex
     assert r"$m_{1}$ of \emph{base} & \unit{\kilo\gram} & 1.000 & 0.000 & $m_{1} + 0.425\,m_{3}$ \\" in tex
     assert r"$m_{2}r_{z,2}$* of \emph{left\_thigh} & \unit{\kilo\gram\metre} & -12.500" in tex
@@ -73,7 +73,7 @@ def test_a_row_says_whose_a_parameter_is_in_every_format():
 
 def test_an_author_chooses_captions_and_parameters():
     chosen = Layout(captions={"table_a": r"Mine, \(x\)"}, parameters=("shank & foot", "m1"))
-    tex = TABLE.tex("table_a", chosen)
+    tex = print_table.tex(TABLE, "table_a", chosen)
     assert r"\caption{Mine, \(x\)}" in tex and "thigh" not in tex and r"shank \& foot" in tex and "$m_{1}$" in tex
     with pytest.raises(InputError, match=r"--parameters needs parameters m1, m2rz2, Ixy3 or bodies base.* got 'm9'"):
         Layout(parameters=("m9",)).check((), NAMES, BODIES)
@@ -84,19 +84,19 @@ def test_an_author_chooses_captions_and_parameters():
 @pytest.mark.parametrize("columns", [1, 2])
 def test_wide_tables_go_over_the_page_and_too_wide_ones_into_several(columns):
     layout = Layout(columns)
-    many = report.Table("t", ("name", *map(str, range(40))), (("a", *[1.5] * 40),))
-    assert (TABLE.tex("", layout).count(r"\begin{table*}") > 0) == (columns == 2)
-    floats = many.tex("t", layout)
+    many = tabular.Table("t", ("name", *map(str, range(40))), (("a", *[1.5] * 40),))
+    assert (print_table.tex(TABLE, "", layout).count(r"\begin{table*}") > 0) == (columns == 2)
+    floats = print_table.tex(many, "t", layout)
     count = floats.count(r"\begin{table")
     assert count > 2 and floats.count(r"\label") == 1
     assert floats.count("continued") == floats.count(r"\addtocounter{table}{-1}") == count - 1
-    long = report.Table("t", ("name",), tuple((str(k),) for k in range(100)))
-    assert long.tex("t", layout).count(r"\toprule") == (3 if columns == 1 else 2)
+    long = tabular.Table("t", ("name",), tuple((str(k),) for k in range(100)))
+    assert print_table.tex(long, "t", layout).count(r"\toprule") == (3 if columns == 1 else 2)
 
 
-SUMS = report.Table(
+SUMS = tabular.Table(
     "Sums",
-    *report.columns(
+    *tabular.columns(
         parameter=[f"m{k}" for k in range(1, 61)],
         estimate=[float(k) for k in range(60)],
         regrouping=["m1" + "".join(f" + 0.0{j + 11} m{j}rz{j}" for j in range(1, 40)) for _ in range(60)],
@@ -108,7 +108,7 @@ SUMS = report.Table(
 
 @pytest.mark.parametrize("columns", [1, 2])
 def test_tables_of_long_sums_go_on_before_the_page_ends(columns):
-    tex = SUMS.tex("t", Layout(columns))
+    tex = print_table.tex(SUMS, "t", Layout(columns))
     assert tex.count(r"\toprule") >= 5
     assert [int(k) for k in re.findall(r"^\$m_\{(\d+)\}\$ of", tex, re.MULTILINE)] == list(range(1, 61))
 
@@ -116,30 +116,32 @@ def test_tables_of_long_sums_go_on_before_the_page_ends(columns):
 def test_a_part_of_the_columns_has_no_rows_that_say_nothing():
     names = ("a", "b")
     wide = {f"x{k}": [1.5, np.nan] for k in range(40)}
-    first, *others = report.Table("t", *report.columns(name=names, y=[1.0, 2.0], **wide)).tex("t").split("toprule")[1:]
+    first, *others = print_table.tex(tabular.Table("t", *tabular.columns(name=names, y=[1.0, 2.0], **wide)), "t").split(
+        "toprule"
+    )[1:]
     assert "\nb & 2.000" in first and others and not any("\nb &" in part for part in others)
 
 
 def test_figures_are_a_column_wide_in_the_authors_style(tmp_path):
     style = tmp_path / "own.mplstyle"
     style.write_text("font.size: 5\naxes.prop_cycle: cycler('color', ['k'])\n")
-    with figures.author_style(style, 1), figures.paper_style():
-        assert (mpl.rcParams["font.size"], figures.column_width()) == (5, WIDTHS[1][0])
+    with styles.author_style(style, 1), styles.paper_style():
+        assert (mpl.rcParams["font.size"], styles.column_width()) == (5, WIDTHS[1][0])
         assert mpl.rcParams["font.family"] == ["STIXGeneral"]
-    with figures.paper_style():
-        assert (mpl.rcParams["font.size"], figures.column_width()) == (8, WIDTHS[2][0])
+    with styles.paper_style():
+        assert (mpl.rcParams["font.size"], styles.column_width()) == (8, WIDTHS[2][0])
     for text, said in (("font.size: huge?\n", "font.size"), ("nonsense: 1\n", "nonsense")):
         style.write_text(text)
-        with pytest.raises(InputError, match=f"--style needs a style file.*{said}"), figures.author_style(style, 2):
+        with pytest.raises(InputError, match=f"--style needs a style file.*{said}"), styles.author_style(style, 2):
             pass
-    with pytest.raises(InputError, match="--style needs"), figures.author_style(tmp_path / "absent", 2):
+    with pytest.raises(InputError, match="--style needs"), styles.author_style(tmp_path / "absent", 2):
         pass
 
 
 @pytest.mark.parametrize("extension", ["svg", "png"])
 def test_what_a_user_has_of_matplotlib_leaves_the_papers_figures_as_they_are(extension):
     def drawing():
-        with figures.paper_style():
+        with styles.paper_style():
             figure = Figure(figsize=(1, 1))
             figure.subplots().plot([0, 1])
             return figures.drawn(figure, extension)
@@ -152,7 +154,7 @@ def test_what_a_user_has_of_matplotlib_leaves_the_papers_figures_as_they_are(ext
 
 
 def test_drawings_are_small_and_the_same(tmp_path):
-    with figures.paper_style():
+    with styles.paper_style():
         figure = Figure(figsize=(1, 1))
         figure.subplots().plot(np.random.default_rng(0).normal(size=500))
     figures.save(figure, tmp_path, "x", ["svg"])
@@ -199,12 +201,11 @@ def test_every_table_and_figure_compiles_without_overfull_boxes(tmp_path, studie
     # pdfLaTeX has no Arabic letters.
     evil = [text for text in EVIL if "\N{ARABIC LETTER ALEF}" not in text]
     hostile = tuple((name, 1.0, name) for name in evil)
-    tables["table_evil"] = report.Table(EVIL[1], ("name", EVIL[2], EVIL[6]), hostile, notes=tuple(evil))
-    with figures.author_style(None, columns):
+    tables["table_evil"] = tabular.Table(EVIL[1], ("name", EVIL[2], EVIL[6]), hostile, notes=tuple(evil))
+    with styles.author_style(None, columns):
         for found in studies:
             tables |= {f"{name}_{found.several}": study_tables.table(found, name) for name in found.file.tables}
             for name, entry in found.file.figures.items():
                 drawn[f"{name}_{found.several}"] = study_figures.figure(found, name), entry["caption"]
-        results = Results(tables, drawn)
-        results.write(tmp_path, ["pdf"], layout)
+        write_parts(Document(tables=tables, figures=drawn), Output(tmp_path, ["pdf"], layout))
     assert compiled(tmp_path, layout, [*tables, *drawn]) == []

@@ -13,11 +13,12 @@ from pages import PENDULUM, identified, replayed
 
 import scenes
 from experiments.document import replay as replays
-from experiments.document.page import Said, _environment, write_report
+from experiments.document.document import Document
+from experiments.document.page import _environment
 from experiments.document.parameter_words import in_words, regrouped_in_words
 from experiments.document.replay import Replay, ellipsoid, evenly, every_nth
-from experiments.document.report import Table
-from experiments.document.results import Results
+from experiments.document.tabular import Table
+from experiments.document.writer import Output, written
 from experiments.reports.identify_replay import place
 from ident.geometry.inertia import parameters_from_com
 from ident.judgement.finding import Finding, Place
@@ -93,9 +94,16 @@ def test_all_files_are_linked_and_nothing_else(out):
 
 def test_names_of_any_kind_do_no_harm(tmp_path):
     table = Table(NAMES[1], ("what",), tuple((name,) for name in NAMES))
-    shown = Results({"table": table}, {"figure": (Figure(figsize=(1, 1)), NAMES[0])}, {"provenance": {"of": NAMES}})
-    shown.write(tmp_path, ["png"])
-    write_report(tmp_path, shown, ["png"], Said(NAMES[0], NAMES[1], lines=NAMES, replay=named_replay(NAMES)))
+    shown = Document(
+        NAMES[0],
+        NAMES[1],
+        lines=NAMES,
+        tables={"table": table},
+        figures={"figure": (Figure(figsize=(1, 1)), NAMES[0])},
+        numbers={"provenance": {"of": NAMES}},
+        replay=named_replay(NAMES),
+    )
+    written(shown, Output(tmp_path, ["png"]))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert TURNED not in page and page.count("<script") == page.count("</script>") == 2
     assert [body["name"] for body in replayed(tmp_path / "report.html")["bodies"]] == ["arm", *NAMES[1:]]

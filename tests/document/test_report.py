@@ -11,13 +11,13 @@ import pytest
 from mechanisms import random_tree
 from scipy import signal
 
-from experiments.document import report
+from experiments.document import print_table, provenance, result_folder, tabular
 from experiments.reports import identify_figures
 from ident.files.atomic import PARTIAL, replacing
 
-TABLE = report.Table(
+TABLE = tabular.Table(
     "Errors, kg",
-    *report.columns(parameter=["m_1", "Ixx2"], error=[-1e-9, 1 / 3], paper=[0.5, -2]),
+    *tabular.columns(parameter=["m_1", "Ixx2"], error=[-1e-9, 1 / 3], paper=[0.5, -2]),
 )
 
 
@@ -33,7 +33,7 @@ def test_markdown():
 
 
 def test_tex_is_escaped_and_complete():
-    tex = TABLE.tex()
+    tex = print_table.tex(TABLE)
     assert r"$m_1$ & 0.000 & 0.500 \\" in tex
     assert r"\caption{Errors, kg.}" in tex
     assert r"\begin{tabular}{@{}lS[table-format=1.3]S[table-format=-1.3]@{}}" in tex
@@ -66,21 +66,21 @@ def test_axes_of_joint_torques_have_units():
     ],
 )
 def test_headings_are_words_but_in_csv(name, words):
-    table = report.Table("t", ("parameter", name), (("m1rx1", 1.0),))
+    table = tabular.Table("t", ("parameter", name), (("m1rx1", 1.0),))
     assert table.csv().startswith(f"parameter,{name}\n")
     assert f"| parameter | {words} |" in table.markdown()
     assert table.text().splitlines()[1].split(maxsplit=1) == ["parameter", words]
-    assert r"\_" not in table.tex() and "$m_{1}r_{x,1}$ & 1.000" in table.tex()
+    assert r"\_" not in print_table.tex(table) and "$m_{1}r_{x,1}$ & 1.000" in print_table.tex(table)
 
 
 def test_long_headings_break_into_lines_in_tex():
-    table = report.Table("t", ("std_wrench_noise", "peak_force_N"), ((1.0, 2.0),))
+    table = tabular.Table("t", ("std_wrench_noise", "peak_force_N"), ((1.0, 2.0),))
     stack = r"{\shortstack[c]{\rule{0pt}{2.3ex}"
-    assert rf"{stack}S.d.\\(wrench\\noise)}}}} & {stack}Peak force\\(\unit{{\newton}})}}}} \\" in table.tex()
+    assert rf"{stack}S.d.\\(wrench\\noise)}}}} & {stack}Peak force\\(\unit{{\newton}})}}}} \\" in print_table.tex(table)
 
 
 def test_huge_numbers_are_powers_of_ten():
-    table = report.Table("t", ("a",), ((232976553.0,), (-1e6,), (999999.0,)))
+    table = tabular.Table("t", ("a",), ((232976553.0,), (-1e6,), (999999.0,)))
     assert table.text().split()[2:] == ["2.33e+08", "-1.00e+06", "999999.000"]
     assert "232976553.0" in table.csv()
 
@@ -92,18 +92,18 @@ def test_text_is_aligned():
 
 
 def test_empty_cells_stay_empty():
-    table = report.Table("t", ("a", "b"), (("x", None), ("y", 2.0)))
+    table = tabular.Table("t", ("a", "b"), (("x", None), ("y", 2.0)))
     assert table.csv() == "a,b\nx,\ny,2.0\n"
     assert "| x |  |" in table.markdown()
 
 
 def test_a_failing_block_changes_nothing(tmp_path):
     out = tmp_path / "out"
-    with report.results_folder(out) as folder:
+    with result_folder.results_folder(out) as folder:
         (folder / "a").write_text("first")
 
     def fail():
-        with report.results_folder(out) as folder:
+        with result_folder.results_folder(out) as folder:
             (folder / "a").write_text("second")
             raise RuntimeError
 
@@ -114,13 +114,13 @@ def test_a_failing_block_changes_nothing(tmp_path):
 
 def test_other_files_in_the_folder_are_left_alone(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
-    with report.results_folder(tmp_path) as folder:
+    with result_folder.results_folder(tmp_path) as folder:
         (folder / "a").write_text("new")
     assert {file.name for file in tmp_path.iterdir()} == {"notes.txt", "a"}
 
 
 def test_provenance_is_json(tmp_path):
-    report.write_json(tmp_path / "p.json", report.provenance({"seed": 1}, {"scene": "s"}))
+    result_folder.write_json(tmp_path / "p.json", provenance.provenance({"seed": 1}, {"scene": "s"}))
     assert json.loads((tmp_path / "p.json").read_text())["options"] == {"seed": 1}
 
 
@@ -130,7 +130,7 @@ def test_a_folder_in_the_way_changes_nothing(tmp_path, obstacle):
     (tmp_path / "a").write_text("first")
 
     def run():
-        with report.results_folder(tmp_path) as folder:
+        with result_folder.results_folder(tmp_path) as folder:
             for name in ("a", obstacle):
                 (folder / name).write_text("second")
 
@@ -153,7 +153,7 @@ def test_a_move_that_fails_midway_is_undone(tmp_path, monkeypatch):
         return replace(path, target)
 
     def run():
-        with report.results_folder(tmp_path, stale=["c"]) as folder:
+        with result_folder.results_folder(tmp_path, stale=["c"]) as folder:
             for name in "abd":
                 (folder / name).write_text("second")
             monkeypatch.setattr(type(tmp_path), "replace", failing)
@@ -176,7 +176,7 @@ def test_files_that_cannot_be_put_back_are_kept_and_named(tmp_path, monkeypatch)
         return replace(path, target)
 
     def run():
-        with report.results_folder(tmp_path) as folder:
+        with result_folder.results_folder(tmp_path) as folder:
             (folder / "a").write_text("second")
             monkeypatch.setattr(type(tmp_path), "replace", failing)
 
@@ -192,18 +192,18 @@ def test_a_folder_that_cannot_be_made_leaves_none(tmp_path, monkeypatch):
     def full(**_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(report.tempfile, "mkdtemp", full)
-    with pytest.raises(ValueError, match="No space left"), report.results_folder(tmp_path / "a" / "b"):
+    monkeypatch.setattr(result_folder.tempfile, "mkdtemp", full)
+    with pytest.raises(ValueError, match="No space left"), result_folder.results_folder(tmp_path / "a" / "b"):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
 def test_provenance_is_of_this_repository_only(monkeypatch, tmp_path):
     monkeypatch.setenv("GIT_DIR", str(tmp_path))
-    assert report.provenance({}, {})["git_commit"] != ""
+    assert provenance.provenance({}, {})["git_commit"] != ""
     monkeypatch.delenv("GIT_DIR")
-    monkeypatch.setattr(report, "__file__", str(tmp_path / "experiments" / "document" / "report.py"))
-    assert report.provenance({}, {})["git_commit"] is None
+    monkeypatch.setattr(provenance, "__file__", str(tmp_path / "experiments" / "document" / "provenance.py"))
+    assert provenance.provenance({}, {})["git_commit"] is None
 
 
 def test_an_input_is_neither_replaced_nor_cleared_away(tmp_path):
@@ -211,7 +211,7 @@ def test_an_input_is_neither_replaced_nor_cleared_away(tmp_path):
         (tmp_path / name).write_text("input")
         with (
             pytest.raises(ValueError, match=f"would replace '{tmp_path / name}', which is the input"),
-            report.results_folder(tmp_path, stale=["table_*"], inputs=[tmp_path / name]) as folder,
+            result_folder.results_folder(tmp_path, stale=["table_*"], inputs=[tmp_path / name]) as folder,
         ):
             (folder / "a").write_text("result")
         assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {name: "input"}
@@ -221,7 +221,7 @@ def test_an_input_is_neither_replaced_nor_cleared_away(tmp_path):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from experiments.document import report
+from experiments.document import result_folder
 from ident.files.atomic import PARTIAL, replacing
 
 def stop(*_, **__):
@@ -232,7 +232,7 @@ def run(out, where):
         with replacing(out / "a") as temporary:
             temporary.write_text("half")
             stop()
-    with report.results_folder(out) as folder:
+    with result_folder.results_folder(out) as folder:
         for name in "ab":
             (folder / name).write_text("second")
         if where == "waiting":
@@ -244,7 +244,7 @@ def run(out, where):
         def until(path, target):
             calls.append(path)
             return stop() if len(calls) > int(where) else replace(path, target)
-        Path.replace, report.shutil.rmtree = until, stop
+        Path.replace, result_folder.shutil.rmtree = until, stop
 
 for out in map(Path, sys.argv[1:]):
     if out.name == "waiting" or os.fork() == 0:
@@ -266,7 +266,7 @@ def test_what_killed_runs_left_goes_with_the_next_one(tmp_path):
     subprocess.run([sys.executable, "-c", KILLED, *map(str, folders)], check=True)
     for out in folders:
         assert len(list(out.glob(f"{PARTIAL}*"))) == 1
-        with report.results_folder(out) as folder:
+        with result_folder.results_folder(out) as folder:
             # The fifth move ends all others.
             expected = dict.fromkeys("ab", "second" if out.name == "5" else "first")
             assert {name: (out / name).read_text() for name in "ab"} == expected
@@ -281,42 +281,44 @@ def test_what_belongs_to_a_run_that_is_alive_stays(tmp_path):
     command = [sys.executable, "-c", KILLED, str(out)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as alive:
         assert alive.stdout.readline() == b"ready\n"
-        with report.results_folder(out) as folder, replacing(out / "d") as temporary:
+        with result_folder.results_folder(out) as folder, replacing(out / "d") as temporary:
             (folder / "c").write_text("third")
             temporary.write_text("fourth")
         assert len(list(out.glob(f"{PARTIAL}*"))) == 1
         alive.kill()
     with replacing(out / "d") as temporary:
         temporary.write_text("fifth")
-    with report.results_folder(out):
+    with result_folder.results_folder(out):
         pass
     assert {path.name for path in out.iterdir()} == set("cd")
 
 
 def test_columns_without_cells_are_in_the_csv_file_alone():
-    table = report.Table("t", *report.columns(name=["a", "b"], empty=[None, np.nan], note=["", ""], x=[1.0, 2.0]))
+    table = tabular.Table("t", *tabular.columns(name=["a", "b"], empty=[None, np.nan], note=["", ""], x=[1.0, 2.0]))
     assert table.csv().startswith("name,empty,note,x\na,,,1.0\n")
     assert table.filled().columns == ("name", "x")
-    for shown in (table.markdown(), table.text(), table.tex()):
+    for shown in (table.markdown(), table.text(), print_table.tex(table)):
         assert "mpty" not in shown and "2.000" in shown
 
 
 @pytest.mark.parametrize("counts", [[3, 40], np.array([3, 40])])
 def test_counts_have_no_decimals_unless_numbers_stand_beside_them(counts):
-    table = report.Table("t", *report.columns(name=["a", "b"], count=counts, mixed=[True, 0.5]))
+    table = tabular.Table("t", *tabular.columns(name=["a", "b"], count=counts, mixed=[True, 0.5]))
     assert table.texts() == [["a", "3", "1.000"], ["b", "40", "0.500"]] and table.numeric() == [False, True, True]
-    assert "S[table-format=2.0]S[table-format=1.3]" in table.tex()
+    assert "S[table-format=2.0]S[table-format=1.3]" in print_table.tex(table)
 
 
 def test_first_cells_have_words_for_readers_and_names_in_the_csv_file():
-    table = report.Table("t", ("number", "x"), (("axis_error_deg", 1.0),), names={"axis_error_deg": "axis error (deg)"})
+    table = tabular.Table(
+        "t", ("number", "x"), (("axis_error_deg", 1.0),), names={"axis_error_deg": "axis error (deg)"}
+    )
     assert table.csv() == "number,x\naxis_error_deg,1.0\n"
     assert table.texts() == [["axis error (deg)", "1.000"]]
 
 
 @pytest.mark.parametrize("name", ["=1+2", "+x()", "-x|y!A0", "@SUM(A1)", " =x", "\t=x", '=HYPERLINK("http://a","b")'])
 def test_names_are_no_formulas_of_spreadsheets(name):
-    table = report.Table("t", ("parameter", name), (("m1", 1.0), (name, -2.5)), bodies=(name,))
+    table = tabular.Table("t", ("parameter", name), (("m1", 1.0), (name, -2.5)), bodies=(name,))
     (first, *head), *rows = csv.reader(io.StringIO(table.csv()))
     assert (first, head) == ("parameter", ["body", f"'{name}"])
     assert rows == [["m1", f"'{name}", "1.0"], [f"'{name}", "", "-2.5"]]

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from experiments.document import report
+from experiments.document import tabular
 from experiments.document.terminal import WIDTH, table, wrapped
 
 SUM = "m1" + "".join(f" + 0.0{k} m{k}rz{k} - Ixx{k}" for k in range(11, 60))
@@ -50,5 +50,5 @@ def test_columns_that_do_not_fit_stand_below_with_the_first():
 
 @pytest.mark.parametrize("cells", [("x", None), ("y", 2.0)])
 def test_tables_and_their_titles_fit(cells):
-    wide = report.Table("title " * 40, ("a", "b" * 40, "c", "d"), ((*cells, SUM, SUM),), footnote="note " * 40)
+    wide = tabular.Table("title " * 40, ("a", "b" * 40, "c", "d"), ((*cells, SUM, SUM),), footnote="note " * 40)
     assert max(map(len, wide.text().splitlines())) <= WIDTH

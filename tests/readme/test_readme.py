@@ -10,9 +10,9 @@ import pytest
 
 import experiments
 from experiments.benchmark import words
+from experiments.data.key_numbers import summary
 from experiments.readme import blocks
 from experiments.reports import study_tables
-from experiments.reports.study_report import summary
 from experiments.studies.simulated import study as study_of
 
 ROOT = Path(experiments.__file__).parents[1]

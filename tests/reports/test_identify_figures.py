@@ -8,8 +8,8 @@ from matplotlib.colors import to_hex
 from recorded_faults import PENDULUM, faulty, shortened
 
 import ident
-from experiments.document import figures, row_panels
-from experiments.document.layout import Layout
+from experiments.document import figures, row_panels, styles, symbols
+from experiments.document.layout import HEIGHTS, WIDTHS, Layout
 from experiments.reports.identify_figures import (
     held_out_caption,
     held_out_figure,
@@ -84,34 +84,34 @@ def test_the_page_and_the_figures_have_the_same_colours(estimate):
 
 
 def cycle_color(name):
-    with figures.paper_style():
+    with styles.paper_style():
         return to_hex(name)
 
 
 def test_many_parameters_stand_in_panels_over_the_page(estimate, monkeypatch):
     monkeypatch.setattr(row_panels, "COLUMN_ROWS", 5)
     figure = parameters_figure(estimate)
-    assert figure.get_figwidth() == figures.WIDTHS[2][1] and len(figure.axes) == 3
+    assert figure.get_figwidth() == WIDTHS[2][1] and len(figure.axes) == 3
     labels = [text.get_text() for ax in figure.axes for text in ax.get_yticklabels()]
-    symbols = [figures.named_symbol(name, PENDULUM.bodies) for name in estimate.base.names]
-    assert labels == symbols
+    named = [symbols.named_symbol(name, PENDULUM.bodies) for name in estimate.base.names]
+    assert labels == named
     heights = {tuple(np.ptp(ax.get_ylim(), keepdims=True).round(9)) for ax in figure.axes}
     assert len(heights) == 1 and figure.axes[1].get_ylim()[1] < figure.axes[1].get_yticks()[0]
 
 
 @pytest.mark.parametrize("columns", [1, 2])
 def test_no_figure_is_higher_than_a_page(estimate, monkeypatch, columns):
-    with figures.author_style(None, columns):
+    with styles.author_style(None, columns):
         most = row_panels.most_rows()
         figure, _ = row_panels.row_panels(["x"] * most, "")
-        assert most > 60 and figure.get_figheight() <= figures.HEIGHTS[columns]
+        assert most > 60 and figure.get_figheight() <= HEIGHTS[columns]
         # If there are too many parameters, those with the narrowest intervals are shown, and the caption says so.
         monkeypatch.setattr(row_panels, "most_rows", lambda: 4)
         (axes,) = parameters_figure(estimate).axes
         size = np.maximum(abs(estimate.psi), abs(estimate.base.regroup(PENDULUM.known)))
         best = sorted(np.argsort(estimate.std_setup / size)[:4])
         labels = [text.get_text() for text in axes.get_yticklabels()]
-        assert labels == [figures.named_symbol(estimate.base.names[k], PENDULUM.bodies) for k in best]
+        assert labels == [symbols.named_symbol(estimate.base.names[k], PENDULUM.bodies) for k in best]
         assert "Of 13 the 4 with the narrowest intervals" in parameters_caption(estimate)
     assert "narrowest" not in parameters_caption(estimate, Layout(parameters=("m1",)))
 

@@ -10,7 +10,8 @@ from fuzz.undrawn import leave_undrawn
 import scenes
 import sim
 from experiments import identify
-from experiments.studies.person_recordings import Laboratory, mistaken, sensed
+from experiments.data.laboratory import Laboratory
+from experiments.studies.person_recordings import mistaken, sensed
 from sim.models.model_update import write_model
 from sim.motion import person
 

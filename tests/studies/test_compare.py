@@ -10,6 +10,7 @@ from scipy import stats
 
 from experiments import compare
 from experiments.data.comparison import Difference
+from experiments.document import writer
 from experiments.reports import compare_report
 from experiments.studies.result_files import read_results
 from ident.errors import InputError
@@ -51,7 +52,7 @@ def run(tmp_path, *folders, more=()):
 
 @pytest.mark.usefixtures("undrawn")
 def test_differences_have_the_intervals_of_independent_noise(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(compare_report, "write_report", lambda *_: None)
+    monkeypatch.setattr(writer, "write_page", lambda *_: None)
     a, b = np.array([1.0, 2.0, 3.0]), np.array([1.1, 1.5, 3.0])
     first, second = result(tmp_path / "first", a), result(tmp_path / "second", b, log="b", estimator="weighted")
     (found,) = run(tmp_path, first, second)
@@ -83,7 +84,7 @@ def test_the_chance_of_disagreement_is_right(tmp_path):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_log_that_both_were_fitted_to_leaves_no_interval(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(compare_report, "write_report", lambda *_: None)
+    monkeypatch.setattr(writer, "write_page", lambda *_: None)
     folders = [result(tmp_path / name, [1.0, 2.0, x]) for name, x in (("a", 3.0), ("b", 4.0))]
     folders.append(result(tmp_path / "c", [1.0, 2.0, 9.0], log="c"))
     shared, far = run(tmp_path, *folders)
@@ -178,7 +179,7 @@ def test_every_entry_may_be_wrong_in_every_way(tmp_path, monkeypatch, name):
             file.write_text(json.dumps(content))
             try:
                 compared = read_results(folders)
-                assert compare_report.text(compare_report.results(compared, {}), compared)
+                assert compare_report.document(compared, {}).text()
             except InputError as error:
                 assert "\n" not in str(error)
                 refused += 1

@@ -10,9 +10,10 @@ import pytest
 from commands import refusal
 from pages import replayed
 
+from experiments.data.laboratory import Laboratory
+from experiments.data.person import beginning
 from experiments.human import main
 from experiments.studies import human
-from experiments.studies.person_recordings import Laboratory
 from ident.trajectory.fit.piece import linearised
 
 
@@ -91,7 +92,7 @@ def test_the_first_seconds_tell_what_they_do_before_a_rest_that_is_not_measured(
         unmeasured = replace(piece, states=states, measured=np.where(felt[:, None], piece.measured, np.nan))
         whole = linearised(joint.measurement, unmeasured, fit.coefficients[k], theta=fit.theta, noise=fit.noise)
         found._begun[k, 1.2] = whole.schur
-        assert human.beginning(piece, 1.2).spline.intervals < piece.spline.intervals
+        assert beginning(piece, 1.2).spline.intervals < piece.spline.intervals
     np.testing.assert_allclose(told, np.diag(found._covariance([1.2, 1.2])), rtol=1e-3)
 
 

@@ -14,8 +14,9 @@ from truth import told
 
 from experiments.__main__ import main as everything
 from experiments.data import paper
-from experiments.document.figures import WIDTHS
+from experiments.document.layout import WIDTHS
 from experiments.mechanism import main
+from experiments.reports import mechanism_report
 from experiments.runs import workers
 from experiments.studies import human, mechanism
 from ident.geometry.se3 import exp
@@ -25,7 +26,7 @@ STUDIES = ("mechanism", "misaligned", "multicontact", "several_contacts", "human
 
 
 def test_figure_1_is_drawn_from_the_scene():
-    _, drawing = mechanism.mechanism()
+    drawing = mechanism.drawing()
     q1, q2 = mechanism.DRAWN_AT
     elbow = np.array([0, -0.425 * np.sin(q1), 1 + 0.425 * np.cos(q1)])
     np.testing.assert_allclose(drawing.poses[2][:3, 3], elbow, atol=1e-12)
@@ -33,28 +34,28 @@ def test_figure_1_is_drawn_from_the_scene():
     np.testing.assert_allclose(drawing.end, end, atol=1e-12)
     arm = exp([0, 0, 0, 1, 0, 0], q1 + q2)[:3, :3] @ [0.1, 0, 0.2]
     np.testing.assert_allclose(drawing.masses[2], elbow + arm, atol=1e-12)
-    figure = mechanism.figure_1(drawing)
+    figure = mechanism_report.figure_1(drawing)
     texts = {text.get_text() for text in figure.axes[0].texts}
     assert {"$m_1$", "$m_2$", "$m_3$", "$l_1$", r"$\theta_1$", r"$\theta_2$"} <= texts
     assert {"$g_1$, base", "$g_2$, link 1", "$g_3$, link 2"} <= {text.get_text() for text in figure.axes[1].texts}
 
 
 def test_table_2_is_that_of_the_paper():
-    tree, drawing = mechanism.mechanism()
-    rows = mechanism.table_2(tree, drawing.base).rows
+    drawing = mechanism.drawing()
+    rows = mechanism_report.table_2(drawing.tree, drawing.base).rows
     assert [row[0] for row in rows] == ["base, i = 1", "link1, i = 2", "link2, i = 3"]
     assert [row[2] for row in rows] == ["(0, 0, 1)", "(0, 0, 1)", "(0, 0, 1.425)"]
     assert [row[3:] for row in rows] == [("(0, 0, 0)", "(0, 0, 0)"), *[("(0, 0, 0)", "(1, 0, 0)")] * 2]
 
 
 def test_table_1_as_printed_is_the_double_pendulum():
-    tree, drawing = mechanism.mechanism()
+    drawing = mechanism.drawing()
     found = mechanism.tree_of_table_1(drawing.base, 0.425)
     expected = double_pendulum(base=drawing.base)
     assert found.names == ("2", "6", "10")
     assert found.joints == ("4", "8")
     assert mechanism.difference(found, expected) < 1e-14
-    assert mechanism.difference(mechanism.tree_of_table_1(np.zeros(3), 0.4), tree) > 0.01
+    assert mechanism.difference(mechanism.tree_of_table_1(np.zeros(3), 0.4), drawing.tree) > 0.01
 
 
 def test_the_command_prints_the_check(tmp_path, capsys):

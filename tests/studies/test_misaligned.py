@@ -14,7 +14,7 @@ from commands import refusal
 from experiments import misaligned
 from experiments.data import defaults, fitting, paper, study_file
 from experiments.data.fitting import trajectory_fit
-from experiments.document.figures import WIDTHS
+from experiments.document.layout import WIDTHS
 from experiments.reports import study_figures
 from experiments.studies.simulated import study as study_of
 from ident.errors import ExcitationError

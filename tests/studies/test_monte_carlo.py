@@ -13,8 +13,10 @@ from trial_runs import Mortal, draw, interrupted, kept, resumed, run
 from experiments import misaligned, multicontact
 from experiments.cli import options
 from experiments.data import defaults
+from experiments.data.errors import Distribution
 from experiments.data.simulated import Problem
 from experiments.document import figures
+from experiments.reports import monte_carlo_report
 from experiments.runs.workers import worker_pool
 from experiments.studies import monte_carlo, trials
 from experiments.studies.simulated import study, trial
@@ -135,7 +137,7 @@ def test_a_dead_worker_is_one_sentence_and_costs_no_trials(tmp_path, capsys):
 
 def distribution(outcomes):
     names = problem_names()
-    return monte_carlo.Distribution(names, outcomes[:, 0, 0], outcomes[:, 0, 1], np.zeros(13))
+    return Distribution(names, outcomes[:, 0, 0], outcomes[:, 0, 1], np.zeros(13))
 
 
 def problem_names():
@@ -167,13 +169,13 @@ def test_noise_on_the_joint_states_biases(tmp_path):
 
 def test_statistics():
     errors = np.array([[-1.0, 0.0], [0.0, 1.0], [1.0, 2.0], [2.0, 3.0]])
-    found = monte_carlo.Distribution(("a", "b"), errors, np.full((4, 2), 1.0), np.array([0.5, 9.0]))
+    found = Distribution(("a", "b"), errors, np.full((4, 2), 1.0), np.array([0.5, 9.0]))
     np.testing.assert_array_equal(found.mean, [0.5, 1.5])
     np.testing.assert_allclose(found.std, np.std(errors, axis=0, ddof=1))
     np.testing.assert_array_equal(found.coverage, [0.75, 0.5])
     np.testing.assert_array_equal(found.percentile, [[50, 100], [50, 100]])
     np.testing.assert_array_equal(found.predicted_std, [1, 1])
-    rows = list(csv.DictReader(monte_carlo.table("m", found).csv().splitlines()))
+    rows = list(csv.DictReader(monte_carlo_report.table("m", found).csv().splitlines()))
     assert rows[1] == {
         "parameter": "b",
         "mean_error": "1.5",
@@ -259,10 +261,10 @@ def test_the_chart_shows_every_parameter_of_every_model(tmp_path):
     rng = np.random.default_rng(0)
     names = ("m1", "m1rx1", "Ixx2")
     found = {
-        name: monte_carlo.Distribution(names, rng.normal(size=(50, 3)), np.ones((50, 3)), np.zeros(3))
+        name: Distribution(names, rng.normal(size=(50, 3)), np.ones((50, 3)), np.zeros(3))
         for name in ("simplified", "full", "full_trajectory")
     }
-    figure = monte_carlo.chart(found)
+    figure = monte_carlo_report.chart(found)
     assert [ax.get_title() for ax in figure.axes] == ["simplified", "full", "full trajectory"]
     for ax, d in zip(figure.axes, found.values(), strict=True):
         low, high = ax.get_xlim()

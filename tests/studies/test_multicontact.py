@@ -15,6 +15,7 @@ import scenes
 from experiments import multicontact
 from experiments.data import paper
 from experiments.data.fitting import fit
+from experiments.data.key_numbers import summary as summary_of
 from experiments.data.simulated import Problem
 from experiments.document.figures import INKS
 from experiments.reports import study_figures, study_report, study_tables
@@ -218,7 +219,7 @@ def test_minus_signs_are_minus_signs(result, name):
 
 def test_two_contacts_touch_at_the_same_time():
     result = study("multicontact", contact="pad handle")
-    touching, summary = result.recording.true["pad_normal_force"] > 0, study_report.summary(result)
+    touching, summary = result.recording.true["pad_normal_force"] > 0, summary_of(result)
     assert 0.25 < summary["fraction_all_touch"] == touching.mean() < 0.8
     alone = ("contact_pad_fraction_alone", "contact_handle_fraction_alone", "fraction_none_touches")
     assert [summary[key] for key in alone] == [0, np.mean(~touching), 0]

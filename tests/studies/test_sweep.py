@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from commands import refusal
 
-from experiments.reports import study_report
+from experiments.data.key_numbers import summary
+from experiments.data.outcomes import Sweep
+from experiments.reports import sweep_report
 from experiments.runs.checkpoint import Checkpoint
 from experiments.studies import sweep
 from experiments.studies.simulated import study
@@ -31,7 +33,7 @@ def test_a_sweep_is_the_study_with_every_value_and_seed(tmp_path):
         {
             "noise_scale": scale,
             "seed": seed,
-            **study_report.summary(study("multicontact", noise_scale=scale, seed=seed)),
+            **summary(study("multicontact", noise_scale=scale, seed=seed)),
         }
         for seed in (0, 1)
         for scale in (0.0, 1.0)
@@ -77,8 +79,8 @@ def test_an_interrupted_sweep_is_resumed_to_the_same_bytes(tmp_path, monkeypatch
 @pytest.mark.usefixtures("undrawn", "here")
 def test_several_contacts_are_a_value_like_one(tmp_path):
     out = run(tmp_path, over=("contact", "pad", "pad handle"), seeds=1)
-    expected = study_report.summary(study("multicontact", contact="pad handle"))
-    for number in sweep.CHARTED["multicontact"]:
+    expected = summary(study("multicontact", contact="pad handle"))
+    for number in sweep_report.CHARTED["multicontact"]:
         one, several = rows(out, number)
         assert (one["contact"], several["contact"]) == ("pad", "pad handle")
         assert float(several["mean"]) == pytest.approx(expected[number], rel=1e-9)
@@ -127,9 +129,9 @@ def test_runs_of_another_sweep_are_not_resumed(tmp_path, capsys):
 def test_the_chart_shows_every_seed_and_the_mean():
     runs = [{"tilt_deg": v, "seed": s, "error_N": v + s} for s in range(3) for v in (10.0, 5.0)]
     runs[0] = {"tilt_deg": 10.0, "seed": 0, "refused": "no"}
-    found = sweep.Sweep("tilt_deg", [10.0, 5.0], runs)
+    found = Sweep("tilt_deg", [10.0, 5.0], runs)
     assert found.names == ["error_N"]
-    (panel,) = sweep.chart(found, {"error_N": "Error (N)"}).axes
+    (panel,) = sweep_report.chart(found, {"error_N": "Error (N)"}).axes
     mean, *seeds = panel.get_lines()
     np.testing.assert_array_equal(mean.get_xydata(), [[5, 6], [10, 11.5]])
     np.testing.assert_array_equal([line.get_ydata() for line in seeds], [[np.nan, 5], [11, 6], [12, 7]])
@@ -137,16 +139,14 @@ def test_the_chart_shows_every_seed_and_the_mean():
 
 
 def test_the_chart_names_values_that_are_not_numbers():
-    found = sweep.Sweep(
-        "contact", ["pad", "handle"], [{"contact": c, "seed": 0, "rank": 13} for c in ("pad", "handle")]
-    )
-    (panel,) = sweep.chart(found, {"rank": "Rank"}).axes
+    found = Sweep("contact", ["pad", "handle"], [{"contact": c, "seed": 0, "rank": 13} for c in ("pad", "handle")])
+    (panel,) = sweep_report.chart(found, {"rank": "Rank"}).axes
     assert [tick.get_text() for tick in panel.get_xticklabels()] == ["pad", "handle"]
 
 
 def test_a_number_that_does_not_change_has_plain_ticks():
     runs = [{"tilt_deg": v, "seed": 0, "condition": 37.7491 + 1e-6 * v} for v in (0.0, 5.0, 10.0)]
-    figure = sweep.chart(sweep.Sweep("tilt_deg", [0.0, 5.0, 10.0], runs), {"condition": "Condition number"})
+    figure = sweep_report.chart(Sweep("tilt_deg", [0.0, 5.0, 10.0], runs), {"condition": "Condition number"})
     figure.draw_without_rendering()
     (panel,) = figure.axes
     assert panel.yaxis.get_offset_text().get_text() == ""

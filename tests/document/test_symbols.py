@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments.document.page_symbols import pieces
+from experiments.document.symbols import pieces
 
 
 def shown(text):

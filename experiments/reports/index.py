@@ -5,18 +5,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from experiments.data import paper
-from experiments.document.page import rendered
-from experiments.document.report import Cell, Table
-from experiments.document.results import Results
+from experiments.document.document import Document
+from experiments.document.page import page
+from experiments.document.tabular import Cell, Table
 from ident.files.atomic import replacing
 
 
-def write_index(out: Path, results: Mapping[str, Results], formats: Iterable[str]) -> None:
+def write_index(out: Path, results: Mapping[str, Document], formats: Iterable[str]) -> None:
     """Writes `out/index.html`.
 
     Args:
         out: Folder of the studies' folders.
-        results: Results of the studies of `python -m experiments`, by folder name.
+        results: Documents of the studies of `python -m experiments`, by folder name.
         formats: Formats of the figures, PNG among them.
     """
     shown = {
@@ -24,7 +24,7 @@ def write_index(out: Path, results: Mapping[str, Results], formats: Iterable[str
         for folder, study in results.items()
     }
     with replacing(out / "index.html") as temporary:
-        temporary.write_text(rendered("index.html", out, shown, formats, paper=paper), encoding="utf-8")
+        temporary.write_text(page("index.html", out, shown, formats, paper=paper), encoding="utf-8")
 
 
 def compared(table: Table) -> Table:

@@ -1,0 +1,211 @@
+"""A simulated person, identified from a wrong prior in a laboratory with known faults."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from experiments.data.errors import HALF_WIDTH
+from experiments.data.laboratory import Laboratory
+from ident.estimate import Estimate
+from ident.mechanism.mechanism import Mechanism
+from ident.parameters.prior import conditioned, known_covariance
+from ident.trajectory.fit.piece import Piece, linearised
+from ident.trajectory.fit.precision import inverse_of_precision
+
+MOVED = 0.5
+"""Standard deviation over the prior one, below which a combination counts as determined."""
+
+ROUNDING = 1e-10
+"""Smallest variance over the prior one that is distinguishable from rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Results of the study.
+
+    Attributes:
+        estimate: The estimate of all recordings.
+        true: The person.
+        activities: Activity of each recording.
+        seconds: Length of each, s.
+        filtered: Base parameters by least squares at filtered states (r,).
+        unseen: Base-wrench regressor of motions that were not recorded (N, 6, r); they are exact: only ψ has errors.
+        laboratory: The laboratory.
+    """
+
+    estimate: Estimate
+    true: Mechanism
+    activities: tuple[str, ...]
+    seconds: float
+    filtered: np.ndarray
+    unseen: np.ndarray
+    laboratory: Laboratory
+
+    @cached_property
+    def psi(self) -> np.ndarray:
+        """True base parameters (r,)."""
+        return self.estimate.base.regroup(self.true.known)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The person with the prior."""
+        return self.estimate.prepared.mechanism
+
+    @cached_property
+    def distances(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `distances_by`, including the uncertainty of the set-up."""
+        return self.distances_by(self.estimate.covariance_setup)
+
+    @cached_property
+    def distances_of_noise(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `distances_by`, from noise alone, with the estimated set-up."""
+        return self.distances_by(self.estimate.covariance)
+
+    def distances_by(self, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Precision and errors along independently estimated combinations of base parameters, the best known first.
+
+        Args:
+            covariance: Covariance of the fitted parameters, base parameters first (p, p).
+
+        Returns:
+            Standard deviations over the prior ones, and errors in standard deviations (k,); without combinations known
+            to rounding.
+        """
+        rank = len(self.psi)
+        variances, directions = linalg.eigh(
+            covariance[:rank, :rank], known_covariance(self.mechanism, self.estimate.base)
+        )
+        told = variances > ROUNDING
+        std = np.sqrt(variances[told])
+        return std, directions[:, told].T @ (self.estimate.psi - self.psi) / std
+
+    @property
+    def determined(self) -> np.ndarray:
+        """True for combinations that the recordings determine (k,)."""
+        return self.distances[0] < MOVED
+
+    @cached_property
+    def candidates(self) -> dict[str, np.ndarray]:
+        """Base parameters of the compared estimators (r,)."""
+        prior = self.estimate.base.regroup(self.mechanism.known)
+        return {"prior": prior, "filtered least squares": self.filtered, "trajectory estimate": self.estimate.psi}
+
+    @cached_property
+    def errors(self) -> dict[str, np.ndarray]:
+        """RMS errors of the wrench that unseen motions need, over the wrench's own deviation, by estimator (6,)."""
+        signal = (self.unseen @ self.psi).std(axis=0)
+        off = {name: self.unseen @ (psi - self.psi) for name, psi in self.candidates.items()}
+        return {name: np.sqrt((x**2).mean(axis=0)) / signal for name, x in off.items()}
+
+    @cached_property
+    def segments(self) -> tuple[np.ndarray, np.ndarray]:
+        """φ of all segments and standard deviations, from prior and estimate (b, 10) each."""
+        return self._conditioned([self.seconds] * len(self.activities))
+
+    @property
+    def coverage(self) -> float:
+        """Coverage of the 95 % intervals of determined combinations."""
+        return float((np.abs(self.distances[1][self.determined]) < HALF_WIDTH).mean())
+
+    @property
+    def noise_of_angles(self) -> float:
+        """Median of the estimated standard deviations of the hinges' angles, degrees."""
+        joint = self.estimate.trajectory
+        assert joint is not None
+        hinges = np.concatenate(
+            [np.zeros(joint.measurement.of_base, bool)]
+            + [np.full(body.coordinates, not body.is_ball) for body in self.true.tree.bodies]
+        )
+        return float(np.degrees(np.median(joint.fit.noise.states[0, hinges])))
+
+    def information(self, seconds: Sequence[float]) -> np.ndarray:
+        """Standard deviations of φ after the first seconds of each recording, with the noise of all of them (b, 10)."""
+        return self._conditioned(seconds)[1]
+
+    def foretold(self, seconds: Sequence[float]) -> float:
+        """Standard deviation of the wrench that unseen motions need after the first seconds of each recording.
+
+        Relative to the prior one, as a geometric mean of the channels, and from noise alone: the set-up is the
+        estimated one.
+        """
+        both = [self._covariance(each, setup=False) for each in (seconds, [0.0] * len(self.activities))]
+        now, before = ((self._squares * covariance).sum(axis=(1, 2)) for covariance in both)
+        return float(np.exp(np.log(now / before).mean() / 2))
+
+    @cached_property
+    def _squares(self) -> np.ndarray:
+        """Products of the columns of each channel's unseen regressor, summed over samples (6, r, r)."""
+        Y = self.unseen.swapaxes(0, 1)
+        return Y.swapaxes(1, 2) @ Y
+
+    def _conditioned(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """φ and its standard deviations, from the prior and the first seconds of each recording (b, 10) each."""
+        estimate = self.estimate
+        phi, std = conditioned(self.mechanism, estimate.base, estimate.psi, self._covariance(seconds))
+        return phi.reshape(-1, 10), std.reshape(-1, 10)
+
+    def _covariance(self, seconds: Sequence[float], *, setup: bool = True) -> np.ndarray:
+        """Covariance of base parameters after the first seconds of each recording (r, r).
+
+        Args:
+            seconds: Length of each.
+            setup: True to include the uncertainty of the set-up.
+        """
+        joint, rank = self.estimate.trajectory, self.estimate.base.rank
+        assert joint is not None
+        fit, own = joint.fit, np.repeat(np.arange(len(joint.counts)), joint.counts)
+        precision = fit.prior.precision.copy()
+        for k, length in enumerate(np.array(seconds)[own].tolist()):
+            precision += self._share(k, length) if length > 0 else 0.0
+        open_ = (fit.free | (joint.is_setup & setup)) & (np.diag(precision) > 0)
+        return inverse_of_precision(precision[np.ix_(open_, open_)])[:rank, :rank]
+
+    def _share(self, k: int, seconds: float) -> np.ndarray:
+        """Information on θ in the first seconds of a piece (p, p)."""
+        joint = self.estimate.trajectory
+        assert joint is not None
+        fit = joint.fit
+        if seconds >= self.seconds:
+            return fit.shares[k][0]
+        if (k, seconds) not in self._begun:
+            begun = beginning(fit.pieces[k], seconds)
+            self._begun[k, seconds] = np.zeros_like(fit.shares[k][0])
+            if not len(begun.when):
+                return self._begun[k, seconds]
+            # A trajectory through too few samples to be determined adds no information.
+            with suppress(np.linalg.LinAlgError):
+                coefficients = fit.coefficients[k][: begun.spline.size]
+                part = linearised(joint.measurement, begun, coefficients, theta=fit.theta, noise=fit.noise)
+                self._begun[k, seconds] = part.schur
+        return self._begun[k, seconds]
+
+    @cached_property
+    def _begun(self) -> dict[tuple[int, float], np.ndarray]:
+        """Cached shares by piece and seconds."""
+        return {}
+
+
+def beginning(piece: Piece, seconds: float) -> Piece:
+    """The first seconds of a piece's samples and trajectory.
+
+    A trajectory beyond the samples is hardly determined, and its equations may have no solution.
+    """
+    q, *_ = piece.states
+    there, felt = (x < piece.origin + seconds for x in (piece.time, piece.when))
+    last = max((float(x[-1]) for x in (piece.time[there], piece.when[felt]) if len(x)), default=piece.spline.start)
+    # One interval more, as channels may be late.
+    intervals = int((last - piece.spline.start) / piece.spline.step) + 2
+    return replace(
+        piece,
+        spline=replace(piece.spline, intervals=min(intervals, piece.spline.intervals)),
+        time=piece.time[there],
+        states=(q[there], None, None),
+        when=piece.when[felt],
+        measured=piece.measured[felt],
+        wrenches=piece.wrenches[felt],
+        slack=None if piece.slack is None else piece.slack[felt],
+    )

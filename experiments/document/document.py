@@ -1,0 +1,81 @@
+"""A document: what a report says and shows, before it is a page, text, or files for print."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from experiments.document.layout import Layout
+from experiments.document.replay import Replay
+from experiments.document.tabular import Table
+from experiments.document.terminal import wrapped
+from ident.errors import InputError
+from ident.geometry.inertia import body_of_parameter
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """Contents of a folder of results, by file name without suffix, and of their page.
+
+    Attributes:
+        title: Its title.
+        about: Description of the command, in a sentence or two.
+        verdict: Verdict on the results, if they are judged.
+        findings: Findings on them, each with True if it is a doubt.
+        lines: Sentences with the main numbers.
+        heading: Heading of these sentences.
+        tables: Tables.
+        figures: Figures and their captions.
+        numbers: Contents of JSON files.
+        blocks: Texts to copy, by purpose.
+        replay: Replay of the motion.
+        files: Functions that write other files, given their path, by name; None for one that is written already.
+        screen: Text for the terminal, by default tables, verdict and lines.
+    """
+
+    title: str = ""
+    about: str = ""
+    verdict: str = ""
+    findings: Sequence[tuple[str, bool]] = ()
+    lines: Sequence[str] = ()
+    heading: str = "In numbers"
+    tables: Mapping[str, Table] = field(default_factory=dict)
+    figures: Mapping[str, tuple[Figure, str]] = field(default_factory=dict)
+    numbers: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    blocks: Mapping[str, str] = field(default_factory=dict)
+    replay: Replay | None = None
+    files: Mapping[str, Callable[[Path], object] | None] = field(default_factory=dict)
+    screen: str = ""
+
+    def __or__(self, more: "Document") -> "Document":
+        """The document with the tables, figures and numbers of another one."""
+        return replace(
+            self,
+            tables={**self.tables, **more.tables},
+            figures={**self.figures, **more.figures},
+            numbers={**self.numbers, **more.numbers},
+        )
+
+    def text(self) -> str:
+        """Text for the terminal."""
+        shown = [*(table.text() for table in self.tables.values()), *filter(None, [self.verdict]), *self.lines]
+        return self.screen or wrapped("\n".join(shown))
+
+    def chosen(self, layout: Layout) -> tuple[Layout, str]:
+        """An author's choices, or none of them if one names a table, figure or parameter that does not exist.
+
+        Returns:
+            The layout, and a sentence if the choices cannot be applied, else an empty one.
+        """
+        of_bodies = [table for table in self.tables.values() if table.bodies]
+        names = dict.fromkeys(
+            str(row[0]) for t in of_bodies for row in t.rows if body_of_parameter(str(row[0]), t.bodies)
+        )
+        bodies = dict.fromkeys(body for table in of_bodies for body in table.bodies)
+        try:
+            layout.check([*self.tables, *self.figures], [*names], [*bodies])
+        except InputError as error:
+            return Layout(layout.columns), f"All is written, with captions and parameters as by default: {error}"
+        return layout, ""

@@ -1,0 +1,142 @@
+"""Writing of documents: HTML, TeX, Markdown, CSV and JSON files, figures and a film in a folder; text on the screen."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from experiments.document import figures, print_table
+from experiments.document.document import Document
+from experiments.document.layout import PAPER, Layout
+from experiments.document.page import page
+from experiments.document.result_folder import OUTPUTS, results_folder, write_json
+from experiments.document.tabular import Table
+from ident.errors import InputError
+from ident.files.atomic import replacing
+
+PAGE = "report.html"
+"""Name of the page in a folder of results."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """A folder for documents, and an author's choices.
+
+    Attributes:
+        folder: The folder.
+        formats: Formats of figures.
+        layout: Layout of tables and figures in print.
+        film: True to write a film of the replay.
+        checked: True if the layout names nothing that does not exist.
+        choices: The choices that differ from the defaults, for the provenance.
+    """
+
+    folder: Path
+    formats: Sequence[str]
+    layout: Layout = PAPER
+    film: bool = False
+    checked: bool = False
+    choices: Mapping[str, Any] = field(default_factory=dict)
+
+
+def write(
+    document: Document, out: Output, *, stale: Sequence[str] = OUTPUTS, inputs: Sequence[Path] = (), then: str = ""
+) -> Document:
+    """Writes a document into its folder with a page, and prints it.
+
+    Args:
+        document: The document.
+        out: Its folder.
+        stale: Patterns of files of an earlier run to remove.
+        inputs: Input files, which are never replaced.
+        then: What to do next, in a sentence.
+
+    Returns:
+        The written document.
+
+    Raises:
+        InputError: The film cannot be written, or captions or parameters are chosen that do not exist; all else is
+            written.
+    """
+    document, missing = written(document, out, stale=stale, inputs=inputs)
+    print(document.text())
+    end(out, missing, then)
+    return document
+
+
+def end(out: Output, missing: str = "", then: str = "") -> None:
+    """Prints where everything is; raises an error, after all output, if a request could not be met.
+
+    Raises:
+        InputError: The sentence `missing` is not empty.
+    """
+    print(f"Everything is in {out.folder}; open {PAGE}.")
+    if then:
+        print(then)
+    if missing:
+        raise InputError(missing)
+
+
+def written(
+    document: Document, out: Output, *, stale: Sequence[str] = OUTPUTS, inputs: Sequence[Path] = ()
+) -> tuple[Document, str]:
+    """Writes a document into its folder with a page, arguments as for `write`.
+
+    Returns:
+        The document with the name of the film, and sentences on a film that cannot be written and a layout that cannot
+        be applied; else an empty text.
+    """
+    layout, refused = (out.layout, "") if out.checked else document.chosen(out.layout)
+    with results_folder(out.folder, stale=stale, inputs=inputs) as folder:
+        write_parts(document, replace(out, folder=folder, layout=layout))
+        for name, save in document.files.items():
+            if save is not None:
+                save(folder / name)
+        document, missing = _filmed(document, folder) if out.film else (document, "")
+        write_page(document, folder, out.formats)
+    return document, " ".join(filter(None, [missing, refused]))
+
+
+def write_parts(document: Document, out: Output) -> None:
+    """Writes tables, figures and numbers into a folder."""
+    for name, table in document.tables.items():
+        _write_table(table, out.folder, name, out.layout)
+    for name, (figure, caption) in document.figures.items():
+        figures.save(figure, out.folder, name, out.formats)
+        if "pdf" in out.formats:
+            content = print_table.figure(name, caption, float(figure.get_figwidth()), out.layout)
+            (out.folder / f"{name}.tex").write_text(content, encoding="utf-8")
+    for name, numbers in document.numbers.items():
+        write_json(out.folder / f"{name}.json", numbers)
+
+
+def _write_table(table: Table, folder: Path, name: str, layout: Layout) -> None:
+    """Writes `name.csv`, `name.md` and `name.tex` into a folder."""
+    forms = {"csv": table.csv(), "md": table.markdown(), "tex": print_table.tex(table, name, layout)}
+    for suffix, content in forms.items():
+        (folder / f"{name}.{suffix}").write_text(content, encoding="utf-8")
+
+
+def write_page(document: Document, folder: Path, formats: Iterable[str]) -> None:
+    """Writes `report.html` into a folder that holds the document's other files, with links to them."""
+    moving = None if document.replay is None else document.replay.to_page()
+    content = page("report.html", folder, {"": document}, formats, replay=moving)
+    with replacing(folder / PAGE) as temporary:
+        temporary.write_text(content, encoding="utf-8", errors="backslashreplace")
+
+
+def _filmed(document: Document, folder: Path) -> tuple[Document, str]:
+    """Writes a film of the replay into the folder.
+
+    Returns:
+        The document with the film's name, and a sentence if it cannot be written, else an empty one.
+    """
+    if document.replay is None:
+        return document, ""
+    from experiments.document.film import write_film
+
+    try:
+        name = write_film(folder, document.replay.mechanism, document.replay.to_page())
+    except InputError as error:
+        return document, f"All but the film is written: {error}"
+    return replace(document, files={**document.files, name: None}), ""

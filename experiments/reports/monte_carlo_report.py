@@ -1,0 +1,155 @@
+"""Report on trials: distribution of the errors, and percentiles of the paper's single run."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.data.defaults import REDRAWN
+from experiments.data.errors import TRAJECTORY, Distribution
+from experiments.data.fitting import ESTIMATORS
+from experiments.data.simulated import Study
+from experiments.document import styles, symbols, tabular
+from experiments.document.document import Document
+from experiments.document.layout import PAPER, Layout
+from experiments.document.terminal import wrapped
+
+MEANING = (
+    "A bias of least squares comes from a wrong model or from noise on the joint states, which is in the\n"
+    "regressor (errors in variables); its predicted standard deviations know the wrenches' noise only and do not\n"
+    "show it. Those of the trajectory estimate know the angles' noise too.\n"
+)
+"""Text after the tables."""
+
+
+def table(model: str, found: Distribution, bodies: tuple[str, ...] = ()) -> tabular.Table:
+    """Mean, spread and interval of the errors beside the prediction and the paper's single run."""
+    low, high = found.interval
+    joint, name = f"trajectory estimate ({ESTIMATORS['trajectory']})", model.removesuffix(TRAJECTORY)
+    whose = f"{name} model" + (f"'s {joint}" if model.endswith(TRAJECTORY) else "")
+    of_model = f"{name} model's trajectory estimate" if name != model else f"{name} model"
+    caption = f"Errors of the {of_model} over {len(found.errors)} trials"
+    return tabular.Table(
+        f"Errors of the {whose} over {len(found.errors)} trials, kg, kg m and kg m²",
+        *tabular.columns(
+            parameter=found.names,
+            mean_error=found.mean,
+            std=found.std,
+            low_95=low,
+            high_95=high,
+            predicted_std=found.predicted_std,
+            coverage_95=found.coverage,
+            paper_error=found.published,
+            paper_percentile=["" if np.isnan(a) else f"{a:.0f} to {b:.0f}" for a, b in found.percentile.T],
+        ),
+        decimals=4,
+        caption=caption,
+        notes=("Paper's percentile: where the paper's single run lies among the trials.",),
+        bodies=bodies,
+    )
+
+
+def chart(found: Mapping[str, Distribution], bodies: tuple[str, ...] = (), layout: Layout = PAPER) -> Figure:
+    """Chart of all parameters, a panel for each model: interval, mean, prediction and the paper's error."""
+    with styles.paper_style():
+        width = styles.column_width() if len(found) < 3 else styles.text_width()
+        figure = Figure(figsize=(width, 3.2))
+        panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+        for ax, (model, d) in zip(panels, found.items(), strict=True):
+            _draw(ax, d, [k for k, name in enumerate(d.names) if layout.shows(name, bodies)])
+            ax.set_title(tabular.heading(model))
+        names = [name for name in next(iter(found.values())).names if layout.shows(name, bodies)]
+        panels[0].set_yticks(np.arange(len(names)), [symbols.named_symbol(name, bodies) for name in names])
+        panels[0].invert_yaxis()
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=2 if len(found) < 3 else 4)
+    return figure
+
+
+def _draw(ax: Axes, d: Distribution, shown: Sequence[int]) -> None:
+    """Draws one model's panel, with some of its parameters."""
+    rows, spread, (low, high) = np.arange(len(shown)), 1.96 * d.predicted_std[shown], d.interval[:, shown]
+    ax.axvline(0, color="0.6", lw=0.5)
+    ax.barh(rows, 2 * spread, left=-spread, height=0.6, color="0.85", label="predicted 95 %")
+    ax.hlines(rows, low, high, color="C0", lw=1.2, label="95 % of trials")
+    ax.plot(d.mean[shown], rows, "o", color="C0", ms=2.5, label="mean")
+    if np.isfinite(d.published).any():
+        ax.plot(d.published[shown], rows, "x", color="C1", ms=4, mew=0.9, label="paper")
+    # Linear within ±0.01 and logarithmic beyond, so that errors of grams and gross ones are both visible.
+    ax.set_xscale("symlog", linthresh=0.01, linscale=1.0)
+    ticks = [-1, -0.1, -0.01, 0, 0.01, 0.1, 1]
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks], rotation=60)
+    values = np.concatenate([low, high, d.published[shown]])
+    ax.set_xlim(-_limit(-np.nanmin(values)), _limit(np.nanmax(values)))
+    ax.set_xlabel("Error (kg, kg m, kg m²)")
+
+
+def _limit(error: float) -> float:
+    """A limit of the abscissa beyond an error."""
+    return next((limit for limit in (0.3, 1.0, 3.0, 10.0) if error < 0.9 * limit), 100.0)
+
+
+def document(
+    found: Mapping[str, Distribution],
+    study: Study,
+    redrawn: str,
+    provenance: dict[str, Any],
+    layout: Layout = PAPER,
+) -> Document:
+    """A table for each model, a chart and key numbers.
+
+    Args:
+        found: Errors by model.
+        study: The study.
+        redrawn: One of `REDRAWN`.
+        provenance: Provenance of the trials.
+        layout: Layout in print, whose parameters the chart shows.
+    """
+    remark = "No predicted interval of a model knows the errors of its recovered axes." if study.recovers else ""
+    bodies = study.known.bodies
+    caption = (
+        f"Errors over {max(len(d.errors) for d in found.values())} trials beside the predicted interval and the "
+        f"paper's single run. Drawn anew: {REDRAWN[redrawn]}."
+    )
+    caption += remark and f" {remark}"
+    caption += "".join(
+        f" Joint: {ESTIMATORS['trajectory']}; over the first {len(d.errors)} trials."
+        for model, d in found.items()
+        if model.endswith(TRAJECTORY)
+    )
+    tables = {f"monte_carlo_{model}": table(model, d, bodies) for model, d in found.items()}
+    return Document(
+        tables=tables,
+        figures={"figure_monte_carlo": (chart(found, bodies, layout), caption)},
+        numbers={"monte_carlo": _numbers(found) | {"provenance": provenance}},
+        screen="\n".join([*_texts(found, tables), f"{MEANING}{remark}\n"]),
+    )
+
+
+def _texts(found: Mapping[str, Distribution], tables: Mapping[str, tabular.Table]) -> Iterator[str]:
+    """Yields each table as text, and a sentence on its biases."""
+    for model, d in found.items():
+        yield tables[f"monte_carlo_{model}"].text()
+        biased = np.flatnonzero(np.abs(d.mean) > 4 * d.std / np.sqrt(len(d.errors)))
+        if len(biased):
+            named = ", ".join(f"{d.names[k]} by {d.mean[k]:+.3f}" for k in biased)
+            yield wrapped(f"Biased beyond chance: {named}\n")
+
+
+def _numbers(found: Mapping[str, Distribution]) -> dict[str, Any]:
+    """Key numbers for scripts."""
+    numbers: dict[str, Any] = {"trials": max(len(d.errors) for d in found.values())}
+    for model, d in found.items():
+        if model.endswith(TRAJECTORY):
+            numbers["trajectory_trials"] = len(d.errors)
+        columns = {
+            "std_over_predicted": d.std / d.predicted_std,
+            "coverage_95": d.coverage,
+            "bias": d.mean,
+            "bias_standard_error": d.std / np.sqrt(len(d.errors)),
+        }
+        for name, values in columns.items():
+            numbers[f"{name}_{model}"] = dict(zip(d.names, values.tolist(), strict=True))
+    return numbers

@@ -1,0 +1,85 @@
+"""Report on one pass over recordings: base parameters, numbers for scripts, verdict and findings."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.data.outcomes import Judged, Streamed
+from experiments.document import tabular
+from experiments.document.document import Document
+from experiments.document.layout import offset_unit, unit_of
+from experiments.document.terminal import wrapped
+from ident.estimation.equations import COMPONENTS
+from ident.regression.ordinary import Fit
+
+
+def table(estimate: Fit) -> tabular.Table:
+    """Base parameters, and offsets in N and N m, with their standard deviations."""
+    return tabular.Table(
+        f"Base parameters from {estimate.samples} samples, SI units; s.d. of wrench noise, {estimate.noise}",
+        *tabular.columns(
+            parameter=estimate.names,
+            estimated=estimate.values,
+            std=estimate.std,
+            regrouping=[*estimate.parameters.expressions(digits=4), *[""] * len(estimate.equations.offsets)],
+        ),
+        decimals=4,
+        bodies=estimate.equations.mechanism.bodies,
+        units=tuple(unit_of(name) or offset_unit(name) for name in estimate.names),
+    )
+
+
+def summary(estimate: Fit, judged: Judged) -> dict[str, Any]:
+    """All numbers of the estimate for scripts."""
+    rank = estimate.parameters.rank
+    return {
+        "verdict": judged.verdict,
+        "findings": [finding.to_dict() for finding in judged.findings],
+        "residual_ratio": dict(judged.ratio),
+        "names": list(estimate.parameters.names),
+        "psi": estimate.psi.tolist(),
+        "std": estimate.std[:rank].tolist(),
+        "covariance": estimate.covariance[:rank, :rank].tolist(),
+        "offsets": {channel: {"value": v, "std": s} for channel, (v, s) in estimate.offsets.items()},
+        "singular_values": estimate.singular_values.tolist(),
+        "residual_norms": estimate.residual_norms.tolist(),
+        "condition_number": estimate.condition_number,
+        "samples": estimate.samples,
+        "rows": estimate.rows,
+        "method": estimate.method,
+        "noise": estimate.noise,
+    }
+
+
+def _lines(estimate: Fit, judged: Judged) -> list[str]:
+    """Sentences with the main numbers."""
+    rms = estimate.residual_norms / np.sqrt(estimate.samples)
+    residuals = ", ".join(f"{name} {x:.3g}" for name, x in zip(COMPONENTS, rms, strict=True))
+    ratios = ", ".join(f"{name} {x:.2g}" for name, x in judged.ratio.items())
+    return [
+        f"RMS residuals in N and N m: {residuals}",
+        f"RMS residuals of {judged.part} samples over the channels' standard deviations: {ratios}",
+        f"Condition number {estimate.condition_number:.1f}; {estimate.method}",
+        *filter(None, [estimate.parameters.remark]),
+    ]
+
+
+def document(found: Streamed, model: Path, recordings: Sequence[Path], provenance: dict[str, Any]) -> Document:
+    """Base parameters, their numbers, and what is said of them."""
+    estimate, judged, verdict = found.estimate, found.judged, found.judged.verdict
+    shown, lines = table(estimate), _lines(estimate, judged)
+    reasons = [finding.line for finding in judged.findings]
+    return Document(
+        f"{model.name}, identified from {', '.join(file.name for file in recordings)} in pieces",
+        verdict=verdict,
+        findings=[(finding.text, finding.doubt) for finding in judged.findings],
+        lines=[*lines, *found.notes],
+        tables={"base_parameters": shown},
+        numbers={
+            "estimate": summary(estimate, judged) | {"provenance": provenance},
+            "provenance": provenance,
+        },
+        screen=wrapped("\n".join([shown.text(), *lines, f"Verdict: {verdict}", *reasons, *found.notes])),
+    )

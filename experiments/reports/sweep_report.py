@@ -1,0 +1,116 @@
+"""Report on a sweep: a table of the numbers of all runs, and a chart."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.data.outcomes import Sweep
+from experiments.document import escape, figures, styles, tabular
+from experiments.document.document import Document
+from ident.errors import InputError
+
+CHARTED = {
+    "misaligned": {
+        "condition_number_simplified": "Condition number, simplified model",
+        "epsilon_simplified": "Residual ε, simplified model (N, N m)",
+        "condition_number_full": "Condition number, full model on its own columns",
+        "axis_error_deg": "Error of the recovered axes (deg)",
+    },
+    "multicontact": {
+        "condition_number": "Condition number",
+        "largest_error": "Largest error (kg, kg m, kg m²)",
+        "largest_error_ignoring": "Largest error, contact ignored (kg, kg m, kg m²)",
+        "contact_peak_force_N": "Peak contact force (N)",
+    },
+}
+"""Numbers of a study's summary that the chart shows by default, and their titles."""
+
+
+def table(found: Sweep, names: Sequence[str]) -> tabular.Table:
+    """Means and standard deviations over the seeds, a row for each number and value."""
+    rows = [
+        (name, str(value), *_statistics(column))
+        for name in names
+        for value, column in zip(found.values, found.numbers(name).T, strict=True)
+    ]
+    columns = ("number", found.option, "runs", "mean", "std")
+    title = f"Numbers over {tabular.heading(found.option)}, their means and standard deviations over the seeds"
+    words = {name: tabular.heading(name) for name in names}
+    return tabular.Table(title, columns, tuple(rows), decimals=4, names=words)
+
+
+def chart(found: Sweep, titles: Mapping[str, str]) -> Figure:
+    """Chart of some numbers over the option, a panel for each: all seeds as dots, and their mean as a line."""
+    numeric = not isinstance(found.values[0], str)
+    x = np.array(found.values) if numeric else np.arange(len(found.values))
+    order = np.argsort(x)
+    with styles.paper_style():
+        figure = Figure(figsize=(styles.column_width(), 0.6 + 1.1 * len(titles)))
+        panels = figure.subplots(len(titles), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, (name, title) in zip(panels, titles.items(), strict=True):
+            numbers = found.numbers(name)
+            mean = np.array([_statistics(column)[1] for column in numbers.T], dtype=float)
+            ax.plot(x[order], mean[order], "o-" if numeric else "o", color="C0", ms=3, zorder=3, label="mean")
+            for row in numbers:
+                ax.plot(x, row, "o", color="0.6", ms=1.5, label="seed")
+            if np.nanmin(numbers) > 0 and np.nanmax(numbers) > 100 * np.nanmin(numbers):
+                ax.set_yscale("log")
+            else:
+                figures.widen_flat(ax)
+            ax.set_title(title, pad=3)
+        if not numeric:
+            panels[-1].set_xticks(x, [escape.label(str(value)) for value in found.values])
+            panels[-1].margins(x=0.2)
+        panels[-1].set_xlabel(_label(found.option))
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles[:2], labels[:2], loc="outside upper center", ncols=2)
+    return figure
+
+
+def _statistics(x: np.ndarray) -> tuple[int, float | None, float | None]:
+    """Number of runs that have a number, its mean and its standard deviation; None if undefined."""
+    known = x[np.isfinite(x)]
+    mean = float(known.mean()) if len(known) else None
+    return len(known), mean, float(known.std(ddof=1)) if len(known) > 1 else None
+
+
+def _label(name: str) -> str:
+    """A name as a label: `axis_error_deg` becomes `Axis error (deg)`."""
+    text = tabular.heading(name)
+    return text[0].upper() + text[1:]
+
+
+def document(found: Sweep, study: str, title: str, numbers: Sequence[str], provenance: dict[str, Any]) -> Document:
+    """Table, chart and numbers of a sweep.
+
+    Args:
+        found: The sweep.
+        study: Name of the study.
+        title: Its title.
+        numbers: Names of the numbers that the chart shows, by default `CHARTED`.
+        provenance: Provenance of the results.
+
+    Raises:
+        InputError: There is no number of one of these names.
+    """
+    titles = CHARTED[study]
+    charted = {name: titles.get(name, _label(name)) for name in numbers or titles}
+    for name in charted:
+        if name not in found.names:
+            raise InputError(f"--numbers needs names of {', '.join(found.names)}, got '{name}'.")
+    seeds = len(found.runs) // len(found.values)
+    option = tabular.heading(found.option)
+    caption = f"Numbers over {option}: of each seed, and their means."
+    return Document(
+        f"{title} over {option}",
+        f"The study '{study}' over its option {found.option}, with {f'{seeds} seeds' if seeds > 1 else 'one seed'} of "
+        "each value.",
+        lines=[run["refused"] for run in found.runs if "refused" in run],
+        heading="Refused",
+        tables={"table_sweep": table(found, found.names)},
+        figures={"figure_sweep": (chart(found, charted), caption)},
+        numbers={"sweep": {"runs": found.runs, "provenance": provenance}, "provenance": provenance},
+        screen=table(found, list(charted)).text(),
+    )
