@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 
 from experiments import human, mechanism, study
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 
 SECONDS = 3
 """Length of recordings of a person: long enough to predict all channels of unseen motions at least three times better
@@ -46,4 +46,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 from ident.errors import InputError
 
 if TYPE_CHECKING:
@@ -111,4 +111,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from experiments.cli import options
+from experiments.cli import options, running
 from ident.errors import InputError
 
 
@@ -75,4 +75,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 
 
 def run(args: argparse.Namespace) -> None:
@@ -37,4 +37,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

@@ -2,7 +2,7 @@
 
 import argparse
 
-from experiments.cli import options
+from experiments.cli import options, running
 from experiments.runs.environment import extra
 
 
@@ -26,4 +26,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

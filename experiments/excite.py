@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 
 import scenes
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 from experiments.data.defaults import ACCELERATION, CRITERIA, NOISE, SECONDS, SENSORS, VELOCITY
 from ident.tolerances import HUGE
 
@@ -97,4 +97,4 @@ def _positive(text: str) -> float:
     return value
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 
 if TYPE_CHECKING:
     from experiments.document.document import Document
@@ -79,4 +79,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.cli import options, own_model, print_options
+from experiments.cli import options, own_model, print_options, running
 from ident.errors import InputError
 from ident.tolerances import DRIVE, HOLDOUT
 
@@ -149,4 +149,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

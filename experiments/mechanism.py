@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 from experiments.data.defaults import SCENE
 
 if TYPE_CHECKING:
@@ -32,4 +32,4 @@ def parser() -> argparse.ArgumentParser:
     return options.output_parser("mechanism", __doc__)
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

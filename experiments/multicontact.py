@@ -3,7 +3,7 @@
 import argparse
 
 from experiments import study
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 
 
 def run(args: argparse.Namespace) -> None:
@@ -22,4 +22,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

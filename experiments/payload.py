@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from experiments.cli import options, own_model, print_options
+from experiments.cli import options, own_model, print_options, running
 from ident.tolerances import HOLDOUT
 
 
@@ -50,4 +50,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

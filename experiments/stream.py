@@ -7,7 +7,7 @@ residuals at once and several passes, and a held-out fraction needs the number o
 import argparse
 from pathlib import Path
 
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 
 OUTPUTS = (
     "report.html",
@@ -78,4 +78,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 
 if TYPE_CHECKING:
     from experiments.data.study_file import StudyFile
@@ -90,4 +90,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

@@ -1,7 +1,8 @@
-"""Imports point one way: experiments -> sim -> scenes, experiments and sim -> ident, and down the ladder of ident."""
+"""Imports point one way: experiments -> sim -> scenes, experiments and sim -> ident, and down the rooms of both."""
 
 import ast
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,20 @@ LADDER = (
     "judgement",
 )
 """Rooms of `ident`; each imports from those before it, and from `errors`."""
+
+WITHIN = {
+    "runs": set(),
+    "data": set(),
+    "guesses": set(),
+    "document": {"runs"},
+    "studies": {"data", "runs"},
+    "reports": {"data", "document"},
+    "symbols": {"document", "studies"},
+    "cli": {"data", "document", "runs"},
+}
+"""Rooms of `experiments`, and those that each imports from; commands and the rooms of a clone import from all."""
+
+OF_ALL_COMMANDS = "experiments/cli/command.py"
 
 ALLOWED = {
     "ident": {"numpy", "scipy"},
@@ -61,6 +76,24 @@ def test_imports_point_one_way(path):
     if package == "ident" and room in LADDER:
         used = {name.split(".")[1] for name in imported(path) if name.startswith("ident.")}
         assert used.isdisjoint(LADDER[LADDER.index(room) + 1 :])
+
+
+@pytest.mark.parametrize("room", WITHIN)
+def test_studies_know_no_output_and_reports_no_study(room):
+    for path in sorted((ROOT / "experiments" / room).glob("*.py")):
+        if str(path.relative_to(ROOT)) != OF_ALL_COMMANDS:
+            used = {name.split(".")[1] for name in imported(path) if name.startswith("experiments.")}
+            assert used <= WITHIN[room] | {room}, path
+
+
+def test_no_modules_import_each_other():
+    names = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in MODULES}
+    graph = {
+        name: {used for each in imported(path) for used in (each, each.rpartition(".")[0]) if used in names}
+        for name, path in names.items()
+        if name.startswith("experiments.")
+    }
+    TopologicalSorter(graph).prepare()
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))

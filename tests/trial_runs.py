@@ -78,10 +78,10 @@ class Mortal:
 WITHOUT_FIGURES = """
 from types import SimpleNamespace
 from experiments import multicontact
-from experiments.cli import options
+from experiments.cli import options, running
 from experiments.document import figures
 from truth import told
-options.GRACE = 60.0
+running.GRACE = 60.0
 figures.drawn = lambda figure, extension: b""
 told(SimpleNamespace(setattr=setattr))
 raise SystemExit(multicontact.main())

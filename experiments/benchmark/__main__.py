@@ -6,7 +6,7 @@ thread for linear algebra. Nothing is asserted: machines differ, and are noisy.
 
 import argparse
 
-from experiments.cli import options, print_options
+from experiments.cli import options, print_options, running
 
 
 def run(args: argparse.Namespace) -> None:
@@ -31,4 +31,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

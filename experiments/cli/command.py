@@ -25,7 +25,7 @@ from experiments import (
     study,
     sweep,
 )
-from experiments.cli import options
+from experiments.cli import running
 from experiments.runs.environment import end_at_once
 
 FROM_A_CLONE = "noise", "in_vivo", "benchmark", "readme"
@@ -86,4 +86,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         argcomplete.autocomplete(parser())
     end_at_once()
-    return options.run(run, parser, argv)
+    return running.run(run, parser, argv)

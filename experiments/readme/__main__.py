@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from experiments.cli import options
+from experiments.cli import running
 
 
 def run(args: argparse.Namespace) -> None:
@@ -20,4 +20,4 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-main = options.main(__name__, run, parser)
+main = running.main(__name__, run, parser)

@@ -68,7 +68,7 @@ def page_inks(study: Study, curves: Iterable[str]) -> list[int]:
 
 
 def wrench(study: Study, what: str) -> np.ndarray:
-    """A wrench by its name in a study file: one of `study_entries.WRENCHES`, or a model's prediction (N, 6)."""
+    """A wrench by its name in a study file: one of `study_displays.WRENCHES`, or a model's prediction (N, 6)."""
     if what == "ground":
         return study.recording.wrench("ground").values
     totals = {"true": lambda: study.true, "measured": lambda: study.measured}

@@ -54,7 +54,7 @@ def _head(quantity: str, model: str) -> str:
 
 
 def quantity(study: Study, model: str, name: str, parameters: Iterable[str]) -> Iterable[tabular.Cell]:
-    """A column of a table: one of `study_entries.QUANTITIES` of a model, NaN where nothing was published."""
+    """A column of a table: one of `study_displays.QUANTITIES` of a model, NaN where nothing was published."""
     published = study.file.published
     if name == "paper_error":
         return _published(published.get("error", {}).get(model, {}), parameters)

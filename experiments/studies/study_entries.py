@@ -1,7 +1,7 @@
 """Reading of study files: each entry is checked, and unknown entries are errors."""
 
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from importlib.resources import files
 from pathlib import Path
@@ -13,9 +13,9 @@ import scenes
 from experiments.data import paper
 from experiments.data.fitting import ESTIMATORS
 from experiments.data.study_file import ALL, AXES, Model, Scene, StudyFile
-from experiments.studies.study_defaults import usual
+from experiments.studies.study_displays import FIGURES, TABLES, WRENCHES, shown, usual
+from experiments.studies.study_values import choice, number, several, text_of
 from ident.errors import InputError
-from ident.files.table import short
 from ident.recordings.columns.entries import check_keys, table
 from ident.tolerances import HUGE
 from sim.motion.excitation import BOWING, DOUBLE_PENDULUM, Excitation
@@ -28,35 +28,6 @@ PUBLISHED = {"section_6": paper.SECTION_6, "section_7": paper.SECTION_7}
 
 PACKAGED = ("misaligned", "multicontact", "several_contacts")
 """Studies in this package, a file each."""
-
-QUANTITIES = (
-    *("true", "true_scene", "true_paper", "estimated", "error", "std_wrench_noise", "paper_error", "regrouping"),
-    *(
-        "estimated_weighted",
-        "error_weighted",
-        "std_weighted",
-        "trajectory_estimated",
-        "trajectory_error",
-        "trajectory_std",
-    ),
-)
-"""Quantities of a model that a column of a parameter table can show."""
-
-TABLES = {
-    "parameters": ("groups", "marked", "footnote", "decimals"),
-    "wrench errors": ("models", "decimals"),
-    "contacts": ("decimals",),
-}
-"""Entries of each kind of table, beside `kind` and `caption`."""
-
-FIGURES = {"wrenches": ("curves",), "wrench errors": ("curves",), "residuals": ("curves",), "contacts": ()}
-"""Entries of each kind of figure, beside `kind` and `caption`."""
-
-DIGITS = 12
-"""Largest number of decimals in a table."""
-
-WRENCHES = ("true", "measured", "ground")
-"""Curves of wrenches besides those of models: the true and the measured total, and the ground's."""
 
 
 def packaged(name: str, **options: Any) -> StudyFile:
@@ -114,7 +85,7 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
     for name, model in tried.items():
         choice(f"trials.models.{name}", model, models)
     return StudyFile(
-        title=_text("title", entries.get("title", "A study")),
+        title=text_of("title", entries.get("title", "A study")),
         scene=scene,
         excitation=_excitation(entries.get("excitation", "double_pendulum")),
         models=models,
@@ -122,62 +93,31 @@ def from_entries(entries: Mapping[str, Any], folder: Path) -> StudyFile:
         trials=tried,
         trajectory_trials=choice("trials.trajectory", trials["trajectory"], tried) if "trajectory" in trials else None,
         published=_published(entries.get("published", {}), models),
-        tables=_shown("tables", entries, TABLES, models, scene, tables),
-        figures=_shown("figures", entries, FIGURES, models, scene, figures),
+        tables=shown("tables", entries, TABLES, models, scene, tables),
+        figures=shown("figures", entries, FIGURES, models, scene, figures),
         **_recording(table("[recording]", entries.get("recording", {}))),
     )
 
 
-def choice(where: str, value: Any, choices: Collection[str]) -> str:
-    """The value, if it is one of the choices.
-
-    Raises:
-        InputError: It is not.
-    """
-    if not isinstance(value, str) or value not in choices:
-        raise InputError(f"{where} needs one of {', '.join(choices) or 'none'}, got '{short(value)}'.")
-    return value
-
-
-def several(where: str, value: Any, choices: Collection[str]) -> tuple[str, ...]:
-    """The list as a tuple, if all are different and among the choices; errors as for `choice`."""
-    if not isinstance(value, list) or len({str(x) for x in value}) < len(value):
-        raise InputError(f"{where} needs a list of different ones of {', '.join(choices)}, got {short(value)}.")
-    return tuple(choice(where, each, choices) for each in value)
-
-
-def _number(where: str, value: Any, low: float = 0.0, *, whole: bool = False) -> Any:
-    kinds: tuple[type, ...] = (int,) if whole else (int, float)
-    if type(value) not in kinds or not low <= value < HUGE:
-        raise InputError(f"{where} needs a {'whole ' * whole}number of at least {low:g}, got {short(value)}.")
-    return value if whole else float(value)
-
-
-def _text(where: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{where} needs a text, got {short(value)}.")
-    return value
-
-
 def _scene(entry: Mapping[str, Any], folder: Path) -> Scene:
     check_keys("[scene]", entry, [field.name for field in fields(Scene)])
-    name = _text("scene.model", entry.get("model"))
+    name = text_of("scene.model", entry.get("model"))
     own = name.lower().endswith(".xml")
     if not own:
         choice("scene.model, unless it is an MJCF file (.xml),", name, scenes.NAMES)
     model: str | Path = (folder / name).resolve() if own else name
     if isinstance(model, Path) and not model.is_file():
         raise InputError(f"scene.model '{name}' does not exist.")
-    tilt = _number("scene.tilt_deg", entry["tilt_deg"]) if "tilt_deg" in entry else None
-    azimuth = _number("scene.azimuth_deg", entry.get("azimuth_deg", 0.0), -360.0)
-    base = _text("scene.base", entry["base"]) if "base" in entry else None if own else scenes.BASES[name]
+    tilt = number("scene.tilt_deg", entry["tilt_deg"]) if "tilt_deg" in entry else None
+    azimuth = number("scene.azimuth_deg", entry.get("azimuth_deg", 0.0), -360.0)
+    base = text_of("scene.base", entry["base"]) if "base" in entry else None if own else scenes.BASES[name]
     return Scene(model, base, tilt, azimuth, _contacts(entry.get("contacts", []), own))
 
 
 def _contacts(value: Any, own: bool) -> Mapping[str, str]:
     """Sites of load cells by contact: a table in a user's own file, else a list of the package's contacts."""
     if own and isinstance(value, dict):
-        return {name: _text(f"scene.contacts.{name}", site) for name, site in value.items()}
+        return {name: text_of(f"scene.contacts.{name}", site) for name, site in value.items()}
     if own and value != []:
         raise InputError("scene.contacts of a model of your own needs a table of sites by the contacts' names.")
     names = several("scene.contacts", value, scenes.CONTACTS)
@@ -196,17 +136,17 @@ def _excitation(value: Any) -> Excitation:
         arrays = {name: np.array(entry[name], float) for name in names[:-1]}
     except (TypeError, ValueError):
         raise InputError("[excitation] needs offset of n and amplitude, frequency, phase of n by k numbers.") from None
-    return Excitation(**arrays, noise=_number("excitation.noise", entry.get("noise", 0.0)))
+    return Excitation(**arrays, noise=number("excitation.noise", entry.get("noise", 0.0)))
 
 
 def _recording(entry: Mapping[str, Any]) -> dict[str, Any]:
     check_keys("[recording]", entry, ("samples", "seed", "noise_scale", "noise"))
     noise = table("[recording.noise]", entry.get("noise", {}))
     return {
-        "samples": _number("recording.samples", entry.get("samples", paper.SAMPLES), 1, whole=True),
-        "seed": _number("recording.seed", entry.get("seed", 0), whole=True),
-        "noise_scale": _number("recording.noise_scale", entry.get("noise_scale", 1.0)),
-        "noise": {name: _number(f"recording.noise.{name}", level) for name, level in noise.items()},
+        "samples": number("recording.samples", entry.get("samples", paper.SAMPLES), 1, whole=True),
+        "seed": number("recording.seed", entry.get("seed", 0), whole=True),
+        "noise_scale": number("recording.noise_scale", entry.get("noise_scale", 1.0)),
+        "noise": {name: number(f"recording.noise.{name}", level) for name, level in noise.items()},
     }
 
 
@@ -221,7 +161,7 @@ def _models(entries: Mapping[str, Any], scene: Scene) -> dict[str, Model]:
         check_keys(where, entry, ("title", "axes", "parameters", "ignore", "estimators"))
         given = entry.get("ignore", [])
         models[name] = Model(
-            title=_text(f"{where}.title", entry.get("title", f"{name.replace('_', ' ')} model")),
+            title=text_of(f"{where}.title", entry.get("title", f"{name.replace('_', ' ')} model")),
             axes=choice(f"{where}.axes", entry.get("axes", "drawn"), AXES),
             # Only earlier models, so that there are no cycles.
             parameters=choice(f"{where}.parameters", entry["parameters"], models) if "parameters" in entry else None,
@@ -241,70 +181,9 @@ def _published(value: Any, models: Collection[str]) -> Mapping[str, Any]:
     for name, numbers in table("published.error", entry.get("error", {})).items():
         choice("published.error", name, models)
         for parameter, x in table(f"published.error.{name}", numbers).items():
-            _number(f"published.error.{name}.{parameter}", x, -HUGE)
+            number(f"published.error.{name}.{parameter}", x, -HUGE)
     for parameter, x in table("published.true", entry.get("true", {})).items():
-        _number(f"published.true.{parameter}", x, -HUGE)
+        number(f"published.true.{parameter}", x, -HUGE)
     for name, x in table("published.condition_number", entry.get("condition_number", {})).items():
-        _number(f"published.condition_number.{choice('published.condition_number', name, models)}", x)
+        number(f"published.condition_number.{choice('published.condition_number', name, models)}", x)
     return entry
-
-
-def _shown(
-    what: str,
-    entries: Mapping[str, Any],
-    kinds: Mapping[str, Sequence[str]],
-    models: Mapping[str, Model],
-    scene: Scene,
-    unsaid: Mapping[str, Mapping[str, Any]],
-) -> Mapping[str, Mapping[str, Any]]:
-    """Tables or figures by file name, each with `kind`, `caption` and defaults from `unsaid`."""
-    shown = {}
-    for name, value in table(f"[{what}]", entries.get(what, {})).items():
-        where, entry = f"{what}.{name}", table(f"{what}.{name}", value)
-        if not name.replace("_", "").isalnum() or not name.startswith(what.removesuffix("s")):
-            raise InputError(f"{where}: names of files here begin with {what[:-1]}_, letters and digits follow.")
-        kind = choice(f"{where}.kind", entry.get("kind", next(iter(kinds))), kinds)
-        check_keys(where, entry, ("kind", "caption", *kinds[kind]))
-        entry = {**unsaid[kind], **entry}
-        if kind == "contacts" and not scene.contacts:
-            raise InputError(f"{where} shows contacts, but [scene] has none.")
-        # The first entry of a kind is its content, and must not be empty.
-        for needed in kinds[kind][:1]:
-            if needed != "decimals" and not entry.get(needed):
-                raise InputError(f"{where} needs {needed}.")
-        _check_shown(where, entry, models, WRENCHES if kind == "wrenches" else ())
-        shown[name] = {**entry, "caption": _text(f"{where}.caption", entry["caption"]), "kind": kind}
-    return shown
-
-
-def _check_shown(where: str, entry: Mapping[str, Any], models: Mapping[str, Model], more: Sequence[str]) -> None:
-    """Checks the entries of a table or a figure; curves can be `more` than models."""
-    groups, marked = entry.get("groups", []), entry.get("marked", [])
-    if not isinstance(groups, list) or not isinstance(marked, list):
-        raise InputError(f"{where} needs groups and marked to be lists, got {short(groups)} and {short(marked)}.")
-    for group in groups:
-        _check_group(where, table(f"{where}.groups", group), models)
-    for parameter in marked:
-        _text(f"{where}.marked", parameter)
-    _text(f"{where}.footnote", entry.get("footnote", ""))
-    if _number(f"{where}.decimals", entry.get("decimals", 3), whole=True) > DIGITS:
-        raise InputError(f"{where}.decimals needs a number up to {DIGITS}, got {entry['decimals']}.")
-    several(f"{where}.models", entry.get("models", []), models)
-    for label, curve in table(f"{where}.curves", entry.get("curves", {})).items():
-        choice(f"{where}.curves.{label}", curve, (*models, *more))
-
-
-def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, Model]) -> None:
-    check_keys(f"{where}.groups", group, ("model", "as", "show"))
-    model = models[choice(f"{where}.groups.model", group.get("model"), models)]
-    _text(f"{where}.groups.as", group.get("as", ""))
-    for quantity in several(f"{where}.groups.show", group.get("show", []), QUANTITIES):
-        needed = (
-            "trajectory"
-            if quantity.startswith("trajectory_")
-            else "weighted"
-            if quantity.endswith("_weighted")
-            else None
-        )
-        if needed and needed not in model.estimators:
-            raise InputError(f"{where} shows {quantity}, but {group['model']} has no estimator '{needed}'.")

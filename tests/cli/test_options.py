@@ -14,7 +14,7 @@ import pytest
 from commands import refusal
 
 from experiments import mechanism
-from experiments.cli import options
+from experiments.cli import options, running
 from experiments.document.provenance import version
 from ident.errors import ExcitationError, InputError, LogError, ModelError
 
@@ -26,7 +26,7 @@ def main_of(error):
     def study(*_):
         raise error
 
-    return partial(options.run, study, mechanism.parser)
+    return partial(running.run, study, mechanism.parser)
 
 
 @pytest.mark.parametrize(
@@ -54,8 +54,8 @@ def test_any_other_error_asks_to_be_reported_below_its_traceback(error):
 
 
 def test_such_an_error_ends_the_command_with_1():
-    script = "from experiments import mechanism; from experiments.cli import options; "
-    script += "options.run(lambda args: float('x'), mechanism.parser)"
+    script = "from experiments import mechanism; from experiments.cli import options; ", running
+    script += "running.run(lambda args: float('x'), mechanism.parser)"
     ended = subprocess.run([sys.executable, "-c", script, "--out", "x"], capture_output=True, text=True)
     assert ended.returncode == 1
     *_, message, request = ended.stderr.splitlines()
@@ -74,7 +74,7 @@ def test_what_follows_from_a_request_to_end_is_taken_for_it(capsys, number, erro
                 raise error
 
     before = signal.getsignal(number)
-    assert options.run(study, mechanism.parser, []) == 130
+    assert running.run(study, mechanism.parser, []) == 130
     assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
     assert signal.getsignal(number) is before
 
@@ -90,8 +90,8 @@ def test_an_interrupt_while_the_style_is_read_is_taken_for_it(capsys, monkeypatc
             raise ImportError("partially initialized module") from None
         yield
 
-    monkeypatch.setattr(options, "style_of", style_of)
-    assert options.run(print, mechanism.parser, []) == 130
+    monkeypatch.setattr(running, "style_of", style_of)
+    assert running.run(print, mechanism.parser, []) == 130
     assert capsys.readouterr().err == f"{COMMAND}: interrupted; every file is whole.\n"
 
 
@@ -99,11 +99,11 @@ def test_the_request_to_report_takes_nothing_that_may_be_what_fails(monkeypatch)
     def style_of(_):
         raise ImportError("no style")
 
-    monkeypatch.setattr(options, "style_of", style_of)
+    monkeypatch.setattr(running, "style_of", style_of)
     for name in ("experiments.document", "experiments.document.provenance", "matplotlib"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(ImportError, match=r"^no style") as raised:
-        options.run(print, mechanism.parser, [])
+        running.run(print, mechanism.parser, [])
     assert ASKED in raised.value.__notes__[0]
 
 
@@ -117,7 +117,7 @@ def test_an_option_that_is_no_number_is_named():
 IGNORES = """
 import sys, time
 from experiments import mechanism
-from experiments.cli import options
+from experiments.cli import options, running
 
 def study(_):
     running = False
@@ -130,7 +130,7 @@ def study(_):
         except KeyboardInterrupt:
             pass
 
-sys.exit(options.run(study, mechanism.parser, []))
+sys.exit(running.run(study, mechanism.parser, []))
 """
 """A command that swallows the exception of a request to end, as libraries do in callbacks."""
 

@@ -19,7 +19,7 @@ from unittest import mock
 import numpy as np
 
 from experiments import angles, compare, excite, human, identify, payload, stream
-from experiments.cli import options
+from experiments.cli import running
 from experiments.document import figures
 from experiments.runs import workers
 from ident.errors import InputError
@@ -147,7 +147,7 @@ def _ending(command: ModuleType, arguments: Sequence[str], err: StringIO) -> tup
 
     signal.setitimer(signal.ITIMER_PROF, HANG)
     try:
-        code: Any = options.run(run, command.parser, arguments)
+        code: Any = running.run(run, command.parser, arguments)
     except SystemExit as stop:
         code = stop.code
     except Hang:

@@ -8,7 +8,7 @@ import pytest
 from commands import refusal
 
 from experiments import excite, identify, stream
-from experiments.cli import options
+from experiments.cli import options, running
 from experiments.studies.identification import prepare
 from ident.errors import ModelError
 from ident.identification import identified
@@ -122,7 +122,7 @@ def test_notes_are_printed_once(tmp_path, capsys):
         tree_from_model(path)
         tree_from_model(path, "a")
 
-    assert options.run(study, partial(options.command_parser, "study", None), []) == 0
+    assert running.run(study, partial(options.command_parser, "study", None), []) == 0
     expected = "Note: The inertia stated for a is taken as it is, but no rigid body has it (A + B < C).\n"
     assert capsys.readouterr().err == expected
 

@@ -3,7 +3,7 @@ import os
 
 import pytest
 
-from experiments.cli import options
+from experiments.cli import options, running
 from experiments.runs.environment import GARBAGE, THREADS, environment, seldom_collected
 
 NAMES = (*THREADS, "MUJOCO_GL")
@@ -21,7 +21,7 @@ def told(monkeypatch):
         during = {}
         parser = options.plain_parser("any", None)
         options.add_film(parser)
-        assert options.run(lambda _: during.update(os.environ), lambda: parser, arguments) == 0
+        assert running.run(lambda _: during.update(os.environ), lambda: parser, arguments) == 0
         assert {name: os.environ[name] for name in NAMES if name in os.environ} == own
         return {name: during[name] for name in NAMES if name in during}
 

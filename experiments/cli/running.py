@@ -1,0 +1,135 @@
+"""Beginning and end of a command: bad input as one sentence, interruption, and notes on models."""
+
+import argparse
+import io
+import shlex
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import ident
+from experiments.cli.print_options import style_of
+from experiments.runs.environment import end_at_once, environment, seldom_collected, unsaid
+from experiments.runs.signals import ENDING, GRACE, ended_after
+from ident.errors import InputError
+
+Study = Callable[[argparse.Namespace], None]
+MakeParser = Callable[[], argparse.ArgumentParser]
+
+
+def main(module: str, study: Study, make_parser: MakeParser) -> Callable[[Sequence[str] | None], int]:
+    """Entry point of the command in the module of that `__name__`; run as a script, the command starts at once."""
+    entry = partial(run, study, make_parser)
+    if module == "__main__":
+        end_at_once()
+        sys.exit(entry())
+    return entry
+
+
+def run(study: Study, make_parser: MakeParser, argv: Sequence[str] | None = None) -> int:
+    """Runs a study and turns bad input into one sentence; other errors carry a request to report them.
+
+    Args:
+        study: The study, given the parsed options.
+        make_parser: Makes its parser.
+        argv: Arguments, by default the command line's.
+
+    Returns:
+        Exit code: 0, 2 for bad input, or 130 when interrupted.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    parser = make_parser()
+    options = parser.parse_args(argv)
+    told = environment(unsaid(film=getattr(options, "film", False)))
+    interrupted = f"{parser.prog}: interrupted; every file is whole."
+    with told, seldom_collected(), _interruptible_once(interrupted) as asked, _notes_printed_once():
+        try:
+            with _its_consequences(asked), style_of(options):
+                study(options)
+        except (InputError, OSError, MemoryError) as error:
+            print(f"{parser.prog}: error: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            print(interrupted, file=sys.stderr)
+            return 130
+        except Exception as error:
+            error.add_note(_request(f"{parser.prog} {shlex.join(sys.argv[1:] if argv is None else argv)}"))
+            raise
+    return 0
+
+
+def _request(command: str) -> str:
+    """Request to report an error that no input should cause, printed below its traceback."""
+    return (
+        "This is a fault of multicontact, not of what it was given: please report it in the project's issue tracker, "
+        f"with all of the above, version {ident.__version__} and the command: {command}"
+    )
+
+
+@contextmanager
+def _notes_printed_once() -> Iterator[None]:
+    """Prints notes on models once each, as models are read several times."""
+    from sim.models.notes import ModelNote
+
+    printed: set[str] = set()
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelNote)
+        others = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if not issubclass(category, ModelNote):
+                others(message, category, *where, **more)
+            elif str(message) not in printed:
+                printed.add(str(message))
+                print(f"Note: {message}", file=sys.stderr)
+
+        warnings.showwarning = show
+        yield
+
+
+@contextmanager
+def _interruptible_once(message: str) -> Iterator[threading.Event]:
+    """Makes the first Ctrl-C or request to terminate end a block, and ignores later ones until it has cleaned up.
+
+    Yields an event that the first one sets. If the block goes on for `GRACE` after a request to terminate, the process
+    prints the message and ends.
+    """
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+
+    def interrupt(*_: object) -> None:
+        for number in ENDING:
+            signal.signal(number, signal.SIG_IGN)
+        asked.set()
+        raise KeyboardInterrupt
+
+    before = [signal.signal(number, interrupt) for number in ENDING]
+    try:
+        with ended_after(GRACE, message):
+            yield asked
+    finally:
+        for number, handler in zip(ENDING, before, strict=True):
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _its_consequences(asked: threading.Event) -> Iterator[None]:
+    """Treats an error after a request to end as that request.
+
+    If interrupted between releasing a lock and acquiring it again, Python's threading raises an error about the lock.
+    """
+    try:
+        yield
+    except Exception as error:
+        if asked.is_set():
+            raise KeyboardInterrupt from error
+        raise

@@ -1,0 +1,139 @@
+"""Tables and figures of a study file: their entries, the defaults of these, and checks."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from experiments.data.study_file import Model, Scene
+from experiments.studies.study_values import choice, number, several, text_of
+from ident.errors import InputError
+from ident.files.table import short
+from ident.recordings.columns.entries import check_keys, table
+
+Entries = Mapping[str, Mapping[str, Any]]
+
+QUANTITIES = (
+    *("true", "true_scene", "true_paper", "estimated", "error", "std_wrench_noise", "paper_error", "regrouping"),
+    *(
+        "estimated_weighted",
+        "error_weighted",
+        "std_weighted",
+        "trajectory_estimated",
+        "trajectory_error",
+        "trajectory_std",
+    ),
+)
+"""Quantities of a model that a column of a parameter table can show."""
+
+TABLES = {
+    "parameters": ("groups", "marked", "footnote", "decimals"),
+    "wrench errors": ("models", "decimals"),
+    "contacts": ("decimals",),
+}
+"""Entries of each kind of table, beside `kind` and `caption`."""
+
+FIGURES = {"wrenches": ("curves",), "wrench errors": ("curves",), "residuals": ("curves",), "contacts": ()}
+"""Entries of each kind of figure, beside `kind` and `caption`."""
+
+DIGITS = 12
+"""Largest number of decimals in a table."""
+
+WRENCHES = ("true", "measured", "ground")
+"""Curves of wrenches besides those of models: the true and the measured total, and the ground's."""
+
+ERRORS = "RMS errors of the recovered wrench, and their ratio to the s.d. of the true, noise-free one"
+EPISODES = "Contacts: shares of the samples in which each touches, and touches alone, number of episodes, peak force"
+"""Captions of tables."""
+
+DRAWN_ERRORS = "Absolute error of the recovered wrench, every other sample of each model, and its running RMS."
+RESIDUALS = "Measured total wrench less the predicted one."
+CONTACTS = "Measured wrenches in the base frame that the links exert on what touches them."
+"""Captions of figures."""
+
+
+def usual(models: Mapping[str, Model], main: str | None) -> tuple[Entries, Entries]:
+    """Default entries of tables and of figures by kind: captions, and the models with parameters of their own."""
+    own = labelled([name for name, model in models.items() if model.parameters is None])
+    tables: Entries = {
+        "parameters": {"caption": ""},
+        "wrench errors": {"caption": ERRORS, "models": list(own.values())},
+        "contacts": {"caption": EPISODES},
+    }
+    figures: Entries = {
+        "wrenches": {"caption": "", "curves": {"True": "true", **own}},
+        "wrench errors": {"caption": DRAWN_ERRORS, "curves": own},
+        "residuals": {"caption": RESIDUALS, "curves": {"Measured − predicted": main} if main else own},
+        "contacts": {"caption": CONTACTS},
+    }
+    return tables, figures
+
+
+def labelled(models: Sequence[str]) -> dict[str, str]:
+    """Models by label: their names in words, or unchanged names if the words are not unique.
+
+    >>> labelled(["full", "a_b", "a b"])
+    {'Full': 'full', 'a_b': 'a_b', 'a b': 'a b'}
+    """
+    words = {name: name.replace("_", " ").capitalize() for name in models}
+    said = list(words.values())
+    return {words[name] if said.count(words[name]) == 1 else name: name for name in models}
+
+
+def shown(
+    what: str,
+    entries: Mapping[str, Any],
+    kinds: Mapping[str, Sequence[str]],
+    models: Mapping[str, Model],
+    scene: Scene,
+    unsaid: Mapping[str, Mapping[str, Any]],
+) -> Mapping[str, Mapping[str, Any]]:
+    """Tables or figures by file name, each with `kind`, `caption` and defaults from `unsaid`."""
+    displays = {}
+    for name, value in table(f"[{what}]", entries.get(what, {})).items():
+        where, entry = f"{what}.{name}", table(f"{what}.{name}", value)
+        if not name.replace("_", "").isalnum() or not name.startswith(what.removesuffix("s")):
+            raise InputError(f"{where}: names of files here begin with {what[:-1]}_, letters and digits follow.")
+        kind = choice(f"{where}.kind", entry.get("kind", next(iter(kinds))), kinds)
+        check_keys(where, entry, ("kind", "caption", *kinds[kind]))
+        entry = {**unsaid[kind], **entry}
+        if kind == "contacts" and not scene.contacts:
+            raise InputError(f"{where} shows contacts, but [scene] has none.")
+        # The first entry of a kind is its content, and must not be empty.
+        for needed in kinds[kind][:1]:
+            if needed != "decimals" and not entry.get(needed):
+                raise InputError(f"{where} needs {needed}.")
+        _check_shown(where, entry, models, WRENCHES if kind == "wrenches" else ())
+        displays[name] = {**entry, "caption": text_of(f"{where}.caption", entry["caption"]), "kind": kind}
+    return displays
+
+
+def _check_shown(where: str, entry: Mapping[str, Any], models: Mapping[str, Model], more: Sequence[str]) -> None:
+    """Checks the entries of a table or a figure; curves can be `more` than models."""
+    groups, marked = entry.get("groups", []), entry.get("marked", [])
+    if not isinstance(groups, list) or not isinstance(marked, list):
+        raise InputError(f"{where} needs groups and marked to be lists, got {short(groups)} and {short(marked)}.")
+    for group in groups:
+        _check_group(where, table(f"{where}.groups", group), models)
+    for parameter in marked:
+        text_of(f"{where}.marked", parameter)
+    text_of(f"{where}.footnote", entry.get("footnote", ""))
+    if number(f"{where}.decimals", entry.get("decimals", 3), whole=True) > DIGITS:
+        raise InputError(f"{where}.decimals needs a number up to {DIGITS}, got {entry['decimals']}.")
+    several(f"{where}.models", entry.get("models", []), models)
+    for label, curve in table(f"{where}.curves", entry.get("curves", {})).items():
+        choice(f"{where}.curves.{label}", curve, (*models, *more))
+
+
+def _check_group(where: str, group: Mapping[str, Any], models: Mapping[str, Model]) -> None:
+    check_keys(f"{where}.groups", group, ("model", "as", "show"))
+    model = models[choice(f"{where}.groups.model", group.get("model"), models)]
+    text_of(f"{where}.groups.as", group.get("as", ""))
+    for quantity in several(f"{where}.groups.show", group.get("show", []), QUANTITIES):
+        needed = (
+            "trajectory"
+            if quantity.startswith("trajectory_")
+            else "weighted"
+            if quantity.endswith("_weighted")
+            else None
+        )
+        if needed and needed not in model.estimators:
+            raise InputError(f"{where} shows {quantity}, but {group['model']} has no estimator '{needed}'.")
