@@ -28,7 +28,9 @@ def run(args: argparse.Namespace) -> None:
     for name in STUDIES:
         own = replace(out, folder=args.out / name)
         # A study that the interrupted run had not begun starts from the beginning.
-        trials = replace(study.trials_of(args), resume=args.resume and (own.folder / FILE).exists())
+        trials = study.trials_of(args)
+        resume = args.resume and (own.folder / FILE).exists()
+        trials = replace(trials, workers=replace(trials.workers, resume=resume))
         documents[name] = study.report(packaged(name), own, trials)
         print()
     documents["human"] = human.report(replace(out, folder=args.out / "human"), SECONDS, workers=args.workers)

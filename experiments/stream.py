@@ -24,7 +24,6 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.result_folder import check_inputs, writable
     from experiments.document.writer import write
     from experiments.reports import stream_report
-    from experiments.runs.workers import worker_pool
     from experiments.studies import stream
 
     inputs, out = _inputs(args), print_options.output_of(args, formats=())
@@ -38,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
         progress = stream.Progress(args.out / stream.FILE, identity)
         if args.resume:
             progress = progress.resumed(reading.equations)
-        with worker_pool(args.workers, args.scheduler, args.tls) as pool:
+        with options.workers_of(args).pool(args.workers) as pool:
             found = stream.streamed(progress, reading, pool, args.held_out)
     held = args.held_out and str(args.held_out)
     origin = provenance({**identity, "ignore": args.ignore, "held_out": held, **out.choices})

@@ -2,7 +2,7 @@
 
 import argparse
 import hashlib
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,7 +37,7 @@ def trials_of(args: argparse.Namespace) -> "Trials":
     """Trials that the command line asks for."""
     from experiments.studies.monte_carlo import Trials
 
-    return Trials(**{field.name: getattr(args, field.name) for field in fields(Trials)})
+    return Trials(args.trials, args.trajectory_trials, args.redraw, options.workers_of(args))
 
 
 def report(file: "StudyFile", out: "Output", trials: "Trials", source: Path | None = None) -> "Document":

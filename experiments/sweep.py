@@ -18,8 +18,8 @@ def run(args: argparse.Namespace) -> None:
     values = values_of(args.study, option, texts)
     out = print_options.output_of(args, args.out / args.study / option)
     with writable(out.folder):
-        shared = {name: getattr(args, name) for name in ("resume", "workers", "scheduler", "tls")}
-        found = swept(args.study, option, values, args.seeds, folder=out.folder, **shared)
+        workers = options.workers_of(args)
+        found = swept(args.study, option, values, args.seeds, folder=out.folder, workers=workers)
     choices = {key: getattr(args, key) for key in ("study", "over", "seeds", "numbers", "formats")}
     origin, title = provenance({**choices, **out.choices}), packaged(args.study).title
     write(sweep_report.document(found, args.study, title, args.numbers, origin), out, stale=())

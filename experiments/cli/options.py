@@ -4,13 +4,16 @@ import argparse
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import scenes
 from experiments.cli.print_options import add_print
 from experiments.data.defaults import FORMATS, REDRAWN, TRAJECTORY_TRIALS
 from ident.errors import InputError
+
+if TYPE_CHECKING:
+    from experiments.runs.workers import Workers
 
 LOGS = (
     "CSV (also .gz), npz, mat, mot, sto, parquet or C3D file, ROS bag, or FILE+FILE: angles in one, forces in another"
@@ -131,6 +134,13 @@ def add_workers(group: argparse._ActionsContainer) -> None:
         help="PEM files for tls://, if Dask's own configuration has none: the authority's certificate, yours, its key",
     )
     group.add_argument("--resume", action="store_true", help="go on from what an interrupted run has done")
+
+
+def workers_of(args: argparse.Namespace) -> "Workers":
+    """Workers that `add_workers` asks for."""
+    from experiments.runs.workers import Workers
+
+    return Workers(args.workers, args.scheduler, args.tls, args.resume)
 
 
 def add_local_workers(group: argparse._ActionsContainer, *, default: int | None, otherwise: str = "") -> None:

@@ -15,8 +15,8 @@ def run(args: argparse.Namespace) -> None:
 
     conditions, out = noise.chosen(args.conditions), print_options.output_of(args)
     with writable(args.out):
-        shared = {name: getattr(args, name) for name in ("seed", "resume", "workers", "scheduler", "tls")}
-        outcomes = noise.outcomes(conditions, args.recordings, folder=args.out, **shared)
+        workers = options.workers_of(args)
+        outcomes = noise.outcomes(conditions, args.recordings, seed=args.seed, folder=args.out, workers=workers)
         study = noise.study(outcomes, args.recordings, conditions)
     choices = {key: getattr(args, key) for key in ("seed", "recordings", "conditions", "formats")}
     write(report.document(study, provenance({**choices, **out.choices})), out)

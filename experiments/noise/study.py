@@ -3,7 +3,6 @@
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -15,9 +14,8 @@ from experiments.data.errors import Errors
 from experiments.noise.conditions import CONDITIONS
 from experiments.noise.estimators import ESTIMATORS, LABELS, Case
 from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.workers import worker_pool
+from experiments.runs.workers import Workers
 from ident.errors import InputError
-from ident.estimation.in_order import in_order
 
 FILE = "fits.npz"
 """File in the output folder with the fits of each recording."""
@@ -114,15 +112,7 @@ def chosen(names: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def outcomes(
-    conditions: Sequence[str],
-    recordings: int,
-    *,
-    seed: int,
-    folder: Path,
-    resume: bool = False,
-    workers: int = 1,
-    scheduler: str | None = None,
-    tls: Sequence[str] | None = None,
+    conditions: Sequence[str], recordings: int, *, seed: int, folder: Path, workers: Workers
 ) -> list[dict[str, Any]]:
     """Outcomes of all tasks in order, independent of the number of workers.
 
@@ -131,18 +121,11 @@ def outcomes(
         recordings: Number of recordings of each.
         seed: Seed of all noise.
         folder: Folder of the file of the fits.
-        resume: True to go on from that file.
-        workers: As for `worker_pool`, also `scheduler` and `tls`.
+        workers: Workers that share the tasks.
     """
-    todo = tasks(recordings, conditions)
     identity = {"seed": seed, "conditions": {name: asdict(CONDITIONS[name]) for name in conditions}}
     kept = Checkpoint("fits", folder / FILE, identity)
-    done = kept.done()[: len(todo)] if resume else []
-    with worker_pool(max(1, min(workers, len(todo) - len(done))), scheduler, tls) as pool:
-        work = partial(fits, seed)
-        with closing(in_order(pool.executor, work, todo[len(done) :], ahead=pool.ahead)) as batches:
-            collected = kept.collect(batches, len(todo), done)
-    return [json.loads(str(each)) for each in collected]
+    return workers.collected(partial(fits, seed), tasks(recordings, conditions), kept)
 
 
 def tasks(recordings: int, conditions: Sequence[str]) -> list[tuple[int, str]]:

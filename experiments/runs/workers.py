@@ -1,10 +1,11 @@
 """Worker pools for trials and sweeps: processes of this machine, or workers of a Dask cluster."""
 
+import json
 import os
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
@@ -12,9 +13,11 @@ from multiprocessing.context import SpawnProcess
 from queue import SimpleQueue
 from typing import Any
 
+from experiments.runs.checkpoint import Checkpoint
 from experiments.runs.environment import THREADS, environment, extra, seldom_collected
 from experiments.runs.signals import held_back
 from ident.errors import InputError
+from ident.estimation.in_order import in_order
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +33,41 @@ class WorkerPool:
     executor: Executor
     ahead: int
     threads: int
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Workers that share a run.
+
+    Attributes:
+        number: As for `worker_pool`, also `scheduler` and `tls`.
+        resume: True to go on from what an interrupted run has done.
+    """
+
+    number: int = 1
+    scheduler: str | None = None
+    tls: Sequence[str] | None = None
+    resume: bool = False
+
+    def pool(self, tasks: int) -> AbstractContextManager[WorkerPool]:
+        """Pool for a number of tasks, as from `worker_pool`."""
+        return worker_pool(max(1, min(self.number, tasks)), self.scheduler, self.tls)
+
+    def collected(self, work: Callable[[Any], Sequence[str]], tasks: Sequence[Any], kept: Checkpoint) -> list[Any]:
+        """Outcomes of all tasks in order, whoever does them, or of those that an interrupted run has left.
+
+        Args:
+            work: Function of a task that returns batches of outcomes as JSON; sent to the workers.
+            tasks: The tasks.
+            kept: File of the outcomes.
+        """
+        done = kept.done()[: len(tasks)] if self.resume else []
+        with (
+            self.pool(len(tasks) - len(done)) as pool,
+            closing(in_order(pool.executor, work, tasks[len(done) :], ahead=pool.ahead)) as batches,
+        ):
+            outcomes = kept.collect(batches, len(tasks), done)
+        return [json.loads(str(outcome)) for outcome in outcomes]
 
 
 @contextmanager

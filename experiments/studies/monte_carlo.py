@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.data.errors import TRAJECTORY, Distribution
 from experiments.data.simulated import Study
-from experiments.runs.workers import worker_pool
+from experiments.runs.workers import Workers
 from experiments.studies.simulated import trajectory_trial, trial
 from experiments.studies.trials import FILE, TRAJECTORY_FILE, Draw, Outcome, done_in, kept_in, run_trials
 from ident.errors import InputError
@@ -23,17 +23,13 @@ class Trials:
         trials: Number of trials; 0 for none.
         trajectory_trials: Largest number of them that the trajectory estimate is made of too.
         redraw: One of `defaults.REDRAWN`.
-        resume: True to go on from what an interrupted run has done.
-        workers: As for `worker_pool`, also `scheduler` and `tls`.
+        workers: Workers that share them.
     """
 
     trials: int
     trajectory_trials: int
     redraw: str
-    resume: bool = False
-    workers: int = 1
-    scheduler: str | None = None
-    tls: Sequence[str] | None = None
+    workers: Workers
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +64,7 @@ class Run:
                 "--trials needs [trials] in the study file, with models by what the tables are to call them."
             )
         draw = Draw.of(study.file, asked.redraw, study.recording)
-        done, trajectory_done = done_in(folder, draw, asked.trials) if asked.resume else ([], [])
+        done, trajectory_done = done_in(folder, draw, asked.trials) if asked.workers.resume else ([], [])
         return cls(study, draw, asked, folder, done, trajectory_done)
 
     def distributions(self) -> dict[str, Distribution]:
@@ -76,23 +72,20 @@ class Run:
         study, asked, file = self.study, self.asked, self.study.file
         trajectory_model = file.trajectory_trials
         trajectory_trials = min(asked.trials, asked.trajectory_trials) if trajectory_model else 0
-        if not asked.resume:
+        if not asked.workers.resume:
             kept_in(self.folder, self.draw).set_aside()
         left = max(asked.trials - len(self.done), trajectory_trials - len(self.trajectory_done))
         analyse = partial(trial, study.problem, tuple(file.trials.values()))
-        with worker_pool(max(1, min(asked.workers, left)), asked.scheduler, asked.tls) as pool:
+        with asked.workers.pool(left) as pool:
             run = partial(run_trials, self.draw, executor=pool.executor, ahead=pool.ahead, threads=pool.threads)
             outcomes = run(analyse, asked.trials, file=self.folder / FILE, done=self.done)
             found = {
                 name: _distribution(study, model, outcomes[:, k]) for k, (name, model) in enumerate(file.trials.items())
             }
             if trajectory_model and trajectory_trials:
-                (kept, what), model = (
-                    (self.folder / TRAJECTORY_FILE, "trajectory trials"),
-                    file.trials[trajectory_model],
-                )
-                analyse = partial(trajectory_trial, study.problem, model)
-                outcomes = run(analyse, trajectory_trials, file=kept, done=self.trajectory_done, what=what)
+                kept, model = self.folder / TRAJECTORY_FILE, file.trials[trajectory_model]
+                analyse, done = partial(trajectory_trial, study.problem, model), self.trajectory_done
+                outcomes = run(analyse, trajectory_trials, file=kept, done=done, what="trajectory trials")
                 found[trajectory_model + TRAJECTORY] = _distribution(study, model, outcomes[:, 0])
         return found
 

@@ -3,7 +3,6 @@
 import json
 import sys
 from collections.abc import Sequence
-from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -12,11 +11,10 @@ import numpy as np
 from experiments.data.key_numbers import summary
 from experiments.data.outcomes import Sweep
 from experiments.runs.checkpoint import Checkpoint
-from experiments.runs.workers import worker_pool
+from experiments.runs.workers import Workers
 from experiments.studies.simulated import simulated
 from experiments.studies.study_entries import packaged
 from ident.errors import InputError
-from ident.estimation.in_order import in_order
 
 FILE = "runs.npz"
 """File in the output folder with the summaries of all runs."""
@@ -52,16 +50,7 @@ def values_of(study: str, option: str, texts: Sequence[str]) -> list[str | float
 
 
 def swept(
-    study: str,
-    option: str,
-    values: Sequence[str | float],
-    seeds: int,
-    *,
-    folder: Path,
-    resume: bool = False,
-    workers: int = 1,
-    scheduler: str | None = None,
-    tls: Sequence[str] | None = None,
+    study: str, option: str, values: Sequence[str | float], seeds: int, *, folder: Path, workers: Workers
 ) -> Sweep:
     """Runs a study with each value and seed, or the remainder of an interrupted run.
 
@@ -71,22 +60,15 @@ def swept(
         values: Values of the option.
         seeds: Number of runs of each value.
         folder: Folder of the file of all runs.
-        resume: True to go on from that file.
-        workers: As for `worker_pool`, also `scheduler` and `tls`.
+        workers: Workers that share the runs.
 
     Raises:
         InputError: All runs raise errors, or a worker died.
     """
     runs = [(value, seed) for seed in range(seeds) for value in values]
     kept = Checkpoint("runs", folder / FILE, {"study": study, "option": option, "values": values})
-    done = kept.done()[: len(runs)] if resume else []
-    with worker_pool(max(1, min(workers, len(runs) - len(done))), scheduler, tls) as pool:
-        work = partial(run_of, study, option)
-        with closing(in_order(pool.executor, work, runs[len(done) :], ahead=pool.ahead)) as batches:
-            outcomes = kept.collect(batches, len(runs), done)
-    found = [
-        {option: value, "seed": seed, **json.loads(str(x))} for (value, seed), x in zip(runs, outcomes, strict=True)
-    ]
+    outcomes = workers.collected(partial(run_of, study, option), runs, kept)
+    found = [{option: value, "seed": seed, **x} for (value, seed), x in zip(runs, outcomes, strict=True)]
     refused = [run["refused"] for run in found if "refused" in run]
     if len(refused) == len(found):
         raise InputError(f"{study} refuses every run: {refused[0]}")
