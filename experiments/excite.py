@@ -14,26 +14,19 @@ from experiments.cli import options, print_options, running
 from experiments.data.defaults import ACCELERATION, CRITERIA, NOISE, SECONDS, SENSORS, VELOCITY
 from ident.tolerances import HUGE
 
-HANDED_ON = (
-    *("base", "ignore", "packages", "joints", "sensors", "noise", "seconds", "harmonics", "criterion"),
-    *("starts", "iterations", "seed"),
-)
-"""Options that the study takes as they are."""
-
 
 def run(args: argparse.Namespace) -> None:
     """Designs a motion, and writes and prints it."""
     from experiments.document.provenance import provenance
     from experiments.document.writer import write
     from experiments.reports import excite_report
-    from experiments.studies.designed_excitation import Bounds, designed
+    from experiments.studies.designed_excitation import Bounds, designed, problem_of
 
-    design = designed(
-        args.model,
-        bounds=Bounds(args.position, args.velocity, args.acceleration),
-        clearance=None if args.collisions == "ignore" else args.clearance,
-        **{name: getattr(args, name) for name in HANDED_ON},
-    )
+    kinds = {key: getattr(args, key) for key in ("base", "joints", "sensors", "noise", "ignore", "packages")}
+    search = {key: getattr(args, key) for key in ("seconds", "harmonics", "criterion", "starts", "iterations", "seed")}
+    search |= {"bounds": Bounds(args.position, args.velocity, args.acceleration)}
+    search |= {"clearance": None if args.collisions == "ignore" else args.clearance}
+    design = designed(problem_of(args.model, **kinds), args.model, **search)
     source = {"series": design.series, "base_parameters": list(design.names)}
     document = excite_report.document(design, args.model, provenance(options.as_text(args), source))
     write(document, print_options.output_of(args), inputs=[Path(args.model)])

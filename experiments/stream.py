@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
     from experiments.document.result_folder import check_inputs, writable
     from experiments.document.writer import write
     from experiments.reports import stream_report
-    from experiments.studies import stream
+    from experiments.studies import stream, stream_progress
 
     inputs, out = _inputs(args), print_options.output_of(args, formats=())
     settings = {key: getattr(args, key) for key in ("base", "fix", "piece", "contact", "without", "offsets")}
@@ -32,9 +32,9 @@ def run(args: argparse.Namespace) -> None:
     read = {key: getattr(args, key) for key in ("ignore", "packages", "columns")}
     read |= settings | {"fix": options.fixed(args.fix), "limit": options.size_limit(args)}
     reading = stream.reading(args.model, args.recordings, **read)
-    check_inputs((args.out / name for name in (stream.FILE, *OUTPUTS)), inputs)
+    check_inputs((args.out / name for name in (stream_progress.FILE, *OUTPUTS)), inputs)
     with writable(args.out):
-        progress = stream.Progress(args.out / stream.FILE, identity)
+        progress = stream_progress.Progress(args.out / stream_progress.FILE, identity)
         if args.resume:
             progress = progress.resumed(reading.equations)
         with options.workers_of(args).pool(args.workers) as pool:

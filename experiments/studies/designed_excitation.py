@@ -99,37 +99,51 @@ def _ranges(problem: Problem, given: Sequence[float] | None) -> tuple[np.ndarray
     return low, high
 
 
+def problem_of(
+    model: str,
+    base: str | None = None,
+    joints: Sequence[str] | None = None,
+    *,
+    sensors: str = "wrench",
+    noise: tuple[float, float] | None = None,
+    ignore: Sequence[str] = (),
+    packages: Sequence[Path] = (),
+) -> Problem:
+    """Problem of exciting a model or a scene.
+
+    Args:
+        model: Model file, or name of a scene.
+        base: Body whose frame is {0}, by default the scene's or the world's.
+        joints: As for `excitation.problem`, also `sensors`, `noise` and `ignore`.
+        packages: Folders of ROS packages, for meshes.
+    """
+    scene = model in scenes.NAMES
+    base = base or scenes.BASES.get(model) if scene else base
+    arm = mechanism(scenes.load(model) if scene else model, base, ignore=ignore, packages=packages)
+    return excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore)
+
+
 def designed(
+    problem: Problem,
     model: str,
     *,
-    base: str | None,
-    ignore: Sequence[str],
-    packages: Sequence[Path],
-    joints: Sequence[str] | None,
-    sensors: str,
-    noise: tuple[float, float] | None,
+    bounds: Bounds,
     seconds: float | None,
     harmonics: int,
-    bounds: Bounds,
     criterion: str,
     starts: int,
     iterations: int,
     seed: int,
     clearance: float | None,
 ) -> Design:
-    """A motion for a model or a scene.
+    """A motion for a problem.
 
     Args:
-        model: Model file, or name of a scene.
-        base: Body whose frame is {0}, by default the scene's or the world's.
-        ignore: Equality constraints and tendons to leave out.
-        packages: Folders of ROS packages, for meshes.
-        joints: Joints to move, by default all hinges and slides.
-        sensors: One of `defaults.SENSORS`.
-        noise: As for `excitation.problem`.
+        problem: The problem.
+        model: Model file or scene that it is of; the double pendulum has the paper's duration and limits.
+        bounds: Limits of all joints.
         seconds: Duration, by default `SECONDS` or the paper's.
         harmonics: Terms of the series.
-        bounds: Limits of all joints.
         criterion: One of `defaults.CRITERIA`.
         starts: Random motions to begin from.
         iterations: Largest number of iterations from each.
@@ -139,10 +153,6 @@ def designed(
     Raises:
         InputError: A joint has no range, the motion is too short or too long, or all motions collide.
     """
-    scene = model in scenes.NAMES
-    base = base or scenes.BASES.get(model) if scene else base
-    arm = mechanism(scenes.load(model) if scene else model, base, ignore=ignore, packages=packages)
-    problem = excitation.problem(arm, joints, sensors=sensors, noise=noise, ignore=ignore)
     published = model == SCENE and len(problem.joints) == len(DOUBLE_PENDULUM.offset)
     duration = (paper.SAMPLES - 1) / RATE if published else SECONDS
     time = sample_times(duration if seconds is None else seconds, harmonics)
@@ -156,29 +166,29 @@ def designed(
         motions[0] = FourierTrajectory.closest(float(time[-1]), harmonics, time, reference.q)
     value = criteria.cost(problem, criterion, len(time))
     trajectory = excitation.best(value, limits, motions, collisions, iterations, seed)
-    after = Motion(*trajectory.states(time))
-    series = {
-        "duration": trajectory.duration,
-        "joints": list(problem.joints),
-        "center": trajectory.center.tolist(),
-        "coefficients": trajectory.coefficients.tolist(),
-    }
+    after, series = Motion(*trajectory.states(time)), _series(trajectory, problem.joints)
     known = None if problem.mechanism.prior is None else np.linalg.norm(criteria.known_root(problem), axis=0)
     return Design(
-        problem.joints,
-        problem.units,
-        problem.parameters.names,
-        problem.mechanism.bodies,
-        known,
-        limits,
-        time,
-        "the paper's excitation" if published else "the first random start",
-        _excited(problem, before),
-        _excited(problem, after),
-        series,
-        recording(problem, time, after, {"designed": model, "criterion": criterion, "series": series}),
-        _checked(collisions),
+        joints=problem.joints,
+        units=problem.units,
+        names=problem.parameters.names,
+        bodies=problem.mechanism.bodies,
+        known=known,
+        limits=limits,
+        time=time,
+        start="the paper's excitation" if published else "the first random start",
+        before=_excited(problem, before),
+        after=_excited(problem, after),
+        series=series,
+        recording=recording(problem, time, after, {"designed": model, "criterion": criterion, "series": series}),
+        collisions=_checked(collisions),
     )
+
+
+def _series(trajectory: FourierTrajectory, joints: Sequence[str]) -> dict[str, Any]:
+    """The Fourier series of a motion in JSON types."""
+    coefficients = {"center": trajectory.center.tolist(), "coefficients": trajectory.coefficients.tolist()}
+    return {"duration": trajectory.duration, "joints": list(joints), **coefficients}
 
 
 def _excited(problem: Problem, motion: Motion) -> Excited:

@@ -1,7 +1,6 @@
 """Base parameters from recordings of any length, read and processed piece by piece."""
 
 import hashlib
-import json
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +20,7 @@ from experiments.data.outcomes import Streamed
 from experiments.runs.checkpoint import SAVE_EVERY
 from experiments.runs.workers import WorkerPool
 from experiments.studies.one_pass import Passed, Seen, judged, separated, with_offsets
+from experiments.studies.stream_progress import Progress
 from ident.errors import InputError, LogError
 from ident.estimation.accumulator import Accumulator, accumulate
 from ident.estimation.equations import Equations
@@ -28,66 +28,12 @@ from ident.estimation.in_order import in_order
 from ident.estimation.pieces import pieces
 from ident.estimation.samples import Samples
 from ident.files import npz
-from ident.files.atomic import save_arrays
 from ident.mechanism.motion import Motion
 from ident.recordings.log import read_log_pieces
 from ident.recordings.recording import Recording
 from ident.recordings.wrench import GROUND, Sensor
 from ident.regression.ordinary import PIECE, huber_white, solve
 from sim.models.mechanism import mechanism
-
-FILE = "accumulated.npz"
-"""File in the output folder with the progress."""
-
-
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """Progress over the pieces read so far, saved in a file.
-
-    Attributes:
-        file: The file.
-        identity: Settings that determine the result, in JSON types.
-        found: Accumulator of the pieces; None before the first.
-        done: Number of pieces.
-    """
-
-    file: Path
-    identity: Mapping[str, Any]
-    found: Accumulator | None = None
-    done: int = 0
-
-    def resumed(self, equations: Equations) -> "Progress":
-        """The progress of an earlier run on these equations.
-
-        Raises:
-            InputError: There is none, or it belongs to another run.
-        """
-        try:
-            fields: dict[str, Any] = npz.arrays(self.file)
-            kept, done = json.loads(str(fields.pop("identity"))), int(fields.pop("done"))
-            if fields.keys() != Accumulator.__dataclass_fields__.keys():
-                raise InputError("another version of this package wrote it")
-            found = Accumulator(**fields)
-            different = [key for key, value in self.identity.items() if kept.get(key) != value]
-            columns = (len(equations.names) + 1,) * 2
-            whole = (found.factor.shape, found.grams.shape) == (columns, (6, *columns)) and done > 0
-            whole = whole and bool(np.isfinite([*found.factor, *found.gram]).all())
-            if not different and not (whole and found.names == equations.names):
-                raise InputError("damaged")
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise InputError(f"--resume needs what an earlier run left in {self.file} ({error}).") from None
-        if different:
-            raise InputError(f"{self.file} is of another run: {', '.join(different)} differ; leave out --resume.")
-        return Progress(self.file, self.identity, found, done)
-
-    def and_piece(self, part: Accumulator) -> "Progress":
-        """The progress with one more piece."""
-        found = part if self.found is None else self.found + part
-        return Progress(self.file, self.identity, found, self.done + 1)
-
-    def save(self) -> None:
-        """Writes the file."""
-        save_arrays(self.file, {"identity": json.dumps(self.identity), "done": self.done, **vars(self.found)})
 
 
 @dataclass(frozen=True, eq=False)

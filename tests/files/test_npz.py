@@ -14,7 +14,7 @@ from commands import refusal
 import scenes
 from experiments import identify, stream
 from experiments.runs.checkpoint import Checkpoint
-from experiments.studies.stream import Progress
+from experiments.studies.stream_progress import Progress
 from ident.errors import InputError
 from ident.mechanism.body import Body
 from ident.mechanism.mechanism import Mechanism

@@ -11,7 +11,7 @@ from commands import refusal
 import scenes
 from experiments import identify, stream
 from experiments.studies.one_pass import separated, with_offsets
-from experiments.studies.stream import FILE
+from experiments.studies.stream_progress import FILE
 from ident.estimation.accumulator import accumulate
 from ident.estimation.equations import Equations
 from ident.estimation.samples import Samples

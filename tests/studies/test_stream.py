@@ -8,7 +8,7 @@ from fits import fitted
 
 import scenes
 from experiments.stream import main
-from experiments.studies import stream
+from experiments.studies import stream_progress
 from ident.geometry.se3 import inverse
 from ident.parameters.base_parameters import find_base_parameters
 from ident.recordings.recording import Recording
@@ -68,14 +68,14 @@ def test_files_are_identified_in_pieces(folder, results):
 
 
 def test_an_interrupted_run_goes_on(folder, results, tmp_path, monkeypatch, capsys):
-    original = stream.Progress.and_piece
+    original = stream_progress.Progress.and_piece
 
     def interrupted(progress, part):
         if progress.done == 6:
             raise KeyboardInterrupt
         return original(progress, part)
 
-    monkeypatch.setattr(stream.Progress, "and_piece", interrupted)
+    monkeypatch.setattr(stream_progress.Progress, "and_piece", interrupted)
     out = tmp_path / "parts"
     assert main(arguments(folder, out, "--workers", "2")) == 130
     assert "The 6 pieces done are in" in capsys.readouterr().err
@@ -99,7 +99,7 @@ def test_bad_input_is_named(folder, tmp_path, capsys):
     given = [model, good, str(broken), "--base", "base", "--piece", "100", *out]
     message = refusal(main, given, capsys)
     assert "broken.csv: row 301, column 'time' needs a number, got 'x'" in message
-    assert (tmp_path / "out" / stream.FILE).is_file() and not (tmp_path / "out" / "estimate.json").exists()
+    assert (tmp_path / "out" / stream_progress.FILE).is_file() and not (tmp_path / "out" / "estimate.json").exists()
     assert "There is no file" in refusal(main, [model, "nowhere.csv", *out], capsys)
     assert "has to be another one" in refusal(main, [model, good, "--held-out", good, *out], capsys)
     assert "no body named 'hip'" in refusal(main, [model, good, "--base", "hip", *out], capsys)
@@ -183,9 +183,9 @@ def test_a_mapping_of_columns_gives_what_the_channels_give(tmp_path, capsys):
     ids=str,
 )
 def test_a_damaged_file_is_not_resumed(folder, results, tmp_path, capsys, damage):
-    with np.load(results / stream.FILE) as data:
+    with np.load(results / stream_progress.FILE) as data:
         fields = dict(data) | damage
-    np.savez(tmp_path / stream.FILE, **fields)
+    np.savez(tmp_path / stream_progress.FILE, **fields)
     assert "--resume needs what an earlier run left in" in refusal(
         main, arguments(folder, tmp_path, "--resume"), capsys
     )

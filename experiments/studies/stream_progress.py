@@ -1,0 +1,68 @@
+"""Progress of one pass over recordings, saved so that it can be interrupted and resumed without loss."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.errors import InputError
+from ident.estimation.accumulator import Accumulator
+from ident.estimation.equations import Equations
+from ident.files import npz
+from ident.files.atomic import save_arrays
+
+FILE = "accumulated.npz"
+"""File in the output folder with the progress."""
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """Progress over the pieces read so far, saved in a file.
+
+    Attributes:
+        file: The file.
+        identity: Settings that determine the result, in JSON types.
+        found: Accumulator of the pieces; None before the first.
+        done: Number of pieces.
+    """
+
+    file: Path
+    identity: Mapping[str, Any]
+    found: Accumulator | None = None
+    done: int = 0
+
+    def resumed(self, equations: Equations) -> "Progress":
+        """The progress of an earlier run on these equations.
+
+        Raises:
+            InputError: There is none, or it belongs to another run.
+        """
+        try:
+            fields: dict[str, Any] = npz.arrays(self.file)
+            kept, done = json.loads(str(fields.pop("identity"))), int(fields.pop("done"))
+            if fields.keys() != Accumulator.__dataclass_fields__.keys():
+                raise InputError("another version of this package wrote it")
+            found = Accumulator(**fields)
+            different = [key for key, value in self.identity.items() if kept.get(key) != value]
+            columns = (len(equations.names) + 1,) * 2
+            whole = (found.factor.shape, found.grams.shape) == (columns, (6, *columns)) and done > 0
+            whole = whole and bool(np.isfinite([*found.factor, *found.gram]).all())
+            if not different and not (whole and found.names == equations.names):
+                raise InputError("damaged")
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise InputError(f"--resume needs what an earlier run left in {self.file} ({error}).") from None
+        if different:
+            raise InputError(f"{self.file} is of another run: {', '.join(different)} differ; leave out --resume.")
+        return Progress(self.file, self.identity, found, done)
+
+    def and_piece(self, part: Accumulator) -> "Progress":
+        """The progress with one more piece."""
+        found = part if self.found is None else self.found + part
+        return Progress(self.file, self.identity, found, self.done + 1)
+
+    def save(self) -> None:
+        """Writes the file."""
+        save_arrays(self.file, {"identity": json.dumps(self.identity), "done": self.done, **vars(self.found)})
