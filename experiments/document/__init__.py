@@ -1,1 +1,1 @@
-"""Tables, figures, pages and result folders, whatever they show."""
+"""Documents: tables, figures, pages and the files that they become, whatever they show."""
